@@ -1,6 +1,7 @@
 # Everything that is done with the project as a whole. Needs Python 3.11 or newer, pip and make; the rest goes into .venv.
 #   make demo       a rig that sticks and slips, a controller, a recording and a figure
 #   make test       the tests            make test-slow   those that take longer
+#   make test-browser  the page of rig web in Chromium; it says what to install
 #   make check      formatting, lint, import rules, types
 #   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
 #                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
@@ -11,15 +12,17 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-PROCESSES := $(addprefix tests/bench/test_,in_plant.py pace.py plant.py recorder_outcome.py runs.py) \
-  $(addprefix tests/bus/test_,access.py fuzz.py processes.py session.py) $(addsuffix /test_process.py,tests tests/controllers tests/record) \
-  tests/parts/test_live.py tests/test_child.py tests/view/test_bridge.py
-DAILY := not slow and not bench
+PROCESSES := $(addprefix tests/bench/test_,in_plant.py live_checkpoint.py pace.py plant.py plant_controllers.py \
+    plant_operators.py plant_rebuilds.py recorder_outcome.py runs.py triggered_run.py) \
+  $(addprefix tests/bus/test_,access.py fuzz.py processes.py session.py) \
+  $(addsuffix /test_process.py,tests tests/controllers tests/record) \
+  tests/parts/test_live.py tests/test_child.py tests/view/test_bridge.py $(addprefix tests/web/test_,recordings.py studies.py web_command.py web_runs.py)
+DAILY := not slow and not bench and not browser
 RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
-.PHONY: install demo test test-slow check bench docs golden lock clean
+.PHONY: install demo test test-slow test-browser check bench docs golden lock clean
 
 install: $(VENV)/.installed
 
@@ -35,13 +38,16 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 demo: install # a busy machine makes the timing invalid (3) and says so; the demonstration is none the worse
 	@$(BIN)/rig demo || [ $$? -eq 3 ]
 
-test: install # what computes; then processes, which mostly wait, two tests at a time; then what judges time, alone
+test: install # what computes; then processes, which mostly wait, three tests at a time; then what judges time, alone
 	@$(RUN) pytest -n 2 --dist loadfile $(addprefix --ignore=,$(PROCESSES))
-	@$(RUN) pytest -n 2 --dist worksteal -m "$(DAILY) and not alone" $(PROCESSES)
+	@$(RUN) pytest -n 3 --dist worksteal -m "$(DAILY) and not alone" $(PROCESSES)
 	@$(RUN) pytest -m "$(DAILY) and alone" $(PROCESSES)
 
 test-slow: install
 	@$(RUN) pytest -m slow
+
+test-browser: install # RIG_SCREENSHOTS=FOLDER keeps pictures of the page
+	@$(RUN) pytest -m browser -rs tests/web/browser
 
 check: install
 	@$(RUN) ruff format --check .
@@ -55,15 +61,15 @@ bench: install
 docs: install
 	@$(BIN)/rig reproduce all --out docs/gallery --force
 
-golden: install
-	@rm -f recordings/golden/pendulum.mcap
-	@$(BIN)/rig run pendulum -p sensors.strain_gauge.rate="50 Hz" -p sensors.normal_force.rate="50 Hz" \
-	  -p sensors.disc_speed.rate="50 Hz" --duration 9 --pace max --out recordings/golden/pendulum.mcap
-	@$(BIN)/rig verify recordings/golden/pendulum.mcap
+golden: install # by the commands in the table of recordings/README.md
+	@rm -f recordings/golden/*.mcap
+	@PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$(sed -n 's/^| `golden.*`\(rig .*\)` |$$/\1/p' recordings/README.md)"
+	@for file in recordings/golden/*.mcap; do $(BIN)/rig verify $$file || exit 1; done
+	@$(BIN)/rig view recordings/golden/pendulum.mcap --foxglove recordings/golden/pendulum.foxglove.json --force
 
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	  --fork-strategy fewest --group dev --group build pyproject.toml -o requirements.lock
+	  --fork-strategy fewest --extra data --extra web --group dev --group build pyproject.toml -o requirements.lock
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist

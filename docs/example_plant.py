@@ -10,7 +10,7 @@ from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.model.assembly import Assembly, Output
-from rig.picture import OnBelt
+from rig.picture import OnBelt, Plot
 from rig.quantities import Kilogram, NewtonPerMetre, NewtonSecondPerMetre, Section
 
 PICTURES = (OnBelt(),)
@@ -46,10 +46,10 @@ def assemble(p, moved=None):
     a.outputs |= {
         "displacement": Output({"x": 1.0}, "m"),
         "velocity": Output({"x'": 1.0}, "m/s"),
-        "table_velocity": Output({"b'": 1.0}, "m/s"),
+        "table_velocity": Output({"b'": 1.0}, "m/s", Plot()),
         "friction_force": Output({"T:contact": 1.0}, "N"),
         "normal_force": Output({"N:load": 1.0}, "N"),
-        "slip_speed": Output({"w:contact": 1.0}, "m/s"),
-        "surface_speed": Output(dict(a.surface("contact")), "m/s"),
+        "slip_speed": Output({"w:contact": 1.0}, "m/s", Plot()),
+        "surface_speed": Output(dict(a.surface("contact")), "m/s", role="drive"),
     }
     return a

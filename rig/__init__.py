@@ -36,39 +36,90 @@ if TYPE_CHECKING:
     from rig.analysis.control_loop import Loop
     from rig.analysis.cycle_report import Cycle
     from rig.analysis.map import Boundary, Map
-    from rig.analysis.modes import Modes
+    from rig.analysis.modes_report import Modes
+    from rig.analysis.recorded.comparison import Compared
     from rig.analysis.repeat import Repeats
     from rig.analysis.sweep import Sweep
     from rig.record.run import Run
     from rig.scenes.scene import Scene
 
-__all__ = ["limit_cycle", "load", "loop", "map", "modes", "open", "repeat", "simulate", "state_space", "sweep"]
+__all__ = [
+    "branch",
+    "diff",
+    "limit_cycle",
+    "load",
+    "loop",
+    "map",
+    "modes",
+    "open",
+    "repeat",
+    "report",
+    "simulate",
+    "state_space",
+    "sweep",
+]
 
 
 def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
     """A shipped scene by name, or a scene file; `overrides` takes dotted keys, values with units.
 
-    What an override makes meaningless (the values of a kind that it changed) is left out, and told by `logging`.
+    What an override makes meaningless (the values of a kind that it changed) is left out and reported by `logging`.
     Raises rig.errors.SceneError with every fault of the scene.
     """
     from rig import scenes
 
     found = scenes.load(str(scene), overrides or {})
-    for told in found.notes:
-        _warn(told)
+    for note in found.notes:
+        _warn(note)
     return found
 
 
 def simulate(scene: Scene | str, duration: float | None = None, stop: Callable[[], str] | None = None) -> Run:
     """Run a scene in this process, with its own controllers, for `duration` seconds or as long as its protocol takes.
 
-    `stop` is asked ten times a simulated second whether to end here; "" goes on, anything else is the reason.
-    Raises rig.errors.SceneError for controllers that cannot be designed, UsageError for a scene without an end.
+    `stop` is asked ten times a simulated second whether to end here; "" goes on, anything else is the reason. The run
+    has its provenance (versions, machine, command), which `Run.save` writes. Raises rig.errors.SceneError for
+    controllers that cannot be designed, UsageError for a scene without an end.
     """
     from rig.bench.simulate import simulate as run
+    from rig.record.provenance import provenance
 
     loaded = load(scene) if isinstance(scene, str) else scene
-    return run(loaded, duration_ns=None if duration is None else round(duration * 1e9), stop=stop)
+    found = run(loaded, duration_ns=None if duration is None else round(duration * 1e9), stop=stop)
+    found.provenance = provenance(loaded.seed)
+    return found
+
+
+def branch(
+    log: str | Path,
+    at: float | None = None,
+    overrides: Mapping[str, object] | None = None,
+    duration: float | None = None,
+    stop: Callable[[], str] | None = None,
+) -> Run:
+    """Continue a recording from `at` [s] (None: its end) with other values, for `duration` [s] or its protocol.
+
+    The recording is simulated again up to there, and its samples must repeat; the run holds this history too.
+    `overrides`: dotted keys of the rig and of its controllers, values with units; they act from the instant on. Raises
+    rig.errors.UsageError for values that are fixed while a rig runs and for an instant outside of the recording,
+    LogError for a recording that does not repeat on this machine.
+    """
+    from pathlib import Path
+
+    from rig.bench.branch import branch as go_on
+
+    return go_on(Path(log), at, overrides, None if duration is None else round(duration * 1e9), stop)
+
+
+def diff(first: Run, second: Run, tolerance: float = 0.0, begin: float = 0.0, end: float = float("inf")) -> Compared:
+    """Compare two runs from `begin` to `end` [s]: scenes, signals, and measures such as period and amplitude.
+
+    `tolerance`: allowed deviation of a signal, as a share of its range. Raises rig.errors.UsageError for runs without a
+    common time.
+    """
+    from rig.analysis.recorded.comparison import compare
+
+    return compare(first, second, begin, end, tolerance)
 
 
 def modes(scene: Scene | str) -> Modes:
@@ -177,9 +228,25 @@ def open(path: str | Path, trust: bool = False) -> Run:
     run = reader.open(Path(path))
     if trust:
         parts.trust_scene(run.scene)
-    for told in run.notes:
-        _warn(f"{path}: {told}")
+    for note in run.notes:
+        _warn(f"{path}: {note}")
     return run
+
+
+def report(path: str | Path, out: str | Path | None = None, trust: bool = False) -> Path:
+    """Write one page (HTML) about a recording that stands alone, and return its path: `out`, or NAME.html beside it.
+
+    An existing page is replaced. `trust` and what a damaged recording means: see `open`. Raises rig.errors.LogError for
+    a file that cannot be read or is no recording, OutputError where the page cannot be written.
+    """
+    from pathlib import Path
+
+    from rig.analysis.report import write
+
+    log = Path(path)
+    page = log.with_suffix(".html") if out is None else Path(out)
+    write(open(log, trust), log, page)
+    return page
 
 
 def _warn(text: str) -> None:

@@ -49,7 +49,7 @@ class Child:
                 self.tail = [*self.tail[-_KEPT:], text.rstrip()]
                 self.lines.put(text.rstrip())
 
-    def said(self) -> list[str]:
+    def new_lines(self) -> list[str]:
         """Lines of output since the last call."""
         found = []
         while not self.lines.empty():
@@ -62,7 +62,7 @@ class Child:
         return self.process.poll()
 
     @property
-    def told(self) -> str:
+    def ending(self) -> str:
         """How the process ended, as a sentence with its last line of output."""
         code = self.code
         if code is not None and code < 0:

@@ -13,21 +13,45 @@ RigError
 │   └── Chatter       more events in one block than the scene allows
 ├── WorkerError       a worker process that ended before its work was done
 ├── BusError          a connection, a topic or a message that failed
-├── LogError          a recording that cannot be read or written
-└── OutputError       another file that cannot be written
+├── LogError          a recording that cannot be read
+└── OutputError       a file that cannot be written: a recording, a figure, a table
 
-A user's mistake never ends in a traceback: the commands print `str(error)` and exit with `error.exit_code`.
+A user's mistake never ends in a traceback: the commands print `str(error)` and exit with `error.exit_code`, one of
+`ExitCode`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """The exit codes of all commands. docs/commands.md lists them for users.
+
+    FAILED       a check failed, a result is not complete, or the machine failed: a full disk, a process that died
+    MISTAKE      the command cannot be carried out as given: a wrong option or scene, a recording that cannot be read
+    TIMING       the timing verdict is INVALID
+    STOPPED      the run diverged or passed a limit, had an emergency stop, or the stability report refuses it
+    INTERRUPTED  a signal (Ctrl-C) ended the command before it was done; what it has computed or recorded is kept.
+                 What has no end of its own is done when it is stopped: a run of an endless protocol, and a process
+                 that follows the run of another one
+
+    If several apply: STOPPED, FAILED, TIMING, INTERRUPTED, in this order.
+    """
+
+    DONE = 0
+    FAILED = 1
+    MISTAKE = 2
+    TIMING = 3
+    STOPPED = 4
+    INTERRUPTED = 130
 
 
 class RigError(Exception):
     """Base of all errors of the project."""
 
-    exit_code = 2
+    exit_code = ExitCode.MISTAKE
 
 
 class SceneError(RigError):
@@ -46,7 +70,7 @@ class UsageError(RigError):
 class Interrupted(RigError):
     """A command that was interrupted before it was complete."""
 
-    exit_code = 130
+    exit_code = ExitCode.INTERRUPTED
 
 
 class Singular(RigError):
@@ -55,7 +79,7 @@ class Singular(RigError):
     `jams`: friction cancels the inertia (Painleve).
     """
 
-    exit_code = 4
+    exit_code = ExitCode.STOPPED
 
     def __init__(self, why: str, mode: str, jams: bool = False) -> None:
         self.why, self.mode, self.jams = why, mode, jams
@@ -68,7 +92,7 @@ class NumericsError(RigError):
     `time` [s], `mode` (the mode set in words) and `state` (named values) say where.
     """
 
-    exit_code = 4
+    exit_code = ExitCode.STOPPED
 
     def __init__(self, what: str, time: float, mode: str, state: dict[str, float]) -> None:
         self.what, self.time, self.mode, self.state = what, time, mode, state
@@ -91,7 +115,7 @@ class Chatter(NumericsError):
 class WorkerError(RigError):
     """A worker process ended before its work was done."""
 
-    exit_code = 1
+    exit_code = ExitCode.FAILED
 
 
 class BusError(RigError):
@@ -107,12 +131,10 @@ class Untrusted(PartError):
 
 
 class LogError(RigError):
-    """A recording that cannot be read or written."""
-
-    exit_code = 1
+    """A recording that cannot be read."""
 
 
 class OutputError(RigError):
-    """A file of results that cannot be written, e.g. because the disk is full."""
+    """A file that cannot be written, e.g. because the disk is full: a recording, a figure, a table."""
 
-    exit_code = 1
+    exit_code = ExitCode.FAILED

@@ -32,7 +32,7 @@ from rig import file_locks
 LIMIT = 1 << 30
 """Largest size of the kernels of all sources in bytes; those of the present sources are never deleted. # chosen"""
 _SUM = 4
-_TOLD_S, _WORTH_S = 0.5, 2.0  # s between two progress messages; shortest total that is noted for the next start
+_SHOWN_S, _WORTH_S = 0.5, 2.0  # s between two progress messages; shortest total that is noted for the next start
 _ASK_S = 0.02  # s between two checks whether another process has finished
 _log = logging.getLogger("rig")
 
@@ -290,7 +290,7 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
         now = time.monotonic()
         if not self._depth:
             self._spent += now - self._begun
-        if sys.stderr.isatty() and now > self._shown + _TOLD_S:
+        if sys.stderr.isatty() and now > self._shown + _SHOWN_S:
             self._shown = now
             whole = self._spent + (now - self._begun if self._depth else 0.0)
             sys.stderr.write(f"\r{self._count} compiled in {whole:.0f} s ")

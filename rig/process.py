@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NoReturn
 
-from rig.errors import Interrupted
+from rig.errors import ExitCode
 
 _GARBAGE = 100_000  # new objects
 
@@ -68,7 +68,7 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
 
     def ignored(fault: sys.UnraisableHookArgs) -> None:  # raised in a callback, e.g. of numba while it compiles
         if isinstance(fault.exc_value, KeyboardInterrupt):
-            os._exit(Interrupted.exit_code)
+            os._exit(ExitCode.INTERRUPTED)
         sys.__unraisablehook__(fault)
 
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
@@ -83,9 +83,9 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
     except SystemExit as end:
         code = end.code if isinstance(end.code, int | None) else 1
     except KeyboardInterrupt:
-        code = Interrupted.exit_code
+        code = ExitCode.INTERRUPTED
     except Exception:
-        code = Interrupted.exit_code if asked else 1  # some libraries turn KeyboardInterrupt into another exception
+        code = ExitCode.INTERRUPTED if asked else 1  # some libraries turn KeyboardInterrupt into another exception
         if not asked:
             traceback.print_exc()
     _leave(code or 0)

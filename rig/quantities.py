@@ -129,6 +129,7 @@ _POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
 _UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
 """Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever."""
 _LONGEST_UNIT = 60
+_ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'
 
 
 @cache
@@ -173,8 +174,29 @@ def si(value: Any, unit: str) -> float:
     try:
         scale, offset = _factor(rest, unit)
     except Exception:  # pint raises many kinds: unknown unit, wrong dimension, bad syntax
-        raise ValueError(f"is {brief(value)}; expected a unit of {_named(unit)}") from None
+        raise ValueError(f"is {brief(value)}; expected a unit that converts to {_named(unit)}") from None
     return magnitude * scale + offset
+
+
+@cache
+def unit_fault(unit: Any) -> str:
+    """What is wrong with the unit that a part declares, in words; "" for an SI unit without a prefix (kg has one)."""
+    if not isinstance(unit, str):
+        return f"{brief(unit)} is no unit; {_ALLOWED}"
+    if unit in SIZES:
+        return ""
+    try:
+        if len(unit) > _LONGEST_UNIT or not _UNIT.fullmatch(unit):
+            raise ValueError(unit)
+        registry = _registry()
+        si_value = registry.Quantity(1.0, registry.parse_units(unit)).to_base_units().magnitude
+    except Exception:  # pint raises many kinds: unknown unit, bad syntax
+        return f"{brief(unit)} is unknown; {_ALLOWED}"
+    return (
+        ""
+        if math.isclose(si_value, 1.0, rel_tol=1e-12)
+        else f"{brief(unit)} is not SI, and no number is converted to it; {_ALLOWED}"
+    )
 
 
 def finite(value: Any, unit: str, *bounds: Gt | Ge | Lt | Le) -> float:
@@ -238,22 +260,22 @@ Ratio = quantity("1", Ge(0.0))
 Number = quantity("1")
 PositiveNumber = quantity("1", Gt(0.0))
 Kilogram = quantity("kg", Gt(0.0))
-SomeKilogram = quantity("kg", Ge(0.0))
+NonNegativeKilogram = quantity("kg", Ge(0.0))
 KilogramSquareMetre = quantity("kg*m^2", Gt(0.0))
 KilogramPerCubicMetre = quantity("kg/m^3", Gt(0.0))
 Pascal = quantity("Pa", Gt(0.0))
 PoissonRatio = quantity("1", Ge(0.0), Lt(0.5))
 Metre = quantity("m")
 PositiveMetre = quantity("m", Gt(0.0))
-SomeMetre = quantity("m", Ge(0.0))
+NonNegativeMetre = quantity("m", Ge(0.0))
 MetrePerSecond = quantity("m/s")
 PositiveMetrePerSecond = quantity("m/s", Gt(0.0))
 RadianPerSecond = quantity("rad/s")
 Newton = quantity("N")
-PositiveNewton = quantity("N", Ge(0.0))
-Pressing = quantity("N", Gt(0.0))
+NonNegativeNewton = quantity("N", Ge(0.0))
+PositiveNewton = quantity("N", Gt(0.0))
 NewtonPerMetre = quantity("N/m", Gt(0.0))
-SomeNewtonPerMetre = quantity("N/m", Ge(0.0))
+NonNegativeNewtonPerMetre = quantity("N/m", Ge(0.0))
 NewtonSecondPerMetre = quantity("N*s/m", Ge(0.0))
 NewtonMetrePerRadian = quantity("N*m/rad", Gt(0.0))
 NewtonMetreSecondPerRadian = quantity("N*m*s/rad", Ge(0.0))

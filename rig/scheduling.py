@@ -65,13 +65,13 @@ class Ahead:
         """How often it fell back to ordinary scheduling."""
         self.fallen_ns = 0
         """Total time in ordinary scheduling after falling back, up to the last return [ns]."""
-        self._priority, self._tell = priority, fell_back
+        self._priority, self._fell_back = priority, fell_back
         self._since = 0
         self._again: threading.Timer | None = None
         self._over = False
 
     @property
-    def told(self) -> str:
+    def account(self) -> str:
         """Text for the summary: "" if the whole run had real-time scheduling, else why not or how long not."""
         if not self.falls:
             return self.why
@@ -97,11 +97,11 @@ class Ahead:
         self._again.daemon = True
         self._again.start()
         self.falls += 1
-        self._tell()
+        self._fell_back()
 
     def _regain(self) -> None:
+        self.fallen_ns += time.monotonic_ns() - self._since  # first: who reads that `why` is empty reads all of it
         self.enter()
-        self.fallen_ns += time.monotonic_ns() - self._since
 
     def leave(self) -> None:
         """Return to ordinary scheduling for good."""

@@ -7,13 +7,19 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
 from pathlib import Path
 
 from rig import file_locks
+from rig.errors import UsageError
 
+RUNS = Path("recordings/runs")
+"""Where runs are recorded unless their user names a file."""
 TEXT = 1 << 20
 """Largest file that counts as written by hand [bytes]."""
+FIGURES = (".png", ".svg", ".pdf")
+"""Suffixes of a figure, in small or capital letters; they select its format."""
 WRITTEN = "another run is writing it; name another file"
 
 
@@ -50,6 +56,20 @@ def unused(path: Path) -> None:
         os.close(file)
 
 
+def replace(path: Path, content: bytes) -> None:
+    """Write a file that is there anew, whole or not at all. Raises OSError for one that must not be written."""
+    target = path.resolve()  # a link stays a link
+    with target.open("r+b"):
+        pass
+    part = target.with_name(f".{target.name}.part")
+    try:
+        part.write_bytes(content)
+        shutil.copymode(target, part)
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+
+
 def contents(path: Path, most: int = TEXT) -> bytes:
     """Read a regular file of at most `most` bytes. Raises OSError, as `regular` does."""
     regular(path)
@@ -58,3 +78,11 @@ def contents(path: Path, most: int = TEXT) -> bytes:
     if len(found) > most:
         raise OSError(errno.EFBIG, f"it is larger than {most >> 20} MiB, the largest size that is read")
     return found
+
+
+def figure_format(path: Path) -> str:
+    """Return the format of a figure from its suffix. Raises UsageError for a suffix that is not among `FIGURES`."""
+    suffix = path.suffix.lower()
+    if suffix not in FIGURES:
+        raise UsageError(f"{path}: the name of a figure ends in {', '.join(FIGURES[:-1])} or {FIGURES[-1]}")
+    return suffix[1:]

@@ -69,6 +69,7 @@ def runs(monkeypatch):
     """A directory of live runs that belongs to this test alone; short, for socket paths are."""
     here = tempfile.mkdtemp(prefix="rig-")
     monkeypatch.setenv("XDG_RUNTIME_DIR", here)
+    monkeypatch.setenv("XDG_STATE_HOME", here)  # the messages of the last run
     yield Path(here)
     shutil.rmtree(here)
 

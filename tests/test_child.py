@@ -32,7 +32,7 @@ def said(one, text, seconds=10.0):
 def test_who_ends_by_himself_is_not_sent_a_signal(module):
     one = Child("quick", module("print('done')"))
     assert end([one], 10.0) == []
-    assert (one.code, one.said(), one.told) == (0, ["done"], "quick ended with code 0: done")
+    assert (one.code, one.new_lines(), one.ending) == (0, ["done"], "quick ended with code 0: done")
 
 
 def test_each_step_is_bounded(module, monkeypatch):
@@ -43,7 +43,7 @@ def test_each_step_is_bounded(module, monkeypatch):
     begin = time.monotonic()
     assert end([one], 0.1) == []
     assert 0.5 < time.monotonic() - begin < 5.0
-    assert one.told == "stubborn was killed by SIGKILL"
+    assert one.ending == "stubborn was killed by SIGKILL"
 
 
 def test_ctrl_c_in_the_terminal_does_not_reach_it(module):
@@ -57,4 +57,4 @@ def test_ctrl_c_in_the_terminal_does_not_reach_it(module):
 def test_the_last_words_of_one_that_failed_are_told(module):
     one = Child("failed", module("import sys\nsys.exit('no such sensor')"))
     assert one.wait(10.0)
-    assert one.told == "failed ended with code 1: no such sensor"
+    assert one.ending == "failed ended with code 1: no such sensor"

@@ -1,5 +1,6 @@
 """The pages: their Python runs, their commands are ones that the program takes, their links lead somewhere."""
 
+import itertools
 import os
 import re
 import shlex
@@ -9,20 +10,24 @@ import tomllib
 from pathlib import Path
 
 import pytest
-import typer
 
 from rig import scenes
-from rig.cli.app import app
+from rig.cli.app import program
+from rig.qualify.torture import case
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "recordings" / "README.md",
          *sorted(path for path in (ROOT / "docs").glob("*.md") if path.name != "decisions.md")]  # fmt: skip
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
-PYTHON = ("README.md", "docs/python.md")
+PYTHON = ("README.md", "docs/python.md", "docs/export.md")
 
 
 def blocks(page, language):
     return [body for kind, body in FENCE.findall((ROOT / page).read_text()) if kind == language]
+
+
+WRITES = ("--out", "--figure", "--csv")
+"""Options that name a file which a command writes."""
 
 
 def commands():
@@ -51,7 +56,7 @@ def test_the_first_lines_of_python_are_five():
 
 @pytest.mark.parametrize(("page", "words"), [*commands()], ids=str)
 def test_a_command_of_a_page_is_one_that_the_program_takes(page, words):
-    command = typer.main.get_command(app)
+    command = program
     words = words[1:]
     while hasattr(command, "commands"):
         assert words[0] in command.commands, f"{page}: no command {words[0]}"
@@ -62,6 +67,49 @@ def test_a_command_of_a_page_is_one_that_the_program_takes(page, words):
     if any(one.metavar == "SCENE" for one in command.params) and words[0] in scenes.names():
         changed = [words[i + 1] for i, word in enumerate(words) if word == "-p"]
         scenes.load(words[0], dict(one.split("=", 1) for one in changed))
+
+
+def test_commands_of_the_pages_write_files_of_their_own():
+    """A reader who follows all pages in one folder is never told that a file exists, unless a command is repeated."""
+    writers = {}
+    for page, words in commands():
+        for option, file in itertools.pairwise(words):
+            if option in WRITES and "." in file:
+                writers.setdefault(file, {})[" ".join(words)] = page
+    assert len(writers) > 20
+    assert {file: by for file, by in writers.items() if len(by) > 1} == {}
+
+
+def test_every_command_of_the_program_is_on_the_page_of_commands():
+    named = {words[1] for page, words in commands() if page == "docs/commands.md"}
+    assert named == set(program.commands)
+
+
+SCENE_BASES = {
+    "scenes.md": None,
+    "parts.md": "belt",
+    "own_controller.md": "belt",
+    "own_effect.md": "example_parts.toml",
+    "own_sensor.md": "example_parts.toml",
+}
+"""Pages whose TOML is a scene: a whole one, or a part of one that is based on this scene."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_the_toml_of_a_page_is_read(page, tmp_path):
+    for name in ("parts.toml", "plant.py", "effect.py", "sensor.py", "controller.py"):
+        (tmp_path / f"example_{name}").write_text((ROOT / "docs" / f"example_{name}").read_text())
+    for body in blocks(page, "toml"):
+        assert tomllib.loads(body)
+        if page.name in SCENE_BASES:
+            base = SCENE_BASES[page.name]
+            file = tmp_path / "mine.toml"
+            file.write_text(body if base is None else f'based_on = "{base}"\n{body}')
+            assert scenes.load(str(file)).notes == ()
+        elif "steps" in tomllib.loads(body):
+            file = tmp_path / "case.toml"
+            file.write_text(body)
+            assert case.read(file).scene == tomllib.loads(body)["scene"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)

@@ -28,7 +28,9 @@ TOLD = "compiling kernels, once for each kind of rig: half a minute to a minute\
 
 
 def run(folder, values="1.0", **environment):
-    (folder / "made.py").write_text(CODE.format(values))
+    source, code = folder / "made.py", CODE.format(values)
+    if not source.exists() or source.read_text() != code:  # a new time of modification would recompile it
+        source.write_text(code)
     path = os.pathsep.join([str(folder), *sys.path])
     return subprocess.run(
         [sys.executable, "-m", "made"],
@@ -196,16 +198,44 @@ def damaged(path, how):
 
 @pytest.mark.parametrize("how", ["cut", "empty", "garbage", "one bit", "a folder"])
 @pytest.mark.parametrize("suffix", ["nbi", "nbc"])
-def test_a_damaged_kernel_is_compiled_again(tmp_path, how, suffix):
-    kept = tmp_path / "kept"
-    assert run(tmp_path, RIG_KERNELS=str(kept)).stderr == TOLD
+def test_a_damaged_file_counts_as_absent_and_is_stored_again(tmp_path, monkeypatch, caplog, how, suffix):
+    def stored():
+        return CheckedFile(str(tmp_path), "one", "stamp")
+
+    monkeypatch.setattr(CheckedFile, "warned", False)
+    stored().save("key", 1)
+    assert stored().load("key") == 1
+    (file,) = tmp_path.glob(f"*.{suffix}")
+    damaged(file, how)
+    assert stored().load("key") is None
+    stored().save("key", 2)
+    if how == "a folder":  # which nobody removes: it may be the user's
+        assert stored().load("key") is None
+        assert "compiled kernels cannot be stored in" in caplog.text
+    else:
+        assert stored().load("key") == 2
+        assert not caplog.text
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """A folder with a module and its stored kernel."""
+    folder = tmp_path_factory.mktemp("compiled")
+    assert run(folder, RIG_KERNELS=str(folder / "kept")).stderr == TOLD
+    return folder
+
+
+@pytest.mark.parametrize("how", ["one bit", "a folder"])
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+def test_a_damaged_kernel_is_compiled_again(compiled, tmp_path, how, suffix):
+    kept = shutil.copytree(compiled / "kept", tmp_path / "kept")
     for path in list(kept.rglob(f"*.{suffix}")):
         damaged(path, how)
-    again, after = run(tmp_path, RIG_KERNELS=str(kept)), run(tmp_path, RIG_KERNELS=str(kept))
+    again, after = (run(compiled, RIG_KERNELS=str(kept)) for _ in range(2))
     assert again.returncode == 0
     assert again.stdout == after.stdout == "2.0\n"
     assert again.stderr.startswith(TOLD)
-    if how == "a folder":  # which nobody removes: it may be the user's
+    if how == "a folder":
         assert "compiled kernels cannot be stored in" in again.stderr
         assert "RIG_KERNELS" in again.stderr
     else:

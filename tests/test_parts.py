@@ -27,6 +27,7 @@ KNOWN = {
     "rig/analysis/map/dither.py": {"dither"},  # friction averaged over dither, an analysis of its own
     "rig/analysis/map/job.py": {"dither"},
     "rig/analysis/modes.py": {"dither"},
+    "rig/analysis/modes_report.py": {"dither"},  # a key of its JSON
     "rig/analysis/regions.py": {"dither"},
     "rig/view/lever.py": {"lever"},  # drawers that a plant names
     "rig/view/plate.py": {"plate", "foam"},

@@ -79,12 +79,12 @@ def test_a_controller_that_computes_long_leaves_the_core_of_the_bus(allowed, pau
     worker = process.Worker(Twin().open("controller", "nf"), setup, controllers.restored(told["nf"]))
     answer = worker.loop.answer
     worker.loop = type("Slow", (), {
-        "hears": False, "held": 0, "due": lambda _, t_ns: True,
+        "every_sample": False, "held": 0, "due": lambda _, t_ns: True,
         "answer": lambda _, *given: (time.sleep(pause), answer(*given))[1],
     })()  # fmt: skip
     core = min(allowed)
     with placement.placed(core, core):
         for tick in range(2 * process.LONG_ANSWERS):
             step = encode.step(tick, tick * MS, [0.01], np.ones(1, np.int64))
-            worker.take(messages.decode("step", step))
+            worker.answer_step(messages.decode("step", step))
         assert os.sched_getaffinity(0) == ({core} if stays else allowed)

@@ -53,7 +53,7 @@ def test_a_simulation_is_recorded_and_drawn(bare, tmp_path):
 def test_recordings_and_studies_work(bare, tmp_path):
     for arguments, told in [
         (("simulate", "belt", "--duration", 1, "--out", "log.mcap"), "log.mcap"),
-        (("verify", "log.mcap"), "holds"),
+        (("verify", "log.mcap"), "verified"),
         (("modes", "belt"), "flutter"),
         (("cycle", "belt"), "Floquet multipliers"),
         (("map", "belt", "--x", "drive.speed=0.05 m/s:0.1 m/s:2", "--workers", 1, "--out", "map.csv"), "map.csv"),

@@ -40,6 +40,11 @@ def test_a_users_controllers_and_sensors_are_their_own(install, tmp_path):
     assert found.stdout.split() == ["rig.controllers.dither", "rig.sensors.microphone"], found.stderr
 
 
+@pytest.mark.parametrize("install", ["checkout", "wheel"])
+def test_the_package_says_that_it_has_types(install, tmp_path):
+    assert (_installed(install, tmp_path) / "rig" / "py.typed").is_file()
+
+
 def _installed(install, folder):
     """What such an installation puts on Python's path."""
     if install == "checkout":
@@ -112,7 +117,11 @@ def test_no_file_names_a_host_of_packages():
 
 def test_the_lock_pins_what_the_project_asks_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    groups = [project["project"]["dependencies"], *project["dependency-groups"].values()]
+    groups = [
+        project["project"]["dependencies"],
+        project["project"]["optional-dependencies"]["data"],
+        *project["dependency-groups"].values(),
+    ]
     wanted = [one for group in groups for one in group]
     names = {re.match(r"[A-Za-z0-9_.-]+", one)[0].lower() for one in wanted}
     pinned = {line.partition("==")[0] for line in (ROOT / "requirements.lock").read_text().splitlines() if "==" in line}

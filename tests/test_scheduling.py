@@ -9,10 +9,11 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
 
 ALLOWED = """
 import os
-from rig.scheduling import _schedule
-why = _schedule(os.SCHED_FIFO, 1)
-_schedule(os.SCHED_OTHER, 0)
-print(why)
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    print()
+except OSError as fault:
+    print(fault)
 """
 FIRST = """
 import os
@@ -27,7 +28,7 @@ before = resource.getrlimit(resource.RLIMIT_RTTIME), signal.getsignal(signal.SIG
 def of_all(): return {os.sched_getscheduler(int(t)) for t in os.listdir("/proc/self/task")}
 threading.Thread(target=time.sleep, args=(5,), daemon=True).start()
 with ahead(7) as found:
-    assert found.why == found.told == "", found.why
+    assert found.why == found.account == "", found.why
     assert of_all() == {os.SCHED_FIFO}
     threading.Thread(target=time.sleep, args=(5,), daemon=True).start()
     assert of_all() == {os.SCHED_FIFO}
@@ -56,15 +57,15 @@ def hog():
         pass
 def wait():
     end = time.perf_counter() + 10.0
-    while os.sched_getscheduler(0) != os.SCHED_FIFO and time.perf_counter() < end:
+    while found.why and time.perf_counter() < end:  # not by the policy: another thread sets it, thread by thread
         time.sleep(0.01)
 with scheduling.ahead(1) as found:
     for _ in range(2):
         hog()
-        assert "no pause" in found.why and "stayed there" in found.told
+        assert "no pause" in found.why and "stayed there" in found.account
         wait()
-        assert found.why == ""
-    print(found.falls, round(found.fallen_ns / 1e8), found.told.partition(",")[0])
+        assert found.why == "" and os.sched_getscheduler(0) == os.SCHED_FIFO
+    print(found.falls, round(found.fallen_ns / 1e8), found.account.partition(",")[0])
     hog()
 time.sleep(1.5)  # longer than the third wait, which leaving has cut short
 assert os.sched_getscheduler(0) == os.SCHED_OTHER

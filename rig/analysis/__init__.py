@@ -1,6 +1,6 @@
 """Analyses of a rig: equilibria, vibration modes, limit cycles, maps and recorded signals.
 
-modes               eigenvalues about steady sliding
+modes               eigenvalues about steady sliding; modes_report: as records, text and JSON
 axis, sweep         a parameter at evenly spaced values; eigenvalues and critical values over it (sweep_figure)
 eigenvalue_curves   eigenvalues followed along a parameter; critical_values, growth_crossings: where growth is zero
 regions             stable and unstable regions over two parameters
@@ -13,6 +13,7 @@ three_stages        the speeds at which stick ends and begins: accelerate, hold,
 amplitude           the amplitude index of a measured vibration; upper_speed: the highest speed of stick-slip
 identify            parameters of the lever rig from simulated experiments
 recorded, sound     spectra, orders, hysteresis, pressure; the sound at a microphone
+report              a recording as one page (HTML) that stands alone
 repeat              one scene simulated with many seeds
 kernel_shapes       the properties that a scene's kernels are compiled for, and the shapes compiled so far
 """

@@ -109,7 +109,7 @@ class Axis:
         if refused:
             value, why = refused[0]
             others = f" (and {len(refused) - 1} more values)" if len(refused) > 1 else ""
-            raise SceneError(shortened(text), [f"{self.key} = {self.tell(value)}{others}: {why}"])
+            raise SceneError(shortened(text), [f"{self.key} = {self.text(value)}{others}: {why}"])
 
     def at(self, scene: Scene, value: float) -> Scene:
         """Return `scene` with this parameter at `value` (SI). Raises SceneError if the scene refuses the value."""
@@ -120,7 +120,7 @@ class Axis:
         changed = with_values(scene.controllers[name], {field: value})
         return replace(scene, controllers={**scene.controllers, name: changed})
 
-    def tell(self, value: float, digits: int = 6) -> str:
+    def text(self, value: float, digits: int = 6) -> str:
         """Return a value (SI) as text in the unit `shown`."""
         return f"{value / self.scale:.{digits}g}" + (f" {self.shown}" if self.shown != "1" else "")
 
@@ -130,7 +130,7 @@ class Axis:
         return self.key if self.shown == "1" else f"{self.key} [{self.shown}]"
 
     @property
-    def told(self) -> Array:
+    def shown_values(self) -> Array:
         """The values in the unit `shown`, for a figure."""
         return np.array(self.values) / self.scale
 

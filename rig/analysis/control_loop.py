@@ -183,13 +183,13 @@ class Loop:
             "period": self.model.period,
             "delay": self.delay,
             "stable": self.growth < 0.0,
-            "modes": [{"growth": g, "frequency": f} for g, f in self._motions()],
+            "modes": [{"growth": g, "frequency": f} for g, f in self._closed_modes()],
             "gain_range": None if ends is None else list(ends),
             "gain_ranges": [list(one) for one in self.gain_ranges],
             "margins": self.margins,
         }
 
-    def _motions(self) -> list[tuple[float, float]]:
+    def _closed_modes(self) -> list[tuple[float, float]]:
         """Growth [1/s] and frequency [Hz] of each mode; a complex pair counts once."""
         return [(float(r.real), float(r.imag) / (2.0 * math.pi)) for r in self.spectrum.rates if r.imag >= 0.0]
 
@@ -203,14 +203,15 @@ class Loop:
             *([f"  left open: {', '.join(self.others)}"] if self.others else []),
             "",
         ]
-        told = self._motions()
-        rows = [("motion", "growth 1/s", "frequency Hz")]
-        rows += [("grows" if g > 0.0 else "decays", f"{g:.6g}", f"{f:.6g}") for g, f in told[:MOST]]
+        modes = self._closed_modes()
+        rows = [("vibration mode", "growth 1/s", "frequency Hz")]
+        rows += [("grows" if g > 0.0 else "decays", f"{g:.6g}", f"{f:.6g}") for g, f in modes[:MOST]]
         lines += columns(rows, "<>>")
-        lines += [f"  and {len(told) - MOST} that decay faster"] if len(told) > MOST else []
+        lines += [f"  and {len(modes) - MOST} that decay faster"] if len(modes) > MOST else []
         lines += ["", *self._ranges()]
-        if self.margins is not None:
-            m = self.margins
+        if (m := self.margins) is not None and math.isinf(m["phase"]):
+            lines += ["  no phase margin and no delay margin: the loop gain never reaches 1"]
+        elif m is not None:
             lines += [f"  phase margin {math.degrees(m['phase']):.4g} deg at {m['phase_hertz']:.5g} Hz"]
             lines += [f"  delay margin {1e3 * m['delay']:.5g} ms more, then it grows at {m['delay_hertz']:.5g} Hz"]
         return "\n".join(lines)
@@ -220,7 +221,7 @@ class Loop:
         unit = f" {self.unit}" if self.unit else ""
         for low, high in self.gain_ranges:
             ends = [low, high]
-            told = [
+            texts = [
                 f"{end:.6g}" if math.isfinite(end) else f"any {'positive' if end > 0.0 else 'negative'} gain"
                 for end in ends
             ]
@@ -232,7 +233,7 @@ class Loop:
             ):
                 least, most = sorted(end / self.gain for end in ends)
                 own = f" ({least:.4g} to {most:.4g} times its own)"
-            yield f"  stable with a gain from {told[0]} to {told[1]}{unit if math.isfinite(high) else ''}{own}"
+            yield f"  stable with a gain from {texts[0]} to {texts[1]}{unit if math.isfinite(high) else ''}{own}"
         if not self.gain_ranges:
             yield "  stable with no gain of either sign"
         elif self.gain_range is None:
@@ -254,7 +255,7 @@ def loop(scene: Scene, name: str) -> Loop:
     made = numbers(scene)[name]
     feedback: Any = controllers.build(section, made)
     if not hasattr(feedback, "linear"):
-        known = [n for n, s in scene.controllers.items() if hasattr(controllers.made_by(s), "linear")]
+        known = [n for n, s in scene.controllers.items() if hasattr(controllers.controller_class(s), "linear")]
         other = f"; {', '.join(known)} is" if known else ""
         raise SceneError(
             scene.name, [f"controllers.{name}: {section.kind} is no linear feedback: it has no margins{other}"]

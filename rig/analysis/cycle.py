@@ -30,7 +30,7 @@ from rig.analysis.turning_points import Turns
 from rig.model.assembly import Assembly
 from rig.model.method import chosen
 from rig.model.system import System
-from rig.motion.motion import Event
+from rig.motion.memory import Event
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
 
@@ -45,6 +45,7 @@ _NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
 _CALM = 2  # turns of an uneven surface without a contact event, after which the rig slides
 _TURNS = 5.0  # turns of it that the search waits for
 _SLOW = 0.9  # a multiplier above which a cycle attracts slowly
+_POINTS = 5  # of each step of the integrator, in the outputs over a period
 _LEFT = 1e-6  # of the period: largest remaining distance to a cycle that attracts slowly
 
 
@@ -255,6 +256,7 @@ def _uneven(round_s: float, changes: int) -> str:
 def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float], newton: int) -> Cycle:
     """Simulate one more cycle and return its properties."""
     one = orbit.round(period)
+    time, values = one.dense.sampled(_POINTS)
     met = [event for _, event in one.events]
     held = [orbit.stuck(event.before, 0) for event in met]
     changes = list(zip(held, [*held[1:], *held[:1]]))
@@ -282,7 +284,18 @@ def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[st
         events=tuple((t, event.what) for t, event in one.events),
         floquet=floquet(orbit, one, period),
         newton=newton,
+        time=time,
+        outputs=dict(zip(orbit.outputs, values)),
+        sticking=_sticking(held, [t for t, _ in one.events], period),
     )
+
+
+def _sticking(held: list[bool], times: list[float], period: float) -> tuple[tuple[float, float], ...]:
+    """Intervals of stick; `held`: whether the first contact stuck before each of the events at `times` [s]."""
+    if not times:
+        return ()
+    ends = zip([0.0, *times], [*times, period])
+    return tuple((a, b) for (a, b), stuck in zip(ends, [*held, held[0]]) if stuck and b > a)
 
 
 def stuck(system: System, x: Array) -> Array:

@@ -6,10 +6,14 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.analysis.floquet import Floquet
 from rig.analysis.repetition import REPEAT
 from rig.analysis.text_table import columns
 
+Array = NDArray[np.float64]
 _ROUNDING = 1e-13  # of the largest output of the same unit: smaller values are shown as zero
 
 
@@ -46,6 +50,12 @@ class Cycle:
     floquet: Floquet = field(default_factory=Floquet)
     newton: int = 0
     decided: bool = True
+    time: Array = field(default_factory=lambda: np.empty(0), compare=False, repr=False)
+    """Instants in one period [s], several in each step of the integrator, [n]."""
+    outputs: dict[str, Array] = field(default_factory=dict, compare=False, repr=False)
+    """Each plant output at these instants, [n]; both sides of a jump have the same instant."""
+    sticking: tuple[tuple[float, float], ...] = ()
+    """Begin and end [s] of each interval of this period in which the first contact sticks."""
 
     @property
     def multiplier(self) -> float:
@@ -74,7 +84,8 @@ class Cycle:
             return {name: getattr(self, name) for name in kept}
         derived = {"frequency": self.frequency, "stick_share": self.stick_share, "amplitude": self.amplitude}
         derived |= {"events": [{"t": t, "what": what} for t, what in self.events], "floquet": self.floquet.to_json()}
-        return {**vars(self), **derived}
+        drawn = ("time", "outputs")  # for figures and Python: thousands of numbers
+        return {**{name: value for name, value in vars(self).items() if name not in drawn}, **derived}
 
     def text(self) -> str:
         """Return the report as text."""
@@ -97,10 +108,10 @@ class Cycle:
         for name, ends in self.extremes.items():
             values = (*ends, self.amplitude[name], self.stick_start.get(name), self.stick_end.get(name))
             none = _ROUNDING * largest[self.units[name]]
-            told = ("" if value is None else f"{value if abs(value) > none else 0.0:.8g}" for value in values)
-            rows.append((name, *told, self.units[name]))
+            cells = ("" if value is None else f"{value if abs(value) > none else 0.0:.8g}" for value in values)
+            rows.append((name, *cells, self.units[name]))
         lines += ["", *columns(rows, "<>>>>><")]
         lines += ["", f"  Floquet multipliers: {self.floquet.text()}"]
         terms = ", ".join(f"{name} {v:.6g}" for name, v in self.energy.items() if name != "error" and v)
-        lines += ["", f"  energy in a cycle [J]: {terms}; closes to {abs(self.energy['error']):.1e}"]
+        lines += ["", f"  energy in a cycle [J]: {terms}; residual {abs(self.energy['error']):.1e}"]
         return "\n".join(lines)

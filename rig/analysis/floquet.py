@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rig.analysis.orbit import Orbit, Round
 from rig.model.singular import assembled
 from rig.solve.state_codes import STICK
-from rig.stability.linearisation import inputs, moving_states, own_law
+from rig.stability.jacobian import inputs, moving_states, own_law
 
 Array = NDArray[np.float64]
 STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 _SETTLED = 0.5  # share of a hold after which a reading is taken
+_CURVE = 400  # points of a fitted curve
 _SKIP = 3  # samples left out: until then the laser's reading is not yet the free vibration alone
 
 
@@ -45,6 +46,20 @@ class Parameter:
         return self.found / self.stated - 1.0
 
 
+class Fit(NamedTuple):
+    """What was measured [n] and the model with the identified parameters [m], over one axis, in SI.
+
+    `x_name`, `y_name`: names of the axes with their units.
+    """
+
+    x_name: str
+    y_name: str
+    x: Array
+    y: Array
+    model_x: Array
+    model_y: Array
+
+
 @dataclass(frozen=True)
 class Identified:
     """The result of an experiment. `readings`: column names and the fitted numbers, if there are any."""
@@ -52,6 +67,7 @@ class Identified:
     scene: str
     experiment: str
     parameters: tuple[Parameter, ...]
+    fit: Fit
     columns: tuple[str, ...] = ()
     readings: tuple[tuple[float, ...], ...] = ()
 
@@ -116,13 +132,15 @@ def _free_vibration(scene: Scene, run: Run) -> Identified:
     else:
         output, part, stiffness = "arm_displacement", c, p.springs.arm.stiffness * c.arm**2
     t, x = _measured(scene, run, output)
-    frequency, decay = vibration(t[_SKIP:], x[_SKIP:])
+    t, x = t[_SKIP:], x[_SKIP:]
+    frequency, decay = vibration(t, x)
     inertia = stiffness / (frequency**2 + decay**2)
     found = (
         Parameter(f"{of}.inertia", "kg*m^2", inertia, part.inertia),
         Parameter(f"{of}.damping", "N*m*s/rad", 2.0 * decay * inertia, part.damping),
     )
-    return Identified(scene.name, f"free vibration of the {of}", found)
+    fit = Fit("time [s]", f"{output.replace('_', ' ')} [m]", t, x, t, x - _left(t, x, frequency, decay))
+    return Identified(scene.name, f"free vibration of the {of}", found, fit)
 
 
 def vibration(t: Array, x: Array) -> tuple[float, float]:
@@ -136,16 +154,17 @@ def vibration(t: Array, x: Array) -> tuple[float, float]:
     count = 8 * len(x)
     spectrum = np.abs(np.fft.rfft(x - x[len(x) // 2 :].mean(), count))
     first = 2.0 * np.pi * float(np.fft.rfftfreq(count, step)[spectrum.argmax()])
-    rings = t - t[0]
-
-    def left(wb: Array) -> Array:
-        fading = np.exp(-wb[1] * rings)
-        shapes = np.stack((fading * np.cos(wb[0] * rings), fading * np.sin(wb[0] * rings), np.ones_like(rings)), axis=1)
-        return np.asarray(x - shapes @ np.linalg.lstsq(shapes, x, rcond=None)[0])
-
     guess = np.array([first, 0.05 * first])
-    found = least_squares(left, guess, x_scale=guess, ftol=1e-14, xtol=1e-14, gtol=1e-14).x
+    found = least_squares(lambda wb: _left(t, x, *wb), guess, x_scale=guess, ftol=1e-14, xtol=1e-14, gtol=1e-14).x
     return float(found[0]), float(found[1])
+
+
+def _left(t: Array, x: Array, w: float, b: float) -> Array:
+    """What a free vibration of frequency w [rad/s] and decay b [1/s] leaves of x with the best A, B and C."""
+    rings = t - t[0]
+    fading = np.exp(-b * rings)
+    shapes = np.stack((fading * np.cos(w * rings), fading * np.sin(w * rings), np.ones_like(rings)), axis=1)
+    return np.asarray(x - shapes @ np.linalg.lstsq(shapes, x, rcond=None)[0])
 
 
 def _static_friction(scene: Scene, run: Run) -> Identified:
@@ -160,7 +179,9 @@ def _static_friction(scene: Scene, run: Run) -> Identified:
         readings.append((pressed, reach, mu))
     mean = float(np.mean([mu for *_, mu in readings]))
     found = (Parameter("friction.mu_static", "1", mean, p.friction.friction().static),)
-    return Identified(scene.name, "static friction", found, ("load N", "deflection m", "mu"), tuple(readings))
+    load, _, each = np.array(readings).T
+    fit = Fit("normal force [N]", "mu static", load, each, np.array([load.min(), load.max()]), np.array([mean, mean]))
+    return Identified(scene.name, "static friction", found, fit, ("load N", "deflection m", "mu"), tuple(readings))
 
 
 def _kinetic_friction(scene: Scene, run: Run) -> Identified:
@@ -188,7 +209,9 @@ def _kinetic_friction(scene: Scene, run: Run) -> Identified:
         Parameter("friction.mu_kinetic", "1", float(kinetic), p.friction.mu_kinetic),
         Parameter("friction.decay", "s/m", float(decay), p.friction.decay),
     )
-    return Identified(scene.name, "kinetic friction over speed", found, ("slip speed m/s", "mu"), tuple(readings))
+    speeds = np.linspace(v[0], v[-1], _CURVE)
+    fit = Fit("slip speed [m/s]", "mu kinetic", v, mu, speeds, law(speeds, static, kinetic, decay))
+    return Identified(scene.name, "kinetic friction over speed", found, fit, ("slip speed m/s", "mu"), tuple(readings))
 
 
 def _measured(scene: Scene, run: Run, quantity: str) -> tuple[Array, Array]:

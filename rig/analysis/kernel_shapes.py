@@ -131,12 +131,12 @@ def together(scenes_: list[Scene], workers: int, progress: Progress) -> None:
             going = True
             while going:
                 going = any(child.code is None for child in crew)
-                for said in [line.split() for child in crew for line in child.said() if line[:1] == ">"]:
-                    if said[0] == ">begins":
-                        progress.begins(int(said[1]))
+                for words in [line.split() for child in crew for line in child.new_lines() if line[:1] == ">"]:
+                    if words[0] == ">begins":
+                        progress.begins(int(words[1]))
                     else:
-                        progress.ends(int(said[1]), float(said[2]))
-                if lost := [child.told for child in crew if child.code]:
+                        progress.ends(int(words[1]), float(words[2]))
+                if lost := [child.ending for child in crew if child.code]:
                     raise WorkerError(f"{'; '.join(lost)}. Finished kernels are kept")
                 time.sleep(0.05)
         finally:

@@ -12,12 +12,13 @@ from rig.analysis.output_polynomials import Dense
 from rig.lent_records import Loan
 from rig.model import energy_forms
 from rig.model.assembly import Assembly
-from rig.motion.motion import Event, Frames, Motion
+from rig.motion.memory import Event
+from rig.motion.motion import Frames, Motion
 from rig.scenes.scene import Scene
 from rig.sensors.chain.bank import Bank
 from rig.solve import energy_balance
 from rig.solve.control_loop import controls
-from rig.solve.frames import Around
+from rig.solve.frames import Surroundings
 from rig.solve.random_input import none
 from rig.solve.state_codes import CLOSED, STICK
 
@@ -166,7 +167,7 @@ def in_frames(scene: Scene, steps: int) -> Frames:
     """Return frames of `steps` ticks without samples."""
     bank = Bank({}, (), scene.frame_ns, scene.seed)
     bank.start(np.zeros(0))
-    return Frames(steps, Loan(Around(bank.rack.content, controls(), none())))
+    return Frames(steps, Loan(Surroundings(bank.rack.content, controls(), none())))
 
 
 class _EnergyBalance:

@@ -41,6 +41,13 @@ class Dense:
         """
         return np.array(self._start), np.array(self._length), np.array([one[output] for one in self._coef])
 
+    def sampled(self, points: int) -> tuple[Array, Array]:
+        """Return times [n] and values [output, n]: `points` of each segment, its ends among them."""
+        u = np.linspace(0.0, 1.0, points)
+        t = np.array(self._start)[:, None] + np.array(self._length)[:, None] * u
+        values = [np.polynomial.polynomial.polyval(u, one.T) for one in self._coef]
+        return t.ravel(), np.concatenate(values, axis=1)
+
     def extremes(self, output: int) -> tuple[float, float]:
         """Return the lowest and highest value of an output: at ends of segments, or where its polynomial has slope
         zero.

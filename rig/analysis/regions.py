@@ -59,9 +59,9 @@ class Regions:
         rows = [(self.y.label, "largest growth 1/s", "unstable")]
         for i, value in enumerate(self.y.values):
             there = self.growth[i][np.isfinite(self.growth[i])]
-            told = ", ".join(f"{start} to {end}" for start, end in self._bands(i)) or "nowhere"
+            bands = ", ".join(f"{start} to {end}" for start, end in self._bands(i)) or "nowhere"
             rows.append(
-                (self.y.tell(value), f"{there.max():.6g}" if there.size else "", told if there.size else NOTHING)
+                (self.y.text(value), f"{there.max():.6g}" if there.size else "", bands if there.size else NOTHING)
             )
         lines += columns(rows, "<><")
         absent = ~self.exists & np.isfinite(self.growth)
@@ -70,7 +70,7 @@ class Regions:
             lines += ["", f"  at {share:.2g} % of the points nothing slides steadily unless the contact pulls"]
         for row, column in np.argwhere(np.isnan(self.growth))[:1]:
             at = (
-                f"{self.x.key} = {self.x.tell(self.x.values[column])}, {self.y.key} = {self.y.tell(self.y.values[row])}"
+                f"{self.x.key} = {self.x.text(self.x.values[column])}, {self.y.key} = {self.y.text(self.y.values[row])}"
             )
             try:
                 why = missing(sliding(self.scene, {self.y.key: self.y.values[row], self.x.key: self.x.values[column]}))
@@ -78,7 +78,7 @@ class Regions:
                 why = error.why
             count = int(np.isnan(self.growth).sum())
             lines += ["", f"  no steady sliding at {count} of {self.growth.size} points; first at {at}: {why}"]
-        apart = self.x.tell(float(np.abs(np.diff(self.x.values)).max()), 3)
+        apart = self.x.text(float(np.abs(np.diff(self.x.values)).max()), 3)
         lines += ["", f"  sampled every {apart} of {self.x.key}; bands closer together may be missed"]
         return "\n".join(lines)
 
@@ -86,15 +86,15 @@ class Regions:
         edges = sorted(self.edges[row])
         low, high = sorted((self.x.values[0], self.x.values[-1]))
         first = self.growth[row, int(np.argmin(self.x.values))]  # nan where there is no sliding: not unstable
-        start = self.x.tell(low) if first > 0.0 else None
+        start = self.x.text(low) if first > 0.0 else None
         for value, unstable in edges:
             if unstable:
-                start = self.x.tell(value, 8)
+                start = self.x.text(value, 8)
             elif start is not None:
-                yield start, self.x.tell(value, 8)
+                yield start, self.x.text(value, 8)
                 start = None
         if start is not None:
-            yield start, self.x.tell(high)
+            yield start, self.x.text(high)
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values in SI units."""
@@ -172,7 +172,7 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
                     edges.append((root(bracket, growths), grows(max(bracket.a, bracket.b))))
         return sorted(edges)
 
-    edges = list(_wide(looked(x.values, growths, look), EDGE * abs(x.values[-1] - x.values[0])))
+    edges = list(wide_bands(looked(x.values, growths, look), EDGE * abs(x.values[-1] - x.values[0])))
     found = [at(value) for value in x.values]
     return {
         "growth": np.array([math.nan if growth is None else growth.clear[0] for growth, _, _ in found]),
@@ -182,7 +182,7 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
     }
 
 
-def _wide(edges: list[tuple[float, bool]], least: float) -> Iterator[tuple[float, bool]]:
+def wide_bands(edges: list[tuple[float, bool]], least: float) -> Iterator[tuple[float, bool]]:
     """The edges without those of bands that are narrower than the tolerance of an edge."""
     left = iter(edges)
     for edge in left:
@@ -222,7 +222,7 @@ def draw(found: Regions, path: Path) -> None:
 
     from rig.view.run_figure import STYLE
 
-    x, y = found.x.told, found.y.told
+    x, y = found.x.shown_values, found.y.shown_values
     with mpl.rc_context(STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(9.6, 5.4), dpi=125, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)

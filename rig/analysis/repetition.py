@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.analysis.orbit import Orbit
-from rig.motion.motion import Event
+from rig.motion.memory import Event
 from rig.stability.linearisation import Steady
 
 REPEAT = 1e-9

@@ -14,7 +14,7 @@ from rig.analysis.axis import Axis
 from rig.analysis.critical_values import Critical, Gap, search
 from rig.analysis.eigenvalue_curves import Spectra, Spectrum, equilibrium, follow
 from rig.analysis.growth_crossings import ROUNDING, none
-from rig.analysis.modes import told
+from rig.analysis.modes_report import shape_text
 from rig.analysis.text_table import columns
 from rig.scenes.scene import Scene
 
@@ -96,26 +96,26 @@ class Sweep:
         for one in self.critical:
             at = f" at {one.frequency:.6g} Hz" if one.frequency else ""
             what = one.sides if one.kind == "jamming" else f"{one.kind}{at}, {one.sides}"
-            lines += [f"  {axis.tell(one.value, 12)}: {what}"]
-            lines += [f"    {told(one.shape, one.energy)} (share of the energy)"] if one.energy else []
+            lines += [f"  {axis.text(one.value, 12)}: {what}"]
+            lines += [f"    {shape_text(one.shape, one.energy)} (share of the energy)"] if one.energy else []
         if not self.critical:
             lines += [f"  no critical value {'where the rig slides steadily' if self.gaps else 'between these ends'}"]
         lines += [f"  {gap.note} {self._span(gap)}{f': {gap.why}' * bool(gap.why)}" for gap in self.gaps]
-        lines += [f"  sampled every {axis.tell(self.resolution, 3)}; critical values closer together may be missed"]
+        lines += [f"  sampled every {axis.text(self.resolution, 3)}; critical values closer together may be missed"]
         rows = [(axis.label, "largest growth 1/s", "frequency Hz", "growing modes", "")]
         for value, row, note in zip(axis.values, self.rates, self.notes):
             if not np.isfinite(row).any():
-                rows += [(axis.tell(value), "", "", "", note)]
+                rows += [(axis.text(value), "", "", "", note)]
                 continue
             top = row[int(np.nanargmax(row.real))]
             there = row[np.isfinite(row)]
             count = int(np.count_nonzero((there.real > none(there)) & (there.imag >= 0.0)))
             hertz = abs(top.imag) / (2.0 * math.pi)
-            rows += [(axis.tell(value), f"{top.real:.6g}", f"{hertz:.6g}", f"{count or ''}", note)]
+            rows += [(axis.text(value), f"{top.real:.6g}", f"{hertz:.6g}", f"{count or ''}", note)]
         return "\n".join([*lines, "", *columns(rows, "<>>><")])
 
     def _span(self, gap: Gap) -> str:
-        start, end = (self.axis.tell(value) for value in gap[:2])
+        start, end = (self.axis.text(value) for value in gap[:2])
         return f"at {start}" if start == end else f"from {start} to {end}"
 
 

@@ -41,7 +41,7 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
     growth = figure.add_subplot(grid[0, 0])
     frequency = figure.add_subplot(grid[1, 0], sharex=growth)
     locus = figure.add_subplot(grid[:, 1])
-    x, rates, hertz = sweep.axis.told, sweep.growth, sweep.frequency
+    x, rates, hertz = sweep.axis.shown_values, sweep.growth, sweep.frequency
     colours = {b: _COLOURS[i % len(_COLOURS)] for i, b in enumerate(np.flatnonzero(np.isfinite(rates).any(axis=0)))}
     for branch, colour in colours.items():
         growth.plot(x, rates[:, branch], color=colour, lw=1.6)
@@ -74,7 +74,7 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
 def _critical(sweep: Sweep, growth: Axes, frequency: Axes, locus: Axes) -> None:
     for one in sweep.critical:
         value, mark = one.value / sweep.axis.scale, _MARK[one.kind]
-        label = f"{one.kind} at {sweep.axis.tell(one.value)}"
+        label = f"{one.kind} at {sweep.axis.text(one.value)}"
         growth.plot([value], [0.0], mark, color=_ALARM, ms=7, zorder=4, label=label)
         frequency.plot([value], [one.frequency], mark, color=_ALARM, ms=7, zorder=4)
         locus.plot([0.0], [one.frequency], mark, color=_ALARM, ms=7, zorder=4)

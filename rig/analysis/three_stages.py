@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.model.system import System
+from rig.record.roles import drives
 from rig.record.run import Run
 from rig.scenes.scene import Scene
 from rig.solve.state_codes import CLOSED, STICK
 
-SPEEDS = ("disc_speed", "surface_speed")
 _HALF = 0.5
 
 
@@ -44,7 +44,7 @@ def stages(run: Run) -> Stages | None:
 
     The run must have been recorded with its contact states.
     """
-    speed = next((name for name in SPEEDS if name in run.signals), "")
+    speed = next(iter(drives(run)), "")
     sticks = stuck(run) if speed else None
     if sticks is None:
         return None
@@ -77,7 +77,7 @@ def short(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     for last, event in pairwise(met):
         before = str(event["data"]["before"])
         if before not in known:
-            known[before] = _sticks_as_told(system, before)
+            known[before] = _sticks_by_text(system, before)
         if known[before]:
             began.append(last["t_ns"] * 1e-9)
             ended.append(event["t_ns"] * 1e-9)
@@ -93,8 +93,8 @@ def stuck(run: Run) -> NDArray[np.bool_] | None:
         return None
     keys, where = np.unique(run.mode, return_inverse=True)
     system = Scene.from_json(run.scene_text()).assemble().system()
-    told = np.array([key >= 0 and _sticks(system, int(key)) for key in keys], np.bool_)
-    return np.asarray(told[where.ravel()])
+    stick = np.array([key >= 0 and _sticks(system, int(key)) for key in keys], np.bool_)
+    return np.asarray(stick[where.ravel()])
 
 
 def _sticks(system: System, key: int) -> bool:
@@ -103,11 +103,11 @@ def _sticks(system: System, key: int) -> bool:
     return any(mode == STICK and p in loaded for p, mode in enumerate(patches))
 
 
-def _sticks_as_told(system: System, words: str) -> bool:
+def _sticks_by_text(system: System, words: str) -> bool:
     """The same of a mode set in words, as events name it (System.describe); False where the words leave
     contacts out.
     """
-    told = words.split(", ")
-    loaded = {k.patch for k in system.normals if f"{k.name} open" not in told}
-    whole = not any(word.endswith(" contacts open") for word in told)
-    return whole and any(f"{patch.name} stick" in told and p in loaded for p, patch in enumerate(system.patches))
+    states = words.split(", ")
+    loaded = {k.patch for k in system.normals if f"{k.name} open" not in states}
+    whole = not any(word.endswith(" contacts open") for word in states)
+    return whole and any(f"{patch.name} stick" in states and p in loaded for p, patch in enumerate(system.patches))

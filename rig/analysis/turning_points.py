@@ -55,7 +55,7 @@ class Turns:
     def add(self) -> None:
         """Search the last block of the orbit for turning points."""
         motion = self._orbit.motion
-        step, segments = motion.how.step_ns * 1e-9, motion.segments
+        step, segments = motion.integration.step_ns * 1e-9, motion.segments
         offset = (motion.tick - len(motion.states)) * step
         self._low = np.minimum(self._low, motion.states.min(axis=0))
         self._high = np.maximum(self._high, motion.states.max(axis=0))

@@ -33,7 +33,7 @@ def upper_speed(p: Parameters) -> float:
     law = p.friction.friction()
     if not law.constant:
         raise UsageError(f"friction.law = {p.friction.law!r}: the closed form needs coulomb or constant")
-    tip, force, static, kinetic = p.held, p.load.force, law.static, law.numbers[0]
+    tip, force, static, kinetic = p.at_fixed_height, p.load.force, law.static, law.numbers[0]
     material = tip.retardation * tip.stiffness
     stiffness = (1.0 + kinetic * tip.relief) * tip.stiffness
     damping = tip.damping + (1.0 + kinetic * tip.relief) * material

@@ -7,7 +7,9 @@ share is
     max( |M^1/2 (a - a')| / |M^1/2 |a||,  |r - r'| / ||r||,  |T - T'| / |T| )        norms over all these states
 
 where |a| and |r| are the sums of the sizes of their terms, so that the denominator is not zero in steady sliding, where
-all forces balance. The share is not the error of the motion, which `rig explain SCENE --measure` measures by paired
+all forces balance. Two dozen states can miss what happens rarely, so the ticks that limiters were clamped and contacts
+were open are counted over the whole run, and a judgement of no influence says how many states it is based on. The share
+is not the error of the motion, which `rig explain SCENE --measure` measures by paired
 runs; but it needs no second run. An absent effect gets the values of a shipped scene of the same plant. Hardware
 (rig.about) is absent on purpose and not judged.
 """
@@ -24,17 +26,17 @@ from numpy.typing import NDArray
 
 from rig.errors import RigError
 from rig.model.formulation import ModeSet, assemble
-from rig.model.method import seen
+from rig.model.method import as_integrated
 from rig.model.system import System
 from rig.motion.motion import Motion
 from rig.scenes.effects import declared, switches
 from rig.scenes.scene import Scene
 from rig.scenes.variants import SWITCHED, absent, added, dropped, without
 from rig.solve.state_codes import CLOSED, LINEAR, OPEN
-from rig.stability.linearisation import inputs, loads, own_law
+from rig.stability.jacobian import inputs, loads, own_law
 
 Array = NDArray[np.float64]
-Told = dict[str, tuple[float, float, float]]
+Compared = dict[str, tuple[float, float, float]]
 LEAST = 1e-3
 """Share of the forces below which an effect counts as having no influence."""
 MOST = 24
@@ -53,14 +55,20 @@ class VisitedState(NamedTuple):
 class StateSamples:
     """Keeps states of a run at the ends of frames, evenly spread over a run of any length. `due`: the next such frame.
 
-    `open`: switches of effects (`shunt.connected`) that have been open all the time.
+    `open`: switches of effects (`shunt.connected`) that have been open all the time. `since`: begin of the run
+    [s], or of the part of it that was simulated.
     """
 
     def __init__(self, scene: Scene, values: Mapping[str, float]) -> None:
         """`values`: input -> its value at the start."""
         self.kept: list[VisitedState] = []
         self.due = self._every = 1
+        self.since = 0.0
         self.open = {key for key in switches(scene.parameters) if values.get(key, SWITCHED) < SWITCHED}
+
+    def begin(self, frame: int, time: float) -> None:
+        """Keep states from frame `frame` at `time` [s] on."""
+        self.due, self.since = frame + 1, time
 
     def hears(self, name: str, value: Any) -> None:
         """Notice that an input or a parameter now has this value."""
@@ -84,12 +92,15 @@ class StateSamples:
 class JudgedEffect:
     """An effect and its `share`; `like`: for an absent effect, the scene from which its values are.
 
-    `open`: for an effect whose switch was never closed in this run, the input that closes it.
+    `open`: for an effect whose switch was never closed in this run, the input that closes it. `states`: number of
+    states at which it was judged, `since`: from this time on [s].
     """
 
     effect: str
     on: bool
     share: float
+    states: int
+    since: float
     like: str = ""
     open: str = ""
 
@@ -107,10 +118,13 @@ class JudgedEffect:
         if self.open:
             return f"{name} stayed open in this run ({self.open} closes it)"
         if self.share > _ROUNDING:
-            return f"{name} is active but changed the forces of this run by only {self.share:.1g} of their size"
+            few = f"{name} is active but changed the forces of this run by only {self.share:.1g} of their size"
+            return f"{few}; for its change of the motion: rig explain SCENE --measure"
         owner = self.effect.removesuffix(" limits")
-        why = f" ({owner} stayed within its range)" if owner != self.effect else ""
-        return f"{name} is active but never influenced this run{why}"
+        if owner != self.effect:
+            return f"{name} is active but never influenced this run ({owner} stayed within its range)"
+        since = f" from {self.since:g} s on" if self.since else ""
+        return f"{name} is active but had no influence on this run, judged at {self.states} of its states{since}"
 
     def to_json(self) -> dict[str, Any]:
         """The judgement as plain values for JSON."""
@@ -126,27 +140,27 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
     kept = witness.kept
     if not kept:
         return
-    own: dict[int, Told] = {}
-    clamped = _clamped(motion)
+    own: dict[int, Compared] = {}
+    clamped, judged = _clamped(motion), (len(kept), witness.since)
 
     def rig_of(variant: Scene) -> System:
-        return seen(variant.assemble().system(), motion.how.method, motion.how.smoothing)
+        return as_integrated(variant.assemble().system(), motion.integration.method, motion.integration.smoothing)
 
     for name, keys in dropped(scene).items():
         try:
             other = rig_of(without(scene, keys))
         except (RigError, ValueError):  # the plant needs it, or the method cannot integrate the rig without it
             continue
-        limited = clamped.get(name.removesuffix(" limits"), 0.0) if name.endswith(" limits") else 0.0
+        rare = clamped.get(name.removesuffix(" limits"), 0.0) if name.endswith(" limits") else _lifted(motion, other)
         switch = next((key for key in witness.open if key.partition(".")[0] == name), "")
-        yield JudgedEffect(name, True, max(share(kept, other, own), limited), open=switch)
+        yield JudgedEffect(name, True, max(share(kept, other, own), rare), *judged, open=switch)
     about = declared(scene.parameters)
     for name, keys in absent(scene).items():
         if about[name].hardware:
             continue
         try:
             more, like = added(scene, keys)
-            yield JudgedEffect(name, False, share(kept, rig_of(more), own), like)
+            yield JudgedEffect(name, False, share(kept, rig_of(more), own), *judged, like)
         except (RigError, ValueError):  # no scene has values for it, or the method cannot integrate it
             continue
 
@@ -161,7 +175,19 @@ def _clamped(motion: Motion) -> dict[str, float]:
     return found
 
 
-def share(kept: Sequence[VisitedState], other: System, own: dict[int, Told]) -> float:
+def _lifted(motion: Motion, other: System) -> float:
+    """Share of the ticks that began with a contact open that always stays closed in the rig `other`."""
+    system, tally = motion.system, motion.state.tally.tolist()
+    closed = {normal.name for normal in other.normals if not normal.opens}
+    lifted = sum(
+        ticks
+        for ticks, modes in zip(tally, motion.mode_sets.sets)
+        if any(mode == OPEN and one.name in closed for one, mode in zip(system.normals, system.modes(modes.key)[1]))
+    )
+    return float(lifted / max(sum(tally), 1))
+
+
+def share(kept: Sequence[VisitedState], other: System, own: dict[int, Compared]) -> float:
     """Share by which another rig differs at the states of this one (see the head of this file).
 
     `own`: values of this rig, by the index of the state; filled here.
@@ -175,8 +201,8 @@ def share(kept: Sequence[VisitedState], other: System, own: dict[int, Told]) -> 
         if not pair:
             continue
         if i not in own:
-            own[i] = _told(system, pair[0], x)
-        mine, theirs = own[i], _told(other, pair[1], _carried(system, other, x))
+            own[i] = _compared_values(system, pair[0], x)
+        mine, theirs = own[i], _compared_values(other, pair[1], _carried(system, other, x))
         for name in mine.keys() & theirs.keys():
             group, (value, size, weight) = name.partition(" ")[0], mine[name]
             total = sums.setdefault("a" if group == "a" else name, [0.0, 0.0])
@@ -210,7 +236,7 @@ def _carried(system: System, other: System, x: Array) -> Array:
     return np.array([known.get(name, start) for name, start in zip(other.names, other.start.tolist())])
 
 
-def _told(system: System, modes: ModeSet, x: Array) -> Told:
+def _compared_values(system: System, modes: ModeSet, x: Array) -> Compared:
     """(value, size of its terms, weight) of each acceleration, each other rate and each contact force."""
     nq = len(system.coordinates)
     T, _ = inputs(system, modes, x, own_law(system, modes))

@@ -56,7 +56,7 @@ class Builds:
         new = who not in self._order
         self.join(who)
         try:
-            ready = self._ready(wanted, later) if self._is_first(who) else new and self._runner.has(wanted())
+            ready = self._ready(wanted, later) if self._is_first(who) else new and self._runner.variants.has(wanted())
         except Exception:
             self.leave(who)
             raise
@@ -71,17 +71,17 @@ class Builds:
         while self._build is None or self._build.done:
             build, self._build = self._build, None
             for variant in build.result() if build is not None else ():
-                self._runner.keep(variant)
-            if self._runner.has(needed := wanted()):
+                self._runner.variants.keep(variant)
+            if self._runner.variants.has(needed := wanted()):
                 return True
             self._build = Build(partial(self._made, needed, tuple(later)), self.apart)
         return False
 
     def _made(self, needed: Sequence[Wanted], later: Iterable[Wanted]) -> list[RigVariant]:
-        found = self._runner.variants(needed)
+        found = self._runner.variants.build_all(needed)
         try:
             for one in later:
-                found.append(self._runner.variant(one, found[-1] if found else None))
+                found.append(self._runner.variants.build(one, found[-1] if found else None))
         except RigError:  # reported when the rig is needed
             pass
         return found

@@ -67,8 +67,8 @@ class Openings(NamedTuple):
         if self.recorded is None and self.simulated is None:
             return ""
         if self.recorded is None or self.simulated is None:
-            told = ["never" if one is None else f"at t = {one:.6g} s" for one in self]
-            return f"a contact point opens first {told[0]} in the recording and {told[1]} here"
+            times = ["never" if one is None else f"at t = {one:.6g} s" for one in self]
+            return f"a contact point opens first {times[0]} in the recording and {times[1]} here"
         if abs(self.recorded - self.simulated) <= ONSET * self.recorded + step:
             return ""
         return (

@@ -72,7 +72,7 @@ class CommandQueue:
         status.append(self.status)
         values.extend(self.values)
 
-    def went_on(self, rows: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+    def adopt(self, rows: NDArray[np.int64], values: NDArray[np.float64]) -> None:
         """Record commands that the compiled loop put into force.
 
         `rows` int64 [row, 3]: tick, tick of the measurement, status; `values` float64 [row, actuator].

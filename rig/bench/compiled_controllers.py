@@ -24,10 +24,10 @@ _Answer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
 _NEVER = 1 << 62  # frames
 
 
-class Lent(NamedTuple):
+class CompiledQueue(NamedTuple):
     """A command queue that is lent, its slices of the arrays, and its source: a controller at work or a recording."""
 
-    line: CommandQueue
+    queue: CommandQueue
     reads: slice
     drives: slice
     one: ControllerInProcess | None
@@ -43,7 +43,7 @@ class CompiledControllers:
         self._controls = self._runner.controls
         self._command: Any = self._controls.command.data
         self._clock: Any = self._controls.clock.data
-        self._lent: list[Lent] = []
+        self._compiled: list[CompiledQueue] = []
         answers = self._answers()
         next(answers)
         self._asked = _Answer(answers.send)
@@ -57,19 +57,19 @@ class CompiledControllers:
         c = self._controls
         c.clock[NOW], c.clock[COUNT], c.clock[UNUSUAL] = self._runner.tick, 0, 0
         for one in working:
-            if one.line.values and not one.line.wanted and one.line.status != SAFE:
-                self._lend(one.line, one, None)
-        if isinstance(self._exchange, Playback):
+            if one.queue.values and not one.queue.wanted and one.queue.status != SAFE:
+                self._lend(one.queue, one, None)
+        if isinstance(self._exchange, Playback) and self._exchange.plays:
             for name, played in self._exchange.played.items():
-                if name in self._exchange.lines:
-                    self._lend(self._exchange.lines[name], None, played)
-        return [found.line.name for found in self._lent]
+                if name in self._exchange.queues:
+                    self._lend(self._exchange.queues[name], None, played)
+        return [found.queue.name for found in self._compiled]
 
-    def _lend(self, line: CommandQueue, one: ControllerInProcess | None, played: PlayedCommands | None) -> None:
-        c, i = self._controls, len(self._lent)
-        read, driven = (self._lent[-1].reads.stop, self._lent[-1].drives.stop) if i else (0, 0)
-        places = [self._runner.plain(drive) for drive in line.drives]
-        fits = i < len(c.lines) and driven + len(places) <= len(c.command) and len(line.queue) < ROWS
+    def _lend(self, queue: CommandQueue, one: ControllerInProcess | None, played: PlayedCommands | None) -> None:
+        c, i = self._controls, len(self._compiled)
+        read, driven = (self._compiled[-1].reads.stop, self._compiled[-1].drives.stop) if i else (0, 0)
+        places = [self._runner.plain(drive) for drive in queue.drives]
+        fits = i < len(c.lines) and driven + len(places) <= len(c.command) and len(queue.queue) < ROWS
         if not fits or None in places:
             return
         native = None
@@ -80,8 +80,8 @@ class CompiledControllers:
         drives = slice(driven, driven + len(places))
         c.columns[reads] = columns[: reads.stop - read]
         c.place[drives], c.slope[drives] = zip(*places)
-        c.force[drives] = [self._exchange.in_force.get(drive, nan) for drive in line.drives]
-        found = Lent(line, reads, drives, one, native, played)
+        c.force[drives] = [self._exchange.in_force.get(drive, nan) for drive in queue.drives]
+        found = CompiledQueue(queue, reads, drives, one, native, played)
         record = c.lines[i]
         record["hears"], record["deaf"] = reads.start, reads.stop
         record["drives"], record["driven"] = drives.start, drives.stop
@@ -91,25 +91,25 @@ class CompiledControllers:
             self._lay_working(record, i, found, one)
         else:
             self._lay_played(record, i, found)
-        self._lent.append(found)
+        self._compiled.append(found)
         c.clock[COUNT] = i + 1
 
-    def _lay_working(self, record: Any, i: int, found: Lent, one: ControllerInProcess) -> None:
-        line, reads, drives, _, native, _ = found
+    def _lay_working(self, record: Any, i: int, found: CompiledQueue, one: ControllerInProcess) -> None:
+        queue, reads, drives, _, native, _ = found
         c, inputs = self._controls, self._runner.inputs
-        c.low[drives] = [inputs[drive].low for drive in line.drives]
-        c.high[drives] = [inputs[drive].high for drive in line.drives]
-        for k, (due, answered, values) in enumerate(line.queue):
+        c.low[drives] = [inputs[drive].low for drive in queue.drives]
+        c.high[drives] = [inputs[drive].high for drive in queue.drives]
+        for k, (due, answered, values) in enumerate(queue.queue):
             c.queue[i, k] = due, answered, AS_SENT
             c.queued[k, drives] = values
         record["answer"] = self._address if native is None else native.address
         record["heard_at"] = c.heard.ctypes.data + c.heard.itemsize * reads.start
         record["command_at"] = c.command.ctypes.data + c.command.itemsize * drives.start
         record["memory_at"] = 0 if native is None else native.memory.ctypes.data
-        record["period"], record["delay"], record["waiting"] = line.period, line.delay, len(line.queue)
-        record["due"], record["last"] = one.due, line.last
+        record["period"], record["delay"], record["waiting"] = queue.period, queue.delay, len(queue.queue)
+        record["due"], record["last"] = one.due, queue.last
 
-    def _lay_played(self, record: Any, i: int, found: Lent) -> None:
+    def _lay_played(self, record: Any, i: int, found: CompiledQueue) -> None:
         c, played = self._controls, found.played
         assert played is not None
         tick, answered, status, values = (column[played.done : played.done + ROWS] for column in played.commands)
@@ -123,39 +123,39 @@ class CompiledControllers:
     def take_back(self) -> None:
         """Update queues, counts and states of the lent controllers with what the loop has done."""
         c = self._controls
-        for i, found in enumerate(self._lent):
-            line, record, drives = found.line, c.lines[i], found.drives
+        for i, found in enumerate(self._compiled):
+            queue, record, drives = found.queue, c.lines[i], found.drives
             if found.one is not None:
                 self._take_back_working(record, i, found, found.one)
             if kept := int(record["kept"]):
-                line.went_on(c.rows[i, :kept], c.values[:kept, drives])
+                queue.adopt(c.rows[i, :kept], c.values[:kept, drives])
                 if found.played is not None:
                     found.played.done += kept
-                for name, value in zip(line.drives, line.values):
+                for name, value in zip(queue.drives, queue.values):
                     self._exchange.in_force[name] = self._runner.values[name] = value
-        self._lent.clear()
+        self._compiled.clear()
         c.clock[COUNT] = 0
 
-    def _take_back_working(self, record: Any, i: int, found: Lent, one: ControllerInProcess) -> None:
-        c, line, drives = self._controls, found.line, found.drives
+    def _take_back_working(self, record: Any, i: int, found: CompiledQueue, one: ControllerInProcess) -> None:
+        c, queue, drives = self._controls, found.queue, found.drives
         updates, kept = int(record["updates"]), int(record["kept"])
         if found.native is not None:
             one.due = int(record["due"])
             if updates:
-                t_ns = (one.due - line.period) * self._runner.frame_ns
+                t_ns = (one.due - queue.period) * self._runner.frame_ns
                 heard, command = tuple(c.heard[found.reads].tolist()), tuple(c.command[drives].tolist())
-                one.loop.went_on(updates, t_ns, heard, found.native.state(), command)
+                one.loop.adopt(updates, t_ns, heard, found.native.state(), command)
         if c.clock[UNUSUAL] and record["given"] == c.clock[NOW]:
             one.given = tuple(c.command[drives].tolist())
-        line.queue.clear()
+        queue.queue.clear()
         for k in range(int(record["waiting"])):
             at = (int(record["oldest"]) + k) % ROWS
             due, answered, _ = c.queue[i, at].tolist()
-            line.queue.append((due, answered, tuple(c.queued[at, drives].tolist())))
+            queue.queue.append((due, answered, tuple(c.queued[at, drives].tolist())))
         if kept:
-            line.counts.taken += kept
-            line.counts.clamped += int(record["clamped"])
-            line.counts.oldest = max(line.counts.oldest, line.delay)
+            queue.counts.taken += kept
+            queue.counts.clamped += int(record["clamped"])
+            queue.counts.oldest = max(queue.counts.oldest, queue.delay)
 
     def _answers(self) -> Generator[int, int, None]:
         """The callback of the compiled loop: takes the index of the controller that is due; yields 1 if it answered.
@@ -171,9 +171,9 @@ class CompiledControllers:
                     i = 0
                     i = yield result
                     result = 0
-                    line, _, drives, one, _, _ = self._lent[i]
+                    queue, _, drives, one, _, _ = self._compiled[i]
                     values, first = one.ask(self._clock[NOW]), drives.start  # type: ignore[union-attr]
-                    if len(values) == len(line.drives):
+                    if len(values) == len(queue.drives):
                         for value in values:
                             self._command[first] = value
                             first += 1
@@ -182,4 +182,4 @@ class CompiledControllers:
             except GeneratorExit:
                 return
             except BaseException as fault:
-                self._lent[i].one.fault, result = fault, 0  # type: ignore[union-attr]
+                self._compiled[i].one.fault, result = fault, 0  # type: ignore[union-attr]

@@ -35,7 +35,7 @@ class ControllerInProcess:
     """
 
     def __init__(self, name: str, loop: Loop, experiment: Experiment) -> None:
-        self.line = experiment.exchange.lines[name]
+        self.queue = experiment.exchange.queues[name]
         self.due = 0
         self.given: Values | None = None
         self._worth = False
@@ -68,8 +68,8 @@ class ControllerInProcess:
 
     def ask(self, tick: int) -> Values:
         """Call the controller with the measurements of this tick and return its answer."""
-        self.due = tick + self.line.period
-        if self.loop.hears:
+        self.due = tick + self.queue.period
+        if self.loop.every_sample:
             heard: Any = tuple([self._bank.samples(i).tolist() for i in self.columns])
         else:
             heard = tuple([self._latest(i) for i in self.columns])
@@ -86,8 +86,8 @@ class ControllerInProcess:
             with suppress(Untranslatable):
                 self._native = Native(self.loop.controller, self.loop.state)
                 self._trial = 0 if self._native.address in _TRIED else TRIALS
-                self._native.take(self.loop.controller, self.loop.state)
-        if self._native is None or self._trial or not self._native.take(self.loop.controller, self.loop.state):
+                self._native.resume(self.loop.controller, self.loop.state)
+        if self._native is None or self._trial or not self._native.resume(self.loop.controller, self.loop.state):
             return None
         return self._native
 
@@ -96,21 +96,26 @@ class ControllerInProcess:
         native, loop = self._native, self.loop
         assert native is not None
         self._trial -= 1
-        if loop.heard == (t_ns, heard) and not native.agrees(t_ns, heard, loop.command, loop.state):
+        if loop.last_input == (t_ns, heard) and not native.reproduces(t_ns, heard, loop.command, loop.state):
             self._native, self._trial = None, 0
-        elif not native.take(loop.controller, loop.state):
+        elif not native.resume(loop.controller, loop.state):
             self._native, self._trial = None, 0
         elif not self._trial:
             _TRIED.add(native.address)
 
-    def catch_up(self, tick: int) -> None:
-        """Call the controller for all answers due before `tick`; it is disconnected, so nobody has used them."""
+    def catch_up(self, tick: int, send: bool = False) -> None:
+        """Call the controller for all answers due before `tick`: nobody has used them, because it is disconnected.
+
+        `send`: because recorded commands are played; the exchange keeps the answers that are due after these.
+        """
         if self.due >= tick:
             return
         frame = self._runner.frame_ns
-        times = range(self.due * frame, tick * frame, self.line.period * frame)
-        recall = self._bank.published if self.loop.hears else self._bank.shown
+        times = range(self.due * frame, tick * frame, self.queue.period * frame)
+        recall = self._bank.published if self.loop.every_sample else self._bank.shown
         heard = [recall(i, times) for i in self.columns]
         for t_ns, values in zip(times, zip(*heard) if heard else repeat(())):
-            self.loop.answer(t_ns, values)
-        self.due += len(times) * self.line.period
+            command = self.loop.answer(t_ns, values)
+            if send:
+                self._receive(self.name, t_ns // frame, command)
+        self.due += len(times) * self.queue.period

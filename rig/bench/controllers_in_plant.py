@@ -30,7 +30,7 @@ class _Resident(ControllerInProcess):
         super().__init__(name, loop, experiment)
         self.service = Service(session, loop)
         self.left = False
-        self._told = False
+        self._held_reported = False
 
     def answer(self) -> None:
         """See `ControllerInProcess.answer`."""
@@ -39,10 +39,10 @@ class _Resident(ControllerInProcess):
         except Exception as error:  # raised by the controller's own code
             self._fail(error)
 
-    def catch_up(self, tick: int) -> None:
+    def catch_up(self, tick: int, send: bool = False) -> None:
         """See `ControllerInProcess.catch_up`."""
         try:
-            super().catch_up(tick)
+            super().catch_up(tick, send)
         except Exception as error:
             self._fail(error)
 
@@ -56,10 +56,10 @@ class _Resident(ControllerInProcess):
     def look(self) -> None:
         """Update what it publishes: the tick that it answered last, and whether a measurement was missing."""
         if not self.left:
-            self.service.tick = self.due - self.line.period
+            self.service.tick = self.due - self.queue.period
             self.service.t_ns = max(self.service.tick, 0) * self._runner.frame_ns
-            if self.loop.held and not self._told:
-                self._told = True
+            if self.loop.held and not self._held_reported:
+                self._held_reported = True
                 self.service.held()
 
     def leave(self) -> None:
@@ -109,7 +109,7 @@ class ControllersInPlant:
         one = self._all[name]
         if one.left:
             raise UsageError(f"controller {name} has left")
-        one.service.asked({"set": dict(changes)})
+        one.service.answer_request({"set": dict(changes)})
 
     def leave(self) -> None:
         """At the end of the run: publish the last messages of all controllers that still work."""

@@ -15,29 +15,31 @@ between `begin` and `take_over` and recorded with their tick, so that the run ca
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from rig.bench.actions import Action, Apply, Change, Finish, Move, Note, Release, Strike, Switch
 from rig.bench.background_builds import Builds
 from rig.bench.command_queue import CommandQueue
+from rig.bench.delay_warnings import DelayWarnings
 from rig.bench.exchange import Exchange
 from rig.bench.journal import OPERATOR, Journal
-from rig.bench.playback import Playback
 from rig.bench.postponed_steps import PostponedSteps
-from rig.bench.protocol import Action, Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
+from rig.bench.protocol import Progress, Protocol
 from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
-from rig.bench.tuning import Tuning
-from rig.errors import RigError, UsageError
+from rig.bench.tuning import Tuning, divided
+from rig.errors import LogError, NumericsError, RigError, UsageError
 from rig.quantities import finite
 from rig.scenes.protocol import Connect, flat
-from rig.scenes.scene import Scene, controller_drives
+from rig.scenes.scene import Scene
+from rig.scenes.sections import controller_drives
 
 RUN_DOWN_NS = 500_000_000
 """Time in which the drive stops after a limit has ended the experiment. # chosen"""
-BEGIN, PLANT = "begin", "plant"
+BEGIN, BRANCH, PLANT, EMERGENCY = "begin", "branch", "plant", "emergency"
 
 Retune = Callable[[str, dict[str, Any]], None]
 
@@ -72,21 +74,22 @@ class Experiment:
         self.over = ""
         """Why the experiment has ended; empty while it runs."""
         self.aborted = ""
-        """The limit that was exceeded; empty otherwise."""
-        self._retune = retune if exchange is not Playback else _nobody
+        """The limit that was exceeded, or the emergency stop; empty otherwise."""
+        self._retune = retune
         self._end = None if duration_ns is None else -(-duration_ns // runner.frame_ns)
         length = scene.duration_ns if duration_ns is None else duration_ns
-        self._unseen: set[str] = set()
-        """Keys of sensors and controllers for which a warning about their delay was given."""
+        self.ends = length is not None
+        """Whether protocol or duration set an end."""
+        self._delay_warnings = DelayWarnings(scene, self.journal)
         if length is not None:
-            self._warn(length)
-        told = [event for event in events if event.get("source", PLANT) == PLANT]  # others may publish anything
+            self._delay_warnings.check(length)
+        reported = [event for event in events if event.get("source", PLANT) == PLANT]  # others may publish anything
         self.builds = Builds(runner)
-        self.postponed = PostponedSteps(runner, self.journal, self._wants, self.builds, told)
-        first = next((i for i, event in enumerate(told) if event["kind"] == BEGIN), 0)
+        self.postponed = PostponedSteps(runner, self.journal, self._wants, self.builds, reported)
+        first = next((i for i, event in enumerate(reported) if event["kind"] == BEGIN), 0)
         self._before, self._outside = (
             deque(event for event in part if event["data"].get("by") == OPERATOR)
-            for part in (told[:first], told[first:])
+            for part in (reported[:first], reported[first:])
         )
 
     def open(self) -> None:
@@ -122,14 +125,7 @@ class Experiment:
         """Record what only the end shows: steps that never took effect, and delays as long as the run."""
         self.postponed.end()
         if self.runner.tick:
-            self._warn(self.runner.t_ns)
-
-    def _warn(self, length_ns: int) -> None:
-        """Record a warning for each delay that is as long as the run."""
-        for key, text in late(self.scene, length_ns):
-            if key not in self._unseen:
-                self._unseen.add(key)
-                self.journal.note("warning", f"{key}: {text}")
+            self._delay_warnings.check(self.runner.t_ns)
 
     def until(self) -> int:
         """The first later tick at which `begin` may have something to do, unless a limit is exceeded before."""
@@ -148,12 +144,18 @@ class Experiment:
             value, limit, unit = self.runner.output(name), self.scene.limits[name], self.runner.units[name]
             self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
 
-    def abort(self, why: str) -> None:
+    def emergency(self) -> None:
+        """Go to the safe state at this tick because an operator asks for it; a second request changes nothing."""
+        if not self.aborted:
+            self.abort("emergency stop by an operator", EMERGENCY, by=OPERATOR)
+
+    def abort(self, why: str, kind: str = "limit", **data: Any) -> None:
         """Go to the safe state: actuators go to safe values, commands have no more effect, then the run ends."""
         self.aborted = why
-        self.journal.note("limit", f"{why}: to the safe state")
+        self.journal.note(kind, f"{why}: to the safe state", **data)
         ticks = max(RUN_DOWN_NS // self.runner.frame_ns, 1)
         self.postponed.end()
+        self.runner.release()
         self.exchange.give_up(ticks)
         self._end = self.runner.tick + ticks
 
@@ -163,19 +165,20 @@ class Experiment:
             self.over = why
             self.journal.note("stop", why)
 
-    def knock(self, impulse: float, by: str = OPERATOR) -> None:
-        """Strike the body at this tick [N s]."""
+    def knock(self, impulse: float, by: str = OPERATOR, duration_ns: int = 0) -> None:
+        """Strike the body at this tick with `impulse` [N s]; with a duration by a half sine of force."""
         try:
             finite(impulse, "N*s")
         except ValueError as fault:
             raise UsageError(f"the body cannot be knocked with an impulse of {impulse:g} N s: it {fault}") from None
-        self.runner.knock(impulse)
-        self.journal.note("knock", f"knock with {impulse:g} N s", by=by, impulse=impulse)
+        self.runner.knock(impulse, duration_ns)
+        within = f" within {duration_ns / 1e9:g} s" if duration_ns else ""
+        self.journal.note("knock", f"knock with {impulse:g} N s{within}", by=by, impulse=impulse)
 
     def switch(self, controller: str, on: bool, by: str = OPERATOR) -> None:
         """Connect or disconnect a controller at this tick."""
-        if controller not in self.exchange.lines:
-            known = ", ".join(self.exchange.lines) or "none"
+        if controller not in self.exchange.queues:
+            known = ", ".join(self.exchange.queues) or "none"
             raise UsageError(f"no controller is called {controller:.80}; there are: {known}")
         self.exchange.connect(controller, on)
         word = "connected" if on else "disconnected"
@@ -200,8 +203,8 @@ class Experiment:
 
     def given_back(self, controller: str) -> list[Wanted]:
         """The rigs that are needed, one after the other, to disconnect a controller."""
-        line = self.exchange.lines.get(controller)
-        back = self.exchange.given_back(line) if line is not None else {}
+        queue = self.exchange.queues.get(controller)
+        back = self.exchange.given_back(queue) if queue is not None else {}
         return [Wanted({drive: value}) for drive, value in back.items() if self.runner.rebuilds(drive, value)]
 
     def admit(
@@ -216,17 +219,17 @@ class Experiment:
 
         `gone`: controllers that have left, whose actuators it takes. Raises UsageError, and then changes nothing.
         """
-        for variant in self.runner.variants(self.admission(controller, drives, period_ns, hears, gone)):
-            self.runner.keep(variant)
+        for variant in self.runner.variants.build_all(self.admission(controller, drives, period_ns, hears, gone)):
+            self.runner.variants.keep(variant)
         for other in gone:  # from here on nothing can be refused
             self.dismiss(other)
         self.runner.go_on(Wanted({}, self.runner.lacking(drives)))
-        if controller in self.exchange.lines:
+        if controller in self.exchange.queues:
             self.exchange.dismiss(controller)
         self.exchange.admit(controller, drives, period_ns)
         text = f"{controller} is admitted and drives {', '.join(drives)}"
-        told = {"controller": controller, "drives": list(drives), "period_ns": period_ns}
-        self.journal.note("admitted", text, by=OPERATOR, **told)
+        data = {"controller": controller, "drives": list(drives), "period_ns": period_ns}
+        self.journal.note("admitted", text, by=OPERATOR, **data)
 
     def dismiss(self, controller: str) -> None:
         """Remove a controller that was admitted and has left: its actuators return to the values of the protocol."""
@@ -234,11 +237,26 @@ class Experiment:
         self.journal.note("dismissed", f"{controller} is dismissed", by=OPERATOR, controller=controller)
 
     def _repeat(self, event: Mapping[str, Any]) -> None:
-        data = event["data"]
+        """Carry out a recorded action of an operator. Raises LogError for one that this rig cannot have recorded."""
+        try:
+            self._repeat_action(event, event["data"])
+        except NumericsError:
+            raise
+        except (RigError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as fault:
+            why = f"its data lack {fault}" if isinstance(fault, KeyError) else str(fault)
+            t = event["tick"] * self.runner.frame_ns * 1e-9
+            text = f"the recorded event {event['kind']} of an operator at t = {t:.9g} s cannot be repeated"
+            raise LogError(f"{text}: {why}") from None
+
+    def _repeat_action(self, event: Mapping[str, Any], data: Mapping[str, Any]) -> None:
         if event["kind"] == "parameter":
-            self.tuning.change(data["set"])
+            self.change(data["set"])
+        elif event["kind"] == BRANCH:
+            self.journal.note(BRANCH, event["text"], **data)
         elif event["kind"] == "knock":
             self.knock(data["impulse"])
+        elif event["kind"] == EMERGENCY:
+            self.emergency()
         elif event["kind"] in ("connected", "disconnected"):
             self.switch(data["controller"], event["kind"] == "connected")
         elif event["kind"] == "admitted":
@@ -270,7 +288,9 @@ class Experiment:
         elif isinstance(action, Move):
             self.exchange.move(action.name, action.to, action.ticks)
         elif isinstance(action, Strike):
-            self.knock(action.impulse, "protocol")
+            self.knock(action.impulse, "protocol", action.duration_ns)
+        elif isinstance(action, Release):
+            self.runner.release()
         elif isinstance(action, Switch):
             self.switch(action.controller, action.on, "protocol")
         elif isinstance(action, Finish):
@@ -278,48 +298,32 @@ class Experiment:
         elif isinstance(action, Change):
             self._change(action)
 
+    def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> None:
+        """Change actuators, parameters of the rig and those of controllers (controllers.NAME.KEY) at this tick.
+
+        Raises RigError.
+        """
+        own, rig = divided(changes)
+        for name, values in own.items():
+            self._retune(name, values)
+            new = {f"controllers.{name}.{key}": value for key, value in values.items()}
+            text = ", ".join(f"{k} = {v:g}" if isinstance(v, float) else f"{k} = {v}" for k, v in new.items())
+            self.journal.note("parameter", text, by=by, set=new)
+        if rig:
+            self.tuning.change(rig, by)
+
     def _change(self, action: Change) -> None:
-        first, _, rest = action.key.partition(".")
         try:
-            if first == "controllers":
-                controller, _, key = rest.partition(".")
-                self._retune(controller, {key: action.value})
-                self.journal.note("parameter", f"{action.key} = {action.value:g}", by="protocol")
-            else:
-                self.tuning.change({action.key: action.value}, "protocol")
+            self.change({action.key: action.value}, "protocol")
         except RigError as fault:  # the experiment continues, and the recording contains the refusal
             self.journal.note("refused", f"{action.key} = {action.value:g}: {fault}", by="protocol")
 
     def progress(self) -> Progress:
         """Progress of the experiment."""
-        told = self.protocol.progress(self.runner.tick)
+        progress = self.protocol.progress(self.runner.tick)
         if self._end is None:
-            return told
+            return progress
         left = max(self._end - self.runner.tick, 0)
-        phase = "safe state" if self.aborted else told.phase
+        phase = "safe state" if self.aborted else progress.phase
         fraction = min(self.runner.tick / self._end, 1.0) if self._end else 1.0
-        return told._replace(phase=phase, fraction=fraction, left_ns=left * self.runner.frame_ns)
-
-
-def late(scene: Scene, duration_ns: int) -> Iterator[tuple[str, str]]:
-    """(key, warning) of each sensor and controller whose delay is at least `duration_ns`."""
-    length = f"the run of {duration_ns * 1e-9:g} s"
-    for name, sensor in scene.sensors.items():
-        delay = sensor.front_end().delay_ns
-        if delay >= duration_ns:
-            yield (
-                f"sensors.{name}",
-                f"its delay of {delay * 1e-9:g} s is as long as {length}: all that it measures is the "
-                "state before the start; shorten the delay or run longer",
-            )
-    for name, section in scene.controllers.items():
-        if section.delay >= duration_ns:
-            yield (
-                f"controllers.{name}",
-                f"its delay of {section.delay * 1e-9:g} s is as long as {length}: no command takes "
-                "effect; shorten the delay or run longer",
-            )
-
-
-def _nobody(controller: str, changes: dict[str, Any]) -> None:
-    """Do nothing: in a re-simulation no controller works, because its commands are recorded."""
+        return progress._replace(phase=phase, fraction=fraction, left_ns=left * self.runner.frame_ns)

@@ -15,9 +15,12 @@ from rig.bench.hub import missing
 from rig.bench.plant_parts import PlantParts
 from rig.bench.timing import TimingVerdict
 from rig.bus import messages
+from rig.errors import ExitCode
 
 ANSWERS_S = 5.0
-"""Longest wait for the totals of the other processes [s]."""
+"""Longest wait for the totals of the other processes, and for a sign that a recorder still catches up [s]."""
+CATCH_UP_S = 300.0
+"""Longest wait for a recorder that catches up [s]. # chosen: what waits for it fits into 160 MB"""
 LAST_ANSWER_S = 0.1
 """Longest wait for the answers to the last steps [s]."""
 
@@ -39,9 +42,9 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
     plant.housekeeper.tell_health(time.perf_counter_ns())
     lost, unknown = _lost_elsewhere(plant)
     lost |= _unanswered(plant)
-    hub.receive()
-    lost |= hub.lost()
-    verdict = _verdict(plant, lost, unknown)
+    hub.commands.receive()
+    lost |= hub.commands.lost()
+    verdict = timing_verdict(plant, lost, unknown)
     statistics = runner.statistics()
     t = runner.t_ns / 1e9
     summary: dict[str, Any] = {
@@ -49,7 +52,7 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
         "scene": plant.scene.name,
         "verdict": verdict.word,
         "reasons": list(verdict.reasons),
-        "exit_code": 4 if plant.fault or experiment.aborted else 1 if ended == "failed" else verdict.exit_code,
+        "exit_code": _exit_code(plant, ended, verdict),
         "ended": ended,
         "fault": plant.fault or experiment.aborted,
         "mode": ("lockstep" if plant.job.in_lockstep else "paced") if plant.job.pace else "lockstep, not paced",
@@ -58,17 +61,17 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
         "seconds": t,
         "wall_seconds": wall / 1e9,
         "rate": t * 1e9 / wall if wall else 0.0,
-        "timing": plant.timing.told() if plant.job.pace else {},
+        "timing": plant.timing.to_json() if plant.job.pace else {},
         "waiting": plant.waiting._asdict() if plant.waiting else {},
-        "scheduling": plant.ahead.told if plant.ahead else "",
+        "scheduling": plant.ahead.account if plant.ahead else "",
         "memory": plant.memory,
-        "round_trip": hub.round_trip.told(),
+        "round_trip": hub.commands.round_trip.to_json(),
         "loop": experiment.exchange.counters(),
         "lost": lost,
         "unknown": unknown,
-        "refused": plant.session.door.told(),
+        "refused": plant.session.door.refusals(),
         "faults": plant.housekeeper.faults,
-        "postponed": experiment.postponed.told(),
+        "postponed": experiment.postponed.to_json(),
         "energy": statistics.pop("energy"),
         "plant": statistics,
         "audit": runner.audit(),
@@ -82,11 +85,20 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
     return summary
 
 
-def _verdict(plant: PlantParts, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
+def _exit_code(plant: PlantParts, ended: str, verdict: TimingVerdict) -> ExitCode:
+    if plant.fault or plant.experiment.aborted:
+        return ExitCode.STOPPED
+    if ended == "failed":
+        return ExitCode.FAILED
+    return verdict.exit_code or (ExitCode.INTERRUPTED if plant.interrupted else ExitCode.DONE)
+
+
+def timing_verdict(plant: PlantParts, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
+    """The timing verdict of a run. `lost`: messages by topic; `unknown`: processes whose losses are unknown."""
     faults = list(plant.housekeeper.faults)
-    for name, line in plant.experiment.exchange.all_lines.items():
-        if line.counts.safe:
-            faults.append(f"safe values stepped in for {name} {line.counts.safe} times")
+    for name, queue in plant.experiment.exchange.all_queues.items():
+        if queue.counts.safe:
+            faults.append(f"safe values stepped in for {name} {queue.counts.safe} times")
     if plant.fault:
         faults.append(plant.fault.partition("\n")[0])
     clock, pacer = plant.scene.clock, plant.housekeeper.pacer
@@ -103,9 +115,9 @@ def _unanswered(plant: PlantParts) -> dict[str, int]:
     deadline = time.monotonic() + LAST_ANSWER_S
     asked = plant.scene.controllers.keys() - hub.in_plant
     for name in sorted(name for role, name in here if role == "controller" and name in asked):
-        while hub.unanswered(name) > 0 and (left := deadline - time.monotonic()) > 0.0:
-            hub.command(left)
-        if (count := hub.unanswered(name)) > 0:
+        while hub.commands.unanswered(name) > 0 and (left := deadline - time.monotonic()) > 0.0:
+            hub.commands.next(left)
+        if (count := hub.commands.unanswered(name)) > 0:
             found[f"step to {name}"] = count
     return found
 
@@ -126,12 +138,16 @@ def _lost_elsewhere(plant: PlantParts) -> tuple[dict[str, int], list[str]]:
     roles |= {name: role for role, name in hub.watch.present if role == "controller" and hub.drives(name)}
     found: dict[str, int] = {}
     deadline = time.monotonic() + ANSWERS_S
-    while asked and (left := deadline - time.monotonic()) > 0.0:
+    last = time.monotonic() + CATCH_UP_S
+    while asked and (left := min(deadline, last) - time.monotonic()) > 0.0:
         message = hub.totals.get(left)
         if message is None:
             break
         name = message.topic.partition("/")[2]
-        if name not in roles or not hub.speaks_for(message.user, name):
+        if name not in roles or not hub.commands.speaks_for(message.user, name):
+            continue
+        if roles[name] == "recorder" and "total/plant" not in message.said.heard_topic:
+            deadline = time.monotonic() + ANSWERS_S  # a plant as fast as possible outruns it; it goes on writing
             continue
         asked.discard(name)
         wanted = sent if roles[name] == "recorder" else {"step": sent["step"]}

@@ -41,7 +41,7 @@ class FrameBatches:
     """The division of a run into pieces of several frames."""
 
     def __init__(self, experiment: Experiment, pace: float | None) -> None:
-        self._runner, self._lines = experiment.runner, experiment.exchange.lines
+        self._runner, self._queues = experiment.runner, experiment.exchange.queues
         self._scene, self._pace = experiment.scene, pace
         self._short = length(self._scene, pace, ()) == 1
         """Whether every piece is one frame."""
@@ -52,7 +52,7 @@ class FrameBatches:
         if self._short:
             return 1
         in_plant = self._scene.in_plant
-        return length(self._scene, self._pace, [o.period for name, o in self._lines.items() if name not in in_plant])
+        return length(self._scene, self._pace, [o.period for name, o in self._queues.items() if name not in in_plant])
 
     def next(self, timing: Timing) -> int:
         """Number of frames up to the first tick of the next piece; tells `timing` the length of a whole piece."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from rig.bench import pace
 from rig.bench.hub import Hub
-from rig.bench.job import Job
+from rig.bench.job import Job, called
 from rig.bench.operator_commands import Operator
 from rig.bench.timing import Timing
 
@@ -88,10 +88,10 @@ class Housekeeper:
         for who in self._hub.look():
             known = {"role": who.role, "name": who.name}
             if who.here:
-                note("joined", f"{who.role} {who.name} is here", **known)
+                note("joined", f"{called(who.role, who.name)} is here", **known)
                 self._is_back(who.role, who.name)
                 continue
-            text = f"{who.role} {who.name} left at t = {self._runner.t_ns / 1e9:.3f} s"
+            text = f"{called(who.role, who.name)} left at t = {self._runner.t_ns / 1e9:.3f} s"
             note("left", text, **known)
             if who.role in MISSED and self._missed(who.role, who.name):
                 self.faults.append(text)
@@ -103,7 +103,7 @@ class Housekeeper:
         It relied on processes that it waited for or began with, on controllers that drive something, and on reserved
         names, such as a recorder started by hand. A guest that joins later can have any other name and does not count.
         """
-        driving = role == "controller" and name in self._experiment.exchange.lines
+        driving = role == "controller" and name in self._experiment.exchange.queues
         return (role, name) in self._known or driving or name in self._hub.session.door.reserved
 
     def _is_back(self, role: str, name: str) -> None:
@@ -113,7 +113,7 @@ class Housekeeper:
             self.faults[self.faults.index(text)] = f"{text.replace(' left at t = ', ' was away from t = ')} to {back}"
 
     def miss(self, missing: Iterable[str]) -> None:
-        """Record which expected processes ("role name") are not present at the first frame."""
+        """Record which expected processes (see `called`) are not present at the first frame."""
         for who in missing:
             text = f"{who} was not here when the run began"
             self._experiment.journal.note("missing", text)
@@ -127,10 +127,10 @@ class Housekeeper:
 
     def _count(self, now: int) -> None:
         timing, self._counted = self._timing, True
-        self._hub.fold()
+        self._hub.commands.fold()
         for text in self._hub.session.door.news():
             self._experiment.journal.repeated("refused", text)
-        for text in self._hub.floods():
+        for text in self._hub.commands.floods():
             self._flooded(text)
         if self.pacer is not None:
             self._count_given_up(self.pacer)
@@ -161,8 +161,8 @@ class Housekeeper:
             "worst_us": timing.worst_ns / 1e3,
             "late": timing.late + timing.given_up,
             "overruns": sum(timing.overruns.values()),
-            "drops": sum(self._hub.lost().values()),
-            "held": sum(line.counts.held for line in self._experiment.exchange.all_lines.values()),
+            "drops": sum(self._hub.commands.lost().values()),
+            "held": sum(queue.counts.held for queue in self._experiment.exchange.all_queues.values()),
             "energy_error": statistics["energy_error"],
             "stick_share": statistics.get("stick_share", 0.0),
             "refused": self._hub.session.door.total,

@@ -9,6 +9,11 @@ from rig.errors import UsageError
 from rig.scenes.scene import Scene
 
 
+def called(role: str, name: str) -> str:
+    """Return a process in words: `controller nf`, but `recorder` where role and name are the same."""
+    return role if role == name else f"{role} {name}"
+
+
 @dataclass(frozen=True)
 class Job:
     """The settings of one run of the plant. Raises UsageError for a pace that is not positive."""
@@ -23,7 +28,7 @@ class Job:
     duration: float | None = None
     """Simulated time [s]; by default the duration of the protocol."""
     expect: tuple[tuple[str, str], ...] = ()
-    """(role, name) of the processes for which the first frame waits."""
+    """Role and name of the processes for which the first frame waits."""
     wait: float = 20.0
     """Longest wait for them [s]."""
     parent: int = 0

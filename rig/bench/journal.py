@@ -27,7 +27,7 @@ class Journal:
         self.events: list[Event] = []
         self._frame_ns, self._now, self._source = frame_ns, now, source
         self._apart = max(1_000_000_000 // frame_ns, 1)
-        self._said: dict[str, tuple[int, int]] = {}
+        self._noted: dict[str, tuple[int, int]] = {}
 
     def note(self, kind: str, text: str, **data: Any) -> None:
         """Add an event."""
@@ -38,9 +38,9 @@ class Journal:
         """Add an event unless the same was added less than 1 s of simulated time ago; then only count it."""
         tick = self._now()
         key = f"{kind} {text}"
-        last, unsaid = self._said.get(key, (tick - self._apart, 0))
+        last, unsaid = self._noted.get(key, (tick - self._apart, 0))
         if tick - last < self._apart:
-            self._said[key] = (last, unsaid + 1)
+            self._noted[key] = (last, unsaid + 1)
             return
-        self._said[key] = (tick, 0)
+        self._noted[key] = (tick, 0)
         self.note(kind, f"{text} ({unsaid} more since)" if unsaid else text, **data)

@@ -26,7 +26,7 @@ class Lockstep:
 
     def __init__(self, hub: Hub, housekeeper: Housekeeper, stopped: Callable[[], bool]) -> None:
         self._hub, self._housekeeper, self._stopped = hub, housekeeper, stopped
-        self._runner, self._lines = hub.runner, hub.experiment.exchange.lines
+        self._runner, self._queues = hub.runner, hub.experiment.exchange.queues
         self._evicted: set[str] = set()
         self._due: set[str] = set()
         self.again = 0
@@ -37,11 +37,11 @@ class Lockstep:
         tick, present, in_plant = self._runner.tick, self._hub.watch.present, self._hub.in_plant
         self._due = {
             name
-            for name, line in self._lines.items()
-            if tick % line.period == 0 and ("controller", name) in present and name not in in_plant
+            for name, queue in self._queues.items()
+            if tick % queue.period == 0 and ("controller", name) in present and name not in in_plant
         }
         if self._evicted:
-            self._evicted = {name for name in self._evicted if name in self._lines and ("controller", name) in present}
+            self._evicted = {name for name in self._evicted if name in self._queues and ("controller", name) in present}
             self._due -= self._evicted
         self._hub.put_step()
 
@@ -54,13 +54,13 @@ class Lockstep:
         again, looked = AGAIN, begun
         found = {}
         while self._due:
-            command = self._hub.command(again)
+            command = self._hub.commands.next(again)
             if command is not None:
                 name, act = command
                 if act.tick == tick:
                     found[name] = tuple(act.values)
                     self._due.discard(name)
-                elif name not in self._lines:
+                elif name not in self._queues:
                     self._hub.experiment.exchange.receive(name, act.tick, ())
                 continue
             now = time.monotonic()
@@ -79,10 +79,10 @@ class Lockstep:
     def _pass_over(self) -> None:
         """Read commands when no controller is due: answers to repeated steps, or from controllers without admission."""
         for _ in range(MOST):
-            command = self._hub.command()
+            command = self._hub.commands.next()
             if command is None:
                 return
-            if command[0] not in self._lines:
+            if command[0] not in self._queues:
                 self._hub.experiment.exchange.receive(command[0], command[1].tick, ())
 
     def _look(self, waited: float) -> None:

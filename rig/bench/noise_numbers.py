@@ -7,7 +7,7 @@ import numpy as np
 from rig.effects.noise import SIGNAL
 from rig.model.system import System
 from rig.sensors.chain.streams import Stream
-from rig.solve.random_input import DRAWN, PLACE, Chance
+from rig.solve.random_input import DRAWN, PLACE, RandomNumbers
 
 ROOM = 1 << 12
 _NAME = "process noise"  # no instrument can have this name, since it has a space
@@ -20,8 +20,8 @@ class Numbers:
     """
 
     def __init__(self, system: System, seed: int) -> None:
-        self.record = Chance(np.array([-1, ROOM]), np.zeros(ROOM))
-        self._stream = Stream(seed, _NAME)
+        self.record = RandomNumbers(np.array([-1, ROOM]), np.zeros(ROOM))
+        self._seed, self._stream = seed, Stream(seed, _NAME)
         self.find(system)
 
     def find(self, system: System) -> None:
@@ -34,3 +34,15 @@ class Numbers:
         if self.record.at[PLACE] >= 0 and self.record.at[DRAWN] == ROOM:
             self.record.numbers[:] = self._stream.noise(ROOM)
             self.record.at[DRAWN] = 0
+
+    @property
+    def used(self) -> int:
+        """How many numbers have been used so far."""
+        return self._stream.drawn[0] - (ROOM - int(self.record.at[DRAWN]))
+
+    def resume(self, used: int) -> None:
+        """Continue after the first `used` numbers."""
+        self._stream = Stream(self._seed, _NAME)
+        self._stream.skip(used)
+        self.record.at[DRAWN] = ROOM
+        self.fill()

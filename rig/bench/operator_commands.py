@@ -2,6 +2,8 @@
 
     cmd/plant     {"do": "begin"}: stop waiting for expected processes, or for the one in "without" ("role name")
                   {"do": "stop" | "pause" | "resume"}
+                  {"do": "step", "frames": number}: compute frames of a paused run; by default one
+                  {"do": "emergency"}: actuators to their safe values at once; half a second later the run ends
                   {"do": "knock", "impulse": N s}
                   {"do": "connect" | "disconnect", "controller": name}
                   {"do": "admit", "controller": name, "drives": [actuators], "period_ns": ns,
@@ -28,6 +30,11 @@ from rig.bus.queries import Later, param_request
 from rig.errors import RigError, UsageError
 from rig.quantities import si
 
+MOVES = frozenset({"knock", "connect", "disconnect", "admit"})
+"""Commands that a run in its safe state refuses, as it refuses changes of actuators and parameters."""
+MOST_STEPS = 10_000
+"""Most single steps of one request."""
+
 
 class Admission(BaseModel):
     """What a controller outside the scene states about itself; the exchange decides on its admission."""
@@ -53,12 +60,16 @@ class Operator:
         self.excused: set[str] = set()
         """Processes ("role name") for which the plant need not wait."""
         self.paused = False
+        self.steps = 0
+        """Frames that a paused run shall compute; each is a batch of frames if the plant computes several at once."""
         self._hub, self._experiment, self._runner = hub, hub.experiment, hub.runner
         self._does = {
             "begin": self._begin,
             "stop": self._stop,
             "pause": self._pause,
             "resume": self._pause,
+            "step": self._step,
+            "emergency": self._emergency,
             "knock": self._knock,
             "connect": self._switch,
             "disconnect": self._switch,
@@ -96,6 +107,8 @@ class Operator:
     def _done(self, body: dict[str, Any], how: Later) -> dict[str, Any] | None:
         """Call `how`; any exception becomes a refusal, so that a senseless request cannot end the run."""
         try:
+            if self._experiment.aborted and (body.get("set") or body.get("do") in MOVES):
+                raise UsageError(f"the run is in its safe state and ends: {self._experiment.aborted}")
             return how()
         except RigError:
             raise
@@ -126,17 +139,17 @@ class Operator:
         def now() -> dict[str, Any]:
             return {key: tuning.value(key) for key in wanted}
 
-        def told(values: dict[str, Any]) -> dict[str, Any]:
+        def answer(values: dict[str, Any]) -> dict[str, Any]:
             found = values | now()
             overruled = {key: owner for key in found if (owner := tuning.exchange.overruler(key))}
             return {"values": json.loads(json.dumps(found, default=_plain)), "overruled": overruled}
 
         if not changes:  # an empty change is not an event
-            return lambda: told({})
+            return lambda: answer({})
         now()  # raises for an unknown key, before anything is changed
         return self._rebuilt(
             lambda: [wanted for wanted in [tuning.wanted(changes)] if wanted],
-            lambda: told(tuning.change(changes)),
+            lambda: answer(tuning.change(changes)),
         )
 
     def _carried_out(self, body: dict[str, Any]) -> Later:
@@ -166,8 +179,22 @@ class Operator:
     def _pause(self, body: dict[str, Any]) -> None:
         on = body["do"] == "pause"
         if on != self.paused:
-            self.paused = on
+            self.paused, self.steps = on, 0
             self._experiment.journal.note("paused" if on else "resumed", "paused" if on else "goes on")
+
+    def _step(self, body: dict[str, Any]) -> None:
+        frames = body.get("frames", 1)
+        if isinstance(frames, bool) or not isinstance(frames, int) or not 1 <= frames <= MOST_STEPS:
+            raise UsageError(f'"frames" is {frames!r:.80}; expected a whole number from 1 to {MOST_STEPS}')
+        if not self.paused:
+            raise UsageError("the run is not paused; pause it first, then single steps are possible")
+        self.steps += frames
+        self._experiment.journal.note("single_step", f"{frames} single step{'s' * (frames > 1)}")
+
+    def _emergency(self, _: dict[str, Any]) -> None:
+        self._experiment.emergency()
+        if self.paused:  # the run-down of the drive needs the clock
+            self._pause({"do": "resume"})
 
     def _knock(self, body: dict[str, Any]) -> None:
         impulse = body["impulse"]
@@ -186,27 +213,27 @@ class Operator:
             faults = [f"{'.'.join(map(str, one['loc'])):.80}: {one['msg']}" for one in error.errors(include_url=False)]
             raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
         hub, experiment, name, user = self._hub, self._experiment, asked.controller, self.cmd.asker
-        told = (name, asked.drives, asked.period_ns, asked.hears)
+        arguments = (name, asked.drives, asked.period_ns, asked.hears)
 
         def gone() -> list[str]:
             """Controllers that were admitted for one of these actuators and are no longer present."""
-            here, lines = hub.watch.present, experiment.exchange.lines
-            others = [other for other in lines if other not in experiment.scene.controllers and other != name]
-            others = [other for other in others if not hub.awaited(other, user)]
-            return [o for o in others if ("controller", o) not in here and {*lines[o].drives} & {*asked.drives}]
+            here, queues = hub.watch.present, experiment.exchange.queues
+            others = [other for other in queues if other not in experiment.scene.controllers and other != name]
+            others = [other for other in others if not hub.commands.awaited(other, user)]
+            return [o for o in others if ("controller", o) not in here and {*queues[o].drives} & {*asked.drives}]
 
         def wanted() -> list[Wanted]:
-            here = ("controller", name) in hub.watch.present or hub.awaited(name, user)
+            here = ("controller", name) in hub.watch.present or hub.commands.awaited(name, user)
             if here or name in hub.session.door.reserved:
                 raise UsageError(
                     f"the name {name!r:.80} is taken in this run; choose another one, or end that controller"
                 )
             hub.places(asked.reads)  # raises for a sensor that is not there
-            return experiment.admission(*told, gone())
+            return experiment.admission(*arguments, gone())
 
         def then() -> dict[str, Any]:
-            experiment.admit(*told, gone())
-            hub.admit(name, user)
+            experiment.admit(*arguments, gone())
+            hub.commands.admit(name, user)
             if asked.hears:
                 hub.hear(asked.reads)
             return {}

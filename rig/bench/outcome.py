@@ -8,6 +8,7 @@ from typing import Any
 
 from rig.bench import status
 from rig.bench.timing import NOTHING_LOST
+from rig.errors import ExitCode
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class Outcome:
     """The summary that the plant published; if the plant died, what is known."""
     log: str = ""
     """Path of the recording."""
-    said: str = ""
+    account: str = ""
     """The recorder's text about the finished recording; empty if it did not finish it."""
     died: tuple[str, ...] = field(default_factory=tuple)
     """Processes that died or had to be killed, in words."""
@@ -29,13 +30,14 @@ class Outcome:
         """The same outcome for a run with an incomplete recording: at best DEGRADED; `why` says what is lost."""
         reasons = [reason for reason in self.summary["reasons"] if reason != NOTHING_LOST]
         verdict = "DEGRADED" if self.summary["verdict"] == "VALID" else self.summary["verdict"]
-        told = {**self.summary, "verdict": verdict, "reasons": [*reasons, f"the recording is not complete: {why}"]}
-        return replace(self, summary=told, unrecorded=True)
+        summary = {**self.summary, "verdict": verdict, "reasons": [*reasons, f"the recording is not complete: {why}"]}
+        return replace(self, summary=summary, unrecorded=True)
 
     @property
-    def exit_code(self) -> int:
-        """0: success, 1: plant died or recording incomplete, 3: timing invalid, 4: diverged or beyond a limit."""
-        return int(self.summary["exit_code"]) or int(self.unrecorded)
+    def exit_code(self) -> ExitCode:
+        """The exit code of the command."""
+        code = ExitCode(self.summary["exit_code"])
+        return ExitCode.FAILED if self.unrecorded and code in (ExitCode.DONE, ExitCode.INTERRUPTED) else code
 
     def to_json(self) -> dict[str, Any]:
         """The outcome as plain values for JSON."""
@@ -43,7 +45,7 @@ class Outcome:
 
     def text(self) -> str:
         """The summary as text, with commands to try next."""
-        broken = self.unrecorded and not self.said  # a finished file needs no recovery
-        commands = ("recover",) if broken else ("verify", "replay")
+        broken = self.unrecorded and not self.account  # a finished file needs no recovery
+        commands = ("recover",) if broken else ("report", "verify", "replay")
         following = [f"rig {command} {self.log}" for command in commands] if self.log else []
-        return status.summary(self.to_json(), self.said or self.log, following)
+        return status.summary(self.to_json(), self.account or self.log, following)

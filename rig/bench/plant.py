@@ -25,14 +25,14 @@ from rig import pinned_memory, placement, scheduling
 from rig.bench import pace
 from rig.bench.experiment import BEGIN
 from rig.bench.finalise import finalise
-from rig.bench.job import Job
+from rig.bench.job import Job, called
 from rig.bench.lockstep import Lockstep
 from rig.bench.plant_parts import PlantParts
 from rig.bench.prepared_rigs import PreparedRigs
 from rig.bench.rebuild import Rebuild
 from rig.bus.port import Session
 from rig.errors import NumericsError
-from rig.parts import told as blamed
+from rig.parts import foreign_fault
 
 Say = Callable[[str], object]
 Show = Callable[[dict[str, Any]], object]
@@ -50,17 +50,17 @@ class Plant(PlantParts):
 
     def gather(self, say: Say) -> None:
         """Wait for the expected processes; `say` gets their names."""
-        present, deadline, told = self.hub.watch.present, time.monotonic() + self.job.wait, ""
+        present, deadline, shown = self.hub.watch.present, time.monotonic() + self.job.wait, ""
         self.hub.look()
-        while missing := [f"{role} {name}" for role, name in self.job.expect if (role, name) not in present]:
+        while missing := [called(role, name) for role, name in self.job.expect if (role, name) not in present]:
             if self._stopping() or self.housekeeper.orphaned():
                 return
             waited = [who for who in missing if who not in self.operator.excused]
             if not waited or self.operator.begun or time.monotonic() >= deadline:
                 self.housekeeper.miss(missing)
                 break
-            if (text := f"waiting for {', '.join(waited)}") != told:
-                told = text
+            if (text := f"waiting for {', '.join(waited)}") != shown:
+                shown = text
                 say(text)
             self.hub.look(0.02)
             self.hub.serve_scene()
@@ -73,11 +73,11 @@ class Plant(PlantParts):
             self._go(show)
         except NumericsError as error:
             self.fault = str(error)
-            told = {"time": error.time, "mode": error.mode, "state": error.state}
-            self.experiment.journal.note("diverged", self.fault, **told)
+            data = {"time": error.time, "mode": error.mode, "state": error.state}
+            self.experiment.journal.note("diverged", self.fault, **data)
         except Exception as error:
             self.housekeeper.faults.append("the plant process failed")
-            self.experiment.journal.note("fault", blamed(error) or traceback.format_exc())
+            self.experiment.journal.note("fault", foreign_fault(error) or traceback.format_exc())
             finalise(self)
             raise
         return finalise(self)
@@ -87,8 +87,8 @@ class Plant(PlantParts):
         with ExitStack() as stack:
             if job.pace is not None:
                 self.runner.motion.foresee(self._sets)
-                self.upcoming = PreparedRigs(self.experiment)
-                self.experiment.exchange.refit = Rebuild(self.runner, self.experiment.journal, self.experiment.builds)
+                self.prepared_rigs = PreparedRigs(self.experiment)
+                self.experiment.exchange.rebuild = Rebuild(self.runner, self.experiment.journal, self.experiment.builds)
                 self.experiment.builds.apart = True
             stack.enter_context(self.timing.interruptions.watched())
             # before real-time scheduling: a garbage collection after compiling takes 0.2 s or more
@@ -121,11 +121,11 @@ class Plant(PlantParts):
         housekeeper, rows = self.housekeeper, self.timing
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
-            frames = self.pieces.next(rows)
+            frames = self.frame_batches.next(rows)
             hub.carries(frames)
             begin, late = pacer.wait(frames)
             spent = processor()
-            hub.receive()
+            hub.commands.receive()
             received = clock()
             hub.put_step()
             hub.gather()
@@ -140,11 +140,11 @@ class Plant(PlantParts):
             if frames > 1:
                 hub.put_applied()
             hub.put_events()
-            told = clock()
-            if housekeeper.look(told):
-                self._tell(show)
+            looked = clock()
+            if housekeeper.look(looked):
+                self._report(show)
             served = clock()
-            spans = (received - begin, done - sent, sent - received + told - done, served - told)
+            spans = (received - begin, done - sent, sent - received + looked - done, served - looked)
             rows.rows.append((begin, late, pacer.waited, *spans, spent))
             if not goes_on:
                 return
@@ -170,7 +170,7 @@ class Plant(PlantParts):
         answers = Lockstep(hub, housekeeper, lambda: bool(self._stopping()))
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
-            frames = self.pieces.next(rows)
+            frames = self.frame_batches.next(rows)
             hub.carries(frames)
             if pacer is not None:
                 begin, late = pacer.wait(frames)
@@ -188,11 +188,11 @@ class Plant(PlantParts):
             if frames > 1:
                 hub.put_applied()
             hub.put_events()
-            told = clock()
-            if housekeeper.look(told):
-                self._tell(show)
+            looked = clock()
+            if housekeeper.look(looked):
+                self._report(show)
             if pacer is not None:
-                spans = (answered - begin, done - answered, told - done, clock() - told)
+                spans = (answered - begin, done - answered, looked - done, clock() - looked)
                 rows.rows.append((begin, late, pacer.waited, *spans, spent))
             if not goes_on:
                 return
@@ -202,19 +202,19 @@ class Plant(PlantParts):
         text = f"real-time scheduling fell back: {self.ahead.why}"
         self.experiment.journal.note("scheduling", text)
 
-    def _tell(self, show: Show) -> None:
+    def _report(self, show: Show) -> None:
         while not self.refusals.empty():
             self.experiment.journal.note("refused", self.refusals.get(), by="protocol")
-        if self.upcoming is not None:
-            self.upcoming.look()
+        if self.prepared_rigs is not None:
+            self.prepared_rigs.look()
         show({"t": self.runner.t_ns / 1e9, **self.housekeeper.health})
 
     def _ends(self, pacer: pace.Pacer | None) -> bool:
-        """Return whether the run must end. During a pause this waits."""
+        """Return whether the run must end. During a pause this waits, except for single steps."""
         operator, paused = self.operator, self.operator.paused
         if paused:
             self.experiment.postponed.step_back()
-        while not (why := self._why()) and operator.paused:
+        while not (why := self._why()) and operator.paused and not operator.steps:
             self.housekeeper.look(time.perf_counter_ns())
             self.hub.put_events()
             time.sleep(0.01)
@@ -222,6 +222,7 @@ class Plant(PlantParts):
             self.in_plant.poll()
         if paused and pacer is not None:
             pacer.anchor()
+        operator.steps -= operator.paused and operator.steps > 0
         if pacer is not None and pacer.stopped:
             why = "stopped: a frame began more than one frame late, and the scene asks to stop then"
         if why:
@@ -231,4 +232,6 @@ class Plant(PlantParts):
     def _why(self) -> str:
         if self.housekeeper.gone:
             return "stopped: the process that started the plant has gone"
-        return self._stopping() or self.operator.stopped
+        why = self._stopping()
+        self.interrupted = bool(why) and self.experiment.ends
+        return why or self.operator.stopped

@@ -33,7 +33,7 @@ class PlantParts:
     def __init__(self, session: Session, job: Job) -> None:
         self.session, self.job = session, job
         self.scene = scene = Scene.from_json(job.scene)
-        with model_store.gathered() as self.models:
+        with model_store.collected() as self.models:
             self.runner = runner = PlantRunner(scene, piece=length(scene, job.pace))
         duration_ns = None if job.duration is None else round(job.duration * 1e9)
         self.experiment = Experiment(scene, runner, duration_ns, self._retune)
@@ -42,14 +42,16 @@ class PlantParts:
         self.setup = self._setup()
         self.hub = hub = Hub(session, self.experiment, self.setup, job.in_lockstep)
         self.operator = Operator(hub)
-        self.upcoming: PreparedRigs | None = None
+        self.prepared_rigs: PreparedRigs | None = None
         """Rigs that a paced run builds in advance."""
-        self.pieces = FrameBatches(self.experiment, job.pace)
-        self.timing = Timing(self.pieces.length * runner.frame_ns / (job.pace or 1.0), self.pieces.length)
+        self.frame_batches = FrameBatches(self.experiment, job.pace)
+        self.timing = Timing(self.frame_batches.length * runner.frame_ns / (job.pace or 1.0), self.frame_batches.length)
         self.housekeeper = Housekeeper(hub, self.operator, job, self.timing)
         self.in_plant = ControllersInPlant(session, self.experiment, self.setup.controllers, self.housekeeper.notice)
         self.fault = ""
         """Why the numerics stopped the run."""
+        self.interrupted = False
+        """Whether a signal ended the run before the end that its protocol or its duration sets."""
         self.from_start: set[tuple[str, str]] = set()
         """Processes that were connected at the first frame."""
         self.waiting: pace.Waiting | None = None

@@ -44,13 +44,13 @@ class Truth:
         A squeal has thousands of events per second between two mode sets, so the texts are cached.
         """
         found: list[dict[str, Any]] = []
-        said = None
+        described = None
         for system, first, events, places in self._met:
-            if system is not said:
-                said, describe, happens = system, cache(system.describe), cache(system.happens)
+            if system is not described:
+                described, describe, happens = system, cache(system.describe), cache(system.event_text)
             for (tick, kind, owner, before), place in zip(events.tolist(), places.tolist()):
                 data = {"tick": first + tick, "place": place, "before": describe(before)}
                 t_ns = round((first + tick + place) * self._step_ns)
-                told = {"t_ns": t_ns, "tick": first + tick, "source": "plant", "kind": "contact"}
-                found.append({**told, "text": happens(kind, owner), "data": data})
+                common = {"t_ns": t_ns, "tick": first + tick, "source": "plant", "kind": "contact"}
+                found.append({**common, "text": happens(kind, owner), "data": data})
         return found

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
+import numpy as np
+
 from rig.bench.command_queue import CommandQueue
 from rig.bench.exchange import Exchange
+from rig.errors import LogError
 from rig.record.run import Commands
 from rig.solve.control_loop import ROWS
 
@@ -24,14 +27,42 @@ class PlayedCommands:
 
 
 class Playback(Exchange):
-    """An exchange that plays recorded commands and ignores controllers."""
+    """An exchange that plays recorded commands and ignores controllers, up to tick `end` if it is not None.
 
-    def play(self, recorded: Mapping[str, Commands]) -> None:
-        """Take the commands of each controller from a recording."""
-        self.played = {name: PlayedCommands(commands) for name, commands in recorded.items()}
+    From `end` on it is an `Exchange`.
+    """
+
+    end: int | None = None
+    played: Mapping[str, PlayedCommands] = {}
+
+    def play(self, recorded: Mapping[str, Commands], end: int | None = None) -> None:
+        """Take the commands of each controller before tick `end` from a recording; all without `end`."""
+        self.end = end
+        self.played = {name: PlayedCommands(_before(end, found)) for name, found in recorded.items()}
+        for queue in self.queues.values():
+            self._fits(queue)
+
+    def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> CommandQueue:
+        """See `Exchange.admit`. Raises LogError if the recorded commands have another number of values."""
+        queue = super().admit(name, drives, period_ns, delay_ns)
+        self._fits(queue)
+        return queue
+
+    def _fits(self, queue: CommandQueue) -> None:
+        if (played := self.played.get(queue.name)) is not None and played.commands.tick.size:
+            if (width := played.commands.values.shape[1]) != len(queue.drives):
+                raise LogError(f"the recorded commands of {queue.name} have {width} values, its actuators are "
+                               f"{', '.join(queue.drives)}")  # fmt: skip
+
+    @property
+    def plays(self) -> bool:
+        """Whether commands come from the recording at this tick."""
+        return self.end is None or self._runner.tick < self.end
 
     def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
-        """Do nothing: commands of controllers are ignored."""
+        """Take a command that is due at `end` or later; the recording has those before."""
+        if self.end is not None and answered + self.queues[sender].delay >= self.end:
+            super().receive(sender, answered, values)
 
     def until(self, but: Collection[str] = ()) -> int | None:
         """The tick of the next recorded command; None if there is none.
@@ -39,22 +70,32 @@ class Playback(Exchange):
         Ignores controllers whose admission is not in the recording. For the controllers in `but`, which the compiled
         loop handles, it is the tick of the first command that exceeds the loop's capacity.
         """
+        if not self.plays:
+            return super().until(but)
         due = [self._runner.tick + 1] if self._stairs else []
-        played = [(name, one) for name, one in self.played.items() if name in self.lines]
+        played = [(name, one) for name, one in self.played.items() if name in self.queues]
         ticks = [one.due(ROWS if name in but else 0) for name, one in played]
         return min([*due, *(tick for tick in ticks if tick is not None)], default=None)
 
     def take_over(self) -> list[CommandQueue]:
-        """Put into force the recorded commands of this tick."""
+        """Put into force the recorded commands of this tick; from `end` on those that controllers have sent."""
+        if not self.plays:
+            return super().take_over()
         tick, changed = self._runner.tick, self._changed
         changed.clear()
-        for line in self._order:
-            one = self.played.get(line.name)
+        for queue in self._order:
+            one = self.played.get(queue.name)
             while one is not None and (due := one.due()) is not None and due <= tick:
                 _, answered, status, values = (column[one.done].tolist() for column in one.commands)
-                self.impose(line, answered, status, tuple(values))
+                self.impose(queue, answered, status, tuple(values))
                 one.done += 1
-                changed.append(line)
+                changed.append(queue)
         if self._stairs:
             self._climb()
         return changed
+
+
+def _before(end: int | None, found: Commands) -> Commands:
+    """The commands before tick `end`; all of them without it."""
+    count = found.tick.size if end is None else int(np.searchsorted(found.tick, end))
+    return Commands(found.tick[:count], found.answered[:count], found.status[:count], found.values[:count])

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, NamedTuple
 
+from rig.bench.actions import Action, Apply, Change, Move, Switch
 from rig.bench.background_builds import Builds
 from rig.bench.journal import Journal
-from rig.bench.protocol import Action, Apply, Change, Move, Switch
 from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
 from rig.errors import RigError
@@ -64,13 +64,13 @@ class PostponedSteps:
         number, self._number = self._number, self._number + 1
         waits = number in self._until
         if self._builds.apart and self._rebuilds(action):  # in the order of the protocol
-            waits = bool(self._waiting) or not self._runner.has(self._wants(action))
+            waits = bool(self._waiting) or not self._runner.variants.has(self._wants(action))
         if waits:
             self._count += 1
             self._waiting.append(Waiting(number, self._runner.tick, action))
             if self._builds.apart:
                 self._builds.join(self)
-            self._journal.note(WAITS, f"{_told(action)} waits until its matrices are built", **_data(number))
+            self._journal.note(WAITS, f"{_text(action)} waits until its matrices are built", **_data(number))
         return waits
 
     def due(self) -> Iterator[Action]:
@@ -81,7 +81,7 @@ class PostponedSteps:
                 return
             self._waiting.popleft()
             self._longest = max(self._longest, self._runner.tick - first.tick)
-            text = f"{_told(first.action)} has its matrices and takes effect"
+            text = f"{_text(first.action)} has its matrices and takes effect"
             self._journal.note(GOES_ON, text, **_data(first.number))
             yield first.action
 
@@ -99,12 +99,12 @@ class PostponedSteps:
         self._builds.leave(self)
         for number, tick, action in self._waiting:
             self._longest = max(self._longest, self._runner.tick - tick)
-            text = f"{_told(action)} of t = {tick * self._runner.frame_ns * 1e-9:g} s never took effect"
+            text = f"{_text(action)} of t = {tick * self._runner.frame_ns * 1e-9:g} s never took effect"
             self.never.append(text)
             self._journal.note(NEVER, text, **_data(number))
         self._waiting.clear()
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Number of actions that have waited, the longest wait [s], and how many never took effect; empty if none."""
         longest = self._longest * self._runner.frame_ns * 1e-9
         return {"waited": self._count, "longest_s": longest, "never": len(self.never)} if self._count else {}
@@ -130,7 +130,7 @@ def _data(number: int) -> dict[str, Any]:
     return {"by": "protocol", "action": number}
 
 
-def _told(action: Action) -> str:
+def _text(action: Action) -> str:
     if isinstance(action, Switch):
         return f"{'connect' if action.on else 'disconnect'} {action.controller}"
     if isinstance(action, Change):

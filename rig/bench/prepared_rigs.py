@@ -17,12 +17,12 @@ from functools import partial
 from itertools import islice
 
 from rig.bench.experiment import Experiment
-from rig.bench.protocol import walk
 from rig.bench.rebuild import PAUSE_S
 from rig.bench.rig_variant import Build, RigVariant, Wanted
 from rig.errors import RigError
 from rig.scenes.protocol import Set
-from rig.scenes.scene import leaves
+from rig.scenes.sections import values_of
+from rig.scenes.step_sequences import unrolled
 
 MOST, LOOKED_AT = 32, 10_000
 """Most changes of the protocol that are prepared, each of which takes some tens of milliseconds, and most steps that
@@ -59,14 +59,14 @@ class PreparedRigs:
                 self._rigs = None
             self._build = None
         if not any(self._runner.scene is known for known in self._known):
-            self._runner.forget()
+            self._runner.variants.forget()
             self._begin()
         elif self._rigs is not None and time.monotonic() >= self._due and not self._experiment.builds.awaited:
             self._due = time.monotonic() + PAUSE_S
             self._build = Build(partial(next, self._rigs), apart=True)
 
     def _keep(self, variant: RigVariant) -> None:
-        self._runner.keep(variant)
+        self._runner.variants.keep(variant)
         self._known.append(variant.scene)
 
 
@@ -76,9 +76,9 @@ def rigs(experiment: Experiment) -> Iterator[RigVariant]:
     values = dict(runner.values)
     yield from _safe(experiment, None, values)
     stateless = {name for name, one in runner.inputs.items() if not (one.state or one.write)}
-    parameters = dict(leaves(experiment.scene.parameters)).keys() - runner.inputs.keys() | stateless
+    parameters = dict(values_of(experiment.scene.parameters)).keys() - runner.inputs.keys() | stateless
     first = experiment.protocol.begun
-    steps = islice(walk(experiment.scene.protocol), first, first + LOOKED_AT)  # the protocol may repeat for ever
+    steps = islice(unrolled(experiment.scene.protocol), first, first + LOOKED_AT)  # the protocol may repeat for ever
     changes = (step for step in steps if isinstance(step, Set) and step.target in parameters)
     at: RigVariant | None = None
     for step in islice(changes, MOST):
@@ -86,7 +86,7 @@ def rigs(experiment: Experiment) -> Iterator[RigVariant]:
         if step.target in stateless:
             to = min(max(float(to), runner.inputs[step.target].low), runner.inputs[step.target].high)
         with suppress(RigError):  # the change is refused at its tick, and the run continues without it
-            at = runner.variant(Wanted({step.target: to}), at)
+            at = runner.variants.build(Wanted({step.target: to}), at)
             yield at
             values |= at.wanted.parameters
             yield from _safe(experiment, at, values)
@@ -98,5 +98,5 @@ def _safe(experiment: Experiment, at: RigVariant | None, values: Mapping[str, fl
     inputs = runner.inputs if at is None else runner.inputs | at.assembly.inputs
     for name, one in inputs.items() if experiment.scene.limits else ():
         if not (one.state or one.write) and one.safe != values[name]:
-            at = runner.variant(Wanted({name: one.safe}), at)
+            at = runner.variants.build(Wanted({name: one.safe}), at)
             yield at

@@ -6,68 +6,16 @@ other within one tick; a ramp, a hold or a wait delays the next steps.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import count
-from math import isfinite
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
+from rig.bench.actions import NOTHING, Action, Apply, Change, Finish, Move, Note, Release, Strike, Switch
+from rig.bench.wait_condition import Condition
 from rig.model.assembly import Input
-from rig.scenes.protocol import Hold, Knock, Load, Mark, Ramp, Repeat, Set, Wait
-
-
-class Apply(NamedTuple):
-    """Set an actuator to a value at once."""
-
-    name: str
-    value: float
-
-
-class Move(NamedTuple):
-    """Move an actuator linearly to a value within a number of ticks; an `Apply` of that value follows at the end."""
-
-    name: str
-    to: float
-    ticks: int
-
-
-class Strike(NamedTuple):
-    """Change the momentum of the body at once by an impulse [N s]."""
-
-    impulse: float
-
-
-class Change(NamedTuple):
-    """Change a parameter of the rig or of a controller ("controllers.<name>.<parameter>")."""
-
-    key: str
-    value: float
-
-
-class Switch(NamedTuple):
-    """Connect a controller to its actuators, or disconnect it."""
-
-    controller: str
-    on: bool
-
-
-class Note(NamedTuple):
-    """Record an event of the kind `step`, `mark` or `timeout`."""
-
-    kind: str
-    text: str
-
-
-class Finish(NamedTuple):
-    """End the run."""
-
-    reason: str
-
-
-Action = Apply | Move | Strike | Change | Switch | Note | Finish
-NOTHING: tuple[Action, ...] = ()
+from rig.scenes.protocol import Hold, Knock, Load, Mark, Ramp, Set, Wait, duration_ns
+from rig.scenes.step_sequences import least_ns, number, unrolled
 
 
 class Progress(NamedTuple):
@@ -100,9 +48,9 @@ class Protocol:
         self._columns = {name: column for column, name in enumerate(sensors)}
         self._inputs = {name: one.unit for name, one in inputs.items()}
         self._sensors = dict(sensors)
-        self._steps = walk(steps)
-        self._count = _counted(steps)
-        self._length = _length(steps, frame_ns)
+        self._steps = unrolled(steps)
+        self._count = number(steps)
+        self._length = least_ns(steps)
         self.begun = 0
         """Number of steps that have begun, with repeats unrolled."""
         self._passed = 0
@@ -146,19 +94,21 @@ class Protocol:
         self._current = self._condition = None
         if isinstance(step, Ramp | Load):
             return [Apply(step.target, _value(step))]
+        if isinstance(step, Knock):
+            return [Release()]
         if condition is None or condition.is_met:
             return []
-        text = f"{self._described(step)}: not so within {step.timeout / 1e9:g} s"
+        text = f"{self.described(step)}: not so within {step.timeout / 1e9:g} s"
         return [Finish(text)] if step.otherwise == "stop" else [Note("timeout", text)]
 
     def _begin(self, step: Any, tick: int) -> list[Action]:
         self.begun += 1
         self.phase = step.step
-        self._passed += _span(step)
-        self._until = tick + _span(step) // self._frame_ns
+        self._passed += duration_ns(step)
+        self._until = tick + duration_ns(step) // self._frame_ns
         if isinstance(step, Mark):
             return [Note("mark", step.text)]
-        return [Note("step", self._described(step)), *self._started(step, tick)]
+        return [Note("step", self.described(step)), *self._started(step, tick)]
 
     def _started(self, step: Any, tick: int) -> list[Action]:
         if isinstance(step, Ramp | Load):
@@ -171,7 +121,8 @@ class Protocol:
             self._condition = Condition(step, self._columns[step.sensor], self._frame_ns)
             self._until = tick + step.timeout // self._frame_ns
         elif isinstance(step, Knock):
-            return [Strike(step.impulse)]
+            self._current = step if step.duration else None
+            return [Strike(step.impulse, step.duration or 0)]
         elif isinstance(step, Set):
             known = step.target in self._inputs
             return [Apply(step.target, step.to) if known else Change(step.target, step.to)]
@@ -188,7 +139,8 @@ class Protocol:
         fraction = 1.0 if self.done else 1.0 - left / self._length if left is not None and self._length else None
         return Progress(self.phase, self.begun, self._count, fraction, left)
 
-    def _described(self, step: Any) -> str:
+    def described(self, step: Any) -> str:
+        """A step in words: a ramp, a hold, a wait, a knock, a change, a connection."""
         if isinstance(step, Ramp | Load):
             unit = self._inputs.get(step.target, "")
             within = f" within {step.over / 1e9:g} s" if step.over else ""
@@ -198,132 +150,11 @@ class Protocol:
         if isinstance(step, Wait):
             return f"wait until {step.sensor} is {step.condition} {step.limit:g} {self._sensors[step.sensor]}"
         if isinstance(step, Knock):
-            return f"knock with {step.impulse:g} N s"
+            within = f" within {step.duration / 1e9:g} s" if step.duration else ""
+            return f"knock with {step.impulse:g} N s{within}"
         if isinstance(step, Set):
             return f"set {step.target} = {step.to:g} {self._inputs.get(step.target, '')}".rstrip()
         return f"{step.step} {step.controller}"
-
-
-class Condition:
-    """The condition of a wait for a measurement; see `rig.scenes.protocol.Wait`."""
-
-    def __init__(self, step: Wait, column: int, frame_ns: int) -> None:
-        self.column = column
-        self.is_met = False
-        self._kind, self._limit = step.condition, step.limit
-        frames = max(step.window // frame_ns, 1)
-        self._range = Range(frames)
-        self._before: deque[tuple[float, float]] = deque(maxlen=frames + 1)
-
-    def met(self, sample: float) -> bool:
-        """Whether the condition is met, after the sample of one more frame. NaN or infinity restarts the windows."""
-        if not isfinite(sample):
-            self._range.clear()
-            self._before.clear()
-        elif self._kind == "above":
-            self.is_met = sample > self._limit
-        elif self._kind == "below":
-            self.is_met = sample < self._limit
-        elif self._range.add(sample):
-            self.is_met = self._quiet() if self._kind == "quiet" else self._settled()
-        return self.is_met
-
-    def _quiet(self) -> bool:
-        return (self._range.highest - self._range.lowest) / 2.0 < self._limit
-
-    def _settled(self) -> bool:
-        past = self._before
-        highest, lowest = self._range.highest, self._range.lowest
-        past.append((highest, lowest))
-        if len(past) < (past.maxlen or 0):
-            return False
-        return abs(highest - past[0][0]) < self._limit and abs(lowest - past[0][1]) < self._limit
-
-
-class Range:
-    """Highest and lowest of the last `frames` samples, by two monotonic queues in amortised constant time."""
-
-    def __init__(self, frames: int) -> None:
-        self.frames = frames
-        self._high: deque[tuple[int, float]] = deque()
-        self._low: deque[tuple[int, float]] = deque()
-        self._seen = 0
-
-    def clear(self) -> None:
-        """Forget all samples."""
-        self._high.clear()
-        self._low.clear()
-        self._seen = 0
-
-    def add(self, sample: float) -> bool:
-        """Add a sample; whether there are `frames` of them."""
-        high, low, number = self._high, self._low, self._seen
-        while high and high[-1][1] <= sample:
-            high.pop()
-        while low and low[-1][1] >= sample:
-            low.pop()
-        high.append((number, sample))
-        low.append((number, sample))
-        oldest = number - self.frames
-        if high[0][0] <= oldest:
-            high.popleft()
-        if low[0][0] <= oldest:
-            low.popleft()
-        self._seen = number + 1
-        return self._seen >= self.frames
-
-    @property
-    def highest(self) -> float:
-        """Highest of the last `frames` samples."""
-        return self._high[0][1]
-
-    @property
-    def lowest(self) -> float:
-        """Lowest of the last `frames` samples."""
-        return self._low[0][1]
-
-
-def walk(steps: Iterable[Any]) -> Iterator[Any]:
-    """The steps in order, with repeats unrolled."""
-    for step in steps:
-        if isinstance(step, Repeat):
-            for _ in count() if step.times == "forever" else range(step.times):
-                yield from walk(step.steps)
-        else:
-            yield step
-
-
-def _counted(steps: Iterable[Any]) -> int | None:
-    """Number of steps with repeats unrolled; None if they never end."""
-    total = 0
-    for step in steps:
-        inner = _counted(step.steps) if isinstance(step, Repeat) else 1
-        times = step.times if isinstance(step, Repeat) else 1
-        if inner is None or times == "forever":
-            return None
-        total += inner * times
-    return total
-
-
-def _length(steps: Iterable[Any], frame_ns: int) -> int | None:
-    """Least duration of the steps [ns]; None if they never end."""
-    total = 0
-    for step in steps:
-        if isinstance(step, Repeat):
-            inner = _length(step.steps, frame_ns)
-            if inner is None or step.times == "forever":
-                return None
-            total += inner * step.times
-        else:
-            total += _span(step)
-    return total
-
-
-def _span(step: Any) -> int:
-    """Duration of a step [ns]; 0 for a wait."""
-    if isinstance(step, Hold):
-        return int(step.time)
-    return int(step.over) if isinstance(step, Ramp | Load) else 0
 
 
 def _value(step: Ramp | Load) -> float:

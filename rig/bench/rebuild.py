@@ -43,6 +43,11 @@ class Rebuild:
             return False
         return self._build.done if self._build is not None else time.monotonic() >= self._due
 
+    @property
+    def building(self) -> bool:
+        """Whether a rig is being built."""
+        return self._build is not None and not self._build.done
+
     def possible(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
         """The values that can be in force at this tick: if another rig is needed, the value of the newest one built."""
         needed = [self._runner.rebuilds(drive, value) for drive, value in zip(drives, values)]
@@ -60,7 +65,7 @@ class Rebuild:
             try:
                 if build.result().before is runner.scene:
                     taken, now = build.result(), self._value
-                    runner.keep(taken)
+                    runner.variants.keep(taken)
             except RigError as fault:
                 self._faulty[drive] = self._value
                 self._journal.repeated("refused", f"{drive} = {self._value:g} is commanded, and cannot be: {fault}")
@@ -68,5 +73,5 @@ class Rebuild:
         if wanted and self._build is None and time.monotonic() >= self._due:
             self._due = time.monotonic() + PAUSE_S
             self._drive, self._value = drive, value
-            self._build = Build(partial(runner.variant, Wanted({drive: value}), taken), apart=True)
+            self._build = Build(partial(runner.variants.build, Wanted({drive: value}), taken), apart=True)
         return now

@@ -35,9 +35,9 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
     does not count, because kernels are loaded or compiled in it.
     """
     working = {}
-    for name, told in design.described(scene).items():
+    for name, description in design.described(scene).items():
         with suppress(RigError):  # a controller that cannot start says why in its own process; the run does not need it
-            working[name] = controllers.restored(told)
+            working[name] = controllers.restored(description)
             if name in scene.in_plant and length(scene, job.pace) > 1:
                 asked_often(working[name])
     duration_ns = scene.duration_ns if job.duration is None else round(job.duration * 1e9)
@@ -57,5 +57,5 @@ def _joined(runner: PlantRunner) -> None:
     """Load or compile what is needed when a controller joins that drives an actuator without a controller so far."""
     for actuator in runner.lacking(runner.inputs):
         with suppress(RigError):
-            if runner.variant(Wanted(driven=(actuator,))).ready.system.n > runner.motion.system.n:
+            if runner.variants.build(Wanted(driven=(actuator,))).ready.system.n > runner.motion.system.n:
                 return  # kernels depend only on the number of states

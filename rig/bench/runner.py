@@ -16,20 +16,24 @@ from pydantic import BaseModel
 
 from rig.bench.audit import StateSamples, audit
 from rig.bench.build_findings import findings
+from rig.bench.checkpoint import Arrays, packed
 from rig.bench.measurements import Measurements
 from rig.bench.noise_numbers import Numbers
 from rig.bench.plant_truth import Truth
-from rig.bench.rig_variant import RigVariant, Wanted, with_values
+from rig.bench.rig_variant import RigVariant, Wanted
+from rig.bench.rig_variants import RigVariants
+from rig.effects import knock
 from rig.errors import SceneError
 from rig.lent_records import Loan
 from rig.model.assembly import Input
-from rig.model.method import chosen, seen
+from rig.model.method import as_integrated, chosen
 from rig.motion.motion import Frames, Motion
 from rig.scenes.faults import shortened
-from rig.scenes.scene import Scene, controller_drives, controller_reads
+from rig.scenes.scene import Scene
+from rig.scenes.sections import controller_drives, controller_reads
 from rig.sensors.chain.bank import Bank
 from rig.solve.control_loop import Controls, controls
-from rig.solve.frames import Around
+from rig.solve.frames import Surroundings
 
 Array = NDArray[np.float64]
 ROWS = 1 << 15
@@ -44,7 +48,6 @@ class PlantRunner:
     """
 
     def __init__(self, scene: Scene, truthful: bool = False, piece: int = 1) -> None:
-        self.scene = scene
         self.frame_ns, self.step_ns = scene.frame_ns, scene.step_ns
         self.steps = self.frame_ns // self.step_ns
         self.tick = 0
@@ -58,7 +61,7 @@ class PlantRunner:
         clock = scene.clock
         method = chosen(clock.method, system)
         try:
-            seen(system, method, clock.smoothing)
+            as_integrated(system, method, clock.smoothing)
         except ValueError as error:
             raise SceneError(scene.name, [f"clock.method = {clock.method!r}: {error}"]) from None
         self.findings = findings(scene, system)
@@ -80,7 +83,7 @@ class PlantRunner:
             limit=clock.limit,
             longest=ROWS if truthful else piece * self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
-            frames=Frames(self.steps, Loan(Around(self.bank.rack.content, self.controls, self.chance.record))),
+            frames=Frames(self.steps, Loan(Surroundings(self.bank.rack.content, self.controls, self.chance.record))),
             smoothing=clock.smoothing,
         )
         self._index = {name: i for i, name in enumerate(system.names)}
@@ -88,9 +91,9 @@ class PlantRunner:
         self._coefficients = frozenset(name for name, one in driven.items() if not (one.state or one.write))
         """Actuators that have no command state even when somebody drives them: each value needs its own matrices."""
         self._look = True
-        self._witness = StateSamples(scene, self.values)
+        self.state_samples = StateSamples(scene, self.values)
         self._needs, self._truthful = len(needs), truthful
-        self._prepared: list[RigVariant] = []
+        self.variants = RigVariants(scene, self.motion, self.outputs)
         self.keep_samples: Callable[[], object] = lambda: None
         """Called before the bank forgets samples."""
         self.start()
@@ -111,6 +114,11 @@ class PlantRunner:
         self.measurements = Measurements(self.bank) if self._truthful else None
         if self.measurements is not None:
             self.keep_samples = self.measurements.take
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the present rig."""
+        return self.variants.scene
 
     @property
     def t_ns(self) -> int:
@@ -137,8 +145,8 @@ class PlantRunner:
             self._look = self._carry(most)
         finally:
             self.tick = self.motion.tick // self.steps
-        if self.tick >= self._witness.due:
-            self._witness.look(self.motion, self.tick, self.steps)
+        if self.tick >= self.state_samples.due:
+            self.state_samples.look(self.motion, self.tick, self.steps)
 
     def _carry(self, most: int) -> bool:
         """Advance the motion by up to `most` frames; see `Motion.advance`."""
@@ -165,7 +173,7 @@ class PlantRunner:
         """Set an actuator to `value` at this tick; a ramp in progress ends."""
         one, rebuilds = self.inputs[name], self.rebuilds(name, value)
         self.values[name] = value
-        self._witness.hears(name, value)
+        self.state_samples.hears(name, value)
         if one.write is not None:
             one.write(self.motion.x, self.values, self.t_ns * 1e-9)
         elif one.state:
@@ -191,7 +199,7 @@ class PlantRunner:
         None where a command means more than that.
         """
         one = self.inputs[name]
-        if not one.state or one.write or name in self._witness.open or self.motion.how.method == "kick":
+        if not one.state or one.write or name in self.state_samples.open or self.motion.integration.method == "kick":
             return None
         at = self._index[one.state]
         return None if at < 2 * len(self.motion.system.coordinates) else (at, self._index.get(one.slope, -1))
@@ -201,68 +209,16 @@ class PlantRunner:
         without = [name for name in names if not (self.inputs[name].state or self.inputs[name].write)]
         return tuple(name for name in without if name not in self._coefficients and name not in self.scene.moved)
 
-    def variant(self, wanted: Wanted, after: RigVariant | None = None) -> RigVariant:
-        """Build the variant `wanted` of the present rig or, with `after`, of a variant that is not used yet.
-
-        Another thread may build it during the run. Raises SceneError with all faulty values by their keys, or for a rig
-        with which this run cannot continue.
-        """
-        before = self.scene if after is None else after.scene
-        for known in self._prepared:
-            if known.before is before and known.wanted == wanted:
-                return known
-        scene = replace(
-            before,
-            parameters=with_values(before.parameters, wanted.parameters) if wanted.parameters else before.parameters,
-            driven=before.driven.union(wanted.driven),
-        )
-        assembly = scene.assemble()
-        rows = {name: output.row for name, output in assembly.outputs.items()}
-        try:
-            ready = self.motion.ready(assembly.system(), [rows.get(name, {}) for name in self.outputs])
-        except ValueError as error:
-            raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
-        return RigVariant(before, wanted, scene, assembly, ready)
-
-    def variants(self, wanted: Iterable[Wanted]) -> list[RigVariant]:
-        """Build these variants one after the other, each from the previous one. Raises as `variant`."""
-        found: list[RigVariant] = []
-        for one in wanted:
-            found.append(self.variant(one, found[-1] if found else None))
-        return found
-
-    def has(self, wanted: Iterable[Wanted]) -> bool:
-        """Whether all these variants are already built."""
-        at = self.scene
-        for one in wanted:
-            known = next((k for k in self._prepared if k.before is at and k.wanted == one), None)
-            if known is None:
-                return False
-            at = known.scene
-        return True
-
-    def keep(self, variant: RigVariant) -> None:
-        """Keep a variant, so that `variant` returns it without building."""
-        self._prepared.append(variant)
-
-    def forget(self) -> None:
-        """Drop the kept variants: they were made from a rig that is no longer the present one."""
-        self._prepared.clear()
-
     def take(self, variant: RigVariant) -> None:
         """Continue with this variant of the rig from this tick on; it must have been made from the present rig."""
-        assert variant.before is self.scene
         if self.truth is not None:
             self.hand_over(self.truth)
         self.motion.replace(variant.ready)
-        self.scene = variant.scene
-        self._prepared = [
-            one for one in self._prepared if one.before is not variant.before
-        ]  # the others cannot be used any more
+        self.variants.use(variant)
         for key, value in variant.wanted.parameters.items():
             if key in self.values:
                 self.values[key] = value
-            self._witness.hears(key, value)
+            self.state_samples.hears(key, value)
         self.inputs.update(variant.assembly.inputs)
         self._index = {name: i for i, name in enumerate(self.motion.system.names)}
         self.chance.find(self.motion.system)
@@ -270,7 +226,7 @@ class PlantRunner:
     def go_on(self, wanted: Wanted) -> None:
         """Continue with the variant `wanted` from this tick on."""
         if wanted:
-            self.take(self.variant(wanted))
+            self.take(self.variants.build(wanted))
 
     def coefficient(self, name: str) -> bool:
         """Whether an actuator has no command state: each value needs its own matrices."""
@@ -295,13 +251,25 @@ class PlantRunner:
             found = inside[part]
         return found
 
-    def knock(self, impulse: float) -> None:
-        """Strike the body with `impulse` [N s], along the sliding direction unless its plant says where."""
+    def knock(self, impulse: float, duration_ns: int = 0) -> None:
+        """Strike the body with `impulse` [N s], along the sliding direction unless its plant says where.
+
+        With a duration, which the protocol of the scene must have, the force is a half sine until `release`.
+        """
+        if duration_ns:
+            self.motion.write(self._index[knock.states(duration_ns)[1]], knock.peak(impulse, duration_ns))
+            return
         system = self.motion.system
         jump = np.linalg.solve(system.mass, system.strike) * impulse
         first = len(system.coordinates)
         for i, step in enumerate(jump):
             self.motion.write(first + i, float(self.motion.x[first + i] + step))
+
+    def release(self) -> None:
+        """End a knock with a duration: the force of the hammer is zero."""
+        for duration_ns in self.scene.knocks:
+            for state in knock.states(duration_ns):
+                self.motion.write(self._index[state], 0.0)
 
     @property
     def limited(self) -> bool:
@@ -325,11 +293,27 @@ class PlantRunner:
         """Return the present contact states in words."""
         return self.motion.system.describe(self.motion.key)
 
+    def checkpoint(self) -> bytes:
+        """What `resume` needs at this tick, before anything is changed at it; empty if the method cannot resume."""
+        if not (motion := self.motion.checkpoint()):
+            return b""
+        return packed({**motion, **self.bank.checkpoint(), "random": np.array([self.chance.used])})
+
+    def resume(self, found: Arrays) -> None:
+        """Continue from the `checkpoint` of this tick, made by a runner with the same rig and the same instruments.
+
+        The instruments have published the samples of this tick already. Raises ValueError or KeyError for another rig.
+        """
+        self.motion.resume(found, self.tick * self.steps)
+        self.bank.resume(found, self.t_ns)
+        self.chance.resume(int(found["random"][0]))
+        self._look = True
+
     def statistics(self) -> dict[str, Any]:
         """Method, counts, stick share and energy so far."""
         energy = self.motion.energy()
         return {
-            "method": self.motion.how.method,
+            "method": self.motion.integration.method,
             **self.motion.counts(),
             **({"stick_share": self.motion.stick_share()} if self.motion.system.patches else {}),
             **({"kick_residual": residual} if (residual := self.motion.residual()) is not None else {}),
@@ -340,7 +324,7 @@ class PlantRunner:
 
     def audit(self) -> list[dict[str, Any]]:
         """Return the influence of each effect on this run, missing effects included (rig.bench.audit)."""
-        return audit(self.scene, self._witness, self.motion)
+        return audit(self.scene, self.state_samples, self.motion)
 
 
 def _room(scene: Scene) -> Controls:

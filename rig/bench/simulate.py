@@ -13,11 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rig import design
+from rig.bench.checkpoint import interval
 from rig.bench.compiled_controllers import CompiledControllers
 from rig.bench.controller_in_process import ControllerInProcess
 from rig.bench.exchange import Exchange
 from rig.bench.experiment import Experiment
 from rig.bench.playback import Playback
+from rig.bench.resumed_runner import ResumedRunner, Resumption
 from rig.bench.runner import PlantRunner
 from rig.controllers import restored
 from rig.controllers.blocks.base import Controller
@@ -31,30 +33,41 @@ Stop = Callable[[], str]
 """Returns why to stop, or "" to continue."""
 
 
+class Recorded(NamedTuple):
+    """Actions of a recorded run, repeated at the same ticks with the same values: commands and actions of operators.
+
+    Before tick `end` no command of a controller counts; without `end` none in the whole run.
+    """
+
+    commands: Mapping[str, Commands]
+    events: Iterable[Mapping[str, Any]] = ()
+    end: int | None = None
+    resumption: Resumption | None = None
+    """Where to begin to simulate; before that measurements are played. None: at the begin."""
+
+
 def simulate(
     scene: Scene,
     controllers: Mapping[str, Controller] | None = None,
     duration_ns: int | None = None,
-    commands: Mapping[str, Commands] | None = None,
+    recorded: Recorded | None = None,
     stop: Stop | None = None,
-    events: Iterable[Mapping[str, Any]] = (),
 ) -> Run:
     """Run `scene` for `duration_ns`, or for the duration of its protocol.
 
     `controllers`: by name; by default those of the scene, with their design values.
-    `commands` and `events`: those of a recorded run. Actions of controllers and operators then take effect at the same
-    ticks with the same values, and no controller is called. `stop` is called ten times per simulated second; it returns
-    why to stop, or "". If the integration has to stop, the run up to there is returned with `fault`, and its events say
-    what happened. Raises UsageError without a duration.
+    `recorded`: actions of a recorded run to repeat. `stop` is called ten times per simulated second; it returns why to
+    stop, or "". If the integration has to stop, the run up to there is returned with `fault`, and its events say what
+    happened. Raises UsageError without a duration.
     """
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; state a duration, e.g. --duration 10")
     duration_ns = scene.duration_ns if duration_ns is None else duration_ns
     own = design.described(scene) if controllers is None else {}
     if controllers is None:
-        controllers = {name: restored(told) for name, told in own.items()}
-    with model_store.gathered() as models:
-        carried = carry_out(scene, controllers, duration_ns, commands, stop, events)
+        controllers = {name: restored(description) for name, description in own.items()}
+    with model_store.collected() as models:
+        carried = carry_out(scene, controllers, duration_ns, recorded, stop)
     for one in models.values():  # drawing the run assembles its rig again
         model_store.offer(one)
     run = _run(scene.made_with(models), tuple(models.values()), *carried)
@@ -63,33 +76,37 @@ def simulate(
 
 
 class Carried(NamedTuple):
-    """The objects of a finished run in this process; `fault`: why the integration had to stop."""
+    """The objects of a finished run in this process; `fault`: why the integration had to stop.
+
+    `checkpoints`: tick -> checkpoint (rig.bench.checkpoint).
+    """
 
     runner: PlantRunner
     experiment: Experiment
     loops: dict[str, Loop]
     fault: str
+    checkpoints: dict[int, bytes]
 
 
 def carry_out(
     scene: Scene,
     controllers: Mapping[str, Controller],
     duration_ns: int | None = None,
-    commands: Mapping[str, Commands] | None = None,
+    recorded: Recorded | None = None,
     stop: Stop | None = None,
-    events: Iterable[Mapping[str, Any]] = (),
 ) -> Carried:
     """Simulate like `simulate`, without making a `Run`. Without a duration the run ends when `stop` says so."""
-    experiment, working = begun(scene, controllers, duration_ns, commands, events)
+    experiment, working = begun(scene, controllers, duration_ns, recorded)
     runner = experiment.runner
     every = max(100_000_000 // scene.frame_ns, 1)
-    fault = ""
+    checkpoints, fault = _Checkpoints(runner), ""
     try:
         while experiment.begin():
-            until = experiment.until()
+            until = min(experiment.until(), checkpoints.due)
             if stop is not None:
                 until = min(until, runner.tick + every - runner.tick % every)
             carry_on(experiment, working, until)
+            checkpoints.look(keep=not experiment.aborted)
             if stop is not None and (why := stop()):
                 experiment.stop(why)
     except NumericsError as error:
@@ -98,39 +115,67 @@ def carry_out(
         for one in working:
             one.catch_up(runner.tick + 1)
     experiment.end()
-    return Carried(runner, experiment, {one.name: one.loop for one in working}, fault)
+    return Carried(runner, experiment, {one.name: one.loop for one in working}, fault, checkpoints.kept)
+
+
+class _Checkpoints:
+    """Keeps the checkpoints of a run in this process. `kept`: tick -> checkpoint; `due`: tick of the next one."""
+
+    def __init__(self, runner: PlantRunner) -> None:
+        self._runner, self._every = runner, interval(runner.frame_ns, runner.step_ns)
+        self.kept: dict[int, bytes] = {}
+        self.due = self._every
+
+    def look(self, keep: bool) -> None:
+        """Keep a checkpoint if it is due and wanted; call it before anything is changed at a tick."""
+        tick = self._runner.tick
+        if tick < self.due:
+            return
+        if keep and tick == self.due and (found := self._runner.checkpoint()):
+            self.kept[tick] = found
+        self.due = (tick // self._every + 1) * self._every
 
 
 def begun(
     scene: Scene,
     controllers: Mapping[str, Controller],
     duration_ns: int | None = None,
-    commands: Mapping[str, Commands] | None = None,
-    events: Iterable[Mapping[str, Any]] = (),
+    recorded: Recorded | None = None,
     before: Callable[[Experiment], object] = lambda _: None,
 ) -> tuple[Experiment, list[ControllerInProcess]]:
-    """A run in this process at its first tick, and its working controllers: none if `commands` are played back.
+    """A run in this process at its first tick, and its controllers.
 
     `before` is called with the experiment before it is opened.
     """
     loops = {name: Loop(controller) for name, controller in controllers.items()}
+
+    def retune(name: str, changes: Mapping[str, Any]) -> None:
+        if name in loops:  # none in a re-simulation: their commands are recorded
+            loops[name].retune(changes)
+
     experiment = Experiment(
         scene,
-        PlantRunner(scene, truthful=True),
+        _runner(scene, recorded),
         duration_ns,
-        lambda name, changes: loops[name].retune(changes),
-        exchange=Exchange if commands is None else Playback,
-        events=events,
+        retune,
+        exchange=Exchange if recorded is None else Playback,
+        events=() if recorded is None else recorded.events,
     )
     if isinstance(experiment.exchange, Playback):
-        assert commands is not None
-        experiment.exchange.play(commands)
+        assert recorded is not None
+        experiment.exchange.play(recorded.commands, recorded.end)
     before(experiment)
     experiment.open()
-    working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(loops.items()) if commands is None]
+    working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(loops.items())]
     for one in working:
-        one.expect((duration_ns or 0) // (one.line.period * scene.frame_ns))
+        one.expect((duration_ns or 0) // (one.queue.period * scene.frame_ns))
     return experiment, working
+
+
+def _runner(scene: Scene, recorded: Recorded | None) -> PlantRunner:
+    if recorded is None or recorded.resumption is None:
+        return PlantRunner(scene, truthful=True)
+    return ResumedRunner(scene, recorded.resumption)
 
 
 def carry_on(
@@ -149,24 +194,25 @@ def carry_on(
         runner.frames(1)
         return
     inside = inside or CompiledControllers(experiment)
-    heard, others = ([one for one in working if one.line.connected is on] for on in (True, False))
+    plays = exchange.plays
+    heard, others = ([one for one in working if (one.queue.connected and not plays) is on] for on in (True, False))
     while True:
         for one in working:
             one.answer()
         experiment.take_over()
         tick, end = runner.tick, until
-        lent = inside.lend(heard) if end - tick > 1 else ()
+        compiled = inside.lend(heard) if end - tick > 1 else ()
         for one in heard:
-            if one.name not in lent:
+            if one.name not in compiled:
                 end = min(end, one.due)
-        if end - tick > 1 and (waits := exchange.until(lent)) is not None:
+        if end - tick > 1 and (waits := exchange.until(compiled)) is not None:
             end = min(end, waits)
         try:
             runner.frames(end - tick)
         finally:
             inside.take_back()
         for one in others:
-            one.catch_up(runner.tick)
+            one.catch_up(runner.tick, plays)
         if runner.tick >= until or runner.limited:
             return
 
@@ -178,6 +224,7 @@ def _run(
     experiment: Experiment,
     loops: Mapping[str, Loop],
     fault: str,
+    checkpoints: dict[int, bytes],
 ) -> Run:
     truth, measurements = runner.truth, runner.measurements
     assert truth is not None
@@ -196,7 +243,7 @@ def _run(
         signals=dict(zip(runner.outputs, outputs)),
         units=units,
         measurements=measurements.samples(),
-        commands={name: line.commands() for name, line in experiment.exchange.all_lines.items()},
+        commands={name: queue.commands() for name, queue in experiment.exchange.all_queues.items()},
         events=sorted(events, key=lambda event: event["t_ns"]),
         energy=statistics.pop("energy"),
         summary={
@@ -210,4 +257,5 @@ def _run(
         mode=modes,
         models=models,
         fault=fault,
+        checkpoints=checkpoints,
     )

@@ -8,7 +8,8 @@ from itertools import chain, repeat
 from typing import Any
 
 from rig.scenes.protocol import Hold, Load, Ramp, Repeat, Set
-from rig.scenes.scene import Scene, controller_drives
+from rig.scenes.scene import Scene
+from rig.scenes.sections import controller_drives
 
 SPEED = "drive.speed"
 ROUND = 1e-9

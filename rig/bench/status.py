@@ -60,7 +60,7 @@ class Live:
 def line(health: Mapping[str, Any]) -> str:
     """The progress line from the health of a plant, with simulated time `t` [s]; 80 columns show all but the end."""
     left, late = health["eta_s"], health["lateness_us"] / 1e3
-    parts = [
+    words = [
         health["phase"],
         f"{health['t']:.1f} s",
         f"rt {health['rate']:.2f}" if health["rate"] < 10.0 else f"rt {health['rate']:.0f}",
@@ -73,29 +73,39 @@ def line(health: Mapping[str, Any]) -> str:
         f"held {health['held']}",
         *([f"refused {health['refused']}"] if health.get("refused") else []),
     ]
-    return " ".join(parts)
+    return " ".join(words)
 
 
 def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
     """The summary of a run; `log`: state of the recording, `following`: commands to try next."""
-    parts = [("timing", _timing(found)), ("loop", _loop(found)), ("lost", _lost(found)), ("refused", _refused(found))]
-    parts += [("plant", _plant(found)), ("protocol", _postponed(found))]
-    parts.append(("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]))
-    parts.append(("audit", [one["text"] for one in found.get("audit", ()) if one["noted"]]))
-    parts += [("log", [log]), ("next", [" | ".join(following)])]
-    return _table(parts)
+    audit = [one["text"] for one in found.get("audit", ()) if one["noted"]]
+    return _table([*parts(found), ("audit", audit), ("log", [log]), ("next", [" | ".join(following)])])
 
 
-def _table(parts: Iterable[tuple[str, Iterable[str]]]) -> str:
+def parts(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
+    """The summary of a run without its audit: label and lines of each part; a part without lines says nothing."""
+    return [
+        ("timing", _timing(found)),
+        ("loop", _loop(found)),
+        ("lost", _lost(found)),
+        ("refused", _refused(found)),
+        ("plant", _plant(found)),
+        ("protocol", _postponed(found)),
+        ("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]),
+    ]
+
+
+def _table(labelled: Iterable[tuple[str, Iterable[str]]]) -> str:
     rows = []
-    for label, lines in parts:
+    for label, lines in labelled:
         for i, text in enumerate(line for line in lines if line):
             rows.append(f" {label if i == 0 else '':{LABEL}}{text}")
     return "\n".join(rows)
 
 
 def _timing(found: Mapping[str, Any]) -> list[str]:
-    frames = f"{found['ticks']} frames, {found['seconds']:g} s simulated in {found['wall_seconds']:.3g} s"
+    wall = f" in {found['wall_seconds']:.3g} s" if found["wall_seconds"] else ""  # unknown of a plant that died
+    frames = f"{found['ticks']} frames, {found['seconds']:g} s simulated{wall}"
     lines = [
         f"{found['verdict']}: {'; '.join(found['reasons'])}",
         f"{frames} ({found['mode']}); ended: {found['ended']}",
@@ -158,24 +168,24 @@ def _lost(found: Mapping[str, Any]) -> list[str]:
 
 
 def _postponed(found: Mapping[str, Any]) -> list[str]:
-    told = found.get("postponed")
-    if not told:
+    counts = found.get("postponed")
+    if not counts:
         return []
-    steps = "1 step" if told["waited"] == 1 else f"{told['waited']} steps"
-    never = f"; {told['never']} never took effect" if told["never"] else ""
-    return [f"{steps} waited for new matrices, the longest {told['longest_s']:.3g} s{never}"]
+    steps = "1 step" if counts["waited"] == 1 else f"{counts['waited']} steps"
+    never = f"; {counts['never']} never took effect" if counts["never"] else ""
+    return [f"{steps} waited for new matrices, the longest {counts['longest_s']:.3g} s{never}"]
 
 
 def _plant(found: Mapping[str, Any]) -> list[str]:
     return [plant(found["plant"], found["energy"]["error"])] if found["plant"] else []
 
 
-def plant(told: Mapping[str, Any], energy_error: float) -> str:
+def plant(values: Mapping[str, Any], energy_error: float) -> str:
     """Method, events, stick share and residuals of the plant in one line."""
-    text = f"method {told['method']}, {told['events']} events"
-    if "stick_share" in told:  # a rig with a friction patch
-        text += f", stick {told['stick_share']:.0%}"
+    text = f"method {values['method']}, {values['events']} events"
+    if "stick_share" in values:  # a rig with a friction patch
+        text += f", stick {values['stick_share']:.0%}"
     text += f", energy residual {energy_error:.0e}"
-    if "kick_residual" in told:
-        text += f", residual of kick {told['kick_residual']['share']:.0e}"
+    if "kick_residual" in values:
+        text += f", residual of kick {values['kick_residual']['share']:.0e}"
     return text

@@ -12,24 +12,25 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from rig import bus
-from rig.bench.job import Job
+from rig.bench.event_lines import EventLines
+from rig.bench.job import Job, called
 from rig.bench.outcome import Outcome
+from rig.bench.run_log import RunLog
 from rig.bench.status import Live
 from rig.bus import address
 from rig.bus.port import Receiver, Session
 from rig.child_process import Child, end
-from rig.errors import BusError, Interrupted, LogError, RigError, UsageError
+from rig.errors import BusError, ExitCode, Interrupted, LogError, RigError, UsageError
 from rig.process import told_to_stop
-from rig.record.message_scan import head
+from rig.record.recorded_setup import head, setup_of
+from rig.scenes import names
 from rig.scenes.scene import Scene
 
-_LINE = 400
-"""Longest text of an event that is shown."""
 JOIN_S = 30.0
 """Longest wait of a process for the run, and of the plant for the processes."""
 VIEWER, RECORDER = ("viewer", "viewer"), ("recorder", "recorder")
@@ -37,11 +38,6 @@ LEAVE_S = 3.0
 """Time [s] in which all processes but the recorder must leave after the plant."""
 WRITE_S = 20.0
 """Time [s] in which the recorder must finish its file."""
-TOLD = frozenset(
-    "begin joined left mark timeout parameter knock limit diverged fault never "
-    "missing safe back refused flood overruled evicted pause warning".split()
-)
-"""Kinds of events that are shown during the run."""
 
 
 def run(
@@ -55,13 +51,19 @@ def run(
     record: bool = True,
     out: Path | None = None,
     replace: bool = False,
+    trigger: Sequence[str] = (),
     name: str | None = None,
     say: Callable[[str], object] | None = None,
+    command: Sequence[str] | None = None,
+    interrupts: list[str] | None = None,
 ) -> Outcome:
     """Run `scene` as processes; returns when all have ended.
 
     `pace` None: as fast as the controllers answer. `out`, which is overwritten only to `replace` it, is the recording.
-    `say` gets lines; without it they go to standard error, under the live line.
+    `trigger`: options of `rig record` for windows instead of the whole run.
+    `say` gets lines; without it they go to standard error, under the live line. `command`: the command line that the
+    recording states, by default that of this process. `interrupts`: a list that is looked at ten times a second; an
+    entry acts as Ctrl-C does, and is its name.
     """
     address.directory()  # on a system without live runs this raises before anything starts
     expect = [("controller", controller) for controller in scene.controllers if controller not in scene.in_plant]
@@ -76,24 +78,39 @@ def run(
         expect=tuple(expect),
         wait=JOIN_S,
         parent=os.getpid(),
-        command=tuple(sys.argv),
+        command=tuple(command or sys.argv),
     )
-    live, interrupts = Live(), list[str]()
+    live, interrupts = Live(), [] if interrupts is None else interrupts
+    log = RunLog(say or live.say, {} if scene.name in names() else {scene.name: "SCENE"})
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, told_to_stop(interrupts.append):
-        team = Team(Path(folder), job, out, replace, web, say or live.say)
+        team = Team(Path(folder), job, out, replace, web, log.say, trigger)
         try:
-            return team.run(live, interrupts)
+            outcome = team.run(live, interrupts)
+            log.add(outcome.text())
+            return outcome
+        except RigError as fault:
+            log.add(str(fault))
+            raise
         finally:
             live.done()
             end(team.children, 0.0)
+            log.write()
 
 
 class Team:
     """The processes of one run."""
 
     def __init__(
-        self, folder: Path, job: Job, out: Path | None, replace: bool, web: bool, say: Callable[[str], object]
+        self,
+        folder: Path,
+        job: Job,
+        out: Path | None,
+        replace: bool,
+        web: bool,
+        say: Callable[[str], object],
+        trigger: Sequence[str] = (),
     ) -> None:
+        self._trigger = trigger
         self.job, self._out, self._replace, self._web, self._say = job, out, replace, web, say
         self._summary = folder / "summary.json"
         description = folder / "job.json"
@@ -105,7 +122,7 @@ class Team:
         self.name = ""
         self._recorder: Child | None = None
         self._asked = 0
-        self._over = False
+        self._events = EventLines(say)
         self._health: dict[str, Any] = {}
 
     @property
@@ -128,12 +145,13 @@ class Team:
                 health, events = session.subscribe("health"), session.subscribe("event/*")
                 while not self.plant.wait(0.1):
                     self._interrupt(interrupts)
-                    self._tell(events)
+                    self._events.show(events)
                     self._look(session)
                     self._hear()
                     self._show(health, live)
-                self._tell(events)
-        begun = self.plant.code != Interrupted.exit_code  # else the others may wait for it still
+                self._events.show(events)
+        summary = self._published()
+        begun = "failed" not in summary  # else the others may wait for it still
         recorder = self.others.get(RECORDER)
         rest = [child for child in self.others.values() if child is not recorder]
         killed = end(rest, LEAVE_S if begun else 0.0)
@@ -141,20 +159,21 @@ class Team:
             killed += end([recorder], WRITE_S if begun else 0.0)
         self.died += [f"{name} did not end by itself" for name in killed]
         self._hear()
-        return self._outcome()
+        return self._outcome(summary)
 
     def _start(self) -> None:
         for role, name in self.job.expect:
-            self.others[role, name] = Child(f"{role} {name}", self._arguments(role, name))
+            self.others[role, name] = Child(called(role, name), self.arguments(role, name))
         self._recorder = self.others.get(RECORDER)
 
-    def _arguments(self, role: str, name: str) -> list[str]:
+    def arguments(self, role: str, name: str) -> list[str]:
+        """Module and arguments of the process of this role and name."""
         joining = ["--run", self.name, "--wait", str(JOIN_S)]
         if role == "controller":
             return ["rig.controllers.runtime.process", name, *joining]
         if role == "recorder":
             out = ["--out", str(self._out)] if self._out else []
-            return ["rig", "record", *joining, *out, *(["--force"] if self._replace else [])]
+            return ["rig", "record", *joining, *out, *(["--force"] if self._replace else []), *self._trigger]
         return ["rig", "view", *joining, *(["--web"] if self._web else [])]
 
     def _join(self) -> Session | None:
@@ -168,43 +187,34 @@ class Team:
 
     def _hear(self) -> None:
         """Show the output of the plant, which names its run, and of the viewer."""
-        for text in self.plant.said():
+        for text in self.plant.new_lines():
             word, _, rest = text.partition(" ")
             if word == "run" and not self.name:
                 self.name = rest
             self._say(text)
         if (viewer := self.others.get(VIEWER)) is not None:
-            for text in viewer.said():
+            for text in viewer.new_lines():
                 self._say(text)
 
     def _look(self, session: Session) -> None:
         """Report processes that died before the end, and tell the plant not to wait for them."""
         for who, child in list(self.others.items()):
-            if child.code is None or self._over:
+            if child.code is None or self._events.over:
                 continue
             del self.others[who]
-            self.died.append(child.told)
-            self._say(f"{child.told}; the plant continues")
+            self.died.append(child.ending)
+            self._say(f"{child.ending}; the plant continues")
             try:
-                session.ask("cmd/plant", {"do": "begin", "without": " ".join(who)}, timeout=1.0)
+                session.ask("cmd/plant", {"do": "begin", "without": called(*who)}, timeout=1.0)
             except RigError:
                 pass  # the plant is ending or busy; it waits for a bounded time only
 
     def _show(self, health: Receiver, live: Live) -> None:
         for message in health.drain():
-            told = message.said
-            self._health = {field.name: getattr(told, field.name) for field in told.DESCRIPTOR.fields}
-            self._health["t"] = told.t_ns / 1e9
+            content = message.said
+            self._health = {field.name: getattr(content, field.name) for field in content.DESCRIPTOR.fields}
+            self._health["t"] = content.t_ns / 1e9
             live.show(self._health)
-
-    def _tell(self, events: Receiver) -> None:
-        for message in events.drain():
-            event, who = message.said, message.topic[6:]  # of the topic's process, whatever the event says
-            own = who == "plant"
-            self._over = self._over or (own and event.kind == "end")
-            if event.kind in TOLD and not (self._over and event.kind == "left"):  # all leave at the end
-                text = "".join(filter(str.isprintable, event.text.partition("\n")[0][:_LINE]))
-                self._say(f"{event.t_ns / 1e9:9.3f} s  {'' if own else f'{who}: '}{event.kind}: {text}")
 
     def _interrupt(self, interrupts: list[str]) -> None:
         """The first Ctrl-C ends the plant, the second one all processes."""
@@ -214,41 +224,47 @@ class Team:
                 self.plant.send(signal.SIGTERM)
                 raise Interrupted(f"stopped by {name} before the first frame")
             if not self._asked:
-                self._say("ending the run; once more to end it at once")
+                self._say("ending the run; press Ctrl-C again to end at once")
                 self.plant.send(signal.SIGINT)
             else:
                 for child in self.children:
                     child.send(signal.SIGTERM if self._asked == 1 else signal.SIGKILL)
             self._asked += 1
 
-    def _outcome(self) -> Outcome:
-        recorder = self._recorder
-        said = recorder.tail[-1] if recorder is not None and recorder.tail else ""
-        found = (Path(said.partition(": ")[0]), self._out)
-        log = next((str(path) for path in found if path is not None and self._owns(path)), "")
+    def _published(self) -> dict[str, Any]:
+        """The summary that the plant wrote, or why there was no run; empty if the plant died."""
         try:
-            summary = json.loads(self._summary.read_text())
+            found: dict[str, Any] = json.loads(self._summary.read_text())
         except (OSError, ValueError):
+            return {}
+        return found
+
+    def _outcome(self, summary: dict[str, Any]) -> Outcome:
+        recorder = self._recorder
+        last_line = recorder.tail[-1] if recorder is not None and recorder.tail else ""
+        found = (Path(last_line.partition(": ")[0]), self._out)
+        log = next((str(path) for path in found if path is not None and self._owns(path)), "")
+        if not summary:
             if not self.name or (self.plant.code or 0) > 0:
-                raise UsageError(self.plant.told) from None
+                raise UsageError(self.plant.ending)
             summary = self._obituary()
         if "failed" in summary:
             fault = UsageError(summary["failed"])
-            fault.exit_code = summary["exit_code"]
+            fault.exit_code = ExitCode(summary["exit_code"])
             raise fault
-        account = said if " messages, " in said else ""  # it tells it when it has finished its file
+        account = last_line if " messages, " in last_line else ""  # it tells it when it has finished its file
         if recorder is None or not recorder.code:
-            outcome = Outcome(summary, log, said, tuple(self.died))
+            outcome = Outcome(summary, log, last_line, tuple(self.died))
             if "at the end" in account.rpartition(" messages, ")[2]:  # it does not know what was sent last
                 return outcome.without_recording("the recorder was told to stop before the run had ended")
             return outcome
-        died = self.died if account or recorder.told in self.died else [*self.died, recorder.told]
-        return Outcome(summary, log, account, tuple(died)).without_recording(recorder.told)
+        died = self.died if account or recorder.ending in self.died else [*self.died, recorder.ending]
+        return Outcome(summary, log, account, tuple(died)).without_recording(recorder.ending)
 
     def _owns(self, path: Path) -> bool:
         """Whether a file is a recording of this run, and not of another run."""
         try:
-            return path.is_file() and head(path).setup().run == self.name
+            return path.is_file() and setup_of(head(path)).run == self.name
         except LogError:
             return False
 
@@ -258,10 +274,10 @@ class Team:
         return {
             "run": self.name,
             "verdict": "INVALID",
-            "reasons": [self.plant.told],
-            "exit_code": 1,
+            "reasons": [self.plant.ending],
+            "exit_code": ExitCode.FAILED,
             "ended": "the plant died",
-            "fault": self.plant.told,
+            "fault": self.plant.ending,
             "mode": "lockstep" if self.job.in_lockstep else "paced",
             "ticks": known.get("tick", 0),
             "seconds": known.get("t", 0.0),

@@ -32,6 +32,8 @@ import numpy as np
 from numba.core import event
 from numpy.typing import NDArray
 
+from rig.errors import ExitCode
+
 NOTHING_LOST = "nothing lost"
 SPANS = ("receive", "plant", "publish", "serve")
 CAUSES = ("wake", "preempted", "gc", "compile", *SPANS)
@@ -72,7 +74,7 @@ class Spread:
         """Mean duration [ns]."""
         return self.total / self.count if self.count else 0.0
 
-    def told(self) -> dict[str, float]:
+    def to_json(self) -> dict[str, float]:
         """Quantiles, mean and maximum [us], for the summary."""
         quantiles = {f"p{round(share * 100)}": self.quantile(share) / 1e3 for share in (0.5, 0.95, 0.99)}
         return {"mean": self.mean / 1e3, **quantiles, "max": self.worst / 1e3}
@@ -131,9 +133,9 @@ class TimingVerdict:
     reasons: tuple[str, ...]
 
     @property
-    def exit_code(self) -> int:
-        """3 if the timing is invalid, else 0."""
-        return 3 if self.word == "INVALID" else 0
+    def exit_code(self) -> ExitCode:
+        """TIMING if the timing is invalid, else DONE."""
+        return ExitCode.TIMING if self.word == "INVALID" else ExitCode.DONE
 
 
 class Timing:
@@ -251,7 +253,7 @@ class Timing:
             word = "VALID"
         return TimingVerdict(word, tuple(reasons))
 
-    def told(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """All counts, and durations [us]."""
         return {
             "frames": self.frames,
@@ -264,7 +266,7 @@ class Timing:
             "worst_us": self.worst_ns / 1e3,
             "worst_frame": self.worst_frame,
             "worst_cause": self.worst_cause,
-            "lateness": self.lateness.told(),
-            "busy": self.busy.told(),
-            "spans": {name: spread.told() for name, spread in self.spans.items()},
+            "lateness": self.lateness.to_json(),
+            "busy": self.busy.to_json(),
+            "spans": {name: spread.to_json() for name, spread in self.spans.items()},
         }

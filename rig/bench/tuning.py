@@ -12,7 +12,8 @@ from rig.bench.runner import PlantRunner
 from rig.errors import UsageError
 from rig.quantities import si
 from rig.scenes.faults import near, shortened, shown
-from rig.scenes.scene import Scene, leaves
+from rig.scenes.scene import Scene
+from rig.scenes.sections import values_of
 
 
 class Tuning:
@@ -62,7 +63,7 @@ class Tuning:
 
     def _sorted(self, changes: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
         """Separate changes of actuators (in SI) and of parameters. Raises UsageError with all faults."""
-        inputs, known = self.runner.inputs, dict(leaves(self.scene.parameters))
+        inputs, known = self.runner.inputs, dict(values_of(self.scene.parameters))
         actuators: dict[str, float] = {}
         parameters: dict[str, Any] = {}
         faults = []
@@ -88,7 +89,7 @@ class Tuning:
         """Key -> unit of everything that can be changed: actuators, then parameters of the rig."""
         runner = self.runner
         known = {
-            key: unit for key, (_, unit) in leaves(runner.scene.parameters) if unit and not key.startswith("start.")
+            key: unit for key, (_, unit) in values_of(runner.scene.parameters) if unit and not key.startswith("start.")
         }
         return {name: one.unit for name, one in runner.inputs.items()} | {
             key: unit for key, unit in known.items() if key not in runner.inputs
@@ -97,3 +98,17 @@ class Tuning:
     def value(self, key: str) -> Any:
         """The present value of an actuator or a parameter of the rig."""
         return self.runner.values[key] if key in self.runner.inputs else self.runner.parameter(key)
+
+
+def divided(changes: Mapping[str, Any]) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
+    """Divide changes by dotted key into those of each controller (by its own keys) and those of the rig."""
+    own: dict[str, dict[str, Any]] = {}
+    rig: dict[str, Any] = {}
+    for key, value in changes.items():
+        room, _, rest = key.partition(".")
+        name, _, inner = rest.partition(".")
+        if room == "controllers":
+            own.setdefault(name, {})[inner] = value
+        else:
+            rig[key] = value
+    return own, rig

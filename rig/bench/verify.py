@@ -1,35 +1,42 @@
 """Verifies a recording: it must be complete, and a re-simulation must give the same values.
 
 The plant is simulated again from the scene in the file; commands and other actions from outside take effect at their
-recorded ticks. With the same sources and processor every bit must be the same. Otherwise kernels round differently, and
-the outputs must agree to `ELSEWHERE` of their range, measurements to the resolution of their instrument. If that fails
-because contact points have opened, samples are compared up to the first opening, and statistics after it
+recorded ticks. `rig.bench.agreement` states how samples must agree, `rig.bench.repeated_events` which events must. If
+samples do not because contact points have opened, they are compared up to the first opening, and statistics after it
 (rig.bench.chaotic_runs).
+
+A window that a trigger recorded can be simulated again only if it begins at t = 0. Otherwise the state at its begin is
+unknown, and only its checksums are verified.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from rig.bench.agreement import (
+    ELSEWHERE,
+    ROUNDED,
+    agreement,
+    changed_place,
+    duration_ns,
+    other_mode_sets,
+    pairs,
+    unknown,
+)
 from rig.bench.chaotic_runs import BEFORE, SHORTEST, Openings, compared
-from rig.bench.simulate import simulate
-from rig.kernel import source_key
-from rig.record import reader
-from rig.record.provenance import provenance
+from rig.bench.command_checks import command_faults
+from rig.bench.history import history_end
+from rig.bench.repeated_events import differences
+from rig.bench.simulate import Recorded, simulate
+from rig.errors import LogError
+from rig.record import reader, user_notes
 from rig.record.run import Integers, Reals, Run
 from rig.scenes.scene import Scene
-
-ELSEWHERE = 1e-6
-"""Largest deviation, as a share of the range of a signal, with other sources or another processor. # chosen"""
-NOTHING = 1e-12
-"""Values below this share of the largest signal with the same unit count as rounding errors of zero. # chosen"""
-PLACE = ("kernel", "processor", "numba", "python")
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,8 @@ class Verification:
     """Simulated time [s]."""
     compared: int
     """Number of values compared."""
+    events: int
+    """Number of events that agree."""
     identical: bool
     deviation: float
     """Largest deviation of a signal as a share of its range."""
@@ -53,6 +62,10 @@ class Verification:
     """Time of the first opening of a contact point [s], if samples were compared only up to there."""
     statistics: tuple[str, ...] = ()
     """Statistics compared after it: of the recording, of the re-simulation, and the tolerance."""
+    simulated: bool = True
+    """Whether the run was simulated again; not possible for a window that begins after t = 0."""
+    user_notes: tuple[str, ...] = ()
+    """Notes that somebody wrote on the recording. They lie beside it and are not verified."""
 
     @property
     def passed(self) -> bool:
@@ -65,54 +78,76 @@ class Verification:
 
     def text(self) -> str:
         """The result as text."""
-        lines = [f"{self.log}: {'holds' if self.passed else 'does not hold'}"]
-        lines += [f"  {told}" for told in (*self.faults, *self.notes)]
-        told = (
-            "bit by bit"
-            if not self.deviation and (self.identical or self.opened)
-            else f"to {self.deviation:.1e} of their range"
-        )
-        if self.opened is None:
-            lines.append(f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {told}")
+        right = "verified" if self.simulated else "undamaged, but not simulated again"
+        lines = [f"{self.log}: {right if self.passed else 'not verified'}"]
+        lines += [f"  {line}" for line in (*self.faults, *self.notes)]
+        return "\n".join([*lines, *(self._agreement() if self.simulated else ()), *self._remarks()])
+
+    def _agreement(self) -> list[str]:
+        """The comparison as lines."""
+        if not self.deviation:
+            agreement = "bit by bit" if self.identical or self.opened else "but for rounding"
         else:
-            lines += [
+            agreement = f"to {self.deviation:.1e} of their range"
+        events = f"; so do {self.events} events" if self.events else ""
+        lines = [f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {agreement}{events}"]
+        if self.opened is not None:
+            lines = [
                 f"  {self.seconds:g} s simulated again; a contact point opens first at t = {self.opened:.6g} s",
-                f"  before: {self.compared} numbers agree {told} ({BEFORE:g} is allowed)",
+                f"  before: {self.compared} numbers agree {agreement} ({BEFORE:g} is allowed)",
                 "  from there on the motion is chaotic: statistics, recorded and here (what is allowed)",
                 *(f"    {one}" for one in self.statistics),
             ]
         if self.elsewhere and not self.identical:
             lines.append(f"  recorded elsewhere: other {', '.join(self.elsewhere)}")
-        return "\n".join(lines)
+        return lines
+
+    def _remarks(self) -> list[str]:
+        """The notes of users as lines."""
+        title = ["  notes on it (not part of the recording, not verified):"] if self.user_notes else []
+        return [*title, *(f"    {n}" for n in self.user_notes)]
 
 
 def verify(log: Path) -> Verification:
     """Verify the recording `log`. Raises rig.errors.LogError if the file is no recording or has lost its scene."""
     run = reader.open(log)
+    if run.begin_ns:
+        return _window(log, run)
     scene = Scene.from_json(run.scene_text())
-    again = simulate(scene, {}, _duration_ns(run), run.commands, events=run.events)
-    here = provenance(scene.seed)
-    elsewhere = [key for key in PLACE if run.provenance.get(key) != {**here, "kernel": source_key()}[key]]
-    notes = [told for told in (run.recovered, run.untold) if told]
+    try:
+        again = simulate(scene, {}, duration_ns(run), Recorded(run.commands, run.events))
+    except LogError as error:
+        raise LogError(f"{log}: {error}") from None
+    elsewhere = changed_place(run)
+    notes = [note for note in (run.recovered, run.untold) if note]
     if scene.models != Scene.from_json(again.scene).models:
         elsewhere.append("model")
         notes.append("the recording has lost the model of its structure: one that was built here takes its place")
     elif scene.models and not run.models:
         notes.append("the recording has lost the model of its structure; the one that was built here is the same")
-    pairs = list(_pairs(run, again))
-    found = _agreement(pairs, scene, bool(elsewhere))
-    faults = list(_gaps(run, again))
+    common = list(pairs(run, again, modes=not (elsewhere or run.notes)))  # a lost one cannot be told from a mode set
+    found = agreement(common, scene, bool(elsewhere))
+    openings = Openings.of(run, again)
+    chaotic = found.first and elsewhere and found.deviation > ELSEWHERE and openings.first is not None
+    faults, events = [*unknown(run, again), *_gaps(run, again)], 0
+    if not run.damage:
+        faults += command_faults(log, run, scene)
+    if not (run.damage or set(elsewhere) - ROUNDED):
+        end_ns = round(openings.first * 1e9) if chaotic and openings.first is not None else duration_ns(run)
+        events, others = differences(run, again, end_ns, exact=not elsewhere)
+        faults += others
+        if elsewhere and not run.notes:
+            faults += other_mode_sets(run, again, end_ns)
     if run.fault not in ("", run.damage, again.fault, again.summary["ended"]):  # a limit ends a run without a fault
         faults.insert(0, run.fault)
     if run.damage:
         faults.insert(0, run.damage)
     parts: list[str] = []
     allowed = ELSEWHERE
-    openings = Openings.of(run, again)
-    if found.first and elsewhere and found.deviation > ELSEWHERE and openings.first is not None:
-        found, allowed = _agreement(pairs, scene, True, openings.first), BEFORE
-        if told := openings.fault(float(np.diff(run.time[:2]).sum())):
-            faults.append(told)
+    if chaotic and openings.first is not None:
+        found, allowed = agreement(common, scene, True, openings.first), BEFORE
+        if fault := openings.fault(float(np.diff(run.time[:2]).sum())):
+            faults.append(fault)
         else:
             parts, wrong = _statistics(run, again, openings.first)
             faults += wrong
@@ -122,8 +157,9 @@ def verify(log: Path) -> Verification:
         notes.append("no digest: an older version recorded it, and damage to its descriptions would not show")
     return Verification(
         log=str(log),
-        seconds=_duration_ns(run) * 1e-9,
+        seconds=duration_ns(run) * 1e-9,
         compared=found.compared,
+        events=events,
         identical=not found.first and not parts,
         deviation=found.deviation,
         elsewhere=tuple(elsewhere),
@@ -131,35 +167,39 @@ def verify(log: Path) -> Verification:
         notes=tuple(notes),
         opened=openings.recorded if parts else None,
         statistics=tuple(parts),
+        user_notes=_user_notes(log),
     )
 
 
-class _Agreement(NamedTuple):
-    """`deviation`: the largest one, as a share of the range of its signal; `first`: the first one, as text."""
+def _window(log: Path, run: Run) -> Verification:
+    """The result for a window of a run: its state at the begin is not recorded, so only checksums can be verified."""
+    begin, end = run.begin_ns * 1e-9, duration_ns(run) * 1e-9
+    return Verification(
+        log=str(log),
+        seconds=end - begin,
+        compared=0,
+        events=0,
+        identical=False,
+        deviation=0.0,
+        elsewhere=(),
+        faults=(run.damage,) if run.damage else (),
+        notes=(
+            f"a window of a run, t = {begin:.3f} to {end:.3f} s, recorded by a trigger: {run.window}",
+            *(["checked: the checksums prove every byte of the file"] if run.sealed else []),
+            f"not checked: a simulation starts at t = 0, and the file lacks what happened before t = {begin:.3f} s. "
+            "Only a recording of the whole run can be simulated again: rig record without --trigger",
+        ),
+        simulated=False,
+        user_notes=_user_notes(log),
+    )
 
-    compared: int
-    deviation: float
-    first: str
 
-
-def _agreement(pairs: Iterable[_Pair], scene: Scene, elsewhere: bool, until: float = math.inf) -> _Agreement:
-    """Agreement of the samples before `until` [s]; with `elsewhere` measurements may differ by their resolution."""
-    compared, deviation, first = 0, 0.0, ""
-    for name, t_ns, recorded, simulated, nothing in pairs:
-        count = int(np.searchsorted(t_ns, until * 1e9 - 0.5)) if until < math.inf else t_ns.size
-        compared += count
-        apart = recorded[:count].view(np.uint64) != simulated[:count].view(np.uint64)
-        if apart.any():
-            size = float(np.nanmax(np.abs(recorded[:count] - simulated[:count])))
-            size -= max(_resolution(scene, name), nothing) if elsewhere else 0.0
-            size = max(size, 0.0) / (float(np.nanmax(np.abs(recorded))) or 1.0)
-            if not first:
-                at = int(np.argmax(apart))
-                first = (
-                    f"{name} parts at t = {t_ns[at] * 1e-9:.9g} s: {float(recorded[at])!r} and {float(simulated[at])!r}"
-                )
-            deviation = max(deviation, size if np.isfinite(size) else np.inf)
-    return _Agreement(compared, deviation, first)
+def _user_notes(log: Path) -> tuple[str, ...]:
+    """The notes on a recording; why they cannot be read, if so: they never decide about the recording."""
+    try:
+        return tuple(map(str, user_notes.read(log).found))
+    except LogError as fault:
+        return (str(fault),)
 
 
 def _statistics(run: Run, again: Run, opened: float) -> tuple[list[str], list[str]]:
@@ -171,56 +211,50 @@ def _statistics(run: Run, again: Run, opened: float) -> tuple[list[str], list[st
     return [str(one) for one in found], [f"does not agree: {one}" for one in found if not one.agrees]
 
 
-def _resolution(scene: Scene, name: str) -> float:
-    """Resolution of the instrument behind `name` ("meas/<sensor>"); 0 for values that no instrument has rounded."""
-    kind, _, sensor = name.partition("/")
-    return float(scene.sensors[sensor].front_end().resolution) * (1.0 + 1e-9) if kind == "meas" else 0.0
-
-
-def _duration_ns(run: Run) -> int:
-    """Simulated time of the recording: whole frames up to its last sample."""
-    last = [int(t_ns[-1]) for t_ns, _ in run.measurements.values() if t_ns.size]
-    last += [round(float(run.time[-1]) * 1e9)] if run.time.size else []
-    return -(-max(last, default=0) // run.frame_ns) * run.frame_ns
-
-
-class _Pair(NamedTuple):
-    """Values of both runs at the same instants; below `nothing` a value is a rounding error of zero."""
-
-    name: str
-    t_ns: Integers
-    recorded: Reals
-    simulated: Reals
-    nothing: float
-
-
-def _pairs(run: Run, again: Run) -> Iterator[_Pair]:
-    """Values of both runs at the same instants, sensors first."""
-    largest: dict[str, float] = {}
-    for name, v in run.signals.items():
-        unit = run.units.get(name, "")
-        largest[unit] = max(largest.get(unit, 0.0), float(np.nanmax(np.abs(v), initial=0.0)))
-    for name, (t_ns, v) in run.measurements.items():
-        yield _common(f"meas/{name}", t_ns, v, *again.measurements[name], 0.0)
-    for name in run.signals:
-        nothing = NOTHING * largest[run.units.get(name, "")]
-        yield _common(name, *run.recorded(name), *again.recorded(name), nothing)
-
-
-def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals, nothing: float) -> _Pair:
-    shared, one, other = np.intersect1d(t_ns, u_ns, assume_unique=True, return_indices=True)
-    return _Pair(name, shared, np.ascontiguousarray(v[one]), np.ascontiguousarray(u[other]), nothing)
-
-
 def _gaps(run: Run, again: Run) -> Iterator[str]:
     """Faults for samples that a sensor published and commands that took effect, but that are not in the file."""
-    for way, count in run.summary.get("lost", {}).items():
+    lost = run.summary.get("lost")
+    for way, count in (lost if isinstance(lost, dict) else {}).items():
         if way.startswith("applied/") and way.endswith(" to recorder"):
             name = way.removeprefix("applied/").removesuffix(" to recorder")
             yield f"{count} messages of the commands of {name} were lost on their way: it cannot come out the same"
     for name in run.commands.keys() - again.commands.keys():
         yield f"the commands of {name} are recorded, but not that it was admitted: it cannot come out the same"
     for name, (t_ns, _) in run.measurements.items():
-        missing = again.measurements[name].t_ns.size - t_ns.size
-        if missing:
+        if name not in again.measurements:
+            continue
+        expected = again.measurements[name].t_ns
+        if run.window and t_ns.size:  # its end cuts the blocks of each sensor at another instant
+            expected = expected[expected <= t_ns[-1]]
+        missing = expected.size - t_ns.size
+        if missing > 0:
             yield f"{missing} samples of {name} are missing"
+        elif missing:
+            ended = again.summary["ended"]
+            yield f"{-missing} samples of {name} are more than the re-simulation has, which ended: {ended}"
+    t_ns, history_ns = np.rint(run.time * 1e9).astype(np.int64), history_end(run)
+    old = t_ns <= history_ns  # outputs of a history may be farther apart than those that were simulated after it
+    rows = _missing_rows(t_ns[old]) + _missing_rows(t_ns[~old], history_ns if old.any() else None)
+    for name, v in run.signals.items():
+        if name not in again.signals:
+            continue
+        if missing := rows + int(np.count_nonzero(np.isnan(v) & ~np.isnan(_at(again, name, run.time)))):
+            yield f"{missing} samples of the output {name} are missing"
+
+
+def _missing_rows(t_ns: Integers, before: int | None = None) -> int:
+    """Number of instants at which no output was recorded: they are recorded at even distances.
+
+    `before` [ns]: the instant before the first one; without it the first one is 0.
+    """
+    if t_ns.size < 2:
+        return 0
+    step = int(np.median(np.diff(t_ns)))
+    gaps = np.diff(t_ns, prepend=-step if before is None else before)
+    return int(np.sum(np.rint(gaps / step).astype(np.int64) - 1)) if step else 0
+
+
+def _at(run: Run, name: str, time: Reals) -> Reals:
+    """Values of an output at instants that `run` has; NaN at others."""
+    rows = np.minimum(np.searchsorted(run.time, time - 0.5e-9), run.time.size - 1)
+    return np.where(np.abs(run.time[rows] - time) < 0.5e-9, run.signals[name][rows], np.nan)

@@ -1,57 +1,81 @@
 """Batches: messages of the plant that wait a few milliseconds and are sent together, for readers without deadline.
 
 A separate put costs the plant 20 to 40 us, because it wakes a thread of the bus, and it wakes each reader (measured).
-Adding a message to a batch costs 1 us. Each message keeps its own number and time, so that readers still detect lost
-messages. Batches also contain copies of steps and commands: the originals travel directly between plant and
-controllers, and all other processes read the copies.
+Adding a message to a batch costs 1 us: it is encoded when the batch is. Each message keeps its own number and time, so
+that readers still detect lost messages. Batches also contain copies of steps and commands: the originals travel
+directly between plant and controllers, and all other processes read the copies.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any
 
 from rig.bus import messages
+from rig.bus.arrivals import HEADER
 
-WAITS_NS = 25_000_000
-"""Age [ns] of a batch at which the next message sends it. A plant flushes 50 times a second, which is sooner."""
+WAITS_NS, EVERY = 25_000_000, 16
+"""Age [ns] of a batch at which it is sent, as every 16th message checks. A plant flushes 50 times a second: sooner."""
 LONGEST = 1 << 15
-"""Size [bytes] at which a batch is sent at once: half of what Zenoh sends in one piece."""
+"""Size [bytes] at which encoded messages are sent, and of the pieces of a batch: half of what Zenoh sends in one."""
+
+Row = tuple[str, str, bytes | tuple[int, int], Callable[..., bytes], tuple[Any, ...]]
+"""User, topic, header (packed, or number and time), and the function that encodes the message, with its arguments."""
 
 
 class Batch:
-    """Collects messages and gives them to `send` as one payload. Not thread-safe."""
+    """Collects messages and gives them to `send`. Not thread-safe."""
 
-    def __init__(self, send: Callable[[bytes], None]) -> None:
+    def __init__(self, send: Callable[[list[Row]], None]) -> None:
         self.gather: Callable[[], object] = lambda: None
         """Called before a batch is sent; it may add more messages."""
         self._send = send
-        self._places: dict[tuple[str, str], int] = {}
-        """(user, topic) -> place in the batch."""
-        self._rows: list[tuple[int, bytes, bytes]] = []
+        self._rows: list[Row] = []
         self._size, self._due = 0, 0
 
     def add(self, user: str, topic: str, header: bytes, payload: bytes) -> None:
-        """Add a message of `user` on `topic`; `header` contains its number and time, packed."""
-        now, places = time.monotonic_ns(), self._places
-        if not self._rows:
-            self._due = now + WAITS_NS
-        place = places.get((user, topic))
-        if place is None:
-            place = places[user, topic] = len(places)
-        self._rows.append((place, header, payload))
+        """Add an encoded message of `user` on `topic`; `header` contains its number and time, packed."""
         self._size += len(payload)
-        if self._size >= LONGEST or now >= self._due:
+        self.add_row((user, topic, header, bytes, (payload,)))
+        if self._size >= LONGEST:
+            self.flush()
+
+    def add_row(self, row: Row) -> None:
+        """Add a message that is still to be encoded."""
+        rows = self._rows
+        rows.append(row)
+        if not len(rows) % EVERY and time.monotonic_ns() >= self._due:
             self.flush()
 
     def flush(self) -> None:
         """Send the collected messages as one batch."""
         self._size, self._due = 0, time.monotonic_ns() + WAITS_NS  # messages that `gather` adds must not flush again
         self.gather()
-        if not self._rows:
-            return
-        users, names = zip(*self._places)
-        places, headers, said = zip(*self._rows)
-        batch = messages.TYPES["Batch"](user=users, topic=names, place=places, header=headers, said=said)
-        self._places, self._rows, self._size = {}, [], 0
-        self._send(batch.SerializeToString())
+        if self._rows:
+            rows, self._rows, self._size = self._rows, [], 0
+            self._send(rows)
+
+
+def pieces(rows: list[Row]) -> Iterator[bytes]:
+    """Encode messages as Batches of about `LONGEST` bytes."""
+    places: dict[tuple[str, str], int] = {}
+    columns: list[tuple[int, bytes, bytes]] = []
+    size = 0
+    for user, topic, header, encode, given in rows:
+        content = encode(*given)
+        packed = header if isinstance(header, bytes) else HEADER.pack(*header)
+        columns.append((places.setdefault((user, topic), len(places)), packed, content))
+        size += len(content)
+        if size >= LONGEST:
+            yield _encoded(places, columns)
+            places, columns, size = {}, [], 0
+    if columns:
+        yield _encoded(places, columns)
+
+
+def _encoded(places: dict[tuple[str, str], int], columns: list[tuple[int, bytes, bytes]]) -> bytes:
+    users, names = zip(*places)
+    place, headers, contents = zip(*columns)
+    batch = messages.TYPES["Batch"](user=users, topic=names, place=place, header=headers, said=contents)
+    return bytes(batch.SerializeToString())

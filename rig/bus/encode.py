@@ -131,11 +131,11 @@ class StateEncoder:
         kind = np.dtype([("tag", tag), ("number", number)])
         return np.frombuffer(self._buffer, kind, count, offset)["number"] if count else np.empty(0)
 
-    def __call__(self, t_ns: int, tick: int, mode: int, values: np.ndarray) -> bytes:
-        """Encode the State at `t_ns`; `values` float64 [outputs]."""
-        head, short = self._head, self._short
+    def __call__(self, t_ns: int, tick: int, mode: int, values: np.ndarray | bytes) -> bytes:
+        """Encode the State at `t_ns`; `values` float64 [outputs], or their bytes."""
+        head, short, numbers = self._head, self._short, np.frombuffer(values)
         head[0], head[1], head[2] = t_ns, tick, mode
-        self._low[:] = values[:short]
+        self._low[:] = numbers[:short]
         if self._high.size:
-            self._high[:] = values[short:]
+            self._high[:] = numbers[short:]
         return bytes(self._buffer)

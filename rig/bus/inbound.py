@@ -1,8 +1,8 @@
 """Checks of all data from other processes; no other module reads it unchecked.
 
-Messages, queries and presence tokens pass `Door.let_in`. It refuses data that is malformed, too large, out of bounds,
-or sent by a process that does not own the topic, and counts refusals by sender and kind. Code that uses a checked
-message need not expect an exception from its content.
+Messages, queries and presence tokens pass `InboundCheck.let_in`. It refuses data that is malformed, too large, out of
+bounds, or sent by a process that does not own the topic, and counts refusals by sender and kind. Code that uses a
+checked message need not expect an exception from its content.
 """
 
 from __future__ import annotations
@@ -16,15 +16,11 @@ from google.protobuf.message import DecodeError
 
 from rig.bus import messages, topics
 from rig.bus.arrivals import HEADER, Arrived, Count, Message, Presence, Refused
+from rig.bus.content_checks import FIELDS, PAYLOAD, TIMES_NS, TOPICS, ContentCheck, content_checks
 from rig.bus.json_text import read_json
 from rig.errors import BusError
 
-PAYLOAD = 1 << 24
-"""Longest message [bytes]. From another process the hub accepts at most `rig.bus.access.FROM_LEAVES`."""
-TICKS, TIMES_NS, SPAN_NS = 1 << 53, 1 << 62, 1 << 42
-"""Bounds of tick, simulated time and sample interval."""
-_SENDERS, _TOPICS, _OF_A_GUEST = 32, 1024, 16
-_BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
+_SENDERS, _OF_A_GUEST = 32, 16  # most senders that are counted one by one, and most topics of a guest
 
 T = TypeVar("T")
 A = TypeVar("A", bound="Arrived")
@@ -47,7 +43,7 @@ class _Granted(NamedTuple):
     kind: str
     read: Callable[[bytes], Any] | None
     bounds: tuple[tuple[str, int], ...]
-    check: Callable[[str, Any, dict[str, Count], Count, float], None] | None
+    check: ContentCheck | None
 
 
 class Row(NamedTuple):
@@ -59,7 +55,7 @@ class Row(NamedTuple):
     counts: dict[str, Count]
     seen: Count
     granted_by: object
-    """`Door.granted` when this row was made; another object means that another scene was learned since."""
+    """`InboundCheck.granted` when this row was made; another object means that another scene was learned since."""
 
 
 class InboundCheck:
@@ -71,22 +67,16 @@ class InboundCheck:
         """(sender, kind) -> number of refusals."""
         self.last: Refused = Refused("nothing")
         """The latest refusal."""
-        self._told: dict[tuple[str, str], int] = {}
+        self._reported: dict[tuple[str, str], int] = {}
         self.granted: dict[tuple[str, str], _Granted] = {}
         """(user, topic) -> how to read and check its messages; filled when the first message is accepted."""
         self._state: Callable[[bytes], Any] | None = None
-        self._checks = {
-            "Step": self._check_step,
-            "Applied": _check_applied,
-            "Event": _check_event,
-            "Totals": _check_totals,
-        }
-        self._sensors: int | None = None
+        self._checks = content_checks(None)
         self._names: dict[str, frozenset[str]] = {}
 
     def learn(self, outputs: Sequence[str], sensors: Sequence[str]) -> None:
         """Learn the names of the scene: from now on decode `state`, and refuse topics of names it does not have."""
-        self._state, self._sensors = messages.state_type(outputs).FromString, len(sensors)
+        self._state, self._checks = messages.state_type(outputs).FromString, content_checks(len(sensors))
         self.granted = {}
         self._names = {"meas": frozenset(sensors), "truth": frozenset([*outputs, "mode"])}
 
@@ -124,16 +114,18 @@ class InboundCheck:
         """Number of all refusals."""
         return sum(self.refused.values())
 
-    def told(self) -> dict[str, int]:
+    def refusals(self) -> dict[str, int]:
         """Refusals by sender and kind, for a summary."""
         return {f"{sender}: {kind}": count for (sender, kind), count in list(self.refused.items())}
 
     def news(self) -> list[str]:
         """New refusals since the last call: one line for each sender and kind."""
         found = [
-            f"{sender}: {kind}" for (sender, kind), n in self.refused.items() if n > self._told.get((sender, kind), 0)
+            f"{sender}: {kind}"
+            for (sender, kind), n in self.refused.items()
+            if n > self._reported.get((sender, kind), 0)
         ]
-        self._told = dict(self.refused)
+        self._reported = dict(self.refused)
         return found
 
     def message(self, arrived: Arrived, counts: dict[str, Count]) -> Message:
@@ -149,31 +141,31 @@ class InboundCheck:
         seq, t_ns = HEADER.unpack(header)
         count, now = counts.get(topic), time.monotonic()
         if count is None:
-            if len(counts) >= _TOPICS:
-                raise Refused("too many topics", f"more than {_TOPICS} topics")
+            if len(counts) >= TOPICS:
+                raise Refused("too many topics", f"more than {TOPICS} topics")
             count = Count()
         if seq != count.last + 1 or t_ns >= TIMES_NS:
             if t_ns >= TIMES_NS or not count.plausible(count.steps(seq), now):
                 raise Refused("implausible number", f"number {seq}, t = {t_ns} ns after number {count.last} on {topic}")
-        said = None
+        content = None
         if granted.read is not None:
             try:
-                said = granted.read(payload)
+                content = granted.read(payload)
             except DecodeError as fault:
                 raise Refused(
                     "unreadable", f"{len(payload)} bytes on {topic} are not a {granted.kind}: {fault}"
                 ) from None
             for name, limit in granted.bounds:
-                if not 0 <= getattr(said, name) < limit:
-                    raise Refused("out of bounds", f"{name} = {getattr(said, name)} of a {granted.kind}")
+                if not 0 <= getattr(content, name) < limit:
+                    raise Refused("out of bounds", f"{name} = {getattr(content, name)} of a {granted.kind}")
         if granted.check is not None:
-            granted.check(topic, said, counts, count, now)
+            granted.check(topic, content, counts, count, now)
         if not count.received:
             counts[topic] = count
         if (user, topic) not in self.granted:  # only now: refused messages must not fill the table
             self.granted[user, topic] = granted
         count.see(seq, now)
-        return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
+        return Message(topic, payload, seq, t_ns, arrived_ns, content, user)
 
     def row(self, user: str, topic: str, counts: dict[str, Count]) -> Row | None:
         """How to read further messages of a user on a topic; None before the first one is accepted and counted."""
@@ -193,16 +185,16 @@ class InboundCheck:
             if seq != count.last + 1 or t_ns >= TIMES_NS or len(data) > PAYLOAD:
                 return None
             payload = data[HEADER.size :]
-            said = granted.read(payload)  # type: ignore[misc]  # see `row`
+            content = granted.read(payload)  # type: ignore[misc]  # see `row`
             for name, limit in granted.bounds:
-                if not 0 <= getattr(said, name) < limit:
+                if not 0 <= getattr(content, name) < limit:
                     return None
             if granted.check is not None:
-                granted.check(topic, said, counts, count, time.monotonic())
+                granted.check(topic, content, counts, count, time.monotonic())
         except (struct.error, DecodeError, BusError):
             return None
         count.next(seq)
-        return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
+        return Message(topic, payload, seq, t_ns, arrived_ns, content, user)
 
     def opened(self, arrived: Arrived) -> list[Arrived]:
         """Unpack the messages of a batch, without decoding them. Raises Refused."""
@@ -222,11 +214,11 @@ class InboundCheck:
             for user, topic in zip(batch.user, batch.topic)
         ]
         found = []
-        for place, header, said in zip(batch.place, batch.header, batch.said):
+        for place, header, content in zip(batch.place, batch.header, batch.said):
             if not 0 <= place < len(senders):
                 raise Refused("wrong length", "a Batch with a message on a topic that it does not name")
             user, topic, encoding = senders[place]
-            found.append(Arrived(user, topic, said, header, True, encoding))
+            found.append(Arrived(user, topic, content, header, True, encoding))
         return found
 
     def _grant(self, user: str, topic: str, encoding: str) -> _Granted:
@@ -244,23 +236,7 @@ class InboundCheck:
             raise Refused("too many topics", f"more than {_OF_A_GUEST} topics of one guest")
         kind = row.message
         read = self._state if kind == "State" else messages.TYPES[kind].FromString
-        return _Granted(kind, read, _FIELDS[kind], self._checks.get(kind))
-
-    def _check_step(self, topic: str, step: Any, counts: dict[str, Count], count: Count, now: float) -> None:
-        if step.tick != count.tick + 1 and not count.plausible(step.tick - count.tick, now):
-            raise Refused("implausible tick", f"tick {step.tick} after tick {count.tick}")
-        sensors, fresh = len(step.values), step.fresh
-        if self._sensors not in (None, sensors):
-            raise Refused("wrong length", f"a Step of {sensors} values for {self._sensors} sensors")
-        if step.heard:
-            if any(not 0 <= place < min(sensors, len(fresh)) for place in step.heard):
-                raise Refused("wrong length", "a Step contains samples of a sensor that does not exist")
-            brought = [fresh[place] for place in step.heard]
-            if min(brought) < 0 or sum(brought) != len(step.samples):
-                raise Refused(
-                    "wrong length", f"a Step contains {len(step.samples)} samples, but announces {sum(brought)}"
-                )
-        count.tick = step.tick
+        return _Granted(kind, read, FIELDS[kind], self._checks.get(kind))
 
     def presence(self, arrived: Arrived) -> Presence:
         """Check and read a presence token. Raises Refused."""
@@ -285,37 +261,3 @@ def _another_version(topic: str, encoding: str) -> Refused:
         f"messages on {topic} are {encoding[:80]}, this process expects {messages.encoding(topic)}: "
         "start all processes of a run from the same installation",
     )
-
-
-_FIELDS = {"State": (("tick", TICKS), ("t_ns", TIMES_NS))} | {
-    kind: tuple((name, limit) for name, limit in _BOUNDS.items() if f"{name}:int" in fields.split())
-    for kind, fields in messages.DECLARED.items()
-}
-
-
-def _check_applied(topic: str, said: Any, counts: dict[str, Count], count: Count, now: float) -> None:
-    if said.ticks:
-        try:
-            messages.commands(said)
-        except BusError as fault:
-            raise Refused("wrong length", str(fault)) from None
-
-
-def _check_event(topic: str, said: Any, counts: dict[str, Count], count: Count, now: float) -> None:
-    read_json(said.data.encode() or b"{}", PAYLOAD, finite=False)
-
-
-def _check_totals(topic: str, said: Any, counts: dict[str, Count], count: Count, now: float) -> None:
-    sent, heard = said.sent_topic, said.heard_topic
-    if len(sent) != len(said.sent) or not len(heard) == len(said.received) == len(said.lost):
-        raise Refused("wrong length", "Totals whose columns differ in length")
-    if max(len(sent), len(heard)) > _TOPICS:
-        raise Refused("too many topics", f"Totals of more than {_TOPICS} topics")
-    if foreign := [one for one in sent if topics.owner(one) not in topic.split("/") and topic != "total/plant"]:
-        raise Refused("not its own topic", f"{topic} claims messages on {foreign[0][:80]}, which it does not own")
-    nothing = Count()
-    pairs = (*zip(sent, said.sent), *zip(heard, said.received), *zip(heard, said.lost))
-    for one, number in pairs:
-        seen = counts.get(one, nothing)
-        if number < 0 or not seen.plausible(number - 1 - seen.last, now):
-            raise Refused("implausible number", f"Totals of {number} messages on {one[:80]}")

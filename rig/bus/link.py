@@ -31,7 +31,8 @@ _LEASE_MS = 30_000
 """Time that a process may hang before the others close its connection. The death of a process is noticed at once."""
 
 
-def _configuration(mode: str, listen: str | None, connect: str | None, **more: Any) -> zenoh.Config:
+def configuration(mode: str, listen: str | None, connect: str | None, **more: Any) -> zenoh.Config:
+    """The configuration of a Zenoh session that listens or connects at an endpoint; `more`: other settings."""
     queues = "transport/link/tx/queue"
     settings: dict[str, Any] = {
         "mode": mode,
@@ -64,7 +65,7 @@ def open_hub(claim: Claim, controllers: Iterable[str] = ()) -> Session:
         seat = access.invite(address.run, controllers)
         with access.dictionary(address.run) as users:
             more = access.bounds(address.run, seat, users)
-            opened = zenoh.open(_configuration("peer", address.endpoint, None, **more))
+            opened = zenoh.open(configuration("peer", address.endpoint, None, **more))
     except (zenoh.ZError, OSError) as fault:
         claim.release()
         raise BusError(f"run {address.run} cannot listen at {address.endpoint}: {_cause(fault)}") from None
@@ -91,7 +92,7 @@ def open_leaf(address: RunAddress, role: str, name: str) -> Session:
         _probe(Path(path), address.run)
     seat = access.take_seat(address.run, role, name)
     try:
-        opened = zenoh.open(_configuration("client", None, address.endpoint, **access.login(seat)))
+        opened = zenoh.open(configuration("client", None, address.endpoint, **access.login(seat)))
     except zenoh.ZError as fault:
         seat.release()
         raise BusError(f"run {address.run} does not answer at {address.endpoint}: {_cause(fault)}") from None

@@ -36,6 +36,8 @@ DECLARED = {
     # v[i] was published at t0_ns + i dt_ns or, if the spacing is not a whole number of ns, at t_ns[i] (see `times`);
     # tick: the frame in which the block was completed
     "Block": "tick:int t0_ns:int dt_ns:int v:real* t_ns:int*",
+    # state of plant and instruments, from which a run can be continued: rig.bench.checkpoint
+    "Checkpoint": "t_ns:int tick:int state:data",
     # data: JSON object; its fields depend on the kind of event
     "Event": "t_ns:int tick:int source:text kind:text text:text data:text",
     "Health": "t_ns:int tick:int phase:text rate:real lateness_us:real worst_us:real late:int overruns:int drops:int "
@@ -100,11 +102,6 @@ def state_type(outputs: Sequence[str]) -> type[Message]:
     return _sampled("State", "t_ns:int tick:int mode:int", tuple(outputs))
 
 
-def plot_type(names: Sequence[str]) -> type[Message]:
-    """The type `Plot`, made for plotting programs: t_ns and one field for each output and sensor, at a reduced rate."""
-    return _sampled("Plot", "t_ns:int", tuple(names))
-
-
 def encoding(topic: str) -> str:
     """The Zenoh encoding of the messages of a topic: message type and `FINGERPRINT`."""
     return f"application/protobuf;rig.{topics.of(topic).message}@{FINGERPRINT}"
@@ -123,6 +120,11 @@ def decoder(outputs: Sequence[str]) -> Callable[[str, bytes], Any]:
     """A function like `decode` that also decodes `state` of a scene with these outputs."""
     state = state_type(outputs)
     return lambda topic, payload: state.FromString(payload) if topic == "state" else decode(topic, payload)
+
+
+def kind(topic: str, outputs: Sequence[str]) -> type[Message]:
+    """The type of the messages of a topic, in a scene with these outputs."""
+    return state_type(outputs) if topic == "state" else TYPES[topics.of(topic).message]
 
 
 def times(block: Any) -> NDArray[np.int64]:
@@ -155,8 +157,13 @@ def commands(applied: Any) -> Rows:
 def event(t_ns: int, tick: int, source: str, kind: str, text: str, data: dict[str, Any] | None = None) -> bytes:
     """Encode an Event; `source` is the process that publishes it on `event/<source>`."""
     packed = json.dumps(data or {})
-    told = TYPES["Event"](t_ns=t_ns, tick=tick, source=source, kind=kind, text=text, data=packed)
-    return bytes(told.SerializeToString())
+    message = TYPES["Event"](t_ns=t_ns, tick=tick, source=source, kind=kind, text=text, data=packed)
+    return bytes(message.SerializeToString())
+
+
+def checkpoint(frame_ns: int, tick: int, state: bytes) -> bytes:
+    """Encode a Checkpoint at the begin of a frame."""
+    return bytes(TYPES["Checkpoint"](t_ns=tick * frame_ns, tick=tick, state=state).SerializeToString())
 
 
 def file_descriptor_set(kind: type[Message]) -> bytes:

@@ -17,8 +17,9 @@ from typing import Any
 
 from rig.bus import messages, topics
 from rig.bus.arrivals import Arrived, Count, Message, Presence, Refused
-from rig.bus.batch import Batch
-from rig.bus.inbound import PAYLOAD, InboundCheck, speaks
+from rig.bus.batch import Batch, Row, pieces
+from rig.bus.content_checks import PAYLOAD
+from rig.bus.inbound import InboundCheck, speaks
 from rig.bus.json_text import read_json
 from rig.bus.publisher import Batched, Copied, InOrder, Publisher
 from rig.bus.queries import Answer, Server
@@ -182,7 +183,7 @@ class Session(ABC):
         self._publishers: dict[str, Publisher] = {}
         self._receivers: list[Receiver] = []
         self._stand_ins: list[Session] = []
-        self._batch = Batch(self._send_batch) if user == "plant" else None
+        self._batch = Batch(self._post_batch) if user == "plant" else None
         self._batches: Publisher | None = None
 
     @abstractmethod
@@ -244,9 +245,10 @@ class Session(ABC):
                 self._publishers[topic] = self._publisher(topic)
             elif way == topics.BATCH:
                 self._publishers[topic] = Batched(topic, batch)
+            elif way == topics.LOOP:
+                self._publishers[topic] = Copied(self._publisher(topic), batch)
             else:
-                made = Copied if way == topics.LOOP else InOrder
-                self._publishers[topic] = made(self._publisher(topic), batch)
+                self._publishers[topic] = InOrder(self._publisher(topic), batch, self._post)
         return self._publishers[topic]
 
     def before_batches(self, gather: Callable[[], object]) -> None:
@@ -259,10 +261,18 @@ class Session(ABC):
         if self._batch is not None:
             self._batch.flush()
 
-    def _send_batch(self, payload: bytes) -> None:
+    def _post(self, send: Callable[[], None]) -> None:
+        """Send what has no deadline, in this order."""
+        send()
+
+    def _post_batch(self, rows: list[Row]) -> None:
+        self._post(lambda: self._put_batch(rows))
+
+    def _put_batch(self, rows: list[Row]) -> None:
         if self._batches is None:
             self._batches = self._publisher("batch")
-        self._batches.put(payload, 0)
+        for piece in pieces(rows):
+            self._batches.put(piece, 0)
 
     def _copies(self, patterns: tuple[str, ...]) -> Batch | None:
         """The batch to which a receiver of these patterns adds copies: the plant copies the commands it receives."""
@@ -284,11 +294,11 @@ class Session(ABC):
         while (left := deadline - time.monotonic()) > 0.0:
             found = self._ask(topic, text, left)
             if found is not None:
-                granted, said = found
+                granted, answer = found
                 if not granted:
-                    raise BusError(f"{topic} of run {self.run} refused: {said[:4096].decode(errors='replace')}")
+                    raise BusError(f"{topic} of run {self.run} refused: {answer[:4096].decode(errors='replace')}")
                 try:
-                    return read_json(said, PAYLOAD, finite=False)
+                    return read_json(answer, PAYLOAD, finite=False)
                 except Refused as fault:
                     raise BusError(f"the answer of {topic} in run {self.run} cannot be read: {fault}") from None
             if not patient:
@@ -299,7 +309,7 @@ class Session(ABC):
     def totals(self) -> bytes:
         """Encode a Totals message: numbers of messages sent, received and lost by this session so far."""
         counts = {topic: count for receiver in self._receivers for topic, count in receiver.counts.items()}
-        said = messages.TYPES["Totals"](
+        message = messages.TYPES["Totals"](
             process=self.name,
             sent_topic=list(self._publishers),
             sent=[publisher.sent for publisher in self._publishers.values()],
@@ -307,7 +317,7 @@ class Session(ABC):
             received=[count.received for count in counts.values()],
             lost=[count.lost for count in counts.values()],
         )
-        return bytes(said.SerializeToString())
+        return bytes(message.SerializeToString())
 
     def __enter__(self) -> Session:
         return self

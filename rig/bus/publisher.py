@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any
 
 from rig.bus.arrivals import HEADER
 from rig.bus.batch import Batch
@@ -20,6 +22,10 @@ class Publisher(ABC):
         self.send(payload, HEADER.pack(self.sent, t_ns))
         self.sent += 1
 
+    def put_later(self, t_ns: int, encode: Callable[..., bytes], *given: Any) -> None:
+        """Send `encode(*given)`; a publisher that waits before it sends calls it as late, in another thread."""
+        self.put(encode(*given), t_ns)
+
     @abstractmethod
     def send(self, payload: bytes, header: bytes) -> None:
         """Send `payload` with `header`, its packed number and time."""
@@ -36,24 +42,33 @@ class Batched(Publisher):
         """See `Publisher.send`."""
         self._batch.add("plant", self.topic, header, payload)
 
+    def put_later(self, t_ns: int, encode: Callable[..., bytes], *given: Any) -> None:
+        """See `Publisher.put_later`."""
+        self._batch.add_row(("plant", self.topic, (self.sent, t_ns), encode, given))
+        self.sent += 1
 
-class Copied(Batched):
+
+class Copied(Publisher):
     """Sends messages at once, and copies of them in the plant's batches."""
 
     def __init__(self, at_once: Publisher, batch: Batch) -> None:
-        super().__init__(at_once.topic, batch)
-        self._at_once = at_once
+        super().__init__(at_once.topic)
+        self._at_once, self._batch = at_once, batch
 
     def send(self, payload: bytes, header: bytes) -> None:
         """See `Publisher.send`."""
         self._at_once.send(payload, header)
-        super().send(payload, header)
+        self._batch.add("plant", self.topic, header, payload)
 
 
-class InOrder(Copied):
-    """Sends messages at once, after flushing the batch of earlier ones. Messages of higher priority may overtake."""
+class InOrder(Publisher):
+    """Sends messages alone, after flushing the batch of earlier ones. Messages of higher priority may overtake."""
+
+    def __init__(self, alone: Publisher, batch: Batch, post: Callable[[Callable[[], None]], None]) -> None:
+        super().__init__(alone.topic)
+        self._alone, self._batch, self._post = alone, batch, post
 
     def send(self, payload: bytes, header: bytes) -> None:
         """See `Publisher.send`."""
         self._batch.flush()
-        self._at_once.send(payload, header)
+        self._post(lambda: self._alone.send(payload, header))

@@ -37,6 +37,8 @@ class Topic(NamedTuple):
 
 
 ALONE, LOOP, BATCH = "alone", "loop", "batch"
+BLOCK_NS, STATE_NS = 20_000_000, 5_000_000
+"""Longest span of a block of samples, and shortest time between two states [ns of simulated time]."""
 TABLE = (
     Topic("step", "Step", "plant", "REAL_TIME", LOOP, True, "one frame: latest sample of every sensor"),
     Topic("act/<controller>", "Act", "controller", "REAL_TIME", LOOP, True, "commands that answer the step of a tick"),
@@ -46,6 +48,9 @@ TABLE = (
     Topic("meas/<sensor>", "Block", "plant", "DATA", BATCH, True, "samples of one sensor, in blocks of 20 ms"),
     Topic("truth/<output>", "Block", "plant", "DATA", BATCH, True, "a plant output at the rate of the steps"),
     Topic("state", "State", "plant", "DATA", BATCH, True, "all plant outputs at one instant, a named field for each"),
+    Topic(
+        "checkpoint", "Checkpoint", "plant", "DATA", BATCH, True, "where a run can be continued; every 100 000 steps"
+    ),
     Topic("batch", "Batch", "plant", "DATA", ALONE, False, "several messages of plant and controllers in one"),
     Topic("event/<process>", "Event", "anyone", "INTERACTIVE_LOW", ALONE, True, "what happened: protocol, faults"),
     Topic("health", "Health", "plant", "INTERACTIVE_LOW", ALONE, True, "progress, lateness, drops, energy error; 5 Hz"),

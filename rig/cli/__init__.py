@@ -1,17 +1,22 @@
-"""The commands, thin: each reads its arguments, calls one function of a room, prints what it returns.
+"""The commands: each reads its arguments, calls one function of a room and prints the result.
 
 app         the program: commands, errors, exit codes
+command     how the help shows a command
 options     what several commands take
-tell        tables, JSON, the line that is written again and again
+outputs     files that a command writes: refused if they exist
+printing    tables, JSON, progress
 scenes      list, new, migrate, explain
-analysis    modes, cycle, map
-runs        demo, run, simulate
+analysis    modes, cycle, identify; maps: map; reproduce: reproduce
+runs        demo, run; simulate: simulate
 processes   plant, control, record, view: the same processes one by one
 live        tune, topic
-logs        replay, verify, diff, sound, recover
+export, diff    the commands of these names
+logs        replay, verify, amplitude, sound, recover
+recorded    spectrum, pressure, hysteresis
+cost, torture   the commands of these names
 host        doctor, warmup
 
-Exit codes: 0 ok, 1 a check failed, 2 usage, 3 timing invalid, 4 diverged.
+Exit codes: rig.errors.ExitCode.
 Nothing heavy is imported before it is needed.
 """
 

@@ -1,4 +1,4 @@
-"""Commands that learn something from a rig without running its protocol."""
+"""Commands that analyse a rig without running its protocol: modes, cycle, identify."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Changes, Force, Json, SceneName, changes, seconds, the_scene
-from rig.cli.outputs import new, refuse
-from rig.errors import NumericsError, SceneError, UsageError
+from rig.cli.outputs import new
+from rig.errors import ExitCode, SceneError
 
 if TYPE_CHECKING:
     from rig.analysis.control_loop import Loop
-    from rig.analysis.modes import Modes
+    from rig.analysis.modes_report import Modes
     from rig.analysis.sweep import Sweep
     from rig.scenes.scene import Scene
 
@@ -37,44 +37,18 @@ Controller = Annotated[
 Picture = Annotated[
     Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the sweep (PNG, SVG, PDF).")
 ]
-XAxis = Annotated[
-    str,
-    typer.Option(
-        metavar="KEY=FROM:TO:COUNT", help='First axis, along which runs are continued: "drive.speed=1:8 rpm:36".'
-    ),
+Drawn = Annotated[
+    Path | None,
+    typer.Option("--figure", metavar="FILE", callback=new, help="Draw measurements and fit (PNG, SVG, PDF)."),
 ]
-YAxis = Annotated[
-    str | None, typer.Option(metavar="KEY=FROM:TO:COUNT", help="Second axis: one row of the map for each value.")
-]
-Runs = Annotated[
-    str,
-    typer.Option(
-        metavar="LIST",
-        help="Runs: up, down (continued from point to point), near, far (start near to or far from sliding).",
-    ),
-]
-Output = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Plant output to evaluate. Default: the first output of the plant.")
-]
-Longest = Annotated[
-    str | None,
-    typer.Option(metavar="TIME", help="Longest simulated time for one point. Default: at least 480 slow periods."),
+Drawing = Annotated[
+    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the cycle (PNG, SVG, PDF).")
 ]
 Settling = Annotated[
     str | None,
     typer.Option(
         "--longest", metavar="TIME", help="Simulated time within which the motion must settle. Default: 120 s."
     ),
-]
-Workers = Annotated[int | None, typer.Option(min=1, max=256, help="Number of processes. Default: one for each core.")]
-Eigenvalues = Annotated[
-    bool,
-    typer.Option(
-        "--eigenvalues", help="Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."
-    ),
-]
-Folder = Annotated[
-    Path, typer.Option(metavar="FOLDER", help="Folder for the results; each map has a folder of its own in it.")
 ]
 
 
@@ -122,8 +96,8 @@ def modes(
 
 
 def _refused(scene: Scene, found: Modes | Loop | Sweep) -> None:
-    """Say so where a run of the scene would be refused: nothing limits what grows."""
-    from rig.analysis.modes import Modes
+    """Report if a run of the scene would be refused because nothing limits its growth."""
+    from rig.analysis.modes_report import Modes
 
     errors = [one for one in found.findings if one.level == "error"] if isinstance(found, Modes) else []
     if not errors or scene.clock.unstable == "run":
@@ -131,7 +105,7 @@ def _refused(scene: Scene, found: Modes | Loop | Sweep) -> None:
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     printing.note(f"{scene.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
               '  clock.unstable = "run" runs it nevertheless, up to clock.limit')  # fmt: skip
-    raise typer.Exit(NumericsError.exit_code)
+    raise typer.Exit(ExitCode.STOPPED)
 
 
 def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
@@ -154,7 +128,14 @@ def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
     return sweep(scene, axis) if controller is None else sweep_loop(scene, axis, controller)
 
 
-def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json: Json = False) -> None:
+def cycle(
+    scene: SceneName,
+    p: Changes = None,
+    longest: Settling = None,
+    figure: Drawing = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
     """Find the limit cycle: period, time in stick, extremes, energy per period, Floquet multipliers.
 
     The plant runs alone: actuators are held, no controller acts, no sensor
@@ -183,8 +164,12 @@ def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json
         printing.line(found.text())
         if loaded.controllers or loaded.sensors:
             printing.line(f"  plant alone: without {_left_out(loaded)}")
+    if figure is not None:
+        from rig.analysis.cycle_figure import draw
+
+        draw(loaded, found, figure)
     if not found.decided:
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _left_out(scene: Scene) -> str:
@@ -193,143 +178,29 @@ def _left_out(scene: Scene) -> str:
     return " and ".join(f"{what}{'s' * (len(names) > 1)} {', '.join(names)}" for what, names in parts if names)
 
 
-def identify(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
-    """Identify parameters of the lever rig: run an experiment and evaluate its measurements."""
+def identify(
+    scene: SceneName, p: Changes = None, figure: Drawn = None, force: Force = False, as_json: Json = False
+) -> None:
+    """Identify parameters of the lever rig: run an experiment and evaluate its measurements.
+
+    Scenes with an experiment: lever_free_cylinder, lever_free_lever,
+    lever_static_friction, lever_kinetic_friction.
+    """
     from rig.analysis.identify import identify as run
 
     found = run(the_scene(scene, changes(p)))
     if as_json:
-        printing.report(found.to_json())
-        return
-    printing.line(found.text())
-
-
-def map_(
-    scene: SceneName,
-    x: XAxis,
-    y: YAxis = None,
-    p: Changes = None,
-    runs: Runs = "up,down,near,far",
-    output: Output = None,
-    longest: Longest = None,
-    workers: Workers = None,
-    eigenvalues: Eigenvalues = False,
-    out: Folder = Path("maps"),
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
-    """Map the steady-state behaviour over one or two parameters: sliding, stick-slip, or both.
-
-    One axis gives a bifurcation diagram. Results are kept: after an
-    interruption the same command continues. --force draws a finished map again.
-    """
-    from rig.analysis.map import Store, chart, job
-    from rig.analysis.map.figure import draw
-
-    loaded = the_scene(scene, changes(p))
-    printing.warnings(loaded)
-    if eigenvalues:
-        _regions(loaded, x, y, out, workers, force, as_json)
-        return
-    wanted = tuple(run.strip() for run in runs.split(",") if run.strip())
-    todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
-    store = Store.of(todo, out)
-    refuse(store.folder, ("map.csv", "map.png"), force)
-    try:
-        with printing.bar("rows" if y else "parts") as progress:
-            found = chart(todo, out, workers, progress)
-    except KeyboardInterrupt:
-        printing.note(f"interrupted: {len(store.load())} of {len(todo.units)} parts are kept in {store.folder}; "
-                  "the same command continues from there")  # fmt: skip
-        raise
-    if as_json:
-        printing.report(found.to_json())
+        printing.report(found.to_json() | {"figure": figure})
     else:
         printing.line(found.text())
-        printing.line(f"\n{store.folder}/map.png, map.csv")
-    found.write_csv(store.folder / "map.csv")
-    draw(found, store.folder / "map.png")
+    if figure is not None:
+        from rig.analysis.identify_figure import draw
 
-
-def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, force: bool, as_json: bool) -> None:
-    from rig.analysis.axis import axes
-    from rig.analysis.map import Store, survey, surveyed
-    from rig.analysis.regions import draw
-
-    if y is None:
-        raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
-    across, along = axes(scene, {"--x": x, "--y": y})
-    refuse(Store.of(surveyed(scene, across, along), out).folder, ("regions.csv", "regions.png"), force)
-    with printing.bar("rows") as progress:
-        found, folder = survey(scene, across, along, out, workers, progress)
-    if as_json:
-        printing.report(found.to_json() | {"folder": str(folder)})
-    else:
-        printing.line(found.text())
-        printing.line(f"\n{folder}/regions.png, regions.csv")
-    found.write_csv(folder / "regions.csv")
-    draw(found, folder / "regions.png")
-
-
-def reproduce(
-    figure: Annotated[str, typer.Argument(metavar="FIGURE", help='Name of a figure, of a paper, or "all".')] = "",
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the pictures and their page.")] = Path(
-        "gallery"
-    ),
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
-    """Make a figure of a paper again from a scene, and compare its numbers with published or reference values.
-
-    Without FIGURE: list the figures. Exit code 1: a number does not agree.
-    Other figures in the folder are kept.
-    """
-    from rig import papers as again
-    from rig.record.provenance import provenance
-
-    if not figure:
-        entries = again.pick("all")
-        if as_json:
-            printing.report([{"name": e.name, "title": e.title, "scenes": list(e.scenes)} for e in entries])
-        else:
-            rows = [(e.name, e.number, e.title, ", ".join(e.scenes)) for e in entries]
-            printing.table("", ("figure", "in the paper", "what it shows", "scenes"), rows)
-        return
-    wanted = again.pick(figure)
-    page = [] if (out / "numbers.json").exists() else ["README.md"]  # else it is the page of figures made before
-    refuse(out, [*(f"{entry.name}.png" for entry in wanted), *page], force)
-    results = []
-    with printing.bar("figures") as progress:
-        for number, entry in enumerate(wanted):
-            progress(number, len(wanted))
-            results.append(again.make(entry, out))
-            if not as_json:
-                agree = sum(c.agrees for c in results[-1].comparisons)
-                printing.note(
-                    f"{entry.name}: {agree} of {len(results[-1].comparisons)} numbers agree; {results[-1].picture}"
-                )
-        progress(len(wanted), len(wanted))
-    machine = provenance(0, ())
-    host = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
-    (out / "README.md").write_text(again.page(again.keep(results, out), host))
-    if as_json:
-        printing.report([result.to_json() for result in results])
-    else:
-        for result in results:
-            numbers = [
-                (c.what, f"{c.ours:.7g}", f"{c.expected:.7g}", c.unit, c.source, c.bound, "" if c.agrees else "DIFFERS")
-                for c in result.comparisons
-            ]
-            columns = ("number", "ours", "expected", "", "source", "bound", "")
-            printing.table(f"{result.entry.name}: {result.entry.title}", columns, numbers)
-    if not all(result.agrees for result in results):
-        raise typer.Exit(1)
+        draw(found, figure)
 
 
 COMMANDS = {
     "modes": (modes, 'rig modes belt --sweep "drive.speed=0.05 m/s:0.4 m/s:50" --figure locus.png'),
     "cycle": (cycle, 'rig cycle two_dof -p friction.mu=0.45 --longest "10 min"'),
-    "identify": (identify, "rig identify lever_kinetic_friction"),
-    "map": (map_, 'rig map belt --x "drive.speed=0.05 m/s:0.8 m/s:40" --y "load.force=10 N:30 N:5"'),
-    "reproduce": (reproduce, "rig reproduce kroeger-3"),
+    "identify": (identify, "rig identify lever_kinetic_friction --figure friction.png"),
 }

@@ -3,14 +3,39 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
+from typing import Any
 
 import typer
 
-from rig.cli import analysis, cost, host, live, logs, processes, recorded, runs, scenes, torture
-from rig.errors import RigError, UsageError
+from rig.cli import (
+    analysis,
+    channels,
+    cost,
+    diff,
+    export,
+    host,
+    library,
+    live,
+    logs,
+    maps,
+    printing,
+    processes,
+    recorded,
+    report,
+    reproduce,
+    runs,
+    scenes,
+    simulate,
+    torture,
+    web,
+)
+from rig.cli.command import Command, Group
+from rig.errors import ExitCode, RigError
 
-app = typer.Typer(
+_app = typer.Typer(
     name="rig",
+    cls=Group,
     help="friction-rig: a virtual test rig for friction-induced vibration.",
     epilog="First steps:  rig demo | rig list | rig run pendulum --view",
     no_args_is_help=True,
@@ -18,40 +43,44 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for panel, room in {
-    "Run a scene": runs,
-    "Look at scenes": scenes,
-    "Analyse a rig": analysis,
-    "Choose the accuracy": cost,
-    "Test the methods": torture,
-    "Recordings": logs,
-    "Analyse a recording": recorded,
-    "Use a live run": live,
-    "Start processes one by one": processes,
-    "Check this machine": host,
-}.items():
-    for name, (function, example) in room.COMMANDS.items():
-        cls = live.CLASSES.get(name)
-        app.command(name, cls=cls, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
-app.add_typer(live.topic, name="topic", rich_help_panel="Use a live run")
+PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
+    "Run a scene": {**runs.COMMANDS, **simulate.COMMANDS, **web.COMMANDS},
+    "Look at scenes": scenes.COMMANDS,
+    "Analyse a rig": {**analysis.COMMANDS, **maps.COMMANDS, **reproduce.COMMANDS},
+    "Choose the accuracy": cost.COMMANDS,
+    "Test the methods": torture.COMMANDS,
+    "Recordings": {**library.COMMANDS, **report.COMMANDS, **logs.COMMANDS, **diff.COMMANDS, **export.COMMANDS},
+    "Analyse a recording": {**recorded.COMMANDS, **channels.COMMANDS},
+    "Use a live run": live.COMMANDS,
+    "Start processes one by one": processes.COMMANDS,
+    "Check this machine": host.COMMANDS,
+}
+"""Panels of the help text -> their commands: name -> function, example."""
+for panel, commands in PANELS.items():
+    for name, (function, example) in commands.items():
+        cls = live.CLASSES.get(name, Command)
+        _app.command(name, cls=cls, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
+_app.add_typer(live.topic, name="topic", rich_help_panel="Use a live run")
+program = typer.main.get_command(_app)
+"""All commands. Reading their options from the signatures takes 25 ms: once per process."""
 
 
 def run(arguments: list[str] | None = None) -> None:
-    """Run a command and leave with its exit code; what a user did wrong is told in words, never by a traceback."""
+    """Run a command and leave with its exit code; errors of a user are reported as text, never as a traceback."""
     try:
-        app(arguments)
+        program(arguments)
     except RigError as error:
-        sys.stderr.write(f"{error}\n")
+        printing.note(str(error))
         sys.exit(error.exit_code)
     except BrokenPipeError:  # whoever read the output has seen enough
         pass
     except OSError as error:  # of the system, as a full disk
-        sys.stderr.write(f"{error}\n")
-        sys.exit(1)
+        printing.note(str(error))
+        sys.exit(ExitCode.FAILED)
     except Exception as error:
-        from rig.parts import told
+        from rig.parts import foreign_fault
 
-        if not (text := told(error)):  # of this project, not of a part from a file
+        if not (text := foreign_fault(error)):  # of this project, not of a part from a file
             raise
-        sys.stderr.write(f"{text}\n")
-        sys.exit(UsageError.exit_code)
+        printing.note(text)
+        sys.exit(ExitCode.MISTAKE)

@@ -10,6 +10,7 @@ import typer
 from rig.cli import printing
 from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share, the_scene
 from rig.cli.outputs import refuse
+from rig.errors import ExitCode
 
 if TYPE_CHECKING:
     from rig.qualify.cost import Table
@@ -78,21 +79,21 @@ def cost(
         pick, why = None, str(error)
     loops, parts = _loops(loaded, folder), _effects(loaded, folder)
     if as_json:
-        told = {**vars(found), "rows": [row.flat() for row in found.rows], "folder": str(folder)}
-        told |= {"recommended": None if pick is None else pick.flat(), "why": why}
-        printing.report({**told, "loops": [vars(one) for one in loops], "effects": [one.to_json() for one in parts]})
+        report = {**vars(found), "rows": [row.flat() for row in found.rows], "folder": str(folder)}
+        report |= {"recommended": None if pick is None else pick.flat(), "why": why}
+        printing.report({**report, "loops": [vars(one) for one in loops], "effects": [one.to_json() for one in parts]})
     else:
         printing.table(f"{found.scene}: error and compute time on this machine", COLUMNS, lines(found, by, pick))
         printing.line()
         for line in [*notes(found, by), *(one.text() for one in loops), *map(text, parts)]:
             printing.line(f"  {line}")
-        printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.told(by)}")  # type: ignore[union-attr]
+        printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
     draw(found, by, pick, most, folder / "cost.png")
     _draw(found, loops, parts, folder)
     if not as_json:
         printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
     if pick is None:
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
@@ -113,7 +114,8 @@ def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
             COLUMNS,
             lines(found, target),
         )
-        printing.line(f"\n{folder}/peers.png, peers.csv; to install missing solvers: pip install friction-rig[peers]")
+        printing.line(f"\n{folder}/peers.png, peers.csv")
+        printing.line("to install missing solvers: pip install -e '.[peers]' in the project's folder")
     draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
 
 

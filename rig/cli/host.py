@@ -3,35 +3,53 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Json
+from rig.cli.options import Force, Json
+from rig.cli.outputs import new
+from rig.errors import ExitCode
 
 
 def doctor(
     scene: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Names of scenes. Default: all shipped scenes.")
+        list[str] | None, typer.Argument(metavar="SCENE...", help="Names of scenes. Default: all shipped scenes.")
     ] = None,
+    bundle: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=new,
+            help="Write a zip file for a bug report: versions, this report, messages of the last run.",
+        ),
+    ] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Measure this machine and predict which scenes run in real time with the timing verdict VALID."""
     from rig.qualify.doctor import doctor as examine
 
     found = examine(report=printing.note, names=scene or ())
+    if bundle is not None:
+        from rig.qualify.bug_report import bundle as packed
+
+        content, names = packed(found)
+        bundle.write_bytes(content)
+        printing.note(f"{bundle}: {', '.join(names)}; look into it before you send it")
     if as_json:
         printing.report(found.to_json())
     else:
         printing.line(found.text())
     if not found.ok:
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def warmup(
     scene: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Names of scenes. Default: all shipped scenes.")
+        list[str] | None, typer.Argument(metavar="SCENE...", help="Names of scenes. Default: all shipped scenes.")
     ] = None,
 ) -> None:
     """Compile the kernels of the shipped scenes, so that their first run starts without delay."""
@@ -45,4 +63,4 @@ def warmup(
     )
 
 
-COMMANDS = {"doctor": (doctor, "rig doctor"), "warmup": (warmup, "rig warmup pendulum")}
+COMMANDS = {"doctor": (doctor, "rig doctor --bundle report.zip"), "warmup": (warmup, "rig warmup pendulum")}

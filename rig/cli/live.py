@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import re
 import time
+from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from rig.cli import printing
-from rig.cli.options import LONGEST, Json, RunName, number
+from rig.cli.command import Command, Group
+from rig.cli.options import LONGEST, Json, RunName, number, plain
 from rig.errors import BusError, UsageError
 
 if TYPE_CHECKING:
     from rig.bus.port import Session
 
-topic = typer.Typer(no_args_is_help=True, help="Show the messages on the bus of a run.")
-Pattern = Annotated[str, typer.Argument(help='Topics: "*" matches one part of a name, "**" all following parts.')]
+topic = typer.Typer(cls=Group, no_args_is_help=True, help="Show the messages on the bus of a run.")
+Pattern = Annotated[
+    str, typer.Argument(metavar="PATTERN", help='Topics: "*" matches one part of a name, "**" all following parts.')
+]
 For = Annotated[str, typer.Option("--for", metavar="TIME", help="Time to listen, in seconds or with a unit.")]
 
 
-class Numbers(TyperCommand):
+class Numbers(Command):
     """A command among whose arguments are numbers: -0.8 is one, and no option."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -58,7 +61,7 @@ def tune(
             _list_tunable(session, as_json)
             return
         process, inner = _owner(session, key)
-        body = {"get": [inner]} if value is None else {"set": {inner: _plain(value)}}
+        body = {"get": [inner]} if value is None else {"set": {inner: plain(value)}}
         try:
             found = session.ask(f"param/{process}", body, timeout=10.0)
         except BusError as fault:
@@ -75,6 +78,79 @@ def tune(
             )
         elif name == inner:
             printing.line(f"{key} = {printing.number(new)}")
+
+
+Name = Annotated[str, typer.Argument(metavar="NAME", help="A controller of the run, connected or not.")]
+
+
+def connect(name: Name, run: RunName = None) -> None:
+    """Connect a controller of a live run to its actuators. The recording contains it, as a step of the protocol."""
+    printing.line(f"{name} is connected from t = {_switched('connect', name, run):.3f} s on: it drives its actuators")
+
+
+def disconnect(name: Name, run: RunName = None) -> None:
+    """Disconnect a controller of a live run from its actuators. The recording contains it, as a step of the protocol.
+
+    The actuators take the values of the protocol or of rig tune. A controller
+    that has left keeps its actuators until it is disconnected.
+    """
+    t = _switched("disconnect", name, run)
+    printing.line(f"{name} is disconnected from t = {t:.3f} s on: its actuators take the values of the protocol")
+
+
+def pause(run: RunName = None) -> None:
+    """Pause a live run: no frame is computed until rig resume, except by rig step."""
+    printing.line(f"paused at t = {_done('pause', run):.6f} s")
+
+
+def resume(run: RunName = None) -> None:
+    """Continue a paused run."""
+    printing.line(f"goes on from t = {_done('resume', run):.6f} s")
+
+
+def step(
+    frames: Annotated[int, typer.Option(min=1, max=10_000, metavar="N", help="Number of frames.")] = 1,
+    run: RunName = None,
+) -> None:
+    """Compute single frames of a paused run: with each one its controllers receive one step."""
+    printing.line(f"{frames} single step{'s' * (frames > 1)} from t = {_done('step', run, frames=frames):.6f} s")
+
+
+def stop(
+    emergency: Annotated[
+        bool, typer.Option("--emergency", help="Set all actuators to their safe values at once, then stop.")
+    ] = False,
+    run: RunName = None,
+) -> None:
+    """End a live run in order. The recording contains it."""
+    if emergency:
+        t = _done("emergency", run)
+        printing.line(f"emergency stop at t = {t:.6f} s: all actuators go to their safe values, then the run ends")
+    else:
+        printing.line(f"stopped at t = {_done('stop', run):.6f} s")
+
+
+def knock(
+    impulse: Annotated[str, typer.Argument(metavar="IMPULSE", help='In N s, or with a unit: "0.02 N*s".')],
+    run: RunName = None,
+) -> None:
+    """Strike the body of a live run. The recording contains it."""
+    size = number(impulse, "IMPULSE", "N*s", -1e6, 1e6)
+    printing.line(f"knock with {size:g} N s at t = {_done('knock', run, impulse=size):.6f} s")
+
+
+def _done(what: str, run: str | None, **more: Any) -> float:
+    """Ask the plant to do something. Return the time [s] at which it did."""
+    from rig import bus
+
+    with bus.join(run, role="operator", name=what) as session:
+        answer = session.ask("cmd/plant", {"do": what, **more}, timeout=10.0)
+    return float(answer["t_ns"]) * 1e-9
+
+
+def _switched(what: str, name: str, run: str | None) -> float:
+    """Ask the plant to connect or disconnect a controller. Return the time [s] at which it is in force."""
+    return _done(what, run, controller=name)
 
 
 def _controllers(session: Session) -> list[str]:
@@ -102,11 +178,11 @@ def _owner(session: Session, key: str) -> tuple[str, str]:
 def _list_tunable(session: Session, as_json: bool) -> None:
     rows = []
     for name in ("plant", *_controllers(session)):
-        told = session.ask(f"param/{name}", {"list": True}, timeout=10.0)
+        answer = session.ask(f"param/{name}", {"list": True}, timeout=10.0)
         before = "" if name == "plant" else f"{name}."
         rows += [
-            {"key": before + key, "value": value, "unit": told["units"][key], "of": name}
-            for key, value in told["values"].items()
+            {"key": before + key, "value": value, "unit": answer["units"][key], "of": name}
+            for key, value in answer["values"].items()
         ]
     if as_json:
         printing.report(rows)
@@ -115,14 +191,7 @@ def _list_tunable(session: Session, as_json: bool) -> None:
         printing.table("", columns, [[printing.number(row[c]) for c in columns] for row in rows])
 
 
-def _plain(value: str) -> Any:
-    try:
-        return float(value)
-    except ValueError:
-        return value
-
-
-@topic.command("ls", epilog="Example:  rig topic ls")
+@topic.command("ls", cls=Command, epilog="Example:  rig topic ls")
 def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> None:
     """List the active topics, their senders and their contents."""
     from rig.bus import topics
@@ -138,7 +207,7 @@ def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> N
         printing.table("", columns, [[row[c] for c in columns] for row in rows])
 
 
-@topic.command("hz", epilog='Example:  rig topic hz "meas/*" --for 5')
+@topic.command("hz", cls=Command, epilog='Example:  rig topic hz "meas/*" --for 5')
 def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as_json: Json = False) -> None:
     """Count messages per second of each topic, and messages lost on the way here."""
     length = _time(listen)
@@ -150,7 +219,7 @@ def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as
         printing.table("", ("topic", "1/s", "lost"), [(r["topic"], r["hz"], r["lost"]) for r in rows])
 
 
-@topic.command("echo", epilog="Example:  rig topic echo meas/vibrometer --count 3")
+@topic.command("echo", cls=Command, epilog="Example:  rig topic echo meas/vibrometer --count 3")
 def topic_echo(
     pattern: Pattern,
     run: RunName = None,
@@ -164,15 +233,16 @@ def topic_echo(
     from rig import bus
     from rig.bus import run_setup
 
-    with bus.join(run, role="operator", name="echo") as session:
+    stopped = nullcontext() if count else suppress(KeyboardInterrupt)  # without a count it has no end of its own
+    with bus.join(run, role="operator", name="echo") as session, stopped:
         receiver, plant = session.subscribe(pattern), session.watch("plant/*")
         run_setup.fetch(session)  # from here on its states are read
         shown = 0
         while (plant.wait_for("plant", "plant", 0.0) or not session.ended) and (not count or shown < count):
             message = receiver.get(timeout=0.1)
             if message is not None:
-                said = MessageToDict(message.said, preserving_proto_field_name=True)
-                printing.line(json.dumps({"topic": message.topic, "seq": message.seq, "t_ns": message.t_ns, **said}))
+                fields = MessageToDict(message.said, preserving_proto_field_name=True)
+                printing.line(json.dumps({"topic": message.topic, "seq": message.seq, "t_ns": message.t_ns, **fields}))
                 shown += 1
 
 
@@ -193,6 +263,15 @@ def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int,
         return {name: (count.received, count.lost) for name, count in receiver.counts.items()}
 
 
-COMMANDS = {"tune": (tune, 'rig tune load.force "15 N"')}
-CLASSES = {"tune": Numbers}
+COMMANDS = {
+    "tune": (tune, 'rig tune load.force "15 N"'),
+    "disconnect": (disconnect, "rig disconnect nf"),
+    "connect": (connect, "rig connect nf"),
+    "knock": (knock, 'rig knock "0.02 N*s"'),
+    "pause": (pause, "rig pause"),
+    "step": (step, "rig step --frames 10"),
+    "resume": (resume, "rig resume"),
+    "stop": (stop, "rig stop   |   rig stop --emergency"),
+}
+CLASSES = {"tune": Numbers, "knock": Numbers}
 """Of commands that are read in a way of their own."""

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Pace, Trust, pace, seconds
+from rig.cli.options import Force, Json, Pace, Trust, changes, pace, renamed, seconds
 from rig.cli.outputs import named, new, reads
-from rig.errors import LogError, UsageError
+from rig.errors import ExitCode, LogError, UsageError
 
 if TYPE_CHECKING:
     from rig.record.run import Run
 
 
-def _file(context: typer.Context, path: Path) -> Path:
-    """A path that is no folder, pipe or device; one that is not there is told by whoever reads it."""
+def recording(context: typer.Context, path: Path | None) -> Path | None:
+    """Check the path of a recording: no folder, pipe or device. Whoever reads it reports a file that does not exist."""
     from rig.user_files import regular
+
+    if path is None:
+        return None
 
     try:
         named("recording", path)
@@ -35,16 +39,16 @@ def _file(context: typer.Context, path: Path) -> Path:
     return path
 
 
-Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).", callback=_file)]
+Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).", callback=recording)]
 
 
 def allow(log: Path, trust: bool) -> None:
     """With `trust`, let this process and those that it starts run the code that a recording carries."""
     if trust:
         from rig.parts import trust_scene
-        from rig.record.reader import head
+        from rig.record.recorded_setup import head, setup_of
 
-        trust_scene(head(log).setup().scene)
+        trust_scene(setup_of(head(log)).scene)
 
 
 def opened(log: Path, trust: bool = False) -> Run:
@@ -52,9 +56,14 @@ def opened(log: Path, trust: bool = False) -> Run:
     from rig.record.reader import open as read
 
     allow(log, trust)
-    run = read(log)
-    for told in run.notes:
-        printing.note(f"{log}: {told}")
+    status = printing.Status()
+    status.show(f"reading {log}")
+    try:
+        run = read(log)
+    finally:
+        status.done()
+    for note in run.notes:
+        printing.note(f"{log}: {note}")
     return run
 
 
@@ -66,32 +75,38 @@ def replay(
         typer.Option(
             "--into",
             metavar="CONTROLLER",
-            help="Start this controller too and compare its commands with the recorded ones.",
+            help="Start this controller too (NAME or FILE.py) and compare its commands with the recorded ones.",
+        ),
+    ] = None,
+    p: Annotated[
+        list[str] | None,
+        typer.Option(
+            "-p", metavar="KEY=VALUE", help="Change a value of a controller of --into: -p controllers.nf.gain=300."
         ),
     ] = None,
     trust: Trust = False,
     as_json: Json = False,
 ) -> None:
-    """Play the measurements of a recording back on the bus, for viewers and controllers.
+    """Play a recording back on the bus, for viewers and controllers.
 
-    With --pace max it runs as fast as the controllers answer.
+    With --into each step waits for the command of the controller. With
+    --pace max it runs as fast as the controllers answer. Exit code 1: a
+    command differs, or a part of the recording is missing.
     """
     from rig.bench.replay import replay as play
 
     allow(log, trust)
     status = printing.Status()
-    found = play(log, into=into or (), pace=pace(speed), tell=status.show)
+    found = play(log, into or (), pace(speed), changes(p), status.show)
     status.done()
     if as_json:
-        printing.report(vars(found))
+        printing.report(found.to_json())
     else:
-        printing.line(f"{found.messages} messages, {found.steps} steps, {found.seconds:.3f} s of simulated time")
-        for name, count in found.compared.items():
-            printing.line(f"{name}: {count} commands compared")
-        printing.line(str(found.divergence) if found.divergence else "no command differs" if found.compared else "")
-    if found.divergence or found.unanswered or found.fault:
-        printing.note(found.fault or f"{found.unanswered} recorded commands were not answered again")
-        raise typer.Exit(1)
+        printing.line(found.text())
+    if found.fault:
+        printing.note(f"{log}: {found.fault}")
+    if not found.passed:
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def verify(log: Log, trust: Trust = False, as_json: Json = False) -> None:
@@ -105,43 +120,14 @@ def verify(log: Log, trust: Trust = False, as_json: Json = False) -> None:
     else:
         printing.line(found.text())
     if not found.passed:
-        raise typer.Exit(1)
-
-
-def diff(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A recording.", callback=_file)],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.", callback=_file)],
-    as_json: Json = False,
-) -> None:
-    """Compare two recordings bit by bit at the instants that both contain, and show where they differ.
-
-    Exit code 1: they differ. One recording may have additional samples between
-    those of the other.
-    """
-    from rig.record.compare import compare
-
-    found = compare(opened(first), opened(second))
-    if as_json:
-        differences = [vars(difference) for difference in found.differences]
-        printing.report({"identical": found.identical, "agree": found.agree, "compared": found.compared,
-                     "differences": differences,
-                     "missing": found.missing})  # fmt: skip
-    elif found.identical:
-        printing.line(f"identical: {found.compared} numbers, bit by bit")
-    else:
-        if found.agree:
-            printing.line(f"agree at all common instants: {found.compared} numbers, bit by bit")
-        for difference in found.differences:
-            printing.line(str(difference))
-        for name in found.missing:
-            printing.line(f"{name} is in only one of the two recordings")
-    if not found.agree:
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def recover(
     log: Log,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="File to write.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File to write. Default: NAME.recovered.mcap beside it.")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -161,14 +147,17 @@ def recover(
         printing.line(f"{found.path}: {found.messages} messages, {found.seconds:.3f} s; the original: {found.fault}")
         for place in found.skipped:
             printing.line(f"  skipped {place}")
-        printing.line(f"  {found.told()}")
+        printing.line(f"  {found.losses()}")
     if not found.complete:
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def sound(
     log: Log,
-    channel: Annotated[str, typer.Option(metavar="SENSOR", help="Sensor to listen to. Default: the microphone.")] = "",
+    signal: Annotated[
+        str, typer.Option("--signal", metavar="SENSOR", help="Sensor to listen to. Default: the microphone.")
+    ] = "",
+    channel: Annotated[str, typer.Option("--channel", hidden=True)] = "",
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", callback=new, help="Write the sound to a WAV file.")
     ] = None,
@@ -182,11 +171,16 @@ def sound(
     """Find squeals in the sound of a recording: level, frequency, times. Write a WAV file."""
     from rig.analysis.sound import hear
     from rig.analysis.sound.figure import draw
-    from rig.analysis.sound.wav import write
+    from rig.record.wav import write
+    from rig.view.save_figure import draft_of
 
+    sensor = renamed("--channel", channel, "--signal", signal)
     run = opened(log, trust)
-    heard = hear(run, channel)
-    full = None if out is None else write(heard, out)
+    heard = hear(run, sensor)
+    full = None
+    if out is not None:
+        with draft_of(out) as draft:
+            full = write(heard.v, heard.rate, draft)
     if as_json:
         printing.report(heard.to_json() | {"wav": out, "full_scale": full, "figure": figure})
     else:
@@ -203,7 +197,14 @@ def amplitude(
         str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")
     ] = None,
     last: Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", callback=new, help="Draw the amplitude of each sensor in each stage (PNG, SVG, PDF)."
+        ),
+    ] = None,
     trust: Trust = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Compute amplitude and frequency of each measurement, stage by stage, and the speeds of first and last stick."""
@@ -222,25 +223,28 @@ def amplitude(
     if as_json:
         found = [{**row._asdict(), "found": row.found._asdict()} for row in rows]
         printing.report({"rows": found, "stages": turns._asdict() if turns else None})
-        return
-    cells = [
-        (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}", f"{row.found.half:.5g} {row.unit}", row.found.cycles,
-         f"{row.found.frequency:.5g} Hz" if row.found.cycles else "-")
-        for row in rows
-    ]  # fmt: skip
-    printing.table(
-        "amplitude index: mean of half of peak to valley",
-        ("stage", "sensor", "mean", "amplitude", "cycles", "frequency"),
-        cells,
-    )
-    if turns:
-        printing.line(turns.text())
+    else:
+        cells = [
+            (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}", f"{row.found.half:.5g} {row.unit}", row.found.cycles,
+             f"{row.found.frequency:.5g} Hz" if row.found.cycles else "-")
+            for row in rows
+        ]  # fmt: skip
+        printing.table(
+            "amplitude: half of peak to valley, mean over the cycles",
+            ("stage", "sensor", "mean", "amplitude", "cycles", "frequency"),
+            cells,
+        )
+        if turns:
+            printing.line(turns.text())
+    if figure is not None:
+        from rig.analysis.amplitude_figure import draw
+
+        draw(rows, json.loads(run.scene or "{}").get("name", log.stem), figure)
 
 
 COMMANDS = {
     "replay": (replay, "rig replay recordings/golden/pendulum.mcap --into nf --pace max"),
     "verify": (verify, "rig verify recordings/golden/pendulum.mcap"),
-    "diff": (diff, "rig diff first.mcap second.mcap"),
     "amplitude": (amplitude, "rig amplitude recordings/runs/lever-20260101-120000.mcap --from '4 s'"),
     "sound": (sound, "rig sound recordings/runs/brake-20260101-120000.mcap --out squeal.wav --figure squeal.png"),
     "recover": (recover, "rig recover recordings/runs/pendulum-20260101-120000.mcap"),

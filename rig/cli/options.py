@@ -13,18 +13,22 @@ from rig.cli.outputs import new, reads
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
+    from rig.record.trigger import Trigger
     from rig.scenes.scene import Scene
 
 
-def _scene(context: typer.Context, name: str) -> str:
+def scene_file(context: typer.Context, name: str | None) -> str | None:
     """The name of a scene; one of a file is not to be overwritten."""
-    reads(context, Path(name))
+    if name is not None:
+        reads(context, Path(name))
     return name
 
 
 SceneName = Annotated[
     str,
-    typer.Argument(metavar="SCENE", help="Name of a shipped scene (see rig list), or a TOML file.", callback=_scene),
+    typer.Argument(
+        metavar="SCENE", help="Name of a shipped scene (see rig list), or a TOML file.", callback=scene_file
+    ),
 ]
 Changes = Annotated[
     list[str] | None,
@@ -37,7 +41,10 @@ Duration = Annotated[
     str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit: "500 ms".')
 ]
 Out = Annotated[
-    Path | None, typer.Option(metavar="FILE", callback=new, help="Write the recording to this file (MCAP).")
+    Path | None,
+    typer.Option(
+        metavar="FILE", callback=new, help="Recording to write (MCAP). Default: a new file in recordings/runs."
+    ),
 ]
 Force = Annotated[bool, typer.Option("--force", is_eager=True, help="Overwrite existing files.")]
 RunName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run. Default: the newest run.")]
@@ -46,7 +53,8 @@ Pace = Annotated[
     typer.Option(
         "--pace",
         metavar="FACTOR",
-        help='Real-time factor: simulated seconds per second, or "max". Default: 1, in lockstep max.',
+        show_default=False,
+        help='Real-time factor: simulated seconds per second, or "max". Default: 1; with --lockstep: max.',
     ),
 ]
 Lockstep = Annotated[
@@ -55,9 +63,29 @@ Lockstep = Annotated[
 ]
 
 Trust = Annotated[
-    bool, typer.Option("--trust", help="Run the code of parts (plant, sensor, ...) that come with it from files.")
+    bool,
+    typer.Option("--trust", help="Run the code of plants, sensors and other parts that the recording or run contains."),
 ]
 Wait = Annotated[str, typer.Option(metavar="TIME", help="Longest wait for the run, in seconds or with a unit.")]
+When = Annotated[
+    str | None,
+    typer.Option(
+        "--trigger",
+        metavar="CONDITION",
+        help='Record only around the instants at which a sensor or plant output is beyond a level: "vibrometer > 0.1 '
+        'm/s"; < for below, |NAME| for the absolute value. Writes NAME-001.mcap, NAME-002.mcap, ...',
+    ),
+]
+Before = Annotated[
+    str | None, typer.Option(metavar="TIME", help="With --trigger: recorded time before it. Default: 2 s.")
+]
+After = Annotated[
+    str | None, typer.Option(metavar="TIME", help="With --trigger: recorded time after it. Default: 5 s.")
+]
+Most = Annotated[
+    int | None,
+    typer.Option(min=1, max=999, metavar="N", help="With --trigger: largest number of recordings. Default: 100."),
+]
 
 SHORTEST, LONGEST = 1e-9, 1e6
 """Shortest and longest time [s] that can be asked for."""
@@ -82,6 +110,20 @@ Accuracy = Annotated[
 ]
 
 
+def renamed(former: str, given: str, name: str, value: str) -> str:
+    """The value of option `name`; if it was `given` under its `former` name, that is reported with the new one.
+
+    Raises UsageError if both are given.
+    """
+    if given and value:
+        raise UsageError(
+            f"{former} {given} and {name} {value}: {former} is the former name of {name}; give one of them"
+        )
+    if given:
+        printing.note(f"{former} is now called {name}")
+    return given or value
+
+
 def changes(given: list[str] | None) -> dict[str, str]:
     """Dotted key -> value as text, of all `-p`."""
     found: dict[str, str] = {}
@@ -93,8 +135,16 @@ def changes(given: list[str] | None) -> dict[str, str]:
     return found
 
 
+def plain(value: str) -> float | str:
+    """A value as a number, if it is one without a unit."""
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
 def the_scene(name: str, overrides: Mapping[str, str]) -> Scene:
-    """The scene of a command; what a change left aside is told beside the output."""
+    """The scene of a command; values that a change dropped are reported on stderr."""
     from rig.scenes import load
 
     scene = load(name, overrides)
@@ -115,14 +165,32 @@ def number(given: str, option: str, unit: str, low: float, high: float, also: st
         except ValueError as error:
             raise UsageError(f"{option} {error}{also}") from None
     if not low <= found <= high:
-        told = f"{low:g} to {high:g}" + ("" if unit == "1" else f" {unit}")
-        raise UsageError(f"{option} {brief(given)[1:-1]}: must be {told}{also}")
+        allowed = f"{low:g} to {high:g}" + ("" if unit == "1" else f" {unit}")
+        raise UsageError(f"{option} {brief(given)[1:-1]}: must be {allowed}{also}")
     return found
 
 
 def seconds(given: str | None, option: str = "--duration", low: float = SHORTEST) -> float | None:
     """A duration in seconds; a plain number is seconds."""
     return None if given is None else number(given, option, "s", low, LONGEST, ', such as 2.5 or "500 ms"')
+
+
+def trigger(when: str | None, before: str | None, after: str | None, most: int | None) -> Trigger | None:
+    """The trigger of a recorder; None without a condition. Raises UsageError."""
+    if when is None:
+        given = {"--before": before, "--after": after, "--most": most}
+        if alone := [name for name, value in given.items() if value is not None]:
+            raise UsageError(f'{alone[0]}: needs --trigger, such as --trigger "vibrometer > 0.1 m/s"')
+        return None
+    from rig.record.trigger import Condition, Trigger
+
+    earlier, later = seconds(before, "--before", low=0.0), seconds(after, "--after", low=0.0)
+    return Trigger(
+        Condition.read(when),
+        before=2.0 if earlier is None else earlier,
+        after=5.0 if later is None else later,
+        most=most or 100,
+    )
 
 
 def pace(given: str | None, lockstep: bool = False) -> float | None:
@@ -143,8 +211,13 @@ def share(given: str | None, option: str = "--budget") -> float | None:
 
 def at(folder: Path) -> Path:
     """A folder that exists or can be made."""
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(f"--out {folder}: is a file; expected a folder (it is made if it does not exist)")
+    try:
+        there = next(one for one in (folder, *folder.parents) if one.exists())
+    except OSError as fault:  # a name that is too long
+        raise UsageError(f"--out {folder} cannot be written: {fault.strerror}") from None
+    if not there.is_dir():
+        what = "is a file" if there == folder else f"{there} is a file"
+        raise UsageError(f"--out {folder}: {what}; expected a folder (it is made if it does not exist)")
     return folder
 
 

@@ -12,10 +12,8 @@ from pathlib import Path
 import typer
 
 from rig.errors import UsageError
-from rig.user_files import takes, unused
+from rig.user_files import figure_format, takes, unused
 
-FIGURES = (".png", ".svg", ".pdf")
-"""How the name of a figure may end: by it, it is drawn."""
 _TAKEN = "rig.cli.outputs"
 _READ = "what is read"
 
@@ -30,7 +28,7 @@ def new(context: typer.Context, option: typer.CallbackParam, path: Path | None) 
     """Hold the file that an option names while its command runs, from before the command computes anything."""
     if path is not None:
         try:
-            _hold(context, option.opts[0], path)
+            hold(context, option.opts[0], path)
         except UsageError:
             context.close()  # what the options before it made goes again: nobody enters a context that is not complete
             raise
@@ -69,10 +67,14 @@ def _same(one: Path, other: Path) -> bool:
         return False
 
 
-def _hold(context: typer.Context, option: str, path: Path) -> None:
+def hold(context: typer.Context, option: str, path: Path) -> None:
+    """Hold the file of an option until the command ends. Raises UsageError, as `held` does, for an input file too."""
     named(option, path)
-    if option == "--figure" and path.suffix.lower() not in FIGURES:
-        raise UsageError(f"{option} {path}: the name of a figure ends in {', '.join(FIGURES[:-1])} or {FIGURES[-1]}")
+    if option == "--figure":
+        try:
+            figure_format(path)
+        except UsageError as fault:
+            raise UsageError(f"{option} {fault}") from None
     _claim(context, option, path)
     context.with_resource(held(option, path, bool(context.params.get("force"))))
 
@@ -84,12 +86,12 @@ def held(option: str, path: Path, force: bool) -> Iterator[None]:
     Raises UsageError for a file with something in it, unless `force`, for a file that another process is writing, and
     for a place that cannot be written.
     """
-    with _parents(path), _made(option, path, force):
+    with parents(path), _made(option, path, force):
         yield
 
 
 @contextmanager
-def _parents(path: Path) -> Iterator[None]:
+def parents(path: Path) -> Iterator[None]:
     """Take away the folders above `path` that are not there yet, if they are there and empty in the end."""
     try:
         new = [folder for folder in path.parents if not folder.exists()]

@@ -1,4 +1,4 @@
-"""Printing: tables and lines for a reader, JSON for a program."""
+"""Printing: tables and lines for a reader, JSON for a program. Control characters are printed as escapes."""
 
 from __future__ import annotations
 
@@ -6,21 +6,27 @@ import contextlib
 import json
 import math
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+
+from rig.printable import printable
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
+PROGRESS_S = 5.0
+"""Shortest time between two lines of progress without a terminal [s]."""
+
 
 def line(text: str = "") -> None:
     """Print one line on standard output."""
-    sys.stdout.write(f"{text}\n")
+    sys.stdout.write(f"{printable(text)}\n")
 
 
 def note(text: str) -> None:
     """Print one line on standard error."""
-    sys.stderr.write(f"{text}\n")
+    sys.stderr.write(f"{printable(text)}\n")
     sys.stderr.flush()
 
 
@@ -69,7 +75,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
     for column in columns:
         made.add_column(column, overflow="fold")
     for row in rows:
-        made.add_row(*(cell if isinstance(cell, str) else number(cell) for cell in row))
+        made.add_row(*(printable(cell if isinstance(cell, str) else number(cell)) for cell in row))
     console = Console()
     if not console.is_terminal:
         console = Console(width=160)
@@ -93,6 +99,7 @@ class Status:
     def show(self, text: str) -> None:
         """Replace the line by `text`."""
         if self._terminal:
+            text = printable(text)
             sys.stderr.write(f"\r{text.ljust(self._width)}")
             self._width = len(text)
             sys.stderr.flush()
@@ -106,7 +113,10 @@ class Status:
 
 @contextlib.contextmanager
 def bar(what: str) -> Iterator[Callable[[int, int], object]]:
-    """A progress bar with the estimated remaining time, on standard error."""
+    """A progress bar with the estimated remaining time, on standard error; without a terminal a line now and then."""
+    if not sys.stderr.isatty():
+        yield _lines(what)
+        return
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -128,3 +138,16 @@ def bar(what: str) -> Iterator[Callable[[int, int], object]]:
             bar.update(task, completed=done)
 
         yield show
+
+
+def _lines(what: str) -> Callable[[int, int], object]:
+    """Progress as lines, at most one in `PROGRESS_S`: short work prints none."""
+    last = time.monotonic()
+
+    def show(done: int, total: int) -> None:
+        nonlocal last
+        if time.monotonic() - last >= PROGRESS_S:
+            last = time.monotonic()
+            note(f"{what}: {done} of {total}")
+
+    return show

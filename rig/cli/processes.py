@@ -9,23 +9,31 @@ from typing import Annotated
 import typer
 
 from rig.cli import printing
+from rig.cli.logs import opened, recording
 from rig.cli.options import (
+    After,
+    Before,
     Changes,
     Duration,
     Force,
     Lockstep,
+    Most,
     Out,
     Pace,
     RunName,
     SceneName,
     Trust,
     Wait,
+    When,
     changes,
     pace,
     seconds,
     the_scene,
+    trigger,
 )
 from rig.cli.outputs import new
+from rig.errors import ExitCode, UsageError
+from rig.printable import printable
 
 
 def plant(
@@ -88,40 +96,76 @@ def control(
 def record(
     run: RunName = None,
     out: Out = None,
+    when: When = None,
+    before: Before = None,
+    after: After = None,
+    most: Most = None,
     force: Force = False,
     wait: Wait = "10",
 ) -> None:
-    """Record a live run until it ends."""
+    """Record a live run until it ends; with --trigger only windows around the instants at which a condition holds."""
     patience = seconds(wait, "--wait", low=0.0) or 0.0
+    chosen = trigger(when, before, after, most)
     from rig.record.recorder import record as write
 
-    found = write(run, out, wait=patience, replace=force)
+    found = write(run, out, wait=patience, replace=force, trigger=chosen, say=printing.note)
     printing.line(found.text())
     if not found.complete:
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def view(
+    log: Annotated[
+        Path | None,
+        typer.Argument(metavar="[LOG]", help="A recording (MCAP). Default: a live run.", callback=recording),
+    ] = None,
     run: RunName = None,
     web: Annotated[bool, typer.Option("--web", help="Show the run on a page in the browser.")] = False,
     save: Annotated[
         Path | None,
         typer.Option(metavar="FILE", callback=new, help="Write a rerun file (.rrd) instead of showing the run."),
     ] = None,
+    foxglove: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", callback=new, help="Write a layout for Foxglove (.json) instead: plots and events."
+        ),
+    ] = None,
     force: Force = False,
     trust: Trust = False,
     wait: Wait = "10",
 ) -> None:
-    """Show a live run in rerun."""
+    """Show a recording or a live run in rerun: the rig, its curves, events, commands and protocol."""
     patience = seconds(wait, "--wait", low=0.0) or 0.0
-    from rig.view.process import view as show
+    if log is not None and run is not None:
+        raise UsageError(f"{log} and --run {run}: name a recording or a live run, not both")
+    if foxglove is not None and (log is None or save is not None or web):
+        raise UsageError("--foxglove: needs a recording (rig view LOG --foxglove FILE), and neither --save nor --web")
+    if save is not None and save.suffix != ".rrd":
+        raise UsageError(f"--save {save}: is written in rerun's format, so its name must end in .rrd")
+    if foxglove is not None and foxglove.suffix != ".json":
+        raise UsageError(f"--foxglove {foxglove}: a layout is JSON, so its name must end in .json")
+    if log is None:
+        from rig.view.process import view as show
 
-    show(run, web=web, save=save, wait=patience, trust=trust, say=printing.note)
+        show(run, web=web, save=save, wait=patience, trust=trust, say=printing.note)
+        return
+    from rig.view.foxglove import write_layout
+    from rig.view.recording import drawing_of, view_run
+
+    recorded = opened(log, trust)
+    if foxglove is not None:
+        write_layout(drawing_of(recorded), foxglove)
+        return
+    view_run(recorded, printable(log.stem), web=web, save=save, say=printing.note)
 
 
 COMMANDS = {
     "plant": (plant, "rig plant pendulum --run mine"),
     "control": (control, "rig control nf --run mine"),
-    "record": (record, "rig record --run mine --out mine.mcap"),
-    "view": (view, "rig view --run mine"),
+    "record": (
+        record,
+        "rig record --run mine --out mine.mcap   |   rig record --trigger 'vibrometer > 0.1 m/s' --before 2 --after 5",
+    ),
+    "view": (view, "rig view mine.mcap   |   rig view --run mine"),
 }

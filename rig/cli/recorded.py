@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from csv import writer as writes
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated
 
 import typer
 
-from rig.cli import printing
+from rig.cli.evaluation import Faults, First, Last, Picture, Table, opened_span, show, write
 from rig.cli.logs import Log, opened
 from rig.cli.options import Force, Json, Trust, seconds
-from rig.cli.outputs import new
-from rig.errors import LogError, UsageError
-
-if TYPE_CHECKING:
-    from rig.record.run import Run
+from rig.errors import LogError
 
 Signal = Annotated[
     str,
@@ -47,11 +40,6 @@ Turn = Annotated[
         "--orders", metavar="NAME", help='Compute orders over this speed, angle or travel; "drive": speed of the drive.'
     ),
 ]
-First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")]
-Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")]
-Picture = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
-]
 Times = Annotated[
     str,
     typer.Option(
@@ -60,26 +48,6 @@ Times = Annotated[
         help='Instants, separated by commas: "0.5, 0.56 s, 600 ms". Default: chosen from the run.',
     ),
 ]
-Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=new, help="Write all numbers as CSV.")]
-T = TypeVar("T")
-
-
-class _Faults:
-    """Collects what is wrong with the options of a command, so that all of it is told at once."""
-
-    def __init__(self) -> None:
-        self.found: list[str] = []
-
-    def __call__(self, read: Callable[[], T], otherwise: T) -> T:
-        try:
-            return read()
-        except UsageError as error:
-            self.found.append(str(error))
-            return otherwise
-
-    def tell(self) -> None:
-        if self.found:
-            raise UsageError("\n".join(self.found))
 
 
 def hysteresis(
@@ -98,15 +66,16 @@ def hysteresis(
     """Compute the RMS of a vibration over rising and falling drive speed, and the speeds at which the contact stuck."""
     from rig.analysis.recorded import hysteresis as find
     from rig.analysis.recorded.figure import draw_hysteresis as draw
+    from rig.view.save_figure import write_file
 
-    faults = _Faults()
-    run, length, begin, end = asked(faults, log, window, first, last, trust)
+    faults = Faults()
+    run, length, begin, end = opened_span(faults, log, window, first, last, trust)
     found = faults(lambda: find(run, signal, over, length, begin, end), None)
-    faults.tell()
+    faults.raise_found()
     assert found is not None
-    _print(found.to_json(), found.text(), figure, csv, as_json)
+    show(found.to_json(), found.text(), figure, csv, as_json)
     if csv is not None:
-        csv.write_text(found.csv())
+        write_file(csv, found.csv().encode())
     if figure is not None:
         draw(found, figure)
 
@@ -129,19 +98,19 @@ def spectrum(
     from rig.analysis.recorded import spectrum as find
     from rig.analysis.recorded.figure import draw_spectrum as draw
 
-    faults = _Faults()
-    run, length, begin, end = asked(faults, log, window, first, last, trust)
+    faults = Faults()
+    run, length, begin, end = opened_span(faults, log, window, first, last, trust)
     found = faults(lambda: find(run, signal, length, begin, end), None)
     turned = None
-    if over:  # a signal that is not there has been told
+    if over:  # an unknown signal was reported before
         turned = faults(lambda: orders(run, signal if found else "", over, begin, end), None)
-    faults.tell()
+    faults.raise_found()
     assert found is not None
     values = found.to_json() | {"orders": turned.to_json() if turned else None}
-    _print(values, found.text() + (f"\n\n{turned.text()}" if turned else ""), figure, csv, as_json)
+    show(values, found.text() + (f"\n\n{turned.text()}" if turned else ""), figure, csv, as_json)
     if csv is not None:
         rows = (*found.csv(), *(turned.csv() if turned else ()))
-        _write(csv, ["axis", "at", "unit", "density", "unit of density"], rows)
+        write(csv, ["axis", "at", "unit", "density", "unit of density"], rows)
     if figure is not None:
         draw(found, turned, figure)
 
@@ -159,56 +128,18 @@ def pressure(
     from rig.analysis.recorded import pressure as find
     from rig.analysis.recorded.figure import draw_pressure as draw
 
-    faults = _Faults()
+    faults = Faults()
     times = [faults(partial(seconds, one, "--at", 0.0), None) for one in at.split(",") if one.strip()]
-    faults.tell()
+    faults.raise_found()
     run = opened(log, trust)
     if not run.time.size:
         raise LogError(f"{log}: the recording ends before its first sample")
     found = find(run, [one for one in times if one is not None])
-    _print(found.to_json(), found.text(), figure, csv, as_json)
+    show(found.to_json(), found.text(), figure, csv, as_json)
     if csv is not None:
-        _write(csv, ["time [s]", "x [m]", "y [m]", "pressure [Pa]"], found.csv())
+        write(csv, ["time [s]", "x [m]", "y [m]", "pressure [Pa]"], found.csv())
     if figure is not None:
         draw(found, figure)
-
-
-def _print(values: dict[str, Any], text: str, figure: Path | None, csv: Path | None, as_json: bool) -> None:
-    """Print the result of an analysis: as JSON with the files written, or as text."""
-    if as_json:
-        printing.report(values | {"figure": figure, "csv": csv})
-    else:
-        printing.line(text)
-
-
-def _write(csv: Path, head: list[str], rows: Iterable[Iterable[str | float]]) -> None:
-    """Write a table as CSV, numbers with nine digits."""
-    with csv.open("w", newline="") as file:
-        writer = writes(file, lineterminator="\n")
-        writer.writerow(head)
-        writer.writerows([one if isinstance(one, str) else f"{one:.9g}" for one in row] for row in rows)
-
-
-def asked(
-    faults: _Faults, log: Path, window: str | None, first: str | None, last: str | None, trust: bool
-) -> tuple[Run, float | None, float, float]:
-    """A recording that has something to analyse, the window [s], the stretch of time [s]."""
-    length = faults(lambda: seconds(window, "--window"), None)
-    begin, end = span(faults, first, last)
-    run = opened(log, trust)
-    if not run.time.size:
-        raise LogError(f"{log}: the recording ends before its first sample")
-    return run, length, begin, end
-
-
-def span(faults: _Faults, first: str | None, last: str | None) -> tuple[float, float]:
-    """The stretch of time that --from and --to name [s]."""
-    begin = faults(lambda: seconds(first, "--from", low=0.0), None) or 0.0
-    end = faults(lambda: seconds(last, "--to"), None)
-    if end is not None and begin >= end:
-        faults.found.append(f"--from {begin:g} s to {end:g} s: the time span is empty; --to must be later")
-        return 0.0, float("inf")
-    return begin, float("inf") if end is None else end
 
 
 COMMANDS = {

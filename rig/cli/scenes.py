@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,9 +14,10 @@ from rig.cli import printing
 from rig.cli.options import Changes, Force, Json, SceneName, changes, the_scene
 from rig.cli.outputs import held, named, new
 from rig.errors import SceneError, UsageError
+from rig.user_files import replace
 
 if TYPE_CHECKING:
-    from rig.qualify.effects_measured import Part, Told
+    from rig.qualify.effects_measured import Part, Rate
     from rig.scenes.explain import Value
     from rig.scenes.scene import Scene
 
@@ -25,7 +27,7 @@ Figure = Annotated[
 
 
 Folder = Annotated[
-    Path | None, typer.Argument(metavar="[FOLDER]", help="A folder with scene files of yours; else the shipped ones.")
+    Path | None, typer.Argument(metavar="FOLDER", help="A folder with scene files. Default: the shipped scenes.")
 ]
 
 
@@ -41,18 +43,34 @@ def list_scenes(folder: Folder = None, as_json: Json = False) -> None:
         return
     rows = [(c["name"], c["plant"], c["pace_limit"] or "", c["title"]) for c in cards]
     printing.table("", ("scene", "plant", "largest pace", "title"), rows)
-    for what, name, package in _installed():
-        printing.line(f"installed: {name} ({what}) of {package}")
-    printing.line("\nnext: rig explain SCENE | rig run SCENE --view | rig simulate SCENE")
+    _list_installed()
+    printing.line("\nlargest pace: largest real-time factor of rig run; blank: not limited")
+    printing.line("next: rig explain SCENE | rig run SCENE --view | rig simulate SCENE")
 
 
-def _installed() -> Iterator[tuple[str, str, str]]:
-    """Kind, name and package of each part that another package has installed. None of them is imported."""
+def _list_installed() -> None:
+    """List the parts that other packages have installed. None of them is imported.
+
+    A shipped part of the same name comes first, so the installed one is out of reach. A scene that names a part which
+    two packages have installed is refused.
+    """
     from importlib.metadata import entry_points
 
     for what in ("plants", "effects", "sensors", "controllers"):
-        for one in sorted(entry_points(group=f"friction_rig.{what}"), key=lambda one: one.name):
-            yield what, one.name, f"{one.dist.name} {one.dist.version}" if one.dist else "an unknown package"
+        if not entry_points(group=f"friction_rig.{what}"):
+            continue
+        from rig.parts import package_of
+        from rig.scenes.rooms import ROOMS  # slow to import: only where something is installed
+
+        room = ROOMS[what]
+        for name, entries in sorted(room.installed.items()):
+            hidden = ", hidden by the shipped part of this name" if name in room.shipped else ""
+            packages = [package_of(entry) for entry in entries]
+            for package in packages:
+                printing.line(f"installed: {name} ({what}) of {package}{hidden}")
+            if len(packages) > 1 and not hidden:
+                printing.note(f"warning: {name} ({what}) is a part of {' and of '.join(packages)}: a scene that names "
+                              "it is refused; uninstall all but one")  # fmt: skip
 
 
 def explain(
@@ -79,49 +97,51 @@ def explain(
     if scene.endswith(".mcap"):
         _audited(scene, as_json)
         return
-    told = take_apart(the_scene(scene, changes(p)))
+    explanation = take_apart(the_scene(scene, changes(p)))
     if measure:
-        _measured(told.scene, figure, as_json)
+        _measured(explanation.scene, figure, as_json)
         return
-    values = [v for v in told.values if everything or as_json or v.place or v.key in told.scene.origins]
+    values = [v for v in explanation.values if everything or as_json or v.place or v.key in explanation.scene.origins]
     if as_json:
         printing.report(
             {
-                "scene": told.scene.name,
-                "title": told.scene.title,
-                "about": told.scene.about,
-                "based_on": told.scene.bases,
-                "notes": told.scene.notes,
-                "plant": told.scene.plant,
-                "states": told.states,
-                "frame_s": told.scene.frame_ns / 1e9,
-                "step_s": told.scene.step_ns / 1e9,
-                "slow": told.scene.slow,
-                "duration_s": None if told.scene.duration_ns is None else told.scene.duration_ns / 1e9,
-                "effects": [vars(effect) for effect in told.effects],
-                "actuators": [vars(actuator) for actuator in told.actuators],
+                "scene": explanation.scene.name,
+                "title": explanation.scene.title,
+                "about": explanation.scene.about,
+                "based_on": explanation.scene.bases,
+                "notes": explanation.scene.notes,
+                "plant": explanation.scene.plant,
+                "states": explanation.states,
+                "frame_s": explanation.scene.frame_ns / 1e9,
+                "step_s": explanation.scene.step_ns / 1e9,
+                "slow": explanation.scene.slow,
+                "duration_s": None if explanation.scene.duration_ns is None else explanation.scene.duration_ns / 1e9,
+                "effects": [vars(effect) for effect in explanation.effects],
+                "actuators": [vars(actuator) for actuator in explanation.actuators],
                 "values": [_value(v) for v in values],
             }
         )
         return
-    printing.line(f"{told.scene.title} ({told.scene.name})\n")
-    if told.scene.about:
-        printing.line(f"{told.scene.about}\n")
-    if told.scene.bases:
-        printing.line(f"Based on {', which is based on '.join(told.scene.bases)}\n")
-    if told.scene.slow:
-        printing.line(f"Paced, {told.scene.slow}\n")
-    if told.scene.assemble().film is not None:
+    printing.line(f"{explanation.scene.title} ({explanation.scene.name})\n")
+    if explanation.scene.about:
+        printing.line(f"{explanation.scene.about}\n")
+    if explanation.scene.bases:
+        printing.line(f"Based on {', which is based on '.join(explanation.scene.bases)}\n")
+    if explanation.scene.slow:
+        printing.line(f"Paced, {explanation.scene.slow}\n")
+    if explanation.scene.assemble().film is not None:
         printing.line("After the first opening of a contact point the motion is chaotic: only statistics count. "
-                  f"Their spread: rig simulate {scene} --repeat 8 -p noise.force=1e-6\n")  # fmt: skip
-    rows = [(e.name, "on" if e.on else "absent", len(e.states), e.told, e.about) for e in told.effects]
+                  f"Their spread: rig simulate {shlex.quote(scene)} --repeat 8 -p noise.force=1e-6\n")  # fmt: skip
+    rows = [(e.name, "on" if e.on else "absent", len(e.states), e.states_text, e.about) for e in explanation.effects]
     printing.table(
-        f"effects: {told.states} state{'s' * (told.states != 1)}", ("effect", "", "states", "", "about"), rows
+        f"effects: {explanation.states} state{'s' * (explanation.states != 1)}",
+        ("effect", "", "states", "", "about"),
+        rows,
     )
     printing.line()
     actuators = [
         (a.name, f"{a.low:g} .. {a.high:g}", a.unit if a.unit != "1" else "", f"{a.start:g}", f"{a.safe:g}")
-        for a in told.actuators
+        for a in explanation.actuators
     ]
     printing.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
     printing.line()
@@ -130,8 +150,10 @@ def explain(
         for v in values
     ]
     printing.table("values", ("key", "value", "unit", "origin", "note", "file"), shown)
-    left = len(told.values) - len(values)
-    printing.line(f"\n{left} more values have defaults; to list them: rig explain {scene} --all" if left else "")
+    left = len(explanation.values) - len(values)
+    printing.line(
+        f"\n{left} more values have defaults; to list them: rig explain {shlex.quote(scene)} --all" if left else ""
+    )
 
 
 def _value(value: Value) -> dict[str, Any]:
@@ -172,20 +194,20 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
         [*effects_measured.topics(scene)],
     )
     if as_json:
-        told = {"signals": [vars(one) for one in signals], "topics": [vars(one) for one in topics]}
+        measured = {"signals": [vars(one) for one in signals], "topics": [vars(one) for one in topics]}
         effects = [one.to_json() for one in parts]
         printing.report({"scene": scene.name, "states": scene.assemble().system().n - 1, "effects": effects,
-                     "methods": methods, **told})  # fmt: skip
+                     "methods": methods, **measured})  # fmt: skip
     else:
-        _tell(scene, parts, methods, signals, topics)
+        _print_measured(scene, parts, methods, signals, topics)
     if figure is not None:
         from rig.qualify.effects_figure import draw
 
         draw(parts, scene, figure)
 
 
-def _tell(
-    scene: Scene, parts: Sequence[Part], methods: Mapping[str, str], signals: Sequence[Told], topics: Sequence[Told]
+def _print_measured(
+    scene: Scene, parts: Sequence[Part], methods: Mapping[str, str], signals: Sequence[Rate], topics: Sequence[Rate]
 ) -> None:
     """What was measured, for a reader."""
     rows = []
@@ -234,17 +256,21 @@ def new_scene(
 
     named("NAME", Path(name))
     file = Path(name) if name.endswith(".toml") else Path(f"{name}.toml")
+    if file.suffix != ".toml":
+        raise UsageError(f"{name}: names no file; expected NAME or NAME.toml")
     scene = load(based_on)
     shipped = based_on in names()
-    if not shipped and file.exists() and file.samefile(based_on):
-        raise UsageError(f"{name}: is the scene to start from; name another file")
+    bases = [] if shipped else [Path(based_on), *(Path(based_on).parent / base for base in scene.bases)]
+    if file.exists() and any(base.exists() and file.samefile(base) for base in bases):
+        raise UsageError(f"{name}: is a scene that the new one would be based on; name another file")
     base = based_on if shipped else os.path.relpath(based_on, file.parent)
     with held("NAME", file, force):
         file.write_text(draft(scene, base, str(file)), encoding="utf-8")
     if as_json:
         printing.report({"file": str(file), "based_on": base})
         return
-    printing.line(f"{file}: based on {base}\nnext: edit it | rig explain {file} | rig simulate {file}")
+    typed = shlex.quote(str(file))
+    printing.line(f"{file}: based on {base}\nnext: edit it | rig explain {typed} | rig simulate {typed}")
 
 
 def migrate(
@@ -261,11 +287,11 @@ def migrate(
     text = source.text(path)
     try:
         since = migration.written(source.parsed(path, text))
+        made, renamed = migration.rewritten(text)
     except ValueError as fault:
         raise SceneError(file, [str(fault)]) from None
-    made, renamed = migration.rewritten(text)
     if made != text:
-        path.write_bytes(made.encode())
+        replace(path, made.encode())
     if as_json:
         printing.report({"file": str(path), "from": since, "to": migration.newest(), "renamed": renamed})
         return

@@ -10,20 +10,24 @@ import typer
 from rig.cli import printing
 from rig.cli.options import Force, Json, at
 from rig.cli.outputs import refuse
-from rig.errors import UsageError
+from rig.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
     from rig.qualify.torture import Cell
 
 CaseName = Annotated[
     list[str] | None,
-    typer.Option("--case", metavar="ID", help="Run only this case, or the case in this file. Repeatable."),
+    typer.Option(
+        "--case",
+        metavar="ID",
+        help="Run only this case (a name as in the table that is printed), or the case in this file. Repeatable.",
+    ),
 ]
 Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the figure, JSON and JUnit files.")]
 
 
 def torture(
-    quick: Annotated[bool, typer.Option("--quick", help="Short runs, under a minute. The default.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Short runs, about a minute. The default.")] = False,
     full: Annotated[bool, typer.Option("--full", help="Every step and every case, over the whole duration.")] = False,
     case: CaseName = None,
     search: Annotated[
@@ -61,7 +65,7 @@ def torture(
         _table(cells)
         printing.line(f"\n{out}/matrix.png, matrix.svg, matrix.json, junit.xml")
     if not all(cell.good for cell in cells):
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _table(cells: list[Cell]) -> None:
@@ -71,11 +75,11 @@ def _table(cells: list[Cell]) -> None:
         v = cell.result
         name = f"{cell.method} (default)" if cell.default else cell.method
         rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.told, f"{cell.seconds:.2f} s"))
-    printing.table("", ("case", "method", "step", "", "reason", "", "time"), rows)
+    printing.table("", ("case", "method", "step", "result", "reason", "detail", "time"), rows)
     counts = {colour: sum(cell.result.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
     bad = sum(not cell.good for cell in cells)
-    told = ", ".join(f"{count} {colour}" for colour, count in counts.items())
-    printing.line(f"{len(cells)} cells: {told}; default methods: {bad or 'none'} not green")
+    counted = ", ".join(f"{count} {colour}" for colour, count in counts.items())
+    printing.line(f"{len(cells)} cells: {counted}; default methods: {bad or 'none'} not green")
 
 
 def _search(wanted: list[str], as_json: bool) -> None:
@@ -94,7 +98,7 @@ def _search(wanted: list[str], as_json: bool) -> None:
     if as_json:
         printing.report(found)
     if any(found.values()):
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 COMMANDS = {"torture": (torture, "rig torture --case grazing")}

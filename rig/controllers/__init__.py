@@ -1,18 +1,18 @@
-"""Controllers: pure objects that see measurements and send commands, and the process that runs one of them.
+"""Controllers: pure objects that get measurements and return commands, and the process that runs one of them.
 
-normal_force     press less when the body runs with the belt
-belt_velocity    let the belt follow the body
-dither           the least amplitude that keeps the cycle away
-dither_sampled   dither as a held signal, to show its error
-narrow_band      damp the modes of a band through the voltage of a stack
-shunt_schedule   a shunt connected by the clock
-squeal_switch    a shunt connected when the brake squeals
-shunt_tuner      a shunt's inductance after the squeal's frequency
+normal_force     normal-force feedback of the body's velocity
+belt_velocity    belt-velocity feedback of the body's velocity
+dither           search for the smallest dither amplitude that suppresses stick-slip
+dither_sampled   dither as a sampled and held signal, to show its error
+narrow_band      damping of the modes in a band through the voltage of a stack
+shunt_schedule   a shunt that is switched at stated times
+squeal_switch    a shunt that is connected when the brake squeals
+shunt_tuner      a shunt whose inductance follows the frequency of the squeal
 
-blocks           what controllers are built from
-runtime          what runs them
+blocks           building blocks of controllers
+runtime          the code that runs controllers
 
-A controller never sees the plant: what it needs of the matrices comes as numbers from the design step.
+A controller never sees the plant. Numbers that depend on the plant's matrices come from the design step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from types import ModuleType
 from typing import Any
 
 from rig.controllers.blocks.base import Controller, ControllerSection, Numbers
-from rig.parts import Code, Room, code_of, named, one_class
+from rig.parts import Code, Room, calling, code_of, named, one_class
 from rig.quantities import Nanoseconds, Section
 
 if __name__ != "rig.controllers":  # found through the link at the top of a checkout
@@ -32,7 +32,7 @@ if __name__ != "rig.controllers":  # found through the link at the top of a chec
 
 
 def _section(module: ModuleType, kind: str) -> Any:
-    """The section of a controller's module; one from elsewhere gets what every controller of a scene states."""
+    """The section of a controller's module; a foreign one is extended by the keys of every controller of a scene."""
     made, own = class_of(module), parameters_of(module)
     if code_of(module) is None:
         return own
@@ -40,7 +40,8 @@ def _section(module: ModuleType, kind: str) -> Any:
     if own is not None:
         bases = (own,) if issubclass(own, ControllerSection) else (own, ControllerSection)
     period = getattr(made, "period_ns", None)
-    fields = {"period": (Nanoseconds, period)} if isinstance(period, int) else {}
+    whole = isinstance(period, int) and not isinstance(period, bool) and period > 0  # else the trial refuses it
+    fields = {"period": (Nanoseconds, period)} if whole else {}
     return named(module, bases, "kind", kind, fields)
 
 
@@ -51,13 +52,13 @@ def _is_controller(one: type) -> bool:
 
 @cache
 def class_of(module: ModuleType) -> Any:
-    """The class of the controllers of a module."""
+    """The controller class of a module."""
     return one_class(module, _is_controller, "Controller", "class Controller")
 
 
 @cache
 def parameters_of(module: ModuleType) -> Any:
-    """The section of a module; None where it has none."""
+    """The section class of a module; None if it has none."""
     return one_class(module, lambda one: issubclass(one, Section), "Parameters", "")
 
 
@@ -66,40 +67,41 @@ KINDS: Room[Any] = Room("controllers", __name__, __path__, _section)
 
 
 def module_of(section: Section) -> ModuleType:
-    """The module that defines a section: one file holds all of a controller."""
+    """The module that defines a section; one file contains a whole controller."""
     return sys.modules[type(section).__module__]
 
 
-def made_by(section: Section) -> Any:
+def controller_class(section: Section) -> Any:
     """The class of the controllers that a section describes."""
     return class_of(module_of(section))
 
 
-def wired(section: Section, what: str) -> tuple[str, ...]:
-    """What a controller `reads` or `drives` that its class states; else what one that is built from `section` does."""
-    stated = getattr(made_by(section), what, None)
+def connections(section: Section, what: str) -> tuple[str, ...]:
+    """Names that a controller `reads` or `drives`, from its class or else from a controller built from `section`."""
+    stated = getattr(controller_class(section), what, None)
     return stated if isinstance(stated, tuple) else tuple(getattr(build(section, {}), what))
 
 
 def build(section: Section, numbers: Numbers) -> Controller:
-    """The controller of a scene's section, with the numbers of the design step.
+    """Build the controller of a scene's section with the numbers of the design step.
 
-    Raises rig.errors.PartError with file and line where a controller from elsewhere fails.
+    Raises rig.errors.PartError with file and line where a foreign controller fails.
     """
     module = module_of(section)
-    controller: Controller = class_of(module)(section, numbers) if parameters_of(module) else class_of(module)()
+    with calling(module):
+        controller: Controller = class_of(module)(section, numbers) if parameters_of(module) else class_of(module)()
     return controller
 
 
 def described(section: Section, numbers: Numbers) -> dict[str, Any]:
-    """A controller as plain values, the way it travels to its process; one from elsewhere with its code."""
+    """The description of a controller as plain values, for its process; that of a foreign one contains its code."""
     code = code_of(type(section))
     part = {} if code is None else {"part": code.to_json()}
     return {"section": section.model_dump(mode="json"), "numbers": dict(numbers), **part}
 
 
 def restored(values: Mapping[str, Any]) -> Controller:
-    """The controller that `described` told. Raises rig.errors.Untrusted for code that is not trusted."""
+    """The controller that `described` returned. Raises rig.errors.Untrusted for code that is not trusted."""
     kind = values["section"]["kind"]
-    parts = {(KINDS.what, kind): Code.told(values["part"])} if "part" in values else {}
+    parts = {(KINDS.what, kind): Code.from_json(values["part"])} if "part" in values else {}
     return build(KINDS.get_from(kind, parts).model_validate(values["section"]), values["numbers"])

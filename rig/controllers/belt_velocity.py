@@ -1,10 +1,10 @@
-"""Belt-velocity feedback: the belt follows the body, so that the slip speed changes in the helpful direction.
+"""Belt-velocity feedback: the belt speed follows the velocity of the body.
 
     v_b = v0 + K x'        lowest <= v_b <= highest
 
-With K above 1 the slip speed falls as the body runs against the belt: the falling law then damps. Between 0 and 1 the
-cycle grows; above 1 a sticking body carries the belt it commands away exponentially, so the limits are part of the law.
-For a pendulum the drive is commanded in rad/s; the design step gives the number that converts.
+With K above 1 the slip speed falls while the body moves against the belt, so a falling friction law damps. With K
+between 0 and 1 the cycle grows. With K above 1 a sticking body accelerates the belt exponentially; therefore the limits
+are part of the control law. For a pendulum the drive is commanded in rad/s; the design step gives the conversion.
 Source: Kroeger, Neubauer, Popp (2008), equations 4.7 to 4.9.
 """
 
@@ -37,5 +37,5 @@ class BeltVelocityFeedback(VelocityFeedback):
 
     @staticmethod
     def design(rig: Rig, section: BeltVelocity) -> dict[str, Any]:
-        """Numbers for the velocity, and the command per unit of the speed of the surface."""
+        """Numbers for the velocity, and the command per unit of the surface speed."""
         return designed(rig, section) | rig.commands_surface(section.drive)

@@ -1,17 +1,17 @@
-"""Dither at the least amplitude that keeps the stick-slip cycle away.
+"""Dither with the smallest amplitude that suppresses the stick-slip cycle.
 
-A fast tangential vibration of velocity amplitude a turns the falling friction law into a rising one, as long as it
-reverses the slip: a > v_b. Below the belt speed it makes things worse. The signal itself is made by the generator of
-the rig; this controller commands its amplitude, frequency and enable, and searches:
+A fast tangential vibration of velocity amplitude a turns the falling friction law into a rising average law if it
+reverses the slip: a > v_b. An amplitude below the belt speed increases the instability. The generator of the rig
+produces the signal; this controller commands its amplitude, frequency and enable, and searches:
 
     quench   the largest amplitude, until a whole window is quiet
     lower    one step after each quiet window, never below  max(lowest, margin v_b)
-    back     the cycle returns (alarm) or does not die away from window to window: the ratio a / v_b has failed, the
+    back     the cycle returns (alarm) or does not decay from window to window: the ratio a / v_b has failed, the
              margin is set `back_off` above it; quench again
 
-The oscillation is half the peak-to-peak of the velocity below `band`, where the dither itself does not show, in
-windows that begin `hold_off` after each change. Where the belt runs too fast for any allowed amplitude, dither is off.
-Source: Kroeger, Neubauer, Popp (2008), where dither is named; averaged dry friction, v_b < a, as in their section 1.
+The oscillation is half the peak-to-peak value of the velocity below `band`, which excludes the dither itself, in
+windows that begin `hold_off` after each change. Dither is off if the belt is too fast for any allowed amplitude.
+Source: Kroeger, Neubauer, Popp (2008), section 1, which mentions dither; averaged dry friction for v_b < a.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from rig.controllers.blocks.design import Rig
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second, Speed
 
-FALLING = 0.8  # an oscillation that falls less than this from one window to the next is not dying away
-SPEED_BAND = 0.1  # share of `band` in which a measured belt speed is believed: the dither rides on it
+FALLING = 0.8  # largest ratio of the oscillations of two successive windows that counts as decay
+SPEED_BAND = 0.1  # bandwidth of the filter of a measured belt speed, which contains the dither, as a share of `band`
 
 
 class Dither(ControllerSection):
-    """Parameters; amplitudes are velocities at the contact, whatever the generator shakes, as is the belt `speed`."""
+    """Parameters; amplitudes and the belt `speed` are velocities at the contact [m/s] for every kind of generator."""
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "speed_sensor"}
 
@@ -69,21 +69,21 @@ class Dither(ControllerSection):
 
 
 class Search(NamedTuple):
-    """What the search remembers: the amplitude, the least ratio to the belt speed, the running window, filters."""
+    """The state of the search: amplitude, smallest ratio to the belt speed, present window, filters."""
 
     amplitude: float = 0.0
-    margin: float = 0.0  # learned: above every ratio that has failed
-    since_ns: int = -1  # when the amplitude was changed last; -1 while off
+    margin: float = 0.0  # above every ratio that has failed so far
+    since_ns: int = -1  # time of the last change of the amplitude; -1 while off
     top: float = -math.inf  # extremes of the slow velocity in this window
     bottom: float = math.inf
-    last: float = math.inf  # oscillation in the window before, inf after a change
+    last: float = math.inf  # oscillation in the previous window, inf after a change
     smooth: float = 0.0
     slow: float = 0.0
     speed: float = -1.0
 
 
 class DitherSearch:
-    """Commands (amplitude, frequency, enable) of the generator."""
+    """The controller; it commands amplitude, frequency and enable of the generator."""
 
     drives = ("dither.amplitude", "dither.frequency", "dither.enable")
 
@@ -102,7 +102,7 @@ class DitherSearch:
         if frequency is None:
             raise UsageError("frequency: is not stated, and the design step gives no number for it")
         self.frequency = float(frequency)
-        # a generator on the belt is told a velocity; one on the mass the force that, far above resonance, makes it
+        # a generator on the belt gets a velocity; one on the mass the force that causes it far above resonance
         self.drive_scale = float(numbers["force_per_hertz"]) * self.frequency if "force_per_hertz" in numbers else 1.0
         turn = -2.0 * math.pi * section.band * section.period * 1e-9
         self.smoothing = -math.expm1(turn)
@@ -121,7 +121,7 @@ class DitherSearch:
         found["read_scale"] = rig.read_scale(section.sensor)
         if amplitude.unit == "N":
             if not rig.pushed_by("dither.sin"):
-                raise ValueError("kind: searches a tangential dither; the generator of this scene shakes the load")
+                raise ValueError("kind: searches a tangential dither; the generator of this scene acts on the load")
             found["force_per_hertz"] = 2.0 * math.pi * rig.inertia
         found["nominal"] = rig.surface_speed
         if section.speed_sensor is not None:
@@ -129,11 +129,11 @@ class DitherSearch:
         return found
 
     def start(self) -> Search:
-        """Before the first sample: off."""
+        """The state before the first sample: dither is off."""
         return Search()
 
     def update(self, state: Search, t_ns: int, values: Values) -> tuple[Search, Values]:
-        """The search one sample on, and what the generator is told."""
+        """State of the search after a sample, and the command of the generator."""
         amplitude, margin, since, top, bottom, last, smooth, slow, speed = state
         smooth += self.smoothing * (self.read_scale * values[0] - smooth)
         slow += self.smoothing * (smooth - slow)
@@ -157,13 +157,13 @@ class DitherSearch:
                 since = t_ns if changed else t_ns - self.hold_ns
                 top, bottom = -math.inf, math.inf
         amplitude = max(amplitude, self._least(margin, speed))
-        told = (self.drive_scale * amplitude, self.frequency, 1.0)
-        return Search(amplitude, margin, since, top, bottom, last, smooth, slow, speed), told
+        command = (self.drive_scale * amplitude, self.frequency, 1.0)
+        return Search(amplitude, margin, since, top, bottom, last, smooth, slow, speed), command
 
     def _judge(
         self, amplitude: float, margin: float, speed: float, oscillation: float, last: float, whole: bool
     ) -> tuple[float, float, bool]:
-        """Amplitude, margin and whether the amplitude changes, after a window with this oscillation."""
+        """Amplitude [m/s], margin, and whether the amplitude changes, after a window with this oscillation [m/s]."""
         section = self.section
         stays = whole and oscillation > section.quiet and oscillation > FALLING * last
         if (stays or oscillation > section.alarm) and amplitude < section.highest:
@@ -175,7 +175,7 @@ class DitherSearch:
         return amplitude, margin, False
 
     def _least(self, margin: float, speed: float) -> float:
-        """The least amplitude allowed at this belt speed."""
+        """The smallest allowed amplitude [m/s] at this belt speed [m/s]."""
         section = self.section
         least: float = min(max(section.lowest, max(section.margin, margin) * speed), section.highest)
         return least

@@ -1,10 +1,10 @@
-"""Dither as a signal sent over the bus, sample by sample and held in between: here to show why that is wrong.
+"""Dither as a sampled and held signal over the bus, which demonstrates the error of this approach.
 
     v_b = v0 + a sin(2 pi f t_k)      for t_k <= t < t_k + period
 
-At 150 Hz and 1 kHz the held signal lags by half a period of the controller (27 degrees), loses 4 % of its
-amplitude, carries images at 850 and 1150 Hz, and every late command bends it. The generator of the rig
-has none of this: see `dither`.
+At 150 Hz and 1 kHz the held signal lags by half a period of the controller (27 degrees), loses 4 % of its amplitude,
+contains images at 850 and 1150 Hz, and is distorted by every late command. The generator of the rig does not have these
+errors: see `dither`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class SampledDither(ControllerSection):
 
 
 class SampledDitherSignal:
-    """A sine on the clock: no sensor, no state."""
+    """A sine of the simulated time; it has no sensor and no state."""
 
     reads = ()
 
@@ -64,7 +64,7 @@ class SampledDitherSignal:
         return dict(rig.commands_surface(section.drive))
 
     def start(self) -> tuple[()]:
-        """Nothing to remember."""
+        """The empty state."""
         return ()
 
     def update(self, state: tuple[()], t_ns: int, values: Values) -> tuple[tuple[()], Values]:

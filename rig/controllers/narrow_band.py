@@ -1,12 +1,13 @@
-"""Damp the squeal of a brake through the voltage of its stack: an observer of the modes in a band, fed back.
+"""Active damping of brake squeal through the voltage of a stack: observer and feedback of the modes in a band.
 
     e = y - 2 Re sum z_i        z_i <- z_i + l_i e        u = -Re sum conj(k_i) z_i        z_i <- p_i z_i + g_i u
 
-A force along the brake's axis that follows the velocity of the pad along its surface damps the squeal mode at one phase
-only: near flutter the coupling of force and velocity is complex, so plain feedback of either sign shifts the frequency,
-and it destabilises the modes beside. Here each mode of the band has a turning number z_i of its own, which is told what
-the stack does to it (|u| <= limit, as it is given), and the design step finds the phases k_i, l_i from the matrices.
-Source: Kroeger, Neubauer, Popp (2008), figure 21; observer and feedback are ours (linear quadratic, discrete time).
+A force along the brake's axis proportional to the velocity of the pad along its surface damps the squeal mode only with
+the right phase. Near flutter the coupling of force and velocity is complex, so feedback with a real gain of either sign
+shifts the frequency and destabilises neighbouring modes. Here the observer has one complex state z_i for each mode of
+the band, driven by the limited command u (|u| <= limit); the design step computes the gains k_i, l_i from the matrices.
+Source: Kroeger, Neubauer, Popp (2008), figure 21; observer and feedback are derived here (linear quadratic, discrete
+time).
 """
 
 from __future__ import annotations
@@ -25,16 +26,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Modes = tuple[complex, ...]
-LEAST = 1e-6  # of what the disturbance does to all modes: what each is shaken at least
-_ROUNDING = 1e-12  # growth over a period of a mode that does not grow
+LEAST = 1e-6  # least disturbance of each mode, as a share of that of all modes
+_ROUNDING = 1e-12  # growth over a period that counts as rounding
 KEYS = ("poles", "driven", "corrected", "fed_back")
 
 
 class NarrowBand(ControllerSection):
-    """Parameters; the band lies `bandwidth` wide about `frequency`.
+    """Parameters; the band of width `bandwidth` is centred at `frequency`.
 
-    `effort`: voltage that is spent on a velocity, of the quadratic cost v^2 + (u / effort)^2. `disturbance`: a random
-    voltage at the stack that shakes the brake as much as what really does; `noise`: of one sample, believed the less.
+    `effort` [V s/m]: weight in the quadratic cost v^2 + (u / effort)^2; more effort means larger voltages.
+    `disturbance`: random voltage [V] at the stack that is equivalent to the real disturbances. `noise`: standard
+    deviation of one sample; the observer corrects less for a larger one.
     """
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {
@@ -54,7 +56,7 @@ class NarrowBand(ControllerSection):
 
 
 class NarrowBandFeedback:
-    """One sample in, one voltage out; the state is one number for each mode."""
+    """The controller; its state is one complex number for each mode of the band."""
 
     def __init__(self, section: NarrowBand, numbers: Numbers) -> None:
         missing = [key for key in KEYS if key not in numbers]
@@ -74,7 +76,7 @@ class NarrowBandFeedback:
     def design(rig: Rig, section: NarrowBand) -> dict[str, Any]:
         """Observer and feedback of the modes in the band, as pairs (real, imaginary part), one for each mode.
 
-        Raises ValueError where a mode of the rig, in the band or outside, would grow with it.
+        Raises ValueError if no mode is in the band, or if a mode of the closed loop, in the band or outside, grows.
         """
         import control
         import numpy as np
@@ -91,7 +93,7 @@ class NarrowBandFeedback:
         C = np.tile([2.0, 0.0], len(modes))[None, :]
         k, _, _ = control.dlqr(F, G, C.T @ C, np.array([[section.effort**-2]]))
         shaken = section.disturbance**2 * G @ G.T
-        least = LEAST * np.trace(shaken) * np.eye(len(F))  # a mode that nothing shakes would never be corrected
+        least = LEAST * np.trace(shaken) * np.eye(len(F))  # the observer never corrects a mode without disturbance
         _, P, _ = control.dlqe(F, np.eye(len(F)), C, shaken + least, np.array([[section.noise**2]]))
         corrected = (P @ C.T / (C @ P @ C.T + section.noise**2)).ravel()
         of = {"poles": poles, "driven": driven, "corrected": _complex(corrected), "fed_back": _complex(k.ravel())}
@@ -105,7 +107,7 @@ class NarrowBandFeedback:
         return numbers
 
     def linear(self) -> Linear:
-        """See `Linear`: connected and within its limit, real and imaginary parts in turn."""
+        """See `Linear`: for a connected controller within its limit; states: real and imaginary parts in turn."""
         within = self.section.model_copy(update={"limit": math.inf, "enable_at": 0.0})
         free = NarrowBandFeedback(within, self.numbers)
 
@@ -116,11 +118,11 @@ class NarrowBandFeedback:
         return Linear(2 * len(self.poles), step)
 
     def start(self) -> Modes:
-        """A brake at rest."""
+        """The state of a brake at rest."""
         return (0j,) * len(self.poles)
 
     def update(self, state: Modes, t_ns: int, values: Values) -> tuple[Modes, Values]:
-        """The modes at the next sample, and the voltage [V] until then."""
+        """State of the modes at the next sample, and the voltage [V] until then."""
         expected = 0j
         for z in state:
             expected += z

@@ -1,9 +1,9 @@
-"""Normal-force feedback: press less when the body runs with the belt, more when it runs against it.
+"""Normal-force feedback: a smaller normal force while the body moves with the belt, a larger one against it.
 
     F_N = F0 - K x'        lowest <= F_N <= highest
 
-Friction then draws energy from the oscillation: for small amplitudes the damping is d - F0 |dmu/dv| + mu(v0) K.
-A contact cannot pull, so lowest is at least zero.
+Friction then dissipates energy of the oscillation: for small amplitudes the damping is d - F0 |dmu/dv| + mu(v0) K.
+A contact cannot pull, so `lowest` is at least zero.
 Source: Kroeger, Neubauer, Popp (2008), equation 4.6.
 """
 
@@ -15,7 +15,7 @@ from rig.controllers.blocks.base import ForcePerSpeed, OptionalForce
 from rig.controllers.blocks.design import Rig
 from rig.controllers.blocks.feedback import FeedbackSection, VelocityFeedback
 from rig.controllers.blocks.velocity import designed
-from rig.quantities import PositiveNewton
+from rig.quantities import NonNegativeNewton
 
 
 class NormalForce(FeedbackSection):
@@ -24,13 +24,13 @@ class NormalForce(FeedbackSection):
     kind: Literal["normal_force"]
     gain: ForcePerSpeed = 0.0
     nominal: OptionalForce = None
-    lowest: PositiveNewton = 0.0
-    highest: PositiveNewton = 100.0
+    lowest: NonNegativeNewton = 0.0
+    highest: NonNegativeNewton = 100.0
     drive: str = "load.force"
 
 
 class NormalForceFeedback(VelocityFeedback):
-    """F_N = F0 - K x'."""
+    """The controller F_N = F0 - K x'."""
 
     direction = -1.0
 

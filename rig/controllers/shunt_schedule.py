@@ -1,4 +1,4 @@
-"""A shunt connected and disconnected by the clock, to see and hear what it does.
+"""A shunt that is connected and disconnected at stated times, to show its effect.
 
 Source: Kroeger, Neubauer, Popp (2008), figure 29: the shunt of a squealing brake switched every ten seconds.
 """
@@ -12,7 +12,7 @@ from rig.quantities import PositiveSecond, Second
 
 
 class ShuntSchedule(ControllerSection):
-    """From `begin` on connected for `connected_for`, then open for `open_for`, and so on."""
+    """Parameters: from `begin` [s] on, alternately connected for `connected_for` [s] and open for `open_for` [s]."""
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"drive"}
 
@@ -24,7 +24,7 @@ class ShuntSchedule(ControllerSection):
 
 
 class ShuntClock:
-    """No sensor, no state."""
+    """The controller; it has no sensor and no state."""
 
     reads = ()
 
@@ -38,10 +38,10 @@ class ShuntClock:
         self.round_ns = self.on_ns + round(section.open_for * 1e9)
 
     def start(self) -> tuple[()]:
-        """Nothing to remember."""
+        """The empty state."""
         return ()
 
     def update(self, state: tuple[()], t_ns: int, values: Values) -> tuple[tuple[()], Values]:
-        """1: connected, 0: open."""
+        """The command: 1 connected, 0 open."""
         since = t_ns - self.begin_ns
         return state, (1.0 if since >= 0 and since % self.round_ns < self.on_ns else 0.0,)

@@ -1,10 +1,10 @@
-"""Keep the shunt in tune with the squeal: L follows the frequency that the vibrometer sees.
+"""Tunes a shunt to the squeal: its inductance L follows the frequency that the vibrometer measures.
 
     L = ratio (1 + delta) / (C_ps (2 pi f)^2)
 
-The frequency is the rate at which the band of the vibration turns, averaged over `average`; it is believed only while
-the amplitude is above `threshold`, and kept otherwise. L moves in steps of at least `step` of itself, so that a rig
-whose matrices depend on it is not rebuilt for nothing.
+The frequency is the angular velocity of the complex band signal, averaged over `average`. It is used while the
+amplitude is above `threshold` and held otherwise. L changes in relative steps of at least `step`, because each change
+may build new matrices.
 Source: Kroeger, Neubauer, Popp (2008), equation 4.18 solved for the inductance.
 """
 
@@ -15,14 +15,14 @@ import math
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from rig.controllers.blocks.base import ControllerSection, Fraction, Numbers, Samples, Values
-from rig.controllers.blocks.design import Rig, heard
+from rig.controllers.blocks.design import Rig, sampling_numbers
 from rig.controllers.blocks.resonator import Resonator
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveNumber, PositiveSecond, Second
 
 
 class ShuntTuner(ControllerSection):
-    """Parameters; `ratio` is L over the inductance that resonates at the tracked frequency."""
+    """Parameters; `ratio`: L over the inductance that resonates at the tracked frequency."""
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "drive"}
 
@@ -39,7 +39,7 @@ class ShuntTuner(ControllerSection):
 
 
 class Track(NamedTuple):
-    """What the tuner remembers: the band, its averaged turn from sample to sample, the inductance in force [H]."""
+    """The state: band signal, its averaged rotation from sample to sample, inductance in force [H]."""
 
     z: complex = 0j
     turned: complex = 0j
@@ -47,7 +47,7 @@ class Track(NamedTuple):
 
 
 class FrequencyTuner:
-    """Reads every sample of its sensor, drives the inductance."""
+    """The controller; it reads every sample of its sensor and commands the inductance."""
 
     every_sample = True
 
@@ -67,19 +67,19 @@ class FrequencyTuner:
 
     @staticmethod
     def design(rig: Rig, section: ShuntTuner) -> dict[str, Any]:
-        """The sample period of its sensor, the stack's capacitance, delta and inductance of its shunt."""
-        told = {"capacitance": "piezo.capacitance", "delta": "shunt.delta", "inductance": "shunt.inductance"}
-        found = {name: rig.value(key) for name, key in told.items()}
+        """Numbers: sample period of the sensor, capacitance of the stack, delta and inductance of the shunt."""
+        keys = {"capacitance": "piezo.capacitance", "delta": "shunt.delta", "inductance": "shunt.inductance"}
+        found = {name: rig.value(key) for name, key in keys.items()}
         if found["capacitance"] is None or found["delta"] is None:
             raise ValueError('kind: tunes a shunt of kind "series" on a piezo stack, and the scene has none')
-        return heard(rig, section) | found
+        return sampling_numbers(rig, section) | found
 
     def start(self) -> Track:
-        """The coil of the scene, or one for the stated frequency."""
+        """The state with the inductance of the scene, or that for the stated frequency."""
         return Track(inductance=float(self.numbers.get("inductance", self.tuned(self.section.frequency))))
 
     def tuned(self, frequency: float) -> float:
-        """The inductance for a frequency [Hz]: [H]."""
+        """The inductance [H] for a frequency [Hz]."""
         return float(self.scale / (2.0 * math.pi * frequency) ** 2)
 
     def update(self, state: Track, t_ns: int, values: Samples) -> tuple[Track, Values]:

@@ -1,9 +1,10 @@
-"""Connect the shunt when the brake squeals.
+"""Connects a shunt when the brake squeals.
 
-The vibration is watched in a narrow band: its root mean square over one frame. Above `threshold` for `confirm` without
-a gap it is squeal, and the shunt is connected for `hold`; then it is opened again, to see whether the brake still
-squeals without it, and at least `rest` passes before the next decision. A `hold` that is left out never opens again.
-Source: Kroeger, Neubauer, Popp (2008), section 4, where the shunt is switched by hand; the rule is ours.
+The controller evaluates the RMS of the vibration in a narrow band over one frame. A value above `threshold` for
+`confirm` without a gap counts as squeal, and the shunt is connected for `hold`. Then it is opened, to check whether the
+brake still squeals without it; the next decision follows after `rest` at the earliest. Without `hold` it stays
+connected.
+Source: Kroeger, Neubauer, Popp (2008), section 4, where the shunt is switched manually; the rule is chosen here.
 """
 
 from __future__ import annotations
@@ -11,14 +12,14 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalSecond, Samples, Values
-from rig.controllers.blocks.design import Rig, heard
+from rig.controllers.blocks.design import Rig, sampling_numbers
 from rig.controllers.blocks.resonator import Resonator
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, Second
 
 
 class SquealSwitch(ControllerSection):
-    """Parameters; `threshold` is an amplitude of the pad's velocity."""
+    """Parameters; `threshold`: amplitude of the pad's velocity [m/s]."""
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "drive"}
 
@@ -34,7 +35,7 @@ class SquealSwitch(ControllerSection):
 
 
 class Watch(NamedTuple):
-    """What the switch remembers: the band, since when it is loud (-1: it is not), the last change, the command."""
+    """The state: band signal, time since which it is above the threshold (-1: below), last change, command."""
 
     z: complex = 0j
     loud_ns: int = -1
@@ -43,7 +44,7 @@ class Watch(NamedTuple):
 
 
 class SquealWatch:
-    """Reads every sample of its sensor, drives the switch of the shunt."""
+    """The controller; it reads every sample of its sensor and commands the switch of the shunt."""
 
     every_sample = True
 
@@ -63,15 +64,15 @@ class SquealWatch:
 
     @staticmethod
     def design(rig: Rig, section: SquealSwitch) -> dict[str, Any]:
-        """The sample period of its sensor."""
-        return heard(rig, section)
+        """Numbers: sample period of the sensor."""
+        return sampling_numbers(rig, section)
 
     def start(self) -> Watch:
-        """Before the first sample: open."""
+        """The state before the first sample: open."""
         return Watch()
 
     def update(self, state: Watch, t_ns: int, values: Samples) -> tuple[Watch, Values]:
-        """1 while squeal is being silenced, 0 while it is waited for."""
+        """The command: 1 (connected) after squeal was detected, otherwise 0."""
         z, square, _ = self.band.run(state.z, values[0])
         loud = (t_ns if state.loud_ns < 0 else state.loud_ns) if square > self.square else -1
         connected, changed = state.connected, state.changed_ns

@@ -1,50 +1,76 @@
 """From the matrices of a rig to the numbers of its controllers.
 
-A controller never sees the plant. This step, taken once at the start of a run, gives each controller what it needs as
-plain numbers: scales between the units of its sensor and drive and those of the contact, the frequency of the
-structure, observers. Which they are each controller says itself (rig.controllers.blocks.design).
+A controller never sees the plant. This step is carried out once at the start of a run. It gives each controller plain
+numbers: scales between the units of its sensor and actuator and those of the contact, the frequency of the structure,
+observers. Each controller selects its numbers itself (rig.controllers.blocks.design).
 
-asked        what a controller's design step may ask
-designer     the matrices as a controller's designer sees them
-kalman       an observer of the contact velocity        modal   the modes of the sliding rig
-linearised   small motions about steady sliding as matrices, from actuators to outputs
-sampled      a controller with its instrument, delay, sample and hold around these
+design_rig   the quantities that a controller's design step may use
+designer     the matrices of a rig for controller design
+kalman       an observer of the contact velocity        modal   the vibration modes of the sliding rig
+linearised   the rig linearised about steady sliding, from actuators to outputs
+sampled      the sampled control loop: controller, instrument, delay, sample and hold
 """
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from rig import controllers
-from rig.design.asked import Asked
+from rig.design.design_rig import DesignRig
 from rig.design.designer import Designer
-from rig.errors import SceneError
+from rig.errors import PartError, SceneError
 from rig.model.assembly import Assembly
+from rig.parts import calling, code_of, file_of
+from rig.quantities import brief
 
 __all__ = ["described", "numbers"]
 
 
 def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str, Any]]:
-    """Numbers for each controller of `scene`, as plain JSON values. Raises SceneError with all that cannot be done."""
+    """The numbers of each controller of `scene`, as plain JSON values. Raises SceneError with all faults."""
     if not scene.controllers:
         return {}
-    rig = Asked(Designer(assembly if assembly is not None else scene.assemble(), scene.sensors, scene.parameters))
+    rig = DesignRig(Designer(assembly if assembly is not None else scene.assemble(), scene.sensors, scene.parameters))
     found: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
     for name, section in scene.controllers.items():
         try:
-            design = getattr(controllers.made_by(section), "design", None)
-            found[name] = {} if design is None else design(rig, section)
+            design = getattr(controllers.controller_class(section), "design", None)
+            found[name] = {} if design is None else _designed(design, rig, section)
+        except PartError as fault:
+            faults.append(f"controllers.{name}: {fault}")
         except ValueError as fault:
-            faults.append(f"controllers.{name}.{fault}")
-        except ArithmeticError as fault:  # sizes whose squares no number holds
+            stated = str(fault).partition(":")[0] in type(section).model_fields
+            faults.append(f"controllers.{name}{'.' if stated else ': '}{fault}")
+        except ArithmeticError as fault:  # overflow of squares
             faults.append(f"controllers.{name}: its numbers cannot be computed for this rig: {fault.args[-1]}")
     if faults:
         raise SceneError(scene.name, faults)
     return found
 
 
+def _designed(design: Any, rig: DesignRig, section: Any) -> dict[str, Any]:
+    """The numbers of the design step. A foreign controller is tried with them: raises PartError if it fails."""
+    module = controllers.module_of(section)
+    with calling(module, ValueError, ArithmeticError):
+        numbers: dict[str, Any] = design(rig, section)
+    if code_of(module) is None:
+        return numbers
+    from rig.controllers.runtime.file import section_faults  # where a scene names a file
+
+    if not isinstance(numbers, dict):
+        raise PartError(f"{file_of(module)}: design gives {brief(numbers)}; expected a dict of plain JSON values")
+    try:
+        json.dumps(numbers, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise PartError(f"{file_of(module)}: design gives values that are no plain JSON: {error}") from None
+    if found := section_faults(section, numbers):
+        raise PartError("; ".join(found))
+    return numbers
+
+
 def described(scene: Any) -> dict[str, dict[str, Any]]:
-    """Each controller of `scene` with its numbers, as it travels to its process. Raises SceneError as `numbers`."""
+    """The description of each controller of `scene` with its numbers. Raises SceneError as `numbers` does."""
     found = numbers(scene)
     return {name: controllers.described(section, found[name]) for name, section in scene.controllers.items()}

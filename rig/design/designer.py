@@ -1,4 +1,4 @@
-"""The matrices of a rig as a controller's designer sees them: structure, contact, actuators, instruments."""
+"""The matrices of a rig for controller design: structure, contact, actuators, instruments."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from rig.controllers.blocks.observer import propagated
 from rig.model.assembly import Assembly
 
 Array = NDArray[np.float64]
-SETTLED = 100.0  # s: every lag of a drive has settled by then
+SETTLED = 100.0  # s; longer than the settling time of any lag of a drive
 
 
 class Designer:
-    """The matrices of a rig as a controller's designer sees them: structure, contact, actuators, instruments."""
+    """The matrices of a rig for controller design: structure, contact, actuators, instruments."""
 
     def __init__(self, assembly: Assembly, sensors: Mapping[str, Any], parameters: Any) -> None:
         self.assembly, self.sensors, self.parameters = assembly, sensors, parameters
@@ -28,14 +28,14 @@ class Designer:
 
     @cached_property
     def structure(self) -> Array:
-        """A [2 nq, 2 nq] of the linear structure without friction, over (x, v)."""
+        """The matrix A [2 nq, 2 nq] of the linear structure without friction, over (x, v)."""
         s, nq = self.system, self.nq
         pull = (s.force + s.coupling)[:, : 2 * nq] - np.hstack([s.stiffness, s.damping])
         return np.block([[np.zeros((nq, nq)), np.eye(nq)], [np.linalg.solve(s.mass, pull)]])
 
     @cached_property
     def push(self) -> Array:
-        """B [2 nq, patches] of the friction forces."""
+        """The matrix B [2 nq, patch] of the friction forces."""
         directions = np.array([p.direction for p in self.system.patches]).T
         return np.vstack([np.zeros_like(directions), np.linalg.solve(self.system.mass, directions)])
 
@@ -46,7 +46,7 @@ class Designer:
         return float(min(w for w in turning if w > 1e-6 * turning.max()) / (2.0 * math.pi))
 
     def row(self, name: str) -> Array:
-        """Output `name` as a row over (x, v, w); what does not move with the structure is left out."""
+        """Output `name` as a row over (x, v, w), w: friction forces; other states are left out."""
         nq, patches = self.nq, self.system.patches
         out = np.zeros(2 * nq + len(patches))
         accelerations = np.hstack([self.structure[nq:], self.push[nq:]])
@@ -82,10 +82,10 @@ class Designer:
                 f"velocity: is 'measured', but {sensor} reads {section.reads}, which is not the velocity of the "
                 "contact; expected 'observed', or a sensor of the velocity"
             )
-        return _tidy(scale)
+        return _rounded(scale)
 
-    def settled(self, row: Array, actuator: str) -> float:
-        """What a row over the states gains per unit of a command once the drive has settled."""
+    def settled_change(self, row: Array, actuator: str) -> float:
+        """The change of a row over the states per unit of a command, after the drive has settled."""
         system, first = self.system, self.system.one
         lags = system.signals[:, first:].copy()
         for limiter in (one for one in system.limiters if one.state >= first):
@@ -96,15 +96,15 @@ class Designer:
             change = propagated(row[first:], lags, SETTLED)[system.names.index(given.state) - first]
         if abs(change) < 1e-12:
             raise ValueError(f"drive: {actuator} does not move what this controller commands")
-        return _tidy(change)
+        return _rounded(change)
 
     def nominal(self, row: Array) -> float:
         """The value of a row over the states at the start, without dither."""
-        return _tidy(float(self._undithered(row) @ self.system.start))
+        return _rounded(float(self._undithered(row) @ self.system.start))
 
     def commanded(self, row: Array, actuator: str) -> dict[str, float]:
-        """The value of a row at the start, and the command per unit of it."""
-        return {"nominal": self.nominal(row), "drive_scale": 1.0 / self.settled(row, actuator)}
+        """`nominal`: the value of a row at the start; `drive_scale`: the command per unit of it."""
+        return {"nominal": self.nominal(row), "drive_scale": 1.0 / self.settled_change(row, actuator)}
 
     def speed_scale(self, sensor: str) -> float:
         """Speed of the surface per unit of a sensor that follows the drive."""
@@ -115,7 +115,7 @@ class Designer:
         scale = float(surface @ seen) / float(seen @ seen or 1.0)
         if not np.allclose(scale * seen, surface, rtol=1e-9, atol=0.0):
             raise ValueError(f"speed_sensor: {sensor} reads {section.reads}, which is not the speed of the surface")
-        return _tidy(scale)
+        return _rounded(scale)
 
     def _undithered(self, row: Array) -> Array:
         shaken = [self.assembly.owners.get(name) == "dither" for name in self.system.names]
@@ -123,8 +123,8 @@ class Designer:
 
     @cached_property
     def inertia(self) -> float:
-        """Mass that the contact feels along the friction force [kg]."""
-        return _tidy(1.0 / float(self.contact.direction @ self.push[self.nq :, 0]))
+        """Effective mass at the contact along the friction force [kg]."""
+        return _rounded(1.0 / float(self.contact.direction @ self.push[self.nq :, 0]))
 
     @cached_property
     def load(self) -> Array:
@@ -133,6 +133,6 @@ class Designer:
         return out
 
 
-def _tidy(value: float) -> float:
-    """Twelve digits: 0.06 m/s stays 0.06 m/s on its way through the matrices."""
+def _rounded(value: float) -> float:
+    """The value rounded to twelve digits, so that 0.06 m/s stays 0.06 m/s after the arithmetic with matrices."""
     return float(f"{value:.12g}")

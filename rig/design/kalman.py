@@ -1,10 +1,11 @@
-"""A Kalman observer for the contact velocity, where it is observed rather than measured.
+"""A Kalman observer that estimates the contact velocity from another measurement.
 
     x' = v,  M v' = -K x - D v + t w,  w' = -w/T + noise          y = row (x, v, v', w) + noise of the instrument
 
-The friction force w of each patch is an unknown input: a random walk that wanders by `unknown_force` within one period
-T of the structure and is forgotten in as long. No friction law enters. An instrument that does not see a displacement
-at rest, an accelerometer, could not tell its own wrong zero from a motion: there, the zero is one more unknown.
+The friction force w of each patch is an unknown input: a random walk with the standard deviation `unknown_force` after
+one period T of the structure, which decays with the time constant T. No friction law is used. For an instrument that
+does not measure a displacement at rest (an accelerometer) the zero error is an additional state, because it could not
+be distinguished from a motion.
 """
 
 from __future__ import annotations
@@ -18,14 +19,17 @@ from numpy.typing import NDArray
 from rig.design.designer import Designer
 
 Array = NDArray[np.float64]
-WANDER = 0.5  # of the load: how far the unknown force wanders within one period, unless the section says so
-ZERO_WANDER = 0.01  # of the measurement: how far the zero of an accelerometer wanders within one period
-ZERO_FORGET = 0.03  # of a period's forgetting: a wrong zero stays
-LEAST_NOISE = 1e-4  # of the measurement that the unknown force makes: bounds the speed of an observer
+WANDER = 0.5  # default random walk of the unknown force within one period, as a share of the load
+ZERO_WANDER = 0.01  # random walk of the zero of an accelerometer within one period, as a share of the measurement
+ZERO_FORGET = 0.03  # decay rate of the zero, as a share of that of the unknown force: a zero error lasts
+LEAST_NOISE = 1e-4  # least noise, as a share of the measurement due to the unknown force: bounds the observer's speed
 
 
 def observer(designer: Designer, section: Any) -> dict[str, Any]:
-    """The observer of a section's sensor for the contact velocity, at the period of its controller."""
+    """The observer numbers of a section's sensor for the contact velocity, at the period of its controller.
+
+    Raises ValueError for a sensor that is too slow or does not measure the structure, and without a load to scale with.
+    """
     import control
 
     sensor = designer.sensors[section.sensor]
@@ -51,7 +55,7 @@ def observer(designer: Designer, section: Any) -> dict[str, Any]:
     rest = _rest(designer, output)
     walk = np.zeros(len(size))  # noise of (x, v, w), in units of `size` squared per second
     walk[2 * nq :] = designer.frequency
-    if not rest.any():  # an accelerometer: a wrong zero would be integrated to a wrong velocity, so it is a state
+    if not rest.any():  # an accelerometer: a zero error would be integrated to a velocity error, so it is a state
         model = np.pad(model, (0, 1))
         model[-1, -1] = -ZERO_FORGET * designer.frequency
         output, velocity, rest = np.append(output, 1.0), np.append(velocity, 0.0), np.append(rest, 0.0)
@@ -63,7 +67,7 @@ def observer(designer: Designer, section: Any) -> dict[str, Any]:
     scaled = model * size[None, :] / size[:, None]  # states of order one: the Riccati equation is well conditioned
     transition = control.c2d(control.ss(scaled, np.zeros((n, 1)), np.eye(n), 0), period).A
     seen = (output * size / moved)[None, :]
-    spread, r = _gathered(scaled, np.diag(walk), period), np.array([[(noise / moved) ** 2]])
+    spread, r = _accumulated(scaled, np.diag(walk), period), np.array([[(noise / moved) ** 2]])
     _, p, _ = control.dlqe(transition, np.eye(n), seen, spread, r)
     gain = (p @ seen.T / (seen @ p @ seen.T + r)).ravel() * size / moved
     return {
@@ -77,15 +81,15 @@ def observer(designer: Designer, section: Any) -> dict[str, Any]:
 
 
 def _sizes(designer: Designer, wander: float, turn: float) -> Array:
-    """Orders of magnitude of (x, v, w) under an unknown force of size `wander`."""
+    """Orders of magnitude of (x, v, w) under an unknown force of size `wander` [N]."""
     nq = designer.nq
     speed = np.abs(designer.push[nq:]).sum(axis=1) * wander / turn
-    speed = np.maximum(speed, 1e-3 * speed.max())  # a coordinate that no patch touches moves with the others
+    speed = np.maximum(speed, 1e-3 * speed.max())  # a coordinate without a patch moves with the others
     return np.concatenate([speed / turn, speed, np.full(len(designer.system.patches), wander)])
 
 
 def _rest(designer: Designer, output: Array) -> Array:
-    """The state of a rig at rest per unit of the measurement; zero where the measurement does not tell."""
+    """The state of a rig at rest per unit of the measurement; zero where the measurement does not determine it."""
     nq = designer.nq
     state = np.zeros(len(output))
     pull = -designer.structure[nq:, :nq]
@@ -97,8 +101,8 @@ def _rest(designer: Designer, output: Array) -> Array:
     return state / seen if abs(seen) > 1e-9 * float(np.abs(output) @ np.abs(state)) else np.zeros(len(output))
 
 
-def _gathered(a: Array, q: Array, period: float) -> Array:
-    """Covariance that noise of intensity q gathers within a period under x' = a x (Van Loan 1978)."""
+def _accumulated(a: Array, q: Array, period: float) -> Array:
+    """Covariance after one period of noise of intensity q under x' = a x (Van Loan 1978)."""
     from scipy.linalg import expm
 
     n = len(a)

@@ -1,4 +1,4 @@
-"""The rig as a linear plant for control design: small motions about steady sliding, from actuators to outputs.
+"""The rig as a linear plant for control design: linearised about steady sliding, from actuators to outputs.
 
     dx' = A dx + B du        dy = C dx + D du        u: commands of the actuators, y: outputs of the rig
 
@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from rig.model.assembly import Assembly
 from rig.model.energy_forms import store
 from rig.model.output_rows import signal_rows
-from rig.stability.linearisation import Steady, inputs, own_law
+from rig.stability.jacobian import inputs, own_law
+from rig.stability.linearisation import Steady
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Plant:
-    """Matrices, the names of their rows and columns, and the `equilibrium` [state] that x is relative to.
+    """A linear plant: matrices, names of their rows and columns, and the `equilibrium` [state] to which x is relative.
 
     `energy`: the form of `energy_form` over the states.
     """

@@ -1,10 +1,10 @@
-"""The modes of a sliding rig, and what a command and a sensor have to do with each.
+"""The vibration modes of a sliding rig, and the residue of each mode from a command to a sensor.
 
-A command u moves mode i of the sliding rig, and a sensor sees it, by
+A command u excites mode i of the sliding rig, and a sensor measures it, by
 
     xi_i' = lambda_i xi_i + r_i u,   y = 2 Re sum xi_i,   r_i = (c x_i)(y_i^H b) / (y_i^H x_i)
 
-x_i, y_i: right and left eigenvector, b: what a unit of u does to the rig (its lag included), c: what the sensor reads.
+x_i, y_i: right and left eigenvector; b: input vector of u (with its lag); c: row of the sensor.
 """
 
 from __future__ import annotations
@@ -20,26 +20,29 @@ from rig.stability.linearisation import Steady, sliding_key, steady
 Complex = NDArray[np.complex128]
 
 
-class Motions(NamedTuple):
-    """Small motions about steady sliding of `rig`: eigenvalues [1/s], right eigenvectors [moving state, mode]."""
+class VibrationModes(NamedTuple):
+    """Vibration modes of `rig` about steady sliding: eigenvalues [1/s], right eigenvectors [moving state, mode]."""
 
     rig: Steady
     values: Complex
     right: Complex
 
 
-def motions(designer: Designer) -> Motions:
-    """Of a designer's rig."""
+def vibration_modes(designer: Designer) -> VibrationModes:
+    """The vibration modes of a designer's rig."""
     rig = steady(designer.system, sliding_key(designer.system))
     values, right = np.linalg.eig(rig.A[np.ix_(rig.moving, rig.moving)])
-    return Motions(rig, values, right)
+    return VibrationModes(rig, values, right)
 
 
-def residues(designer: Designer, found: Motions, sensor: str, drive: str) -> Complex:
-    """What a unit of a command does to each mode, measured in what the sensor reads of it."""
+def residues(designer: Designer, found: VibrationModes, sensor: str, drive: str) -> Complex:
+    """The residue r_i [mode] of each mode from the command `drive` to the sensor.
+
+    Raises ValueError for an actuator that is not a state of the rig.
+    """
     given = designer.assembly.inputs.get(drive)
     if given is None or not given.state:
-        raise ValueError(f"drive: {drive} is no actuator that a state carries")
+        raise ValueError(f"drive: {drive} is not an actuator whose command is a state of the rig")
     command, A, moving = designer.system.names.index(given.state), found.rig.A, found.rig.moving
     rest = np.setdiff1d(np.arange(len(A)), [*moving, command])
     left = np.linalg.inv(found.right)
@@ -48,7 +51,7 @@ def residues(designer: Designer, found: Motions, sensor: str, drive: str) -> Com
     read[: len(over)] = over
     seen = read[moving] @ found.right
     pushed = np.empty(len(found.values), dtype=complex)
-    for i, s in enumerate(found.values):  # through the lags behind the command, at the pace of the mode
+    for i, s in enumerate(found.values):  # the lag between command and force, at the eigenvalue of the mode
         behind = np.linalg.solve(s * np.eye(len(rest)) - A[np.ix_(rest, rest)], A[rest, command])
         pushed[i] = left[i] @ (A[moving, command] + A[np.ix_(moving, rest)] @ behind)
     return np.asarray(seen * pushed)

@@ -71,7 +71,7 @@ def sampled(plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_n
             f"period: {own / 1e6:g} ms and the {between / 1e6:g} ms between samples are not multiples of each other, "
             f"so that the loop has no common period. It has one if the sensor samples at {near}"
         )
-    return _Walk(plant, feedback, plant.outputs.index(reads), end, delay_ns, period).sampled()
+    return _Period(plant, feedback, plant.outputs.index(reads), end, delay_ns, period).sampled()
 
 
 def _near(own: int, between: float) -> list[float]:
@@ -81,8 +81,8 @@ def _near(own: int, between: float) -> list[float]:
     return [own * n if many else own / n for n in (math.ceil(ratio), math.floor(ratio))]
 
 
-class _Walk:
-    """One period, instant by instant. Every quantity is a row over [z at the beginning, y']."""
+class _Period:
+    """One period of the loop, instant by instant. Every quantity is a row over [z at the beginning, y']."""
 
     def __init__(self, plant: Plant, feedback: Feedback, reads: int, end: FrontEnd, delay_ns: int, period: int) -> None:
         self.end, self.period, self.own = end, period, len(plant.states)
@@ -112,12 +112,12 @@ class _Walk:
         happens += [(at, 3, partial(self._command, k, wait)) for k, (wait, at) in enumerate(late)]
         if end.averages:
             happens += [((self.at_sample - round(end.period_ns)) % period, 4, self._reset)]
-        self.happens = sorted(happens, key=lambda one: one[:2])
+        self.actions = sorted(happens, key=lambda one: one[:2])
 
     def sampled(self) -> Sampled:
         """Return the loop after one period."""
         now = 0
-        for at, _, act in self.happens:
+        for at, _, act in self.actions:
             self._flow(at - now)
             act()
             now = at
@@ -184,7 +184,7 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
 
 
 def _arithmetic(form: Linear) -> tuple[Array, Array, Array, float]:
-    """A, b, c, d of xi+ = A xi + b y, u = c xi + d y: obtained from the controller's own update, which is linear."""
+    """The matrices A, b, c, d of xi+ = A xi + b y, u = c xi + d y, from the controller's own linear update."""
 
     def step(xi: Array, y: float) -> tuple[Array, float]:
         after, u = form.step(xi.tolist(), y)
@@ -195,6 +195,6 @@ def _arithmetic(form: Linear) -> tuple[Array, Array, Array, float]:
     columns = [step(unit, 0.0) for unit in np.eye(count)]
     A, c = np.array([xi for xi, _ in columns]).T, np.array([u for _, u in columns])
     seen = c != 0.0
-    for _ in range(count):  # drop what no command depends on, such as the copy for a prediction over zero time
+    for _ in range(count):  # drop states without influence on commands, e.g. the copy for a prediction over zero time
         seen |= np.any(A[seen] != 0.0, axis=0)
     return A[np.ix_(seen, seen)], b[seen], c[seen], d

@@ -1,19 +1,20 @@
-"""One file, one physical effect. An effect that the scene does not name is not there: no state, no row, no branch.
+"""Physical effects, one per file. An effect that the scene does not name adds no state, no row and no branch.
 
 friction   the laws: Coulomb, constant, Stribeck, linear falling, exponential, tabulated, seal
 drive      speed of the belt or disc; its lag and its limits
 load       the normal force; lag and limits of the magnet that holds it
-sector     a part of the disc with a friction of its own
-inhomogeneity  a structure that is stiffer or softer with the turn of the disc
+sector     a part of the disc with its own friction law
+inhomogeneity  a structure whose stiffness varies with the angle of the disc
 tuned_mass a tilted absorber on the body; its inertia enters the normal force
 dither     a fast vibration of the belt, of the mass or of the normal force
-separation  a contact spring that lifts off and comes back
-disc_modes  the free vibration of a flexible disc; of the brake, in place of its rigid one
-moving_contact  what a contact changes that moves over a flexible disc: geometry, slope
+separation  a contact spring that lifts off and meets the surface again
+disc_modes  the vibration modes of a free flexible disc; in the brake they replace the rigid disc
+moving_contact  a contact that moves over a flexible disc: geometry, slope
 piezo, stack  a linear piezo stack in the load path
 shunt, shunt_limits  the electrical network on it: resonant, with negative capacitance, switched
-amplifier  a commanded voltage on it
+amplifier  a commanded voltage on the stack
 noise      a random force along the sliding direction
+knock      the force of a hammer: a half sine
 
 Each file declares its parameters (a `Section`, with units) and adds its rows to a `rig.model.assembly.Assembly`.
 
@@ -21,8 +22,8 @@ An effect that acts on any plant has a section derived from `Effect` and a funct
 
     add(assembly, section, frame, moved)
 
-`frame`: loop period [s]; `moved`: actuators that are moved, "held" or "ramped". A plant need not know it: a scene
-names it by a table of any name, `[wobble]` with `effect = "NAME"`, and `EFFECTS` finds it.
+`frame`: loop period [s]; `moved`: actuators that the scene moves -> "held" or "ramped". The plant does not have to
+know the effect: the scene has a table of any name, such as `[wobble]`, with `effect = "NAME"`, and `EFFECTS` finds it.
 """
 
 from __future__ import annotations
@@ -35,9 +36,10 @@ from typing import Any
 
 from pydantic import BaseModel, create_model
 
+from rig.about import About
 from rig.errors import PartError
-from rig.parts import Room, code_of, named, one_class
-from rig.quantities import Section
+from rig.parts import Room, file_of, named, one_class
+from rig.quantities import Section, brief
 
 
 class Effect(Section):
@@ -48,9 +50,16 @@ def _section(module: ModuleType, name: str) -> Any:
     """The section of an effect that acts on any plant, with the key `effect`."""
     own = one_class(module, lambda one: issubclass(one, Effect), "Parameters", "class derived from rig.effects.Effect")
     if not callable(getattr(module, "add", None)):
-        code = code_of(module)
-        where = code.file if code else module.__name__
-        raise PartError(f"{where}: defines no function add(assembly, section, frame, moved)")
+        raise PartError(f"{file_of(module)}: defines no function add(assembly, section, frame, moved)")
+    declares = own.declares
+    if not isinstance(declares, About):
+        raise PartError(f"{file_of(module)}: declares is {brief(declares)}; expected a rig.about.About")
+    for key in ("random", "switch"):
+        if (value := getattr(declares, key)) and value not in own.model_fields:
+            raise PartError(
+                f"{file_of(module)}: {key} = {brief(value)} in declares; expected one of its values: "
+                f"{', '.join(own.model_fields)}"
+            )
     found = named(module, (own,), "effect", name)
     if not found.declares.text:
         found.declares = replace(found.declares, text=(own.__doc__ or "").strip().partition("\n")[0].rstrip("."))
@@ -63,7 +72,7 @@ _EXTENDED: dict[tuple[Any, ...], type[Section]] = {}
 
 
 def extended(model: type[Section], tables: Mapping[str, type[Section]]) -> type[Section]:
-    """A plant's parameters with more tables that may be left out; those that it has stay."""
+    """The section class of a plant with additional optional tables; tables that the plant declares itself stay."""
     new = {name: table for name, table in tables.items() if name not in model.model_fields}
     if not new:
         return model
@@ -77,8 +86,8 @@ def extended(model: type[Section], tables: Mapping[str, type[Section]]) -> type[
     return _EXTENDED[which]
 
 
-def anywhere(parameters: BaseModel) -> Iterator[tuple[Effect, Any]]:
-    """The effects among a plant's parameters that act on any plant, and the function `add` of each."""
+def on_any_plant(parameters: BaseModel) -> Iterator[tuple[Effect, Any]]:
+    """Yield the effects in a plant's parameters that act on any plant, each with its function `add`."""
     for name in type(parameters).model_fields:
         section = getattr(parameters, name)
         if isinstance(section, Effect):

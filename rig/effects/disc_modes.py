@@ -1,4 +1,4 @@
-"""The free vibration of a flexible annular disc, clamped inside and free outside: its modes, as many as asked.
+"""The lowest vibration modes of a flexible annular disc, clamped at its inner and free at its outer edge.
 
     R(r) = A J_l(k r) + B Y_l(k r) + C I_l(k r) + E K_l(k r),   omega = k^2 (D / rho h)^0.5,  D = E h^3 / 12 (1 - nu^2)
     r = a:  R = 0,  R' = 0
@@ -28,14 +28,14 @@ Array = NDArray[np.float64]
 Count = Annotated[int, Ge(1), Le(200)]
 _PER_WAVE = 16  # points in the shortest distance of two roots
 _HALVINGS = 60
-_SLOWEST = 0.9  # k b / l: nothing runs slower round the disc than a wave along its free edge, 0.98 for nu = 0.5
+_SLOWEST = 0.9  # k b / l: the slowest wave is the one along the free edge, with 0.98 for nu = 0.5
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
 class Disc(Section):
-    """The disc: measures, material, `damping_ratio` of each mode in the frame of the material, how many modes."""
+    """The disc: dimensions, material, `damping_ratio` of each mode in the frame of the material, number of modes."""
 
-    declares: ClassVar = About("the disc bends, in place of moving along its axis and tilting as a rigid body")
+    declares: ClassVar = About("the disc bends, instead of moving along its axis and tilting as a rigid body")
 
     inner_radius: PositiveMetre
     outer_radius: PositiveMetre
@@ -88,15 +88,15 @@ class Mode:
         return self.diameters > 0
 
     def at(self, radius: float) -> float:
-        """R at a radius [m], in kg^-0.5; positive at the rim."""
+        """The shape R at a radius [m], in kg^-0.5; positive at the outer edge."""
         return _at(self, radius)
 
 
 @cache
 def free_modes(disc: Disc) -> tuple[Mode, ...]:
-    """The lowest modes of the disc at rest, `disc.modes` of them with both of each pair counted, by frequency.
+    """The lowest `disc.modes` modes of the disc at rest, in order of frequency; a pair counts as two.
 
-    Where that would cut a pair, one more.
+    One more mode if the last one would otherwise be half of a pair.
     """
     most = 2.0 / (disc.outer_radius - disc.inner_radius)
     while True:
@@ -114,7 +114,7 @@ def free_modes(disc: Disc) -> tuple[Mode, ...]:
 
 
 def _roots(disc: Disc, l: int, most: float) -> Array:
-    """Wavenumbers up to `most` at which the edges hold, rising: sign changes of the determinant, halved."""
+    """Wavenumbers [1/m] up to `most` that satisfy the edge conditions, rising: roots of the determinant, bisected."""
     step = math.pi / (disc.outer_radius - disc.inner_radius) / _PER_WAVE
     k = np.arange(max(0.25 * step, _SLOWEST * l / disc.outer_radius), most + step, step)
     value = _determinant(disc, l, k)
@@ -133,7 +133,7 @@ def _determinant(disc: Disc, l: int, k: Array) -> Array:
 
 
 def _scaled(disc: Disc, l: int, k: Array) -> tuple[Array, Array]:
-    """Edge conditions [k, condition, function], columns of size one; the columns' sizes [k, function]."""
+    """Edge conditions [k, condition, function] with columns of norm one, and the norms of the columns [k, function]."""
     a, b, nu = disc.inner_radius, disc.outer_radius, disc.poisson
     f, g = _functions(disc, l, k, a)
     inner = [f, g]
@@ -149,7 +149,7 @@ def _scaled(disc: Disc, l: int, k: Array) -> tuple[Array, Array]:
 
 
 def _functions(disc: Disc, l: int, k: Array, r: float | Array) -> tuple[Array, Array]:
-    """J, Y, I exp(-k b), K exp(k a) of k r [k, function] and their derivatives over k r."""
+    """J, Y, I exp(-k b), K exp(k a) at k r [k, function], and their derivatives with respect to k r."""
     from scipy import special
 
     x = k * r
@@ -186,5 +186,5 @@ def _at(mode: Mode, radius: float) -> float:
 
 
 def _shape(mode: Mode, r: Array) -> Array:
-    """R at radii [m]."""
+    """The shape R [kg^-0.5] at radii [m]."""
     return np.asarray(_functions(mode.disc, mode.diameters, np.full(len(r), mode.wavenumber), r)[0] @ mode.coefficients)

@@ -1,10 +1,10 @@
-"""Dither: a fast vibration that is laid over the speed of the belt, a force on the mass, or the normal force.
+"""Dither: a fast vibration that is added to the speed of the belt, to the force on the mass or to the normal force.
 
     s'' = -omega^2 s, states s = a sin, c = a cos:  s' = omega c, c' = -omega s
 
-The generator is part of the plant, so its waveform is exact at every step; what a process commands is its amplitude,
-its frequency and whether it is on. Amplitude and enable write the two states and keep the phase; a new frequency is
-a new matrix and goes through the scene key.
+The generator is part of the plant, so its waveform is exact at every step; a process commands its amplitude, its
+frequency and whether it is on. Commands of amplitude and enable change the two states and keep the phase. A new
+frequency changes the matrices, which are then built again from the scene.
 Source: Kroeger, Neubauer, Popp (2008), section 4 (mentioned); averaged friction: mu (2/pi) asin(v0 / amplitude).
 """
 
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from rig.about import About
-from rig.effects.drive import reach
+from rig.effects.drive import command_range
 from rig.model.assembly import Assembly, Input
 from rig.model.named_rows import add as add_row
-from rig.quantities import Angle, Hertz, PositiveNewton, Section, Speed
+from rig.quantities import Angle, Hertz, NonNegativeNewton, Section, Speed
 
 
 class _Dither(Section):
@@ -34,24 +34,24 @@ class _Dither(Section):
 
 
 class BeltDither(_Dither):
-    """On the speed of the belt or disc surface; amplitude in m/s."""
+    """Dither on the speed of the belt or disc surface; amplitude in m/s."""
 
     on: Literal["belt"]
     amplitude: Speed
 
 
 class MassDither(_Dither):
-    """A force on the mass along the belt; amplitude in N."""
+    """Dither as a force on the mass along the belt; amplitude in N."""
 
     on: Literal["mass"]
-    amplitude: PositiveNewton
+    amplitude: NonNegativeNewton
 
 
 class LoadDither(_Dither):
-    """On the normal force; amplitude in N. Above the load the contact opens in every period."""
+    """Dither on the normal force; amplitude in N. Above the load the contact opens in every period."""
 
     on: Literal["load"]
-    amplitude: PositiveNewton
+    amplitude: NonNegativeNewton
 
 
 Dither = Annotated[BeltDither | MassDither | LoadDither, Field(discriminator="on")]
@@ -59,7 +59,7 @@ TangentialDither = Annotated[BeltDither | MassDither, Field(discriminator="on")]
 
 
 LARGEST = {"m/s": 100.0, "N": 1e5}
-"""Amplitude that can be commanded, or that of the scene if it is larger [chosen]."""
+"""Largest amplitude that can be commanded, by unit; a larger one in the scene takes its place [chosen]."""
 
 
 def add(
@@ -70,7 +70,7 @@ def add(
     coordinate: str,
     arm: float = 1.0,
 ) -> None:
-    """Add the generator; `arm` [m] turns a force on the mass into the coordinate's own (1 for a translation)."""
+    """Add the generator. `arm` [m] converts a force on the mass to the generalised force (1 for a translation)."""
     omega = 2.0 * math.pi * dither.frequency
     amplitude = dither.amplitude if dither.enable else 0.0
     a.signal("dither.sin", {"dither.cos": omega}, amplitude * math.sin(dither.phase), "dither")
@@ -94,7 +94,7 @@ def add(
             x[sine] = wanted * math.sin(omega * t + dither.phase)
             x[cosine] = wanted * math.cos(omega * t + dither.phase)
 
-    amplitudes, f = reach(dither.amplitude, 0.0, math.inf, LARGEST[unit]), dither.frequency
+    amplitudes, f = command_range(dither.amplitude, 0.0, math.inf, LARGEST[unit]), dither.frequency
     a.inputs["dither.amplitude"] = Input(unit, *amplitudes, dither.amplitude, 0.0, write=write)
     a.inputs["dither.enable"] = Input("1", 0.0, 1.0, float(dither.enable), 0.0, write=write)
     a.inputs["dither.frequency"] = Input("Hz", min(0.1, f), max(100e3, f), f, f)

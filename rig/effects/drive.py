@@ -1,9 +1,9 @@
-"""The drive: the speed of the belt or of the disc, as commanded, or through a lag with limits.
+"""The drive: the speed of the belt or of the disc, equal to the command or following it with a lag within limits.
 
     without lag   V = u,  u' = slope                         u: command, slope: of a ramp
     with lag      V' = (min(max(u, speed_min), speed_max) - V) / lag
 
-The limits are a limiter inside the plant, so a ramp that runs beyond them is clamped at the instant it does.
+The limits are a limiter inside the plant, so a ramp is clamped at the instant at which it reaches a limit.
 Source: Kroeger, Neubauer, Popp (2008), equation 4.7 and figure 22 (the actuator of the belt-velocity feedback).
 """
 
@@ -21,7 +21,7 @@ from rig.model.named_rows import Row
 from rig.quantities import MetrePerSecond, PositiveSecond, RadianPerSecond, Section
 
 Lag = Annotated[PositiveSecond | None, About("a first-order actuator")]
-"""Of an actuator that does not reach its command at once."""
+"""The time constant of an actuator that does not reach its command at once; None: no lag."""
 _LOW, _HIGH = Bound(of="speed", sign=-1), Bound(of="speed", sign=1)
 
 
@@ -44,7 +44,7 @@ class _Drive(Section):
 
 
 class BeltDrive(_Drive):
-    """Drives a belt; speeds in m/s."""
+    """The drive of a belt; speeds in m/s."""
 
     speed: MetrePerSecond
     speed_min: Annotated[MetrePerSecond | None, _LOW] = None
@@ -52,7 +52,7 @@ class BeltDrive(_Drive):
 
 
 class DiscDrive(_Drive):
-    """Drives a disc; speeds in rad/s (rpm are understood)."""
+    """The drive of a disc; speeds in rad/s (a scene may state rpm)."""
 
     speed: RadianPerSecond
     speed_min: Annotated[RadianPerSecond | None, _LOW] = None
@@ -60,23 +60,23 @@ class DiscDrive(_Drive):
 
 
 FASTEST = {"m/s": 100.0, "rad/s": 1e4}
-"""Speed that a drive without limits of its own can be commanded to, either way round [chosen]."""
+"""Largest speed in either direction that can be commanded to a drive without limits, by unit [chosen]."""
 
 
 def limits(low: float | None, high: float | None) -> tuple[float, float]:
-    """Limits with infinity where none is given."""
+    """The limits (low, high); minus or plus infinity where a limit is None."""
     return (-math.inf if low is None else low), (math.inf if high is None else high)
 
 
 def add(a: Assembly, drive: _Drive, unit: str, moved: Mapping[str, str]) -> Row:
-    """Add the drive's signals and its actuator `drive.speed`; returns the row of its speed."""
+    """Add the drive's states and its actuator `drive.speed`; returns the row of its speed [`unit`]."""
     low, high = limits(drive.speed_min, drive.speed_max)
     return actuator(a, "drive.speed", unit, drive.speed, 0.0 if low <= 0.0 <= high else drive.speed,
                     (low, high), FASTEST[unit], drive.lag, "drive", moved)  # fmt: skip
 
 
-def reach(value: float, low: float, high: float, most: float) -> tuple[float, float]:
-    """Range of an actuator: its limits; where there are none `most` in size, or its `value` if that is more."""
+def command_range(value: float, low: float, high: float, most: float) -> tuple[float, float]:
+    """The range of an actuator. A missing limit is replaced by `most` in size, or by `value` if that is larger."""
     return min(-most, value) if low == -math.inf else low, max(most, value) if high == math.inf else high
 
 
@@ -92,10 +92,10 @@ def actuator(
     owner: str,
     moved: Mapping[str, str],
 ) -> Row:
-    """A commanded quantity, with ramp, lag and limits as far as they are needed; returns its row.
+    """Add a commanded quantity with ramp, lag and limits, each only if the scene needs it; returns its row.
 
-    `moved[name]` says what the scene does with it: nothing (absent), "held" commands, or "ramped" too. Where `bounds`
-    are infinite, it takes commands up to `most` in size, but no limiter is part of the plant.
+    `moved[name]` states what the scene does with it: nothing (absent), "held" commands, or also ramps ("ramped"). With
+    infinite `bounds` it accepts commands up to `most` in size, and the plant contains no limiter.
     """
     how = moved.get(name, "")
     low, high = bounds
@@ -105,8 +105,8 @@ def actuator(
         state, slope = f"{owner}.command", f"{owner}.slope" if how == "ramped" else ""
         if slope:
             a.signal(slope, {}, 0.0, f"{owner} ramp", "the slope of a value that runs linearly")
-        told = "the value commanded, held from tick to tick"
-        a.signal(state, {slope: 1.0} if slope else {}, value, f"{owner} command", told)
+        description = "the value commanded, held from tick to tick"
+        a.signal(state, {slope: 1.0} if slope else {}, value, f"{owner} command", description)
         row = {state: 1.0}
     if lag is not None:
         real = f"{owner}.actual"
@@ -118,5 +118,5 @@ def actuator(
                 a.signals[real][entry] = coefficient / lag
         row = {real: 1.0}
     lagging = f"{owner}.actual" if lag is not None else ""
-    a.inputs[name] = Input(unit, *reach(value, low, high, most), value, safe, state, slope, lagging=lagging)
+    a.inputs[name] = Input(unit, *command_range(value, low, high, most), value, safe, state, slope, lagging=lagging)
     return row

@@ -1,4 +1,4 @@
-"""Friction laws: the coefficient mu over slip speed v >= 0, and the static one that holds a stuck contact.
+"""Friction laws: the coefficient mu over slip speed v >= 0, and the static coefficient of a sticking contact.
 
     stribeck     mu_dynamic + (mu_static - mu_dynamic) exp(-v / speed_scale)     characteristic A
     falling      max(mu_zero - slope v, mu_floor)                                characteristic B
@@ -25,10 +25,10 @@ from rig.model import friction_law
 from rig.model.friction_law import Law
 from rig.quantities import (
     NewtonPerRootSpeed,
+    NonNegativeNewton,
     PositiveMetrePerSecond,
     PositiveNewton,
     PositiveSecondPerMetre,
-    Pressing,
     Ratio,
     SecondPerMetre,
     Section,
@@ -42,7 +42,7 @@ class _OverSpeed(Section):
 
 
 class Stribeck(_OverSpeed):
-    """Exponential fall from the static to the dynamic coefficient."""
+    """The Stribeck law: an exponential fall from the static to the dynamic coefficient."""
 
     law: Literal["stribeck"]
     mu_static: Ratio
@@ -55,7 +55,7 @@ class Stribeck(_OverSpeed):
 
 
 class Falling(_OverSpeed):
-    """Linear fall down to a floor."""
+    """A coefficient that falls linearly with the slip speed, down to a floor."""
 
     law: Literal["falling"]
     mu_zero: Ratio
@@ -74,7 +74,7 @@ class Falling(_OverSpeed):
 
 
 class Coulomb(_OverSpeed):
-    """One coefficient at rest, one in slip."""
+    """Coulomb friction: one coefficient in stick, one in slip."""
 
     law: Literal["coulomb"]
     mu_static: Ratio
@@ -85,7 +85,7 @@ class Coulomb(_OverSpeed):
         if self.mu_static < self.mu_kinetic:
             raise ValueError(
                 f"mu_static {self.mu_static:g} is below mu_kinetic {self.mu_kinetic:g}: a contact that begins to slip "
-                "would stick at once, and stick would give way at once; give at least the same value"
+                "would stick again immediately, and stick would end immediately; give at least the same value"
             )
         return self
 
@@ -95,7 +95,7 @@ class Coulomb(_OverSpeed):
 
 
 class Constant(_OverSpeed):
-    """One coefficient, at rest and in slip: the friction of mode coupling, where nothing falls with the speed."""
+    """One coefficient in stick and slip. It does not fall with the speed; instability then comes from mode coupling."""
 
     law: Literal["constant"]
     mu: Ratio
@@ -106,7 +106,10 @@ class Constant(_OverSpeed):
 
 
 class Exponential(_OverSpeed):
-    """Exponential fall, its decay a constant in s/m. A decay of zero is refused: it would be mu_static throughout."""
+    """An exponential fall with the decay constant `decay` [s/m].
+
+    A decay of zero is refused: the coefficient would be mu_static at every speed.
+    """
 
     law: Literal["exponential"]
     mu_static: Ratio
@@ -117,7 +120,7 @@ class Exponential(_OverSpeed):
     @classmethod
     def _falls(cls, decay: Any) -> Any:
         none = False
-        with suppress(TypeError, ValueError):  # what is no decay at all is told by its type
+        with suppress(TypeError, ValueError):  # a value that is not a number is reported by the check of its type
             none = si(decay, "s/m") == 0.0
         if none:
             raise ValueError(
@@ -131,7 +134,7 @@ class Exponential(_OverSpeed):
 
 
 class Table(_OverSpeed):
-    """Measured points. Without `mu_static` a stuck contact holds the first value."""
+    """A law through measured points. Without `mu_static` the first value is the static coefficient."""
 
     law: Literal["table"]
     speeds: tuple[Speed, ...] = Field(min_length=2)
@@ -153,14 +156,14 @@ class Table(_OverSpeed):
 
 
 class Seal(_OverSpeed):
-    """The friction force of a lubricated seal as measured over speed; `load` is what pressed it on then.
+    """The friction force of a lubricated seal, measured over speed under the normal force `load` [N].
 
-    Under another load the force changes in proportion.
+    Under another normal force the friction force changes in proportion.
     """
 
     law: Literal["seal"]
-    load: Pressing
-    mixed_force: PositiveNewton
+    load: PositiveNewton
+    mixed_force: NonNegativeNewton
     decay: PositiveSecondPerMetre
     film: NewtonPerRootSpeed
     offset: PositiveMetrePerSecond

@@ -1,10 +1,10 @@
-"""A disc that is not alike all round: the structure is stiffer or softer with its turn. Absent: it is alike.
+"""An inhomogeneous disc: the stiffness of the structure varies with the angle of the disc. Absent: it is constant.
 
     scale (1 + depth cos(theta)),   theta = Int Omega dt (mod 2 pi):   stiffness by its square, damping by itself
 
-All natural frequencies swing by `depth` of themselves. In each of `sectors` equal sectors the value is that of its
-middle, so that the motion stays linear in every one; an edge is an event, and what the new stiffness stores at that
-instant the energy balance counts as `edges`.
+Every natural frequency varies by the share `depth`. In each of `sectors` equal sectors the value at the middle of the
+sector holds, so the equations are linear within a sector. An edge is an event; the change of stored energy at an edge
+is the term `edges` of the energy balance.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, figure 29: 3.4 kHz +- 17 Hz with the period of
 the turn (depth derived).
 """
@@ -19,6 +19,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from rig.about import About
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
+from rig.picture import Plot
 from rig.quantities import Section, quantity
 
 TURN = "disc.turn"
@@ -30,9 +31,9 @@ Count = Annotated[int, Ge(4), Le(96)]
 
 
 class Inhomogeneity(Section):
-    """Share by which the scale swings, into how many sectors the disc is cut, and theta at the start."""
+    """Share by which the scale varies, number of sectors of the disc, angle theta at the start [rad]."""
 
-    declares: ClassVar = About("stiffness that swings with the turn of the disc")
+    declares: ClassVar = About("stiffness that varies with the angle of the disc")
 
     depth: Depth
     sectors: Count = 24
@@ -40,9 +41,9 @@ class Inhomogeneity(Section):
 
 
 def add(a: Assembly, inhomogeneity: Inhomogeneity, speed: Row) -> None:
-    """Add the disc's turn, `speed` [rad/s], and let the structure as it is now vary with it; the output `place`."""
+    """Add the angle of the disc, the integral of `speed` [rad/s], with which the structure varies. Output: `place`."""
     count = inhomogeneity.sectors
     scales = [1.0 + inhomogeneity.depth * math.cos(_PERIOD * (i + 0.5) / count) for i in range(count)]
     a.signal(TURN, speed, inhomogeneity.place, "inhomogeneity")
     a.vary("disc", {TURN: 1.0}, TURN, _PERIOD, tuple((scale**2, scale) for scale in scales))
-    a.outputs["place"] = Output({TURN: 1.0}, "rad")
+    a.outputs["place"] = Output({TURN: 1.0}, "rad", Plot())

@@ -18,18 +18,18 @@ from rig.about import About, Bound
 from rig.effects.drive import Lag, actuator
 from rig.model.assembly import Assembly
 from rig.model.named_rows import Row
-from rig.quantities import PositiveNewton, Section
+from rig.quantities import NonNegativeNewton, Section
 
 
 class Load(Section):
-    """The force [N] at the start, and what the magnet can do."""
+    """The force [N] at the start, and lag and limits of the magnet."""
 
     declares: ClassVar = About("presses the bodies together")
 
-    force: PositiveNewton
+    force: NonNegativeNewton
     lag: Lag = None
-    force_min: PositiveNewton = 0.0
-    force_max: Annotated[PositiveNewton | None, Bound(of="force")] = None
+    force_min: NonNegativeNewton = 0.0
+    force_max: Annotated[NonNegativeNewton | None, Bound(of="force")] = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -42,11 +42,11 @@ class Load(Section):
 
 
 STRONGEST = 1e5
-"""Force [N] that a load without `force_max` can be commanded to [chosen]."""
+"""Largest force [N] that can be commanded to a load without `force_max` [chosen]."""
 
 
 def add(a: Assembly, load: Load, moved: Mapping[str, str]) -> Row:
-    """Add the magnet's signals and its actuator `load.force`; returns the row of the normal force."""
+    """Add the magnet's states and its actuator `load.force`; returns the row of the normal force [N]."""
     high = math.inf if load.force_max is None else load.force_max
     bounds = (load.force_min, high)
     return actuator(a, "load.force", "N", load.force, load.force, bounds, STRONGEST, load.lag, "load", moved)

@@ -4,8 +4,8 @@
 
 F deforms the stack by dx, U is the voltage of its electrodes, q the charge on them. c33 is its stiffness with the
 electrodes shorted, Cps its capacitance with the ends held; hysteresis is absent. With the electrodes open it is stiffer
-by kappa = e^2/Cps. What the electrodes are connected to is an effect of its own: a shunt (rig.effects.shunt), an
-amplifier (rig.effects.amplifier), or nothing: open.
+by kappa = e^2/Cps. The electrodes are connected to a shunt (rig.effects.shunt) or to an amplifier
+(rig.effects.amplifier), which are separate effects; without these they are open.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.14 to 4.20.
 """
 
@@ -24,13 +24,15 @@ from rig.effects.shunt import Shunt
 from rig.effects.stack import Stack
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
-from rig.quantities import Farad, MetrePerVolt, NewtonPerVolt, Section, SomeNewtonPerMetre
+from rig.picture import Plot
+from rig.quantities import Farad, MetrePerVolt, NewtonPerVolt, NonNegativeNewtonPerMetre, Section
 
 
 class Piezo(Section):
-    """Clamped capacitance Cps, and either the coupling e or d33, which makes it with the stiffness.
+    """Clamped capacitance Cps [F] and either the coupling e [N/V] or d33 [m/V], where e = c33 d33.
 
-    `stiffness`: c33, what the stack adds to the path; 0 where a spring of the rig is the stack with shorted electrodes.
+    `stiffness`: c33 [N/m], which the stack adds to the load path; 0 if a spring of the rig already represents the stack
+    with shorted electrodes.
     """
 
     declares: ClassVar = About(
@@ -40,7 +42,7 @@ class Piezo(Section):
     capacitance: Farad
     coupling: NewtonPerVolt | None = None
     d33: MetrePerVolt | None = None
-    stiffness: SomeNewtonPerMetre = 0.0
+    stiffness: NonNegativeNewtonPerMetre = 0.0
 
     @model_validator(mode="after")
     def _one_coupling(self) -> Self:
@@ -57,7 +59,7 @@ class Piezo(Section):
 
 
 class WithStack(Noisy):
-    """The tables of a rig that may have a stack in its load path; at most one of `shunt` and `amplifier`."""
+    """The optional tables of a rig with a stack in its load path; at most one of `shunt` and `amplifier`."""
 
     piezo: Piezo | None = None
     shunt: Shunt | None = None
@@ -73,14 +75,14 @@ class WithStack(Noisy):
 
 
 def add(a: Assembly, p: WithStack, path: Row, moved: Mapping[str, str]) -> None:
-    """Add the stack of `p`, if it has one, where it is extended by `path`, a row over coordinates."""
+    """Add the stack of `p`, if it has one. `path`: its extension [m] as a row over coordinates."""
     if p.piezo is None:
         return
     for i, f in path.items():
         for j, g in path.items():
             a.stiffness[i, j] = a.stiffness.get((i, j), 0.0) + p.piezo.stiffness * f * g
     stack = Stack(p.piezo.e, p.piezo.capacitance, path)
-    a.outputs["stack_extension"] = Output(dict(path), "m")
+    a.outputs["stack_extension"] = Output(dict(path), "m", Plot())
     if p.amplifier is not None:
         amplifier.add(a, stack, p.amplifier, moved)
     else:

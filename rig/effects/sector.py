@@ -1,9 +1,9 @@
-"""A sector of the disc with a friction of its own, e.g. sandblasted; absent: the disc is alike all round.
+"""A sector of the disc with its own friction law, for example sandblasted. Absent: the disc has one friction law.
 
     psi = Int Omega dt - r2 phi / rd  (mod 2 pi)       the sector's law where 0 <= psi < span, else the contact's own
 
-psi is the place under the pin on the disc. It stands still while the pin sticks, so an edge is only met in slip; the
-edges are events.
+psi is the angular position of the pin on the disc. It is constant while the pin sticks, so the pin reaches an edge only
+in slip. The edges are events.
 Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), the disc with two interfaces.
 """
 
@@ -18,6 +18,7 @@ from rig.about import About
 from rig.effects.friction import Friction
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
+from rig.picture import Plot
 from rig.quantities import Section, quantity
 
 TURN = "disc.turn"
@@ -28,9 +29,9 @@ Place: Any = quantity("rad", Ge(0.0), Lt(_PERIOD))
 
 
 class Sector(Section):
-    """Its span, its friction, and the place under the pin at the start, counted from the sector's first edge."""
+    """Span [rad] and friction law of the sector; position of the pin at the start [rad], from its first edge."""
 
-    declares: ClassVar = About("a part of the disc with a friction of its own")
+    declares: ClassVar = About("a part of the disc with its own friction law")
 
     span: Span
     friction: Friction
@@ -38,12 +39,12 @@ class Sector(Section):
 
 
 def add(a: Assembly, sector: Sector, patch: str, speed: Row, back: Row) -> None:
-    """Add the disc's turn and the sector to `patch`. `speed`: of the disc [rad/s]; `back`: the pin's own way on it.
+    """Add the angle of the disc, and the sector to the contact `patch`.
 
-    The output `place` tells psi [rad].
+    `speed`: speed of the disc [rad/s]; `back`: angle of the pin's own motion over the disc. Output: `place`, psi [rad].
     """
     own = next(entry[3] for entry in a.patches if entry[0] == patch)
     a.signal(TURN, speed, sector.place, "sector")
     place = {TURN: 1.0, **back}
     a.sector("disc", patch, place, TURN, _PERIOD, (0.0, sector.span), (sector.friction.friction(), own))
-    a.outputs["place"] = Output(place, "rad")
+    a.outputs["place"] = Output(place, "rad", Plot())

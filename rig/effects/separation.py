@@ -1,8 +1,8 @@
-"""Separation: a contact spring that lifts off at N = 0 and may meet the surface again. Absent: it pulls as it presses.
+"""Separation: a contact spring that lifts off at N = 0 and may meet the surface again. Absent: the spring also pulls.
 
-Without it nothing but the end of slip bounds an unstable rig: that is how Liu and Ouyang compute it, who end a time
-history at N = 0. With it, friction and contact spring are gone while the contact is open; the impact on the surface
-is borne by the spring, no law of restitution is needed.
+Without separation only stick bounds the vibration of an unstable rig. Liu and Ouyang compute it so and end a time
+history at N = 0. With separation, friction and the force of the contact spring are zero while the contact is open. The
+spring takes the impact on the surface; no law of restitution is needed.
 Source: Liu and Ouyang, Meccanica 55 (2020), section 2.
 """
 
@@ -15,6 +15,8 @@ from rig.quantities import Section
 
 
 class Separation(Section):
-    """The contact lifts off where its normal force would become negative. It has no numbers of its own."""
+    """The contact lifts off where its normal force would become negative. The table has no parameters."""
 
-    declares: ClassVar = About("a contact spring that lifts off and comes back; without it the spring pulls as well")
+    declares: ClassVar = About(
+        "a contact spring that lifts off and meets the surface again; without it the spring also pulls"
+    )

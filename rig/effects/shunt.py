@@ -4,19 +4,21 @@
     parallel  U' = -(U/R + i + e dx')/((1 + ratio) Cps),  L i' = U      R, L and C = ratio Cps side by side
     open, short
 
-States of the series shunt are the voltage round the loop and the current,
+The states of the series shunt are the loop voltage U and the current i,
 
     U' = (1 + delta) i/Cps - e dx'/Cps        U_p = (U + delta s)/(1 + delta),  U_C = delta (U - s)/(1 + delta)
 
-with s = V0 - e dx/Cps and V0 = (q - q_C)/Cps; never the charge, which is a small difference of large numbers, in the
-guards of contacts too. V0 moves only where a resistor bleeds the stack (`leak`) or the capacitor (`bleed`, which a
-negative capacitance inverts as well): what differs when the stack is connected again. R = 0, L = 0 or both take their
-states out, and so do values that no motion of the structure would notice, L omega^2 below 1e-8 of (1 + delta)/Cps.
+with s = V0 - e dx/Cps and V0 = (q - q_C)/Cps. The charge is not a state, because it would be a small difference of
+large numbers, also in the guards of contacts. V0 changes only if a resistor discharges the stack (`leak`) or the
+capacitor (`bleed`, whose sign a negative capacitance inverts as well); it matters when the stack is connected again.
+R = 0, L = 0 or both remove their states. So do values without influence on the structure: L omega^2 below 1e-8 of
+(1 + delta)/Cps.
 
-A switch is a command, no new matrix: open, the charges stay and the current is zero; the inductor's energy is lost and
-booked. The op-amp that makes a negative capacitance can give U_C only up to `saturation`, and then no more.
+The switch is a command and needs no new matrix: when it is open, the charges stay and the current is zero. The energy
+of the inductor is lost and is a term of the energy balance. The op-amp of a negative capacitance limits U_C to
+`saturation`.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.14 to 4.19; loop voltage, switching
-and bleeding are ours.
+and bleeding are derived here.
 """
 
 from __future__ import annotations
@@ -32,11 +34,12 @@ from pydantic import Field, model_validator
 
 from rig.about import About
 from rig.effects import shunt_limits
-from rig.effects.drive import reach
+from rig.effects.drive import command_range
 from rig.effects.stack import Stack, scaled, total
 from rig.errors import SceneError
 from rig.model.assembly import Assembly, Input, Output
 from rig.model.named_rows import Circuit, Row
+from rig.picture import Plot
 from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, quantity
 
 VOLTAGE, CURRENT, OFFSET, POSITION = "shunt.voltage", "shunt.current", "shunt.offset", "shunt.position"
@@ -54,23 +57,24 @@ class _Network(Section):
 
 
 class Open(_Network):
-    """Nothing on the electrodes but perhaps the resistance of their insulation."""
+    """Open electrodes, with or without the resistance of their insulation."""
 
     kind: Literal["open"]
     leak: PositiveOhm | None = None
 
 
 class Short(_Network):
-    """Electrodes shorted."""
+    """Shorted electrodes."""
 
     kind: Literal["short"]
 
 
 class Series(_Network):
-    """R, L, C in one loop; `delta` = Cps/C, 0: no capacitor. `connected`: at the start.
+    """R, L and C in one loop. `delta` = Cps/C; 0: no capacitor. `connected`: whether it is connected at the start.
 
-    `bank`: inductances to choose from while it runs; a command takes the nearest. Without it a new inductance is a new
-    matrix. `leak` across the stack, `bleed` across the capacitor, `saturation` of the op-amp that makes it.
+    `bank`: inductances [H] that can be switched during the run; a command selects the nearest. Without a bank a new
+    inductance needs new matrices. `leak`: resistor [ohm] across the stack; `bleed`: resistor [ohm] across the
+    capacitor; `saturation`: largest voltage [V] of the op-amp that makes the capacitor.
     """
 
     kind: Literal["series"]
@@ -88,7 +92,7 @@ class Series(_Network):
         if self.delta == -1.0:
             raise ValueError("delta -1 leaves the loop without capacitance; a stable shunt has delta above -1")
         if self.delta == 0.0 and (self.bleed is not None or self.saturation is not None):
-            raise ValueError("bleed and saturation are of the capacitor; delta 0 means that there is none")
+            raise ValueError("bleed and saturation belong to the capacitor; with delta 0 there is no capacitor")
         if self.saturation is not None and self.resistance == 0.0:
             raise ValueError("saturation needs a resistance above 0 ohm: nothing else would limit the current")
         if self.bank is not None and self.inductance not in self.bank:
@@ -97,7 +101,7 @@ class Series(_Network):
 
 
 class Parallel(_Network):
-    """R, L and C = `ratio` Cps side by side; a negative ratio is a negative capacitance, at least -1."""
+    """R, L and C = `ratio` Cps in parallel; a ratio between -1 and 0 is a negative capacitance."""
 
     kind: Literal["parallel"]
     resistance: PositiveOhm | None = None
@@ -108,7 +112,7 @@ class Parallel(_Network):
     @model_validator(mode="after")
     def _something(self) -> Self:
         if self.resistance is None and self.inductance is None and self.ratio == 0.0:
-            raise ValueError('a parallel shunt of nothing is kind = "open"')
+            raise ValueError('a parallel shunt without resistance, inductance and ratio is open: state kind = "open"')
         return self
 
 
@@ -116,14 +120,17 @@ Shunt = Annotated[Open | Short | Series | Parallel, Field(discriminator="kind")]
 
 
 def add(a: Assembly, stack: Stack, shunt: Open | Short | Series | Parallel, moved: Mapping[str, str]) -> None:
-    """Add the network, its actuators `shunt.connected`, `shunt.inductance`, `shunt.resistance`, `shunt.delta`."""
+    """Add the network and its actuators `shunt.connected`, `shunt.inductance`, `shunt.resistance`, `shunt.delta`.
+
+    Raises SceneError for a network that cannot be switched although the scene switches it.
+    """
     if isinstance(shunt, Series) and (shunt.connected or shunt.bank or "shunt.connected" in moved):
         _series(a, stack, shunt, moved)
     elif isinstance(shunt, Parallel) and (shunt.connected or "shunt.connected" in moved):
         _parallel(a, stack, shunt, moved)
     elif isinstance(shunt, Short):
         stack.couple(a, {})
-        a.outputs["shunt_current"] = Output(scaled(stack.pumped, stack.capacitance), "A")
+        a.outputs["shunt_current"] = Output(scaled(stack.open_voltage_rate, stack.capacitance), "A", Plot())
     else:
         _open(a, stack, None if isinstance(shunt, Parallel) else shunt.leak)
     if isinstance(shunt, Series | Parallel):
@@ -131,47 +138,47 @@ def add(a: Assembly, stack: Stack, shunt: Open | Short | Series | Parallel, move
     if isinstance(shunt, Series):
         L, R, delta = shunt.inductance, shunt.resistance, shunt.delta
         bank = "a bank of coils for it to run through (shunt.bank)"
-        a.inputs.setdefault("shunt.inductance", Input("H", *reach(L, 0.0, math.inf, 1e4), L, L, ramped=bank))
-        a.inputs["shunt.resistance"] = Input("ohm", *reach(R, 0.0, math.inf, 1e9), R, R)
-        a.inputs["shunt.delta"] = Input("1", *reach(delta, min(-0.999, delta), math.inf, 1e3), delta, delta)
+        a.inputs.setdefault("shunt.inductance", Input("H", *command_range(L, 0.0, math.inf, 1e4), L, L, ramped=bank))
+        a.inputs["shunt.resistance"] = Input("ohm", *command_range(R, 0.0, math.inf, 1e9), R, R)
+        a.inputs["shunt.delta"] = Input("1", *command_range(delta, min(-0.999, delta), math.inf, 1e3), delta, delta)
 
 
 def _open(a: Assembly, stack: Stack, leak: float | None) -> None:
-    """The extension charges the open stack, which has no voltage at the start."""
+    """Add open electrodes: the extension charges the stack, which has no voltage at the start."""
     if leak is None:
-        voltage = total(scaled(stack.held, -1.0), {"one": _at_start(a, stack)})
+        voltage = total(scaled(stack.open_voltage, -1.0), {"one": _at_start(a, stack)})
         stack.couple(a, voltage)
         a.keep[VOLTAGE] = _charge(stack, voltage)
         return
-    a.network[VOLTAGE] = total(scaled(stack.pumped, -1.0), {VOLTAGE: -1.0 / (leak * stack.capacitance)})
+    a.network[VOLTAGE] = total(scaled(stack.open_voltage_rate, -1.0), {VOLTAGE: -1.0 / (leak * stack.capacitance)})
     a.own("shunt", VOLTAGE)
     a.losses.append((1.0 / leak, {VOLTAGE: 1.0}))
     stack.couple(a, {VOLTAGE: 1.0})
 
 
 def _charge(stack: Stack, voltage: Row) -> Row:
-    """The charge on the electrodes, which stays where the network becomes another."""
+    """The charge on the electrodes as a row; it is conserved when the network changes."""
     return total(scaled(voltage, stack.capacitance), scaled(stack.path, stack.e))
 
 
 def _at_start(a: Assembly, stack: Stack) -> float:
-    """Charge of the stack over Cps [V], at the start and without voltage."""
-    return sum(value * a.start.get(c, 0.0) for c, value in stack.held.items())
+    """Charge of the stack over Cps [V] at the start, for zero voltage."""
+    return sum(value * a.start.get(c, 0.0) for c, value in stack.open_voltage.items())
 
 
 def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) -> None:
-    shunt = _noticed(a, stack, given)
+    shunt = _without_negligible(a, stack, given)
     Cps, delta, R, L = stack.capacitance, shunt.delta, shunt.resistance, shunt.inductance
     thrown = shunt.bank is not None or "shunt.connected" in moved
     loop: Row = {VOLTAGE: 1.0} if L or R or thrown else {}
     if delta:
         drifts = shunt.leak is not None or shunt.bleed is not None
         offset: Row = {OFFSET: 1.0} if drifts else {"one": _at_start(a, stack)}
-        inside = total(offset, scaled(stack.held, -1.0))
+        inside = total(offset, scaled(stack.open_voltage, -1.0))
         voltage = scaled(total(loop, scaled(inside, delta)), 1.0 / (1.0 + delta))
         capacitor = scaled(total(loop, scaled(inside, -1.0)), delta / (1.0 + delta))
         a.stores.append((Cps / delta, capacitor))
-        a.outputs["capacitor_voltage"] = Output(capacitor, "V")
+        a.outputs["capacitor_voltage"] = Output(capacitor, "V", Plot())
     else:
         drifts, voltage, capacitor = False, loop, {}
     stack.couple(a, voltage)
@@ -183,7 +190,9 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
     if shunt.bleed is not None:
         bleeds = scaled(capacitor, math.copysign(1.0, delta) / (shunt.bleed * Cps))
         a.losses.append((math.copysign(1.0 / shunt.bleed, delta), capacitor))
-    alone = scaled(total(stack.pumped, leaks, scaled(bleeds, delta)), -1.0)  # U' without a current in the loop
+    alone = scaled(
+        total(stack.open_voltage_rate, leaks, scaled(bleeds, delta)), -1.0
+    )  # U' without a current in the loop
     clamped = shunt.saturation is not None
     driving = voltage if clamped else loop
     rates: dict[str, Row] = {}
@@ -203,16 +212,16 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
     a.own("shunt", *rates)
     if drifts:
         a.network[OFFSET] = total(bleeds, scaled(leaks, -1.0))
-        told = "resistors that bleed stack or capacitor; what they change is the offset of the charges"
-        a.own("shunt leak", OFFSET, about=told)
+        description = "resistors that discharge stack or capacitor; they change the offset of the charges"
+        a.own("shunt leak", OFFSET, about=description)
         a.start[OFFSET] = _at_start(a, stack)
     if clamped:
         limit = float(shunt.saturation or 0.0)
         at, gain = (CURRENT, -1.0 / L) if L else (VOLTAGE, -(1.0 + delta) / (R * Cps))
         a.limit(OP_AMP, capacitor, -limit, limit, at, gain, excess=-Cps / delta)
-        a.outputs["capacitor_voltage"] = Output({f"c:{OP_AMP}": 1.0}, "V")
+        a.outputs["capacitor_voltage"] = Output({f"c:{OP_AMP}": 1.0}, "V", Plot())
     a.keep[VOLTAGE] = _charge(stack, voltage)
-    a.outputs["shunt_current"] = Output(current, "A")
+    a.outputs["shunt_current"] = Output(current, "A", Plot())
     dropped = [key for key in ("inductance", "resistance") if getattr(given, key) != getattr(shunt, key)]
     a.judges.append(shunt_limits.judge(stack, delta, list(rates), dropped))
     if not thrown:
@@ -243,7 +252,7 @@ def _coil(driving: Row, R: float, L: float) -> Row:
 def _switch(
     a: Assembly, opened: Circuit, closed: list[Circuit], on: bool, coil: float, coils: tuple[float, ...]
 ) -> None:
-    """The switch, with one closed position for each coil, and its actuator; `coil` is the one at the start."""
+    """Add the switch, with one closed position for each coil, and its actuator. `coil`: the position at the start."""
     wanted = np.array(coils)
 
     def position(on: float, inductance: float) -> float:
@@ -252,14 +261,14 @@ def _switch(
     def write(x: NDArray[np.float64], values: Mapping[str, float], t: float) -> None:
         x[a.names.index(POSITION)] = position(values["shunt.connected"], values.get("shunt.inductance", coil))
 
-    told = "connected or open, and which coil of a bank"
-    a.signal(POSITION, {}, position(float(on), coil), "shunt switch", told)
+    description = "connected or open, and which coil of a bank"
+    a.signal(POSITION, {}, position(float(on), coil), "shunt switch", description)
     a.switch("shunt", POSITION, (opened, *closed))
     a.inputs["shunt.connected"] = Input("1", 0.0, 1.0, float(on), float(on), write=write)
 
 
-def _noticed(a: Assembly, stack: Stack, shunt: Series) -> Series:
-    """The shunt without what no motion of the structure notices: a coil, and then a resistor, as good as none."""
+def _without_negligible(a: Assembly, stack: Stack, shunt: Series) -> Series:
+    """The shunt with an inductance, and then a resistance, of zero if it has no influence on the structure."""
     if shunt.bank is not None:
         return shunt
     index = {c: i for i, c in enumerate(a.coordinates)}
@@ -278,9 +287,11 @@ def _noticed(a: Assembly, stack: Stack, shunt: Series) -> Series:
 def _parallel(a: Assembly, stack: Stack, shunt: Parallel, moved: Mapping[str, str]) -> None:
     Cps, R, L = stack.capacitance, shunt.resistance, shunt.inductance
     if "shunt.connected" in moved and shunt.ratio:
-        raise SceneError("shunt.ratio", ["a parallel capacitor cannot be switched: it would keep a voltage of its own"])
+        raise SceneError(
+            "shunt.ratio", ["a parallel capacitor cannot be switched: its voltage would be an additional state"]
+        )
     taken: Row = total({VOLTAGE: 1.0 / R} if R else {}, {CURRENT: 1.0} if L else {})
-    rate = scaled(total(stack.pumped, scaled(taken, 1.0 / Cps)), -1.0 / (1.0 + shunt.ratio))
+    rate = scaled(total(stack.open_voltage_rate, scaled(taken, 1.0 / Cps)), -1.0 / (1.0 + shunt.ratio))
     a.network[VOLTAGE] = rate
     if L:
         a.network[CURRENT] = {VOLTAGE: 1.0 / L}
@@ -291,8 +302,8 @@ def _parallel(a: Assembly, stack: Stack, shunt: Parallel, moved: Mapping[str, st
     if shunt.ratio:
         a.stores.append((shunt.ratio * Cps, {VOLTAGE: 1.0}))
     a.own("shunt", *(name for name in (VOLTAGE, CURRENT) if name in a.network))
-    a.outputs["shunt_current"] = Output(taken, "A")
+    a.outputs["shunt_current"] = Output(taken, "A", Plot())
     if "shunt.connected" in moved:
         silent: dict[str, Row] = {CURRENT: {}} if L else {}
-        opened = Circuit("open", {VOLTAGE: scaled(stack.pumped, -1.0), **silent}, tuple(silent))
+        opened = Circuit("open", {VOLTAGE: scaled(stack.open_voltage_rate, -1.0), **silent}, tuple(silent))
         _switch(a, opened, [Circuit("connected", {})], shunt.connected, L or 0.0, (L or 0.0,))

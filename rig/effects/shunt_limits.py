@@ -1,9 +1,9 @@
-"""What a series shunt and the structure say together before a run: its static limit, its time constants.
+"""Findings of the stability report on a series shunt: its static limit and its time constants.
 
-A negative capacitance softens the stack, c33 + kappa delta/(1 + delta) at rest. The rig gives way where that takes up
-the stiffness k_b that the ends of the shorted stack see, at delta = -k_b/(k_b + kappa): before the loop by itself does,
-at delta = -1.
-Source: Kroeger, Neubauer, Popp (2008), section 4 d; the limit in the structure is ours.
+A negative capacitance softens the stack to the static stiffness c33 + kappa delta/(1 + delta). The rig becomes
+statically unstable where this change cancels the stiffness k_b between the ends of the shorted stack, at
+delta = -k_b/(k_b + kappa). This limit is above that of the loop alone, delta = -1.
+Source: Kroeger, Neubauer, Popp (2008), section 4 d; the limit in the structure is derived here.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from rig.quantities import at_least
 from rig.stability.linearisation import sliding_key
 
 TOLERANCE = 0.1
-"""Of a stack's capacitance, with its temperature. # calibrated"""
+"""Relative variation of a stack's capacitance with temperature [calibrated]."""
 
 
-def stiffness_seen(system: System, stack: Stack) -> float:
-    """Static stiffness k_b [N/m] between the ends of the shorted stack in steady sliding; infinite where they are held.
+def stiffness_between_ends(system: System, stack: Stack) -> float:
+    """Static stiffness k_b [N/m] between the ends of the shorted stack in steady sliding; infinite if they are fixed.
 
-    Friction over speed counts as a force that stays.
+    The friction force is taken as constant.
     """
     nq = len(system.coordinates)
     ends = np.array([stack.path.get(c, 0.0) for c in system.coordinates])
@@ -41,27 +41,27 @@ def stiffness_seen(system: System, stack: Stack) -> float:
 
 
 def static_limit(system: System, stack: Stack) -> float:
-    """Below this delta the rig gives way: -k_b/(k_b + kappa)."""
-    return -1.0 / (1.0 + stack.kappa / stiffness_seen(system, stack))
+    """The delta below which the rig is statically unstable: -k_b/(k_b + kappa)."""
+    return -1.0 / (1.0 + stack.kappa / stiffness_between_ends(system, stack))
 
 
 def judge(stack: Stack, delta: float, states: Sequence[str], dropped: Sequence[str]) -> Judge:
-    """The judge of a series shunt; `dropped`: values that nothing notices and that were taken for zero."""
+    """The check of a series shunt for the stability report. `dropped`: parameters without influence, set to zero."""
 
-    def told(system: System, step: float) -> Iterator[Finding]:
+    def findings(system: System, step: float) -> Iterator[Finding]:
         if dropped:
-            what = f"shunt: {' and '.join(dropped)} too small to be noticed by any motion of the structure, taken as 0"
+            what = f"shunt: {' and '.join(dropped)} too small to influence any motion of the structure, taken as 0"
             yield Finding("info", what, 0.0, "nothing to do; it saves a state that would be very fast")
         if delta < 0.0:
             yield from _static(system, stack, delta)
         if states:
             yield from _fast(system, states, step)
 
-    return told
+    return findings
 
 
 def _static(system: System, stack: Stack, delta: float) -> Iterator[Finding]:
-    k_b, kappa = stiffness_seen(system, stack), stack.kappa
+    k_b, kappa = stiffness_between_ends(system, stack), stack.kappa
     limit = static_limit(system, stack)
     safe = limit / (1.0 + TOLERANCE)
     where = f"the limit is -k_b/(k_b + kappa) = {limit:.4f} (k_b {k_b:.4g} N/m, kappa {kappa:.4g} N/m)"
@@ -77,7 +77,7 @@ def _static(system: System, stack: Stack, delta: float) -> Iterator[Finding]:
 
 
 def _fast(system: System, states: Sequence[str], step: float) -> Iterator[Finding]:
-    """The network by itself, its ends held, against the step."""
+    """The time constant of the network with fixed ends of the stack, compared with the step."""
     at = [system.names.index(name) for name in states]
     key = sliding_key(system)
     patches, normals, limiters, sectors, thrown = system.modes(key)
@@ -89,4 +89,4 @@ def _fast(system: System, states: Sequence[str], step: float) -> Iterator[Findin
         return
     hertz = f"resonance {abs(fastest) / (2.0 * math.pi):.4g} Hz, " if fastest.imag else ""
     what = f"shunt: {hertz}time constant {1.0 / max(abs(fastest.real), 1e-300):.3g} s, step {step:g} s"
-    yield Finding("info", what, abs(fastest) * step, "exact carries it at any step; rk4 and dopri5 follow it")
+    yield Finding("info", what, abs(fastest) * step, "exact integrates it with any step; rk4 and dopri5 resolve it")

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
 from rig.model.named_rows import add as add_row
+from rig.picture import IN_FIGURE, Plot
 
 
 @dataclass(frozen=True)
 class Stack:
-    """Coupling e [N/V], clamped capacitance Cps [F], extension dx as a row over coordinates."""
+    """A piezo stack: coupling e [N/V], clamped capacitance Cps [F], extension dx [m] as a row over coordinates."""
 
     e: float
     capacitance: float
@@ -19,25 +20,25 @@ class Stack:
 
     @property
     def kappa(self) -> float:
-        """What open electrodes add to the stiffness, e^2/Cps [N/m]."""
+        """The stiffness that open electrodes add, e^2/Cps [N/m]."""
         return self.e**2 / self.capacitance
 
     @property
-    def held(self) -> Row:
-        """Voltage [V] that the extension has the open stack take off, e dx / Cps."""
+    def open_voltage(self) -> Row:
+        """Voltage [V] by which the extension lowers the voltage of the open stack, e dx / Cps, as a row."""
         return scaled(self.path, self.e / self.capacitance)
 
     @property
-    def pumped(self) -> Row:
-        """Its rate, e dx' / Cps [V/s]."""
-        return {f"{c}'": value for c, value in self.held.items()}
+    def open_voltage_rate(self) -> Row:
+        """The rate of `open_voltage`, e dx' / Cps [V/s], as a row."""
+        return {f"{c}'": value for c, value in self.open_voltage.items()}
 
     def couple(self, a: Assembly, voltage: Row) -> None:
-        """The force e U on the ends, U a row over the states of a network; and what the stack stores."""
+        """Add the force e U on the ends and the energy that the stack stores. `voltage`: U as a row over states."""
         for c, f in self.path.items():
             add_row(a.coupling.setdefault(c, {}), scaled(voltage, f * self.e))
         a.stores.append((self.capacitance, voltage))
-        a.outputs["stack_voltage"] = Output(voltage, "V")
+        a.outputs["stack_voltage"] = Output(voltage, "V", Plot(place=IN_FIGURE))
 
 
 def scaled(row: Row, factor: float) -> Row:

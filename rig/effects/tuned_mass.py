@@ -1,14 +1,14 @@
-"""A tuned mass: an absorber on the body whose tilt lets its inertia press on the contact.
+"""A tuned mass: an inclined absorber on the body. Its inertia changes the normal force.
 
-The absorber moves by y along a line tilted by `angle`, at (x + y sin a, -y cos a) where x is the body's motion along
-the belt, from its equilibrium under gravity:
+The absorber moves by y along a line inclined by `angle`. Its position is (x + y sin a, -y cos a), where x is the
+displacement of the body along the belt, both from the equilibrium under gravity:
 
     (m1 + m2) x'' + m2 sin a y'' + d1 x' + c1 x = T        m2 (sin a x'' + y'') + d2 y' + c2 y = 0
     N = load + d2 cos a y' + c2 cos a y + m2 sin a cos a x''
 
-N depends on an acceleration, so friction changes the mass matrix; it loses definiteness (jams) where
-mu m2 sin a cos a exceeds m1 + m2 cos^2 a. In steady sliding the motion depends on the tilt only through
-sin a (sin a + mu cos a): at constant mu it is symmetric about a = -atan(mu)/2, not about zero.
+N depends on an acceleration, so friction changes the mass matrix. The rig jams where the mass matrix is no longer
+positive definite: mu m2 sin a cos a above m1 + m2 cos^2 a. In steady sliding the motion depends on the angle only
+through sin a (sin a + mu cos a); at constant mu it is symmetric about a = -atan(mu)/2, not about zero.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.10 to 4.13.
 """
 
@@ -23,6 +23,7 @@ from pydantic import field_validator, model_validator
 from rig.about import About
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import add as add_row
+from rig.picture import Plot
 from rig.quantities import Angle, NewtonPerMetre, Section, optional, quantity
 
 AbsorberMass: Any = quantity("kg", Ge(0.0))
@@ -31,7 +32,7 @@ DampingRatio: Any = optional("1", Ge(0.0))
 
 
 class TunedMass(Section):
-    """Tilt, mass and spring; damped by `damping` or by `damping_ratio` D2 = d2 / (2 sqrt(c2 m2)), or by nothing."""
+    """Angle, mass and spring; damping by `damping` or `damping_ratio` D2 = d2 / (2 sqrt(c2 m2)), or undamped."""
 
     declares: ClassVar = About("a tilted absorber; its inertia enters the normal force", hardware=True)
 
@@ -45,7 +46,7 @@ class TunedMass(Section):
     @classmethod
     def _something(cls, mass: float) -> float:
         if mass == 0.0:
-            raise ValueError("a tuned mass of 0 kg is none: leave [tuned_mass] out (-p tuned_mass=none)")
+            raise ValueError("a tuned mass of 0 kg has no effect: leave [tuned_mass] out (-p tuned_mass=none)")
         return mass
 
     @model_validator(mode="after")
@@ -63,7 +64,7 @@ class TunedMass(Section):
 
 
 def add(a: Assembly, tuned: TunedMass, normal: str, coordinate: str, arm: float = 1.0) -> None:
-    """Add the absorber to the body of `coordinate`; `arm` [m] turns that into motion along the belt (1: it is one)."""
+    """Add the absorber to the body of `coordinate`. `arm`: displacement along the belt [m] per unit of it."""
     s, c = math.sin(tuned.angle), math.cos(tuned.angle)
     a.coordinate("absorber", tuned.mass, tuned.damper, tuned.stiffness)
     a.mass[coordinate, coordinate] += tuned.mass * arm**2
@@ -72,6 +73,6 @@ def add(a: Assembly, tuned: TunedMass, normal: str, coordinate: str, arm: float 
     add_row(a.inertia(normal), {coordinate: tuned.mass * s * c * arm})
     a.own("tuned_mass", "absorber", "absorber'")
     a.outputs |= {
-        "absorber_displacement": Output({"absorber": 1.0}, "m"),
-        "absorber_velocity": Output({"absorber'": 1.0}, "m/s"),
+        "absorber_displacement": Output({"absorber": 1.0}, "m", Plot()),
+        "absorber_velocity": Output({"absorber'": 1.0}, "m/s", Plot()),
     }

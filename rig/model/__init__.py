@@ -1,7 +1,7 @@
 """A rig in matrices: rows by name, then matrices, mode sets and tables. numpy, built once per scene.
 
 assembly             a rig as plants and effects state it: rows by name (named_rows), outputs, inputs
-matrices, system     the same rig as matrices, contacts, network, limiters and products
+matrices, system     the same rig as matrices, contacts, network, limiters and products (system_parts)
 formulation          the matrices of one mode set; `singular` says why a mode set has none
 friction_law         friction laws; product_terms: products of states, forces and angles
 output_rows          outputs as rows over the state

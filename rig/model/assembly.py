@@ -7,24 +7,51 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model.film_system import lay
+from rig.model.film_system import add_film_states
 from rig.model.matrices import matrices
 from rig.model.named_rows import Row, Rows
 from rig.model.system import System
+from rig.picture import Plot
 
 Write = Callable[[NDArray[np.float64], Mapping[str, float], float], None]
 
 
+Role = Literal["", "displacement", "velocity", "drive"]
+
+
 @dataclass(frozen=True)
 class Output:
-    """A quantity of the rig that a sensor may read: an extended row and its unit."""
+    """A quantity of the rig that a sensor may read: an extended row and its unit.
+
+    `plot`: the plot in which it is drawn, by default that of its unit. `role`: "displacement" and "velocity" are the
+    pair of the phase portrait, by default the first output with its rate of change; "drive" is the speed of a drive,
+    which is no vibration.
+    """
 
     row: Row
     unit: str
+    plot: Plot | None = None
+    role: Role = ""
+
+
+def portrait(outputs: Mapping[str, Output]) -> tuple[str, str] | None:
+    """The names of displacement and velocity that are declared, else of the first output with its rate of change.
+
+    None if there is no such pair.
+    """
+    x, v = (next((n for n, one in outputs.items() if one.role == role), "") for role in ("displacement", "velocity"))
+    if x and v:
+        return x, v
+    for name, output in outputs.items():
+        rate = {f"{coordinate}'": factor for coordinate, factor in output.row.items()}
+        if rate and (found := next((other for other, seen in outputs.items() if dict(seen.row) == rate), "")):
+            return name, found
+    return None
 
 
 @dataclass(frozen=True)
@@ -66,7 +93,7 @@ class Assembly(Rows):
     def system(self) -> System:
         """The matrices. Raises SceneError if a row names an unknown state."""
         if self.film is not None:
-            lay(self, self.film)
+            add_film_states(self, self.film)
         return matrices(self)
 
     def sliding(self) -> System:

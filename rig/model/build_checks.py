@@ -10,7 +10,7 @@ Level = Literal["info", "warning", "error"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding: its level, what it is, its number (a growth rate in 1/s, if it is growth) and the remedy."""
+    """One finding: its level, its text, its number (a growth rate in 1/s for a growth) and the remedy."""
 
     level: Level
     what: str

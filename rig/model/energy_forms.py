@@ -54,8 +54,8 @@ def store(system: System, key: int) -> Array:
 
 def by_name(system: System, terms: Array) -> dict[str, float]:
     """The terms [J] by name; those of the network only if there is one."""
-    told = TERMS if system.losses or system.switches else RESISTOR
-    return dict(zip(NAMES[:told], terms[:told].tolist()))
+    count = TERMS if system.losses or system.switches else RESISTOR
+    return dict(zip(NAMES[:count], terms[:count].tolist()))
 
 
 def supplied(system: System) -> Array:

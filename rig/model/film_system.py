@@ -12,10 +12,10 @@ from rig.model.named_rows import Rows
 from rig.model.system import System
 from rig.solve.film_sums import SUMS
 
-_LOOKED_AT = 9  # number of examined positions of the slider
+_EXAMINED = 9  # number of examined positions of the slider
 
 
-def lay(a: Rows, film: Film) -> None:
+def add_film_states(a: Rows, film: Film) -> None:
     """Add the states of a film to a rig, after all others."""
     if on(a.coordinates[0]) in a.signals:
         return
@@ -48,7 +48,7 @@ def refusal(system: System) -> str:
     return ""
 
 
-def ridden(system: System) -> System:
+def with_film_contacts(system: System) -> System:
     """The system whose only contacts are those in the film."""
     return replace(system, patches=(), normals=())
 
@@ -63,7 +63,7 @@ def fastest(system: System, h: float) -> float:
     assert film is not None
     stiffness = film.stiffness + 4.0 * film.damping / h
     root = 1.0 / np.sqrt(np.diag(system.mass))
-    for place in np.linspace(0.0, film.longest, _LOOKED_AT).tolist():
+    for place in np.linspace(0.0, film.longest, _EXAMINED).tolist():
         normal, *sticking = film.everywhere(place)
         K = system.stiffness + stiffness * (normal @ normal.T) + sum(film.shear * (one @ one.T) for one in sticking)
         highest = max(highest, float(np.linalg.eigvalsh(root[:, None] * K * root)[-1]))

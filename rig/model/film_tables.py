@@ -10,16 +10,16 @@ from rig.model.film import Film, on
 from rig.model.system import System
 from rig.solve import expm
 from rig.solve.column_blocks import LANE, zeros
-from rig.solve.film_records import GROUP, Riding, Side
+from rig.solve.film_records import GROUP, FilmTables, Side
 from rig.solve.film_sums import SUMS
 
 Array = NDArray[np.float64]
 
 
-def empty() -> Riding:
+def empty() -> FilmTables:
     """The tables of a rig without a film."""
     z, none = np.zeros, np.zeros(0, dtype=np.int64)
-    return Riding(
+    return FilmTables(
         alike=Side(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
         against=Side(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
         numbers=z(0),
@@ -56,7 +56,7 @@ def empty() -> Riding:
     )
 
 
-def tables(system: System, step: float, outputs: Array, read: int) -> Riding:
+def tables(system: System, step: float, outputs: Array, read: int) -> FilmTables:
     """The tables of a system with a film for steps of `step` s.
 
     `outputs` [output, n], of which sensors read the first `read`.
@@ -92,7 +92,7 @@ def tables(system: System, step: float, outputs: Array, read: int) -> Riding:
     normal = zeros((len(riders), room))
     normal[:, : film.points] = film.everywhere(0.0)[0, riders]
     sums = first + nq + np.arange(len(SUMS))
-    return Riding(
+    return FilmTables(
         alike=_side(film, 1.0),
         against=_side(film, -1.0),
         numbers=np.array([film.pitch, film.longest, film.stiffness, film.damping, film.shear, film.mu]),

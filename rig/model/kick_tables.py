@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from rig.model import energy_forms
 from rig.model.formulation import ModeSet
 from rig.model.product_terms import Factor, Product
-from rig.model.system import Normal, System
+from rig.model.system import System
+from rig.model.system_parts import Normal
 from rig.solve import energy_balance, expm
 from rig.solve.column_blocks import BLOCK, blocks, zeros
-from rig.solve.kick import Flow
+from rig.solve.kick import KickTables
 from rig.solve.product_inputs import PRESS
 
 Array = NDArray[np.float64]
@@ -58,14 +59,14 @@ def _whole(columns: int) -> int:
     return -(-columns // BLOCK) * BLOCK
 
 
-def empty(system: System | None, guards: int) -> Flow:
+def empty(system: System | None, guards: int) -> KickTables:
     """Tables without a mode set, for a system from `pressed` with at most `guards` guards; of length zero for None."""
     n, nq, P, points = 0, 0, 0, 0
     if system is not None:
         n, nq, P, points = system.n, len(system.coordinates), len(system.patches), len(system.products)
     rows = guards + 2 * P
     width = _whole(nq + rows + guards + P + n)
-    return Flow(
+    return KickTables(
         step=zeros((0, _whole(n) // BLOCK, n, BLOCK)),
         rows=zeros((0, _whole(points + rows) // BLOCK, n, BLOCK)),
         push=zeros((0, width // BLOCK, points, BLOCK)),
@@ -125,7 +126,7 @@ def compliances(system: System) -> Array:
     return np.asarray(-give / np.where(stiff > 0.0, stiff, np.inf), dtype=np.float64)
 
 
-def held(system: System, x: Array) -> float:
+def spring_energy(system: System, x: Array) -> float:
     """The energy in the springs of the points at x [J]."""
     force = np.maximum(_rows(system) @ x, 0.0)
     return float(0.5 * np.sum(compliances(system) * force * force))

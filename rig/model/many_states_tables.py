@@ -9,7 +9,7 @@ from rig.model.economisation import bernstein, economy
 from rig.model.energy_forms import gathered
 from rig.solve import expm
 from rig.solve.column_blocks import BLOCK, blocks, zeros
-from rig.solve.many_states import CHECKS, MARGIN, NODES, QUICK, SIZE, TERMS, TURN, WEIGHTS, Wide, powers
+from rig.solve.many_states import CHECKS, MARGIN, NODES, QUICK, SIZE, TERMS, TURN, WEIGHTS, ManyStatesTables, powers
 from rig.solve.roots import DEGREE as ORDER
 from rig.solve.segments import DEGREE
 
@@ -26,7 +26,7 @@ def depth(A: Array, step: float) -> int:
     return level
 
 
-def empty(n: int, inputs: int, guards: int, signals: int, outputs: int) -> Wide:
+def empty(n: int, inputs: int, guards: int, signals: int, outputs: int) -> ManyStatesTables:
     """Tables without a mode set."""
     count = {
         "tick": n + guards * (QUICK + 1),
@@ -38,7 +38,7 @@ def empty(n: int, inputs: int, guards: int, signals: int, outputs: int) -> Wide:
     }
     needed = {name: -(-columns // BLOCK) for name, columns in count.items()}
     filled = -(-n // BLOCK) * BLOCK
-    return Wide(
+    return ManyStatesTables(
         **{name: zeros((0, many, n, BLOCK)) for name, many in needed.items()},
         field=zeros((0, filled // BLOCK, n + inputs, BLOCK)),
         whole=zeros((0, n, filled)),
@@ -109,7 +109,7 @@ def tables(
     }
 
 
-def take(t: Wide, count: int, work: Array, powers: Array) -> Array:
+def collected_energy(t: ManyStatesTables, count: int, work: Array, powers: Array) -> Array:
     """Evaluate the sums `whole` and `part` of the first `count` mode sets as energy terms, [term], and reset them.
 
     work, powers [mode set, term, n, n]: quadratic forms.

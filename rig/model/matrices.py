@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rig.errors import SceneError
 from rig.model.named_rows import Circuit, Part, Row, Rows, Variation
 from rig.model.product_terms import Factor, Product
-from rig.model.system import Change, Limiter, Loss, Normal, Patch, Position, Sector, Switch, System
+from rig.model.system import System
+from rig.model.system_parts import Change, Limiter, Loss, Normal, Patch, Position, Sector, Switch
 from rig.solve.product_inputs import FRICTION, NORMAL, PRESS, SINE, STATE, VERSINE
 
 

@@ -30,7 +30,7 @@ def chosen(method: str, system: System) -> str:
     return "exact" if system.linear else "dopri5"
 
 
-def seen(system: System, method: str, smoothing: float) -> System:
+def as_integrated(system: System, method: str, smoothing: float) -> System:
     """The system as `method` sees it. `smoothing` [m/s]: of the method smooth.
 
     Raises ValueError if the method does not support the system.
@@ -43,7 +43,7 @@ def seen(system: System, method: str, smoothing: float) -> System:
         why = film_system.refusal(system)
         if why:
             raise ValueError(f"kick: {why}")
-        return film_system.ridden(system)
+        return film_system.with_film_contacts(system)
     if method == "kick":
         why = kick_tables.refusal(system)
         if why:

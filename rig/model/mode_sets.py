@@ -6,6 +6,7 @@ slopes and speed targets are states, so no command ever rebuilds a table.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ class ModeSets:
         system = self.system
         modes = assemble(system, key)
         if system.film is not None:
-            return self._ride(modes)
+            return self._add_with_film(modes)
         t = self.tables
         g = t.G.shape[1]
         guards = _padded(modes.guards, g)
@@ -154,7 +155,7 @@ class ModeSets:
         self.sticks.append(all(mode == STICK for mode in patch_modes))
         return modes
 
-    def _ride(self, modes: ModeSet) -> ModeSet:
+    def _add_with_film(self, modes: ModeSet) -> ModeSet:
         """Append the tables of the only mode set of a rig with a film.
 
         Tables that rig.solve.film_steps does not read keep length zero.
@@ -171,17 +172,32 @@ class ModeSets:
         self.sticks.append(False)
         return modes
 
-    def take(self) -> Array:
+    def collected_energy(self) -> Array:
         """The energy terms, [term], of the sums over states that kernels have collected since the last call.
 
         Terms that kernels compute themselves are not included.
         """
         t, count, total = self.tables, len(self.sets), np.zeros(TERMS)
         if self._wide:
-            total += many_states_tables.take(t.wide, count, t.work[:, 0], t.powers)
+            total += many_states_tables.collected_energy(t.wide, count, t.work[:, 0], t.powers)
         if self._kicks:
             total += gathered(t.flow.work, t.flow.whole, count)
         return total
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """Copy the sums that kernels have collected since the last call of `collected_energy`, of a rig without kicks.
+
+        `visited`: the mode sets to which they belong; `whole`, `part`: their sums.
+        """
+        wide, count = self.tables.wide, len(self.sets) if self._wide else 0
+        visited = np.flatnonzero(wide.whole[:count].any(axis=(1, 2)) | wide.part[:count].any(axis=(1, 2)))
+        return {"visited": visited, "whole": wide.whole[visited], "part": wide.part[visited]}
+
+    def put_sums(self, found: Mapping[str, NDArray[Any]]) -> None:
+        """Replace the collected sums by those of `sums`."""
+        wide = self.tables.wide
+        wide.whole[:], wide.part[:] = 0.0, 0.0
+        wide.whole[found["visited"]], wide.part[found["visited"]] = found["whole"], found["part"]
 
 
 def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:

@@ -91,14 +91,19 @@ class Rows:
     film: Film | None = None
 
     def coordinate(self, name: str, mass: float, damping: float = 0.0, stiffness: float = 0.0) -> None:
-        """Add a degree of freedom with its own mass, and with a damper and a spring to ground."""
+        """Add a degree of freedom with its own mass, and with a damper and a spring to ground.
+
+        Raises ValueError for a name that a state has already.
+        """
+        self._new_state(name)
         self.coordinates.append(name)
         self.mass[name, name] = mass
         self.damping[name, name] = damping
         self.stiffness[name, name] = stiffness
 
     def signal(self, name: str, rate: Row, start: float, owner: str, about: str = "") -> None:
-        """Add a state s with s' = rate; `owner`, `about`: see `own`."""
+        """Add a state s with s' = rate; `owner`, `about`: see `own`. Raises ValueError as `coordinate`."""
+        self._new_state(name)
         self.signals[name] = dict(rate)
         self.start[name] = start
         self.own(owner, name, about=about)
@@ -155,7 +160,7 @@ class Rows:
     def vary(self, name: str, row: Row, turn: str, period: float, factors: tuple[tuple[float, float], ...]) -> None:
         """Vary the structure by position, in equal sectors of [0, period).
 
-        `factors`: one pair (stiffness, damping) for each sector. They act on what the structure has at this call:
+        `factors`: one pair (stiffness, damping) for each sector. They act on the structure before this call:
         stiffness, damping, and the part of normal forces that depends on coordinates. `turn`: see `sector`.
         """
         rows = {normal: {c: v for c, v in r.items() if c in self.coordinates} for normal, _, r, *_ in self.normals}
@@ -186,6 +191,10 @@ class Rows:
     def inertia(self, normal: str) -> Row:
         """The accelerations in a normal force, over coordinates, for adding to them."""
         return next(entry[4] for entry in self.normals if entry[0] == normal)
+
+    def _new_state(self, name: str) -> None:
+        if name in self.signals or name in self.network or (name, name) in self.mass:
+            raise ValueError(f"the rig has a state {name!r} already; choose another name")
 
     @property
     def strike(self) -> Row:

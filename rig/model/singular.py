@@ -27,7 +27,7 @@ def assembled(system: System, key: int) -> ModeSet:
 
 
 def singular(system: System, key: int) -> Singular:
-    """The error that says why `assemble` cannot solve mode set `key`."""
+    """The error with the reason why `assemble` cannot solve mode set `key`."""
     nq, mode = len(system.coordinates), system.describe(key)
     patch_modes, normal_modes, _, sectors, _ = system.modes(key)
     if not _regular(system.mass):

@@ -1,4 +1,4 @@
-"""A rig as matrices and rows: structure, network, patches, normal forces, limiters, sectors, switches, products.
+"""A rig as matrices and rows, and its mode sets: their keys, the contact states of a key, and their names in text.
 
 State  x = [q, v, network, signals]. Terms that are not linear in x are the inputs T = [friction forces, products]: the
 force of a patch with a speed-dependent law, and products of states such as x y, cos(k phi) - 1 or N sin(k phi). Rows
@@ -20,132 +20,14 @@ from rig.model.build_checks import Finding
 from rig.model.film import Film
 from rig.model.friction_law import Law
 from rig.model.product_terms import Product
+from rig.model.system_parts import Change, Limiter, Loss, Normal, Patch, Sector, Switch
 from rig.solve.state_codes import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN
 
 Array = NDArray[np.float64]
-
-
 _FEW = 3  # up to this number, all positions of a switch are prepared
 _SPELT = 8  # up to this number, open contacts are named one by one
-
-
-@dataclass(frozen=True)
-class Patch:
-    """A friction patch: `direction` [coordinate] of the friction force, `surface` speed row [state], and its law.
-
-    `travel` [coordinate]: row of the body's motion in the slip speed; the direction of the force by default.
-    """
-
-    name: str
-    direction: Array
-    surface: Array
-    law: Law
-    travel: Array | None = None
-
-
-@dataclass(frozen=True)
-class Normal:
-    """A normal force N = row x + row_t T + inertia . a of patch number `patch`, acting along `direction`."""
-
-    name: str
-    patch: int
-    row: Array
-    row_t: Array
-    direction: Array
-    inertia: Array
-    opens: bool
-
-
-@dataclass(frozen=True)
-class Limiter:
-    """A clamp: the derivative of state `state` gains `gain * min(max(row x, low), high)`.
-
-    Beyond the clamp the network stores `excess` (row x - low or high)^2 / 2 more than it does within.
-    """
-
-    name: str
-    row: Array
-    low: float
-    high: float
-    state: int
-    gain: float
-    excess: float = 0.0
-
-
-@dataclass(frozen=True)
-class Change:
-    """What a sector adds to the rig: stiffness, damping [coordinate, coordinate], rows of normal forces [normal, n]."""
-
-    stiffness: Array
-    damping: Array
-    rows: Array
-
-
-@dataclass(frozen=True)
-class Sector:
-    """Sectors along a path: for edges[i] <= row x < edges[i + 1] patch `patch` has laws[i], or changes[i] is added.
-
-    The position row x lies in [0, period): `edges` begin with 0, the last sector ends at `period`. When it leaves this
-    range, state `turn`, which row contains with factor 1, is shifted by a period. `patch` is -1 if friction stays the
-    same.
-    """
-
-    name: str
-    patch: int
-    row: Array
-    turn: int
-    period: float
-    edges: tuple[float, ...]
-    laws: tuple[Law, ...] = ()
-    changes: tuple[Change, ...] = ()
-
-    def at(self, x: Array) -> int:
-        """The sector at state x."""
-        place = float(self.row @ x) % self.period
-        return sum(place >= edge for edge in self.edges[1:])
-
-
-@dataclass(frozen=True)
-class Position:
-    """One position of a switch: the `rates` [owned, n] of the network states that the switch owns.
-
-    `still`: states that are zero in it; the others keep their values when the switch is thrown. `gains`: of limiters,
-    by index, if they differ from the limiter's own; 0 takes the limiter out of the network. `store` [n, n]: twice the
-    energy that only this position stores, as a form of x.
-    """
-
-    name: str
-    rates: Array
-    still: tuple[int, ...]
-    gains: dict[int, float]
-    store: Array
-
-
-@dataclass(frozen=True)
-class Switch:
-    """A switch of the network: its position is the rounded value of state `state`, which a command writes."""
-
-    name: str
-    state: int
-    owned: tuple[int, ...]
-    positions: tuple[Position, ...]
-
-    def at(self, x: Array) -> int:
-        """The position at state x."""
-        return min(max(int(x[self.state] + 0.5), 0), len(self.positions) - 1)
-
-
-@dataclass(frozen=True)
-class Loss:
-    """A resistor: it dissipates the power conductance * (row x + rate . network rates)^2."""
-
-    conductance: float
-    row: Array
-    rate: Array
-
-
 Judge = Callable[["System", float], Iterable[Finding]]
-"""(system, sample step [s]) -> what an effect has to say of it before a run."""
+"""(system, sample step [s]) -> the findings of an effect about it before a run."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +38,7 @@ class System:
     structure, which exchange energy with the stored energy x.store x / 2 and with the resistors. kept: by name of a
     state, the row of the quantity that is conserved in its place when a parameter changes (the charge instead of the
     voltage). judges: of effects, see rig.stability.report. strike [coordinate]: the force of a knock of one newton.
-    film: what the contacts become under the method kick, which lets them travel.
+    film: the travelling contact points, which replace the contacts under the method kick.
     """
 
     names: tuple[str, ...]
@@ -223,7 +105,7 @@ class System:
 
     @property
     def generators(self) -> list[tuple[int, int, float]]:
-        """Undamped generators: states a, b with a' = rate b, b' = -rate a, which nothing else moves, and the rate."""
+        """Undamped generators: states a, b with a' = rate b, b' = -rate a, without other rates, and the rate."""
         found, driven = [], {limiter.state for limiter in self.limiters}
         moving = set((self.one + np.flatnonzero(self.signals.any(axis=1))).tolist())
         for a, b in permutations(moving - driven, 2):
@@ -274,7 +156,7 @@ class System:
             modes = modes[len(parts) :]
         return out[0], out[1], out[2], out[3], out[4]
 
-    def taken_over(self, old: System, key: int, x: Array | None = None) -> int:
+    def corresponding_key(self, old: System, key: int, x: Array | None = None) -> int:
         """The key in this system that corresponds to mode set `key` of `old`, a system with the same contacts.
 
         A limiter that `old` does not have is in its linear range, a switch is in its position at the start. `x`: the
@@ -301,13 +183,13 @@ class System:
         none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
         return Change(*(sum((getattr(c, part) for c in found), getattr(none, part)) for part in vars(none)))
 
-    def thrown(self, key: int) -> Iterator[int]:
+    def switched_keys(self, key: int) -> Iterator[int]:
         """The keys of mode set `key` with every position of its switches."""
         patches, normals, limiters, sectors, _ = self.modes(key)
         for positions in product(*(range(len(switch.positions)) for switch in self.switches)):
             yield self.key(patches, normals, limiters, sectors, positions)
 
-    def contacts(self, key: int) -> Iterator[int]:
+    def contact_keys(self, key: int) -> Iterator[int]:
         """The keys of mode set `key` with every other combination of modes of patches, normal forces and limiters."""
         *own, sectors, thrown = self.modes(key)
         counts = iter(self.radices)
@@ -319,7 +201,7 @@ class System:
         """The combinations of modes that the normal forces can have."""
         return product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals))
 
-    def turn(self, key: int) -> Iterator[int]:
+    def keys_of_turn(self, key: int) -> Iterator[int]:
         """The keys that a turn over all sectors is likely to meet: modes of patches as they are, one contact open.
 
         If switches have few positions, also the other positions, with all contacts closed.
@@ -347,7 +229,7 @@ class System:
         words += [f"{s.name} {s.positions[m].name}" for s, m in zip(self.switches, switches)]
         return ", ".join(words) or "free"
 
-    def happens(self, kind: int, owner: int) -> str:
+    def event_text(self, kind: int, owner: int) -> str:
         """The event of a guard of that kind, in words, e.g. "contact releases +"."""
         firsts = ((G_NEXT, self.sectors), (G_LIMIT_LOW, self.limiters), (G_OPEN, self.normals), (G_SLIP, self.patches))
         owners: Sequence[Any] = next(parts for first, parts in firsts if kind >= first)

@@ -15,9 +15,9 @@ from rig.model import film_tables, friction_law, kick_tables, many_states_tables
 from rig.model.energy_forms import supplied
 from rig.model.system import System
 from rig.solve.energy_balance import TERMS
-from rig.solve.film_records import Riding
-from rig.solve.kick import Flow
-from rig.solve.many_states import Wide
+from rig.solve.film_records import FilmTables
+from rig.solve.kick import KickTables
+from rig.solve.many_states import ManyStatesTables
 from rig.solve.product_inputs import Products
 
 Array = NDArray[np.float64]
@@ -95,9 +95,9 @@ class Tables(NamedTuple):
     edges: Array  # [sector row, widest + 1] the last is the period
     change: Array  # [sector row, widest, nq, nq] stiffness that a sector adds; no rows if none does
     products: Products
-    wide: Wide  # of rigs with many states
-    flow: Flow  # of the method kick
-    film: Riding  # of the method kick with a travelling film
+    wide: ManyStatesTables  # of rigs with many states
+    flow: KickTables  # of the method kick
+    film: FilmTables  # of the method kick with a travelling film
     step: Array  # [1] s
 
 

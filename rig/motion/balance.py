@@ -21,7 +21,7 @@ from rig.solve import energy_balance
 Array = NDArray[np.float64]
 
 
-class Here(NamedTuple):
+class CurrentState(NamedTuple):
     """A motion at one instant: its system, its state x [n], the key of its mode set, and the tables of its kernels."""
 
     system: System
@@ -33,11 +33,11 @@ class Here(NamedTuple):
         """The energy of structure and network [J]."""
         return energy_forms.stored(self.system, self.x, self.key)
 
-    def held(self) -> float:
+    def spring_energy(self) -> float:
         """The energy of the springs of the contacts [J]."""
-        return kick_tables.held(self.system, self.x)
+        return kick_tables.spring_energy(self.system, self.x)
 
-    def worked(self) -> float:
+    def kick_work(self) -> float:
         """The work of the kicks on these springs, with the present matrices [J]."""
         flow = self.tables.flow
         return float(flow.spring[0]) if flow is not None else 0.0
@@ -49,23 +49,34 @@ class Balance:
     `sprung`: the contacts are springs on which kicks act.
     """
 
-    def __init__(self, start: Here, sprung: bool) -> None:
+    def __init__(self, start: CurrentState, sprung: bool) -> None:
         self.first = start.stored()
         self.impulses = 0.0
         self.sprung = sprung
-        self._given = start.held() - start.worked() if sprung else 0.0  # plus later supplies other than by kicks
+        self._given = (
+            start.spring_energy() - start.kick_work() if sprung else 0.0
+        )  # plus later supplies other than by kicks
 
-    def pause(self, here: Here) -> None:
+    @property
+    def numbers(self) -> Array:
+        """What was stored at the start, and the impulses since [J]; for contacts without springs that is all."""
+        return np.array([self.first, self.impulses])
+
+    @numbers.setter
+    def numbers(self, found: Array) -> None:
+        self.first, self.impulses = found.tolist()
+
+    def pause(self, now: CurrentState) -> None:
         """Begin a change of state or system: energy that the springs gain until `go_on` is not work of the kicks."""
         if self.sprung:
-            self._given += here.worked() - here.held()
+            self._given += now.kick_work() - now.spring_energy()
 
-    def go_on(self, here: Here) -> None:
+    def go_on(self, now: CurrentState) -> None:
         """End a change that `pause` began."""
         if self.sprung:
-            self._given += here.held() - here.worked()
+            self._given += now.spring_energy() - now.kick_work()
 
-    def residual(self, here: Here, terms: Array) -> dict[str, float] | None:
+    def residual(self, now: CurrentState, terms: Array) -> dict[str, float] | None:
         """The energy error of the springs, `energy` [J], and its `share`; None if there are no springs.
 
         `energy` is the energy of the springs minus the energy supplied to them. The share refers to the largest of:
@@ -73,23 +84,23 @@ class Balance:
         """
         if not self.sprung:
             return None
-        off = here.held() - self._given - here.worked()
-        told = energy_forms.by_name(here.system, terms)
-        sizes = [abs(told[name]) for name in ("damper", "forces", "normal")]
-        sizes += [self.first, here.stored(), here.held()]
+        off = now.spring_energy() - self._given - now.kick_work()
+        balance = energy_forms.by_name(now.system, terms)
+        sizes = [abs(balance[name]) for name in ("damper", "forces", "normal")]
+        sizes += [self.first, now.stored(), now.spring_energy()]
         return {"energy": off, "share": abs(off) / max(*sizes, 1e-30)}
 
     @np.errstate(over="ignore", invalid="ignore")  # a state may overflow; the run reports that
-    def told(self, here: Here, terms: Array, edges: float) -> dict[str, float]:
+    def report(self, now: CurrentState, terms: Array, edges: float) -> dict[str, float]:
         """The terms by name [J], and `error`: the residual relative to the largest term or store.
 
         `edges` [J]: energy supplied by changes of stiffness at the edges of sectors.
         """
-        stored = here.stored() - self.first
+        stored = now.stored() - self.first
         jumps = self.impulses + edges
         largest = max(float(np.abs(terms).max()), abs(stored), abs(self.first), 1e-30)
-        out = energy_forms.by_name(here.system, terms)
-        if here.system.varies:
+        out = energy_forms.by_name(now.system, terms)
+        if now.system.varies:
             out["edges"] = edges
         out |= {"impulses": self.impulses, "stored": stored}
         out["error"] = (float(terms @ energy_balance.SIGNS) + jumps - stored) / largest

@@ -43,8 +43,8 @@ def _beside(tasks: Sequence[Task]) -> Iterator[None]:
     if len(tasks) < 2 or not FOLDER.keeps or scheduling.cores() < 2 or apart:
         yield
         return
-    told = [(name, function.__module__, function.__name__, kinds) for name, function, kinds in reversed(tasks)]
-    fellow = Child("compiler", ["rig.motion.compiled_parts", base64.b64encode(pickle.dumps(told)).decode()])
+    sent = [(name, function.__module__, function.__name__, kinds) for name, function, kinds in reversed(tasks)]
+    fellow = Child("compiler", ["rig.motion.compiled_parts", base64.b64encode(pickle.dumps(sent)).decode()])
     try:
         yield
     finally:
@@ -57,7 +57,7 @@ def addresses(
     kinds: Callable[[], Sequence[Any]],
     more: Callable[[Sequence[Any]], Sequence[tuple[Any, tuple[Any, ...]]]],
 ) -> dict[str, int]:
-    """The address of each of `wanted`, a leaf or another part with its shape, by name.
+    """The address of each of `wanted`, a specialised kernel or a part with its shape, by name.
 
     part(shape, t, w, state, log, seg, plan, ticks) -> int. `kinds`: the types of t .. ticks. Missing parts are
     compiled, by two processes if this process belongs to a command. `more`: functions that the run then calls, with
@@ -96,11 +96,11 @@ def _name(part: Any, shape: Shape) -> str:
 
 def main() -> None:
     """Compile the tasks given on the command line: `python -m rig.motion.compiled_parts TASKS`."""
-    told = pickle.loads(base64.b64decode(sys.argv[1]))
+    received = pickle.loads(base64.b64decode(sys.argv[1]))
     compiled(
         [
             Task(name, getattr(importlib.import_module(module), function), kinds)
-            for name, module, function, kinds in told
+            for name, module, function, kinds in received
         ]
     )
 

@@ -1,4 +1,4 @@
-"""How a motion is advanced: its method and options as the kernels take them, and the leaves it needs."""
+"""How a motion is advanced: its method and options as the kernels take them, and the compiled parts that it needs."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def plan(
     with_energy: bool,
     emitting: bool,
     limit: float,
-    lent: Sequence[Loan],
+    loans: Sequence[Loan],
 ) -> Plan:
     """The plan for a system as its method sees it. Parts that are not compiled yet are compiled.
 
-    `lent`: what surrounds the plant, if anything (rig.solve.frames.Around).
+    `loans`: sensors, compiled controllers and random numbers of the run, if any (rig.solve.frames.Surroundings).
     """
     wide, fixed, bends = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
     made = Plan(
@@ -88,7 +88,7 @@ def plan(
         matrix = types.Array(types.float64, 2, "C")
         block = tables, loan, types.boolean, ticks, ticks
         return [
-            (frames, (*block, ticks, *map(numba.typeof, lent))) if lent else (advance, block),
+            (frames, (*block, ticks, *map(numba.typeof, loans))) if loans else (advance, block),
             (evaluate, (tables, loan, matrix, types.Array(types.int64, 1, "C"), matrix)),
             (expm.ladder, (matrix, types.float64)),
         ]

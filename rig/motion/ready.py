@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.lent_records import Loan
-from rig.model.method import seen
+from rig.model.method import as_integrated
 from rig.model.mode_sets import ModeSets
 from rig.model.system import System
 from rig.model.workspace import workspace
@@ -22,8 +22,8 @@ from rig.solve.records import Plan, Work
 Array = NDArray[np.float64]
 
 
-class How(NamedTuple):
-    """How a motion is integrated: see `rig.motion.motion.Motion`. `lent`: what surrounds the plant, if anything."""
+class Integration(NamedTuple):
+    """How a motion is integrated: see `rig.motion.motion.Motion`. `loans`: what surrounds the plant, if anything."""
 
     step_ns: int
     method: str
@@ -33,7 +33,7 @@ class How(NamedTuple):
     limit: float
     with_energy: bool
     read: int
-    lent: Sequence[Loan] = ()
+    loans: Sequence[Loan] = ()
 
 
 class Ready(NamedTuple):
@@ -44,22 +44,37 @@ class Ready(NamedTuple):
     mode_sets: ModeSets
     work: Work
     plan: Plan
-    told: Callable[[int, int], str]
+    event_text: Callable[[int, int], str]
     now: tuple[Array, NDArray[np.int64], Array]
     carry: Callable[..., int] | None
 
 
-def made(system: System, outputs: list[dict[str, float]], how: How) -> Ready:
+def prepared(system: System, outputs: list[dict[str, float]], integration: Integration) -> Ready:
     """The system as the method sees it, without mode sets. Raises ValueError if the method does not support it."""
-    system = seen(system, how.method, how.smoothing)
-    mode_sets = ModeSets(system, how.step_ns * 1e-9, outputs, how.read, how.substeps if how.method == "kick" else 0)
+    system = as_integrated(system, integration.method, integration.smoothing)
+    mode_sets = ModeSets(
+        system,
+        integration.step_ns * 1e-9,
+        outputs,
+        integration.read,
+        integration.substeps if integration.method == "kick" else 0,
+    )
     return Ready(
         system,
         outputs,
         mode_sets,
-        workspace(system, how.read, mode_sets.tables.G.shape[1]),
-        plan(system, how.method, how.substeps, how.tolerance, how.with_energy, how.read > 0, how.limit, how.lent),
-        cache(system.happens),
+        workspace(system, integration.read, mode_sets.tables.G.shape[1]),
+        plan(
+            system,
+            integration.method,
+            integration.substeps,
+            integration.tolerance,
+            integration.with_energy,
+            integration.read > 0,
+            integration.limit,
+            integration.loans,
+        ),
+        cache(system.event_text),
         (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(outputs)))),
         None,
     )
@@ -72,12 +87,12 @@ def add(mode_sets: ModeSets, key: int) -> int:
     return int(mode_sets.tables.mode_set_of[key])
 
 
-def foreseen(mode_sets: ModeSets, now: int, keys: Iterable[int], most: int) -> None:
+def build_ahead(mode_sets: ModeSets, now: int, keys: Iterable[int], most: int) -> None:
     """Build the mode sets `keys` and those that events of the contacts lead to from `now`.
 
     The latter only if there are at most `most` of them.
     """
-    near = list(islice(mode_sets.system.contacts(now), most + 1))
+    near = list(islice(mode_sets.system.contact_keys(now), most + 1))
     for key in (*keys, *(near if len(near) <= most else ())):
         with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion exists: a run will not meet it
             add(mode_sets, key)
@@ -88,7 +103,7 @@ def parts(system: System) -> tuple[list[str], ...]:
     return [p.name for p in system.patches], [k.name for k in system.normals], [s.name for s in system.sectors]
 
 
-def kept_by(system: System, old: System, x: Array) -> Array:
+def carried_state(system: System, old: System, x: Array) -> Array:
     """The state [n] of `system` that follows state `x` of `old`.
 
     States of equal name keep their values, or the quantities that both systems conserve do.

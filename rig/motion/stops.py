@@ -8,35 +8,35 @@ from numpy.typing import NDArray
 from rig.errors import Chatter, Diverged, Jammed, NumericsError
 from rig.model.film import on
 from rig.model.system import System
-from rig.motion.ready import How
+from rig.motion.ready import Integration
 from rig.solve.contact_state import CHATTER, JAM, LOST, OVERFULL
 from rig.solve.records import EVENTS, Log, State
-from rig.stability.report import blame
+from rig.stability.step_limits import blame
 
 Why = tuple[type[NumericsError], str]
 
 
-def why(status: int, system: System, how: How, state: State, log: Log, room: int) -> Why:
+def why(status: int, system: System, integration: Integration, state: State, log: Log, room: int) -> Why:
     """The error that a status of the kernels means, and its text. `room`: for smooth segments in a frame."""
     if status == JAM:
         return Jammed, "no contact mode agrees with the equations: jamming (Painleve)"
     if status == CHATTER:
         _, kind, owner, _ = log.event[int(state.ic[EVENTS]) - 1].tolist()
-        what = f"more than {len(log.event)} events in one block; the last: {system.happens(kind, owner)}"
+        what = f"more than {len(log.event)} events in one block; the last: {system.event_text(kind, owner)}"
         return Chatter, f"{what}. Raise clock.events_per_frame if this is meant"
     if status == OVERFULL:
-        finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(how.method)
+        finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(integration.method)
         what = f"more than {room} smooth segments in one frame, for the sensors to read"
         return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"
     assert status == LOST
     film = system.film
     if film is not None and not 0.0 <= state.x[system.names.index(film.travel)] <= film.longest:
         return NumericsError, f"the slider has reached the end of its travel, {film.longest:g} m"
-    if np.all(np.abs(state.x) <= how.limit):
-        return Diverged, f"no step is short enough for the tolerance {how.tolerance:g}"
-    what = f"the state has left the limit of {how.limit:g} or is not finite"
-    if how.method in ("rk4", "kick"):
-        what += f"; {blame(system, how.method, how.step_ns * 1e-9, how.substeps)}"
+    if np.all(np.abs(state.x) <= integration.limit):
+        return Diverged, f"no step is short enough for the tolerance {integration.tolerance:g}"
+    what = f"the state has left the limit of {integration.limit:g} or is not finite"
+    if integration.method in ("rk4", "kick"):
+        what += f"; {blame(system, integration.method, integration.step_ns * 1e-9, integration.substeps)}"
     return Diverged, what
 
 

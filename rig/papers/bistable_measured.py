@@ -157,11 +157,11 @@ def knocked(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("frequency afterwards", "Hz", hertz, 249.70, "reference", absolute=0.05)
     quiet = float(np.std(made.signals["acceleration"][(made.time > 3.9) & (made.time < 4.0)]))
     yield Comparison("RMS acceleration before", "m/s²", quiet, 0.0, "reference", absolute=1e-3)
-    told = {8.0: 3.452, 9.0: 6.143, 10.0: 8.135, 11.0: 9.861, 12.0: 11.440}
-    ours = {v: MM * _least(1e-3 * v) for v in told}
-    kicks.plot(list(told), list(ours.values()), "o-", color=RED)
+    printed = {8.0: 3.452, 9.0: 6.143, 10.0: 8.135, 11.0: 9.861, 12.0: 11.440}
+    ours = {v: MM * _least(1e-3 * v) for v in printed}
+    kicks.plot(list(printed), list(ours.values()), "o-", color=RED)
     kicks.set(xlabel="speed of the disc [mm/s]", ylabel="least kick of the tip [mm/s]", ylim=(0.0, None))
-    for v, expected in told.items():
+    for v, expected in printed.items():
         yield Comparison(f"least kick at {v:g} mm/s", "mm/s", ours[v], expected, "reference", absolute=0.01)
 
 

@@ -57,10 +57,10 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     )
     for number, (ours, expected) in enumerate(zip(found, (_MEETS[0], _MEETS[0], _MEETS[1], _MEETS[1])), 1):
         yield Comparison(f"mu = 1: frequency {number}", "rad/s", ours, expected, "theory", absolute=1e-6)
-    for mu, told in _BELOW.items():
+    for mu, printed in _BELOW.items():
         modes = rig.modes(load("four_dof", friction__mu=mu)).sliding.modes
         ours_all = sorted(2.0 * math.pi * mode.frequency for mode in modes)
-        for number, (ours, expected) in enumerate(zip(ours_all, told), 1):
+        for number, (ours, expected) in enumerate(zip(ours_all, printed), 1):
             what = f"mu = {mu:g}: frequency {number}"
             yield Comparison(what, "rad/s", ours, expected, "reference", absolute=1e-8)
     for mu, (fast, slow) in _ABOVE.items():
@@ -99,17 +99,17 @@ def histories(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("mu = 1.5: growth rate, simulated", "1/s", float(slope), rate, "theory", relative=0.02)
 
     ran = run(quiet(load("four_dof")), 30.0)
-    told = {what: [e["t_ns"] * 1e-9 for e in ran.events if e["text"] == what] for what in
+    times_of = {what: [e["t_ns"] * 1e-9 for e in ran.events if e["text"] == what] for what in
             ("load opens", "contact slip ends")}  # fmt: skip
     for axis, name, title in ((along, "displacement", "along the belt"), (across, "height", "away from the belt")):
         axis.plot(ran.time, 1e3 * ran.signals[name], color=BLUE, lw=0.8)
-        for (what, times), colour in zip(told.items(), (RED, AMBER)):
+        for (what, times), colour in zip(times_of.items(), (RED, AMBER)):
             axis.axvline(times[0], color=colour, ls="--", lw=1.0, label=f"first: {what}")
         axis.set(title=f"body 2 {title}, mu = 1.1", ylabel=f"{name} [mm]", xlim=(0.0, 30.0))
     across.axhline(0.0, color=GREY, lw=0.7)
     across.set_xlabel("time [s]")
     along.legend(loc="upper left")
-    yield Comparison("mu = 1.1: first lift-off", "s", told["load opens"][0], _LIFTS, "reference", absolute=1e-6)
+    yield Comparison("mu = 1.1: first lift-off", "s", times_of["load opens"][0], _LIFTS, "reference", absolute=1e-6)
 
 
 ENTRIES = (

@@ -94,12 +94,12 @@ def loops(figure: Figure) -> Iterator[Comparison]:
                 tail = ran.signals["velocity"][ran.time > 16.0]
                 left = 0.5 * float(np.ptp(tail))
                 one = Comparison(f"{what}: amplitude", "m/s", left, expected, "reference", absolute=3e-3)
-                told = f"{1e3 * left:.0f} mm/s", f"{1e3 * expected:.0f} mm/s"
+                numbers = f"{1e3 * left:.0f} mm/s", f"{1e3 * expected:.0f} mm/s"
             else:
                 rate = decay(ran.time, ran.signals["velocity"])
                 one = Comparison(f"{what}: decay", "1/s", rate, expected, "reference", relative=0.05, absolute=5e-3)
-                told = f"{rate:.2f} 1/s", f"{expected:.2f} 1/s"
-            rows.append((f"{gain:g}", f"{delay}", *told))
+                numbers = f"{rate:.2f} 1/s", f"{expected:.2f} 1/s"
+            rows.append((f"{gain:g}", f"{delay}", *numbers))
             yield one
         axis.axis("off")
         axis.set_title({"N s/m": "normal force"}.get(unit, "speed of the belt"))

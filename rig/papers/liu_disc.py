@@ -52,8 +52,8 @@ def modes(figure: Figure) -> Iterator[Comparison]:
     shape, table = figure.subplots(1, 2)
     radii = np.linspace(disc.disc.inner_radius, disc.disc.outer_radius, 120)
     for mode, colour, line in zip(shapes, (BLUE, RED, GREEN, "black"), ("-", "--", "-.", ":")):
-        told = f"{mode.diameters} nodal diameters"
-        shape.plot(1e3 * radii, [mode.at(r) for r in radii], line, color=colour, label=told)
+        label = f"{mode.diameters} nodal diameters"
+        shape.plot(1e3 * radii, [mode.at(r) for r in radii], line, color=colour, label=label)
     shape.set(xlabel="radius [mm]", ylabel="shape, of mass one [1/sqrt(kg)]", title="shapes")
     shape.legend()
     found = [2.0 * math.pi * hertz for hertz in rig.modes("disc_slider").free.values()]
@@ -110,7 +110,7 @@ def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> dict[float, 
     from rig.analysis.regions import regions
 
     found = regions(scene, Axis.of("drive.speed", speeds, scene), Axis.of("load.force", LOADS, scene))
-    edges = {N0: [value for value, _ in told] for N0, told in zip(LOADS, found.edges)}
+    edges = {N0: [value for value, _ in ends] for N0, ends in zip(LOADS, found.edges)}
     for N0, growth in zip(LOADS, found.growth[:, 0]):
         for number, (low, high) in enumerate(pairwise((speeds[0], *edges[N0], _SPEEDS[-1]))):
             unstable = (growth > 0.0) == (number % 2 == 0)
@@ -179,7 +179,7 @@ def quenched(figure: Figure) -> Iterator[Comparison]:
 def boundary(figure: Figure) -> Iterator[Comparison]:
     """Amplitude above which dither stabilises, averaged and simulated, beside independent simulations."""
     left, right = figure.subplots(1, 2)
-    told = {
+    edges = {
         "b": {3: 0.8859, 5: 0.9578, 10: 0.9859, 20: 0.9953},
         "c": {3: 1.1422, 5: 1.2047, 10: 1.2297, 20: 1.2328},
     }
@@ -188,8 +188,8 @@ def boundary(figure: Figure) -> Iterator[Comparison]:
         found = _largest(case, speed)
         yield Comparison(f"case {case}: averaged, a / V", "", found, expected, "reference", relative=1e-6)
         axis.plot([0.0, 22.0], [0.0, 22.0 * found * V * RATE * 1e-3], color=BLUE, label="averaged")
-        ratios = np.array(list(told[case]))
-        simulated = np.array(list(told[case].values()))
+        ratios = np.array(list(edges[case]))
+        simulated = np.array(list(edges[case].values()))
         axis.plot(ratios, simulated * V * RATE * ratios * 1e-3, "o", color=RED, mfc="none", ms=9.0,
                   label="reference, simulated")  # fmt: skip
         shaken = at(case, 100.0, speed, "disc_slider_dither")

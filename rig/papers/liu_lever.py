@@ -57,9 +57,9 @@ def kinetic(figure: Figure) -> Iterator[Comparison]:
         return kinetic + (static - kinetic) * np.exp(-decay * speeds)
 
     names = ("mu_kinetic", "mu_static", "decay")
-    told = [values[n].stated if n in values else value(scene, f"friction.{n}") for n in names]
+    parameters = [values[n].stated if n in values else value(scene, f"friction.{n}") for n in names]
     fitted = [values[n].found if n in values else value(scene, f"friction.{n}") for n in names]
-    axis.plot(1e3 * speeds, law(*told), color=GREY, label="the scene's law")
+    axis.plot(1e3 * speeds, law(*parameters), color=GREY, label="the scene's law")
     axis.plot(1e3 * speeds, law(*fitted), "--", color=BLUE, label="fitted to the measurement")
     axis.set(xlabel="slip speed [mm/s]", ylabel="kinetic friction coefficient")
     axis.legend()

@@ -170,7 +170,7 @@ def second(figure: Figure) -> Iterator[Comparison]:
 def effective(figure: Figure) -> Iterator[Comparison]:
     """Draw the friction of the sector that ends stick-slip at 20 N and 4.5 rpm, from three positions on the disc."""
     kinetic, falls = (0.16, 0.24, 0.32, 0.40, 0.48), (0.04, 0.08, 0.12, 0.16)
-    told = {(0.16, 0.04): 3, (0.24, 0.04): 3, (0.32, 0.04): 3, (0.40, 0.04): 3, (0.48, 0.04): 3, (0.16, 0.12): 0,
+    expected = {(0.16, 0.04): 3, (0.24, 0.04): 3, (0.32, 0.04): 3, (0.40, 0.04): 3, (0.48, 0.04): 3, (0.16, 0.12): 0,
             (0.32, 0.12): 0, (0.32, 0.16): 0, (0.48, 0.12): 0, (0.48, 0.16): 0, (0.40, 0.12): 3}  # fmt: skip
     axis = figure.subplots()
     shades = ("#f7f7f7", "#c6dbef", "#6baed6", BLUE)
@@ -179,9 +179,9 @@ def effective(figure: Figure) -> Iterator[Comparison]:
             ended = sum(_ended(mu, fall, place) for place in (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0))
             axis.scatter([mu], [mu + fall], s=330, marker="s", color=shades[ended], edgecolor=GREY)
             axis.text(mu, mu + fall, str(ended), ha="center", va="center", color="white" if ended == 3 else "black")
-            if (mu, fall) in told:
+            if (mu, fall) in expected:
                 what = f"mu_k {mu:g}, mu_s {mu + fall:g}: ended, of three"
-                yield Comparison(what, "", float(ended), float(told[mu, fall]), "reference")
+                yield Comparison(what, "", float(ended), float(expected[mu, fall]), "reference")
     axis.plot([0.12, 0.52], [0.12, 0.52], color=GREY, lw=0.8, ls="--")
     axis.text(0.505, 0.455, "mu_s = mu_k", ha="center", rotation=0, color="#555555")
     axis.set(xlabel="kinetic coefficient of the sector", ylabel="static coefficient of the sector",

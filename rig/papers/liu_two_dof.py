@@ -116,19 +116,23 @@ def _boundaries(
 ) -> Iterator[Comparison]:
     """`cases`: friction, speed [m/s], critical a / V by averaging, and by simulation at each ratio of frequencies."""
     for (mu, V, averaged, simulated), colour, mark in zip(cases, (BLUE, RED, GREEN), "osD"):
-        told = label.format(mu=mu, V=V)
-        axis.plot([0.0, 22.0], [0.0, 22.0 * averaged * V * RATE], color=colour, label=f"{told}: averaged")
+        parameters = label.format(mu=mu, V=V)
+        axis.plot([0.0, 22.0], [0.0, 22.0 * averaged * V * RATE], color=colour, label=f"{parameters}: averaged")
         for ratio, expected in simulated.items():
             scene = load("two_dof_dither", friction__mu=mu, drive__speed=V)
             leading, _, found = dither_boundary(scene, ratio * RATE, V, np.linspace(0.85, 1.65, 9))
             first = ratio == min(simulated)
             axis.plot(
-                [ratio], [found * V * RATE * ratio], mark, color=colour, label=f"{told}: simulated" if first else ""
+                [ratio],
+                [found * V * RATE * ratio],
+                mark,
+                color=colour,
+                label=f"{parameters}: simulated" if first else "",
             )
             if first:
-                yield Comparison(f"{told}: averaged, a / V", "", leading, averaged, "reference", relative=1e-6)
+                yield Comparison(f"{parameters}: averaged, a / V", "", leading, averaged, "reference", relative=1e-6)
             if ratio >= _APART:
-                what = f"{told}: simulated at ratio {ratio}, a / V"
+                what = f"{parameters}: simulated at ratio {ratio}, a / V"
                 yield Comparison(what, "", found, expected, "reference", absolute=0.005)
     axis.set(xlabel="frequency of the dither over sqrt(k1 / m)", ylabel="amplitude of the dither [N]",
              xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip

@@ -28,7 +28,7 @@ def keep(results: Iterable[Result], folder: Path) -> list[Result]:
 def _kept(folder: Path) -> list[Result]:
     """The results of earlier calls, for figures that still exist."""
     try:
-        told = json.loads((folder / _FILE).read_text())
+        stored = json.loads((folder / _FILE).read_text())
     except (OSError, ValueError):
         return []
     return [
@@ -38,11 +38,11 @@ def _kept(folder: Path) -> list[Result]:
             picture=folder / one["picture"],
             seconds=one["seconds"],
         )
-        for one in told
+        for one in stored
         if one["name"] in entries()
     ]
 
 
-def _compared(told: dict[str, Any]) -> Comparison:
-    values = {field.name: told[field.name] for field in fields(Comparison) if field.name in told}
-    return Comparison(**values | {"ours": math.nan if told["ours"] is None else told["ours"]})
+def _compared(stored: dict[str, Any]) -> Comparison:
+    values = {field.name: stored[field.name] for field in fields(Comparison) if field.name in stored}
+    return Comparison(**values | {"ours": math.nan if stored["ours"] is None else stored["ours"]})

@@ -106,10 +106,10 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
             yield Comparison(what, "Hz", float(ours.frequency), wanted, "paper", relative=0.015)
         moves = [[m.frequency for m in row[:3]] for row in (found[0], found[-1])]
         largest = max((b - a for a, b in zip(*moves)), key=abs)
-        told = max((b - a for a, b in zip(still, sliding)), key=abs)
+        stated = max((b - a for a, b in zip(still, sliding)), key=abs)
         if position != _CASES["case 2, middle"][0]:
-            what = f"{title}: sign of the largest change up to mu = 1 (ours {largest:+.0f}, paper {told:+.0f} Hz)"
-            yield Comparison(what, "", float(np.sign(largest)), float(np.sign(told)), "paper")
+            what = f"{title}: sign of the largest change up to mu = 1 (ours {largest:+.0f}, paper {stated:+.0f} Hz)"
+            yield Comparison(what, "", float(np.sign(largest)), float(np.sign(stated)), "paper")
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel("frequency [kHz]")
     axis.plot([], [], color=BLUE, label="ours")

@@ -12,20 +12,23 @@ A part from a file or from another package is called foreign. A recording holds 
 
 from __future__ import annotations
 
-from rig.parts.code import Code, code_of, require, told, trust
-from rig.parts.room import Parts, Room, carried, is_file, named, one_class, trust_scene
+from rig.parts.code import Code, calling, code_of, file_of, foreign_fault, require, trust
+from rig.parts.room import Parts, Room, carried, is_file, named, one_class, package_of, trust_scene
 
 __all__ = [
     "Code",
     "Parts",
     "Room",
+    "calling",
     "carried",
     "code_of",
+    "file_of",
+    "foreign_fault",
     "is_file",
     "named",
     "one_class",
+    "package_of",
     "require",
-    "told",
     "trust",
     "trust_scene",
 ]

@@ -12,7 +12,8 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -20,7 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from rig.errors import PartError, Untrusted
+from rig.errors import PartError, RigError, Untrusted
 from rig.user_files import contents
 
 _TRUSTED = "RIG_TRUSTED"
@@ -69,8 +70,8 @@ class Code:
     @classmethod
     def read(cls, path: Path) -> Code:
         """The code in a file. Raises PartError for what cannot be read."""
-        if path.suffix != ".py":
-            raise PartError(f"{path}: is not a Python file (.py)")
+        if not _FILE.fullmatch(path.name):  # a recording would be refused
+            raise PartError(f"{path}: a part is a file NAME.py, its name at most 100 letters and without \\")
         try:
             return cls(path.name, contents(path).decode("utf-8-sig"))
         except FileNotFoundError:
@@ -81,8 +82,8 @@ class Code:
             raise PartError(f"{path}: cannot be read: {error.strerror}") from None
 
     @classmethod
-    def told(cls, raw: Mapping[str, Any]) -> Code:
-        """The code that `to_json` told. Raises PartError where the text does not have the hash that is stated."""
+    def from_json(cls, raw: Mapping[str, Any]) -> Code:
+        """The code that `to_json` described. Raises PartError where the text does not have the hash that is stated."""
         file, text, stated = (raw.get(key) for key in ("file", "source", "sha256"))
         if not (isinstance(file, str) and _FILE.fullmatch(file) and isinstance(text, str)):
             raise PartError("the recording describes a part in another way than expected: it was changed or is damaged")
@@ -114,9 +115,9 @@ class Code:
         sys.modules[self.called] = module  # pydantic looks for the names of a module there
         try:
             exec(compile(self.text, name, "exec", dont_inherit=True), vars(module))
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             del sys.modules[self.called]
-            raise PartError(told(error) or f"{_PATHS[name]}: {type(error).__name__}: {error}") from error
+            raise PartError(foreign_fault(error) or f"{_PATHS[name]}: {type(error).__name__}: {error}") from error
         except BaseException:
             del sys.modules[self.called]
             raise
@@ -136,6 +137,31 @@ def code_of(what: type | ModuleType) -> Code | None:
     return _MODULES.get(what.__module__ if isinstance(what, type) else what.__name__)
 
 
+def file_of(module: ModuleType) -> str:
+    """The file of a foreign part, for messages; of a module of this project its name."""
+    code = code_of(module)
+    return module.__name__ if code is None else code.file
+
+
+@contextmanager
+def calling(module: ModuleType, *expected: type[Exception]) -> Iterator[None]:
+    """Raise what goes wrong in a call of the foreign part `module` as PartError, with file and, if known, line.
+
+    A call that does not fit (a function with too few arguments) fails outside of the part; it is the part's fault too.
+    `expected`: what the caller handles.
+    """
+    passed: tuple[type[Exception], ...] = (RigError, *expected)
+    try:
+        yield
+    except passed:
+        raise
+    except (Exception, SystemExit) as error:
+        text = foreign_fault(error)
+        if not text and code_of(module) is None:
+            raise
+        raise PartError(text or f"{file_of(module)}: {type(error).__name__}: {error}") from error
+
+
 def trust(codes: Iterable[Code]) -> None:
     """Let this process, and those that it starts, run these texts."""
     given = os.environ.get(_TRUSTED, "").split()
@@ -152,7 +178,7 @@ def require(codes: Iterable[Code]) -> None:
         )
 
 
-def told(error: BaseException) -> str:
+def foreign_fault(error: BaseException) -> str:
     """File, line, kind and text of an error that a foreign part caused; "" if none did."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in _PATHS]
     if isinstance(error, SyntaxError) and error.filename in _PATHS:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, create_model
 
 from rig.errors import PartError
-from rig.parts.code import Code, code_of, keep, trust
+from rig.parts.code import Code, calling, file_of, keep, trust
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -46,11 +46,14 @@ class Room(Mapping[str, T], Generic[T]):
         return tuple(sorted(one.name for one in pkgutil.iter_modules(self._path) if not one.ispkg))
 
     @cached_property
-    def installed(self) -> dict[str, EntryPoint]:
-        """Parts of other packages: name -> entry point."""
+    def installed(self) -> dict[str, tuple[EntryPoint, ...]]:
+        """Parts of other packages: name -> entry points; with several the name is ambiguous."""
         from importlib.metadata import entry_points  # 10 ms: only where a name is not in the folder
 
-        return {one.name: one for one in entry_points(group=f"friction_rig.{self.what}")}
+        found: dict[str, tuple[EntryPoint, ...]] = {}
+        for one in entry_points(group=f"friction_rig.{self.what}"):
+            found[one.name] = (*found.get(one.name, ()), one)
+        return found
 
     def __iter__(self) -> Iterator[str]:
         return iter(sorted({*self.shipped, *self.installed}))
@@ -67,51 +70,64 @@ class Room(Mapping[str, T], Generic[T]):
         path = Path(name)
         code = Code.read(path)
         trust([code])
-        return self._read(code.module(path), path.name)
+        return self._of(code.module(path), path.name)
 
     def get_from(self, name: str, parts: Parts) -> T:
         """What `room[name]` is for a recording that carries `parts`: these come first, and no file is read."""
         code = parts.get((self.what, name))
         if code is not None:
             installed = self._import(name) if self._same(name, code) else None
-            return self._read(installed or code.module(), name)
+            return self._of(installed or code.module(), name)
         if is_file(name):
             raise PartError(f"the recording lacks the source of {name}")
         if name not in self._made:
             if name in self.shipped:
-                self._made[name] = self._read(importlib.import_module(f"{self._package}.{name}"), name)
+                self._made[name] = self._of(importlib.import_module(f"{self._package}.{name}"), name)
             elif name in self.installed:
-                self._made[name] = self._read(self._import(name), name)
+                self._made[name] = self._of(self._import(name), name)
             else:
                 raise KeyError(name)
         return self._made[name]
+
+    def _of(self, module: ModuleType, name: str) -> T:
+        with calling(module):
+            return self._read(module, name)
 
     def trusted(self, name: str, code: Code) -> bool:
         """Whether a part of a recording may be run: its text is trusted, or is what is installed under its name."""
         return code.trusted or self._same(name, code)
 
     def _same(self, name: str, code: Code) -> bool:
-        if is_file(name) or name not in self.installed:
+        if is_file(name) or len(self.installed.get(name, ())) != 1:
             return False
-        found = self._installed(name)
+        found = _code(self.installed[name][0])
         return found is not None and found.sha256 == code.sha256
 
-    def _installed(self, name: str) -> Code | None:
-        """The code of an entry point, without running it."""
-        spec = find_spec(self.installed[name].module)
-        return Code.read(Path(spec.origin)) if spec is not None and spec.origin else None
-
     def _import(self, name: str) -> ModuleType:
-        entry = self.installed[name]
-        package = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "its package"
+        entry, *others = self.installed[name]
+        if others:
+            packages = " and ".join(package_of(one) for one in (entry, *others))
+            raise PartError(f"several packages have installed a part {name}: {packages}; uninstall all but one, or "
+                            "name the file of the part")  # fmt: skip
         try:
-            module, code = importlib.import_module(entry.module), self._installed(name)
-        except Exception as error:
-            told = f"{type(error).__name__}: {error}"
-            raise PartError(f"part {name} of {package} cannot be imported: {told}") from error
+            module, code = importlib.import_module(entry.module), _code(entry)
+        except (Exception, SystemExit) as error:
+            cause = f"{type(error).__name__}: {error}"
+            raise PartError(f"part {name} of {package_of(entry)} cannot be imported: {cause}") from error
         if code is not None:
             keep(module, code)
         return module
+
+
+def _code(entry: EntryPoint) -> Code | None:
+    """The code of an entry point, without running it."""
+    spec = find_spec(entry.module)
+    return Code.read(Path(spec.origin)) if spec is not None and spec.origin else None
+
+
+def package_of(entry: EntryPoint) -> str:
+    """Name and version of the package that has installed a part."""
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "an unknown package"
 
 
 def is_file(name: str) -> bool:
@@ -124,8 +140,7 @@ def one_class(module: ModuleType, fits: Callable[[type], bool], called: str, wha
 
     Raises PartError if there are several, or none; `what` says in words what is looked for, "" if there may be none.
     """
-    code = code_of(module)
-    where = code.file if code is not None else module.__name__
+    where = file_of(module)
     own = [one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__]
     found = {one.__name__: one for one in own if fits(one)}
     if not found and what:
@@ -139,7 +154,7 @@ def one_class(module: ModuleType, fits: Callable[[type], bool], called: str, wha
 def carried(raw: Any) -> dict[tuple[str, str], Code]:
     """The foreign parts in the JSON of a scene. Raises PartError for what is no such list, or has another hash."""
     try:
-        return {(str(one["part"]), str(one["name"])): Code.told(one) for one in raw}
+        return {(str(one["part"]), str(one["name"])): Code.from_json(one) for one in raw}
     except (KeyError, TypeError, AttributeError):
         raise PartError("the recording describes its parts in another way than expected: it is damaged") from None
 

@@ -1,11 +1,11 @@
-"""What stands on the bench, one file each: physical parameters in, rows out.
+"""Plants, one per file: from physical parameters to the rows of the equations of motion.
 
-A plant is a module with a section `Parameters` and a function `assemble(parameters, moved)`, which gives a
-`rig.model.assembly.Assembly`. `PLANTS` finds it by its name; there is no list. What several plants are made of is in
-`structures`.
+A plant is a module with a section `Parameters` and a function `assemble(parameters, moved)`, which returns a
+`rig.model.assembly.Assembly`. `PLANTS` finds the module by its name; there is no list. Structures that several plants
+use are in `structures`.
 
-`PICTURES` of the module says what is to be drawn of it (rig.picture). A table that the plant may be without is an
-effect; it says what it is (rig.about).
+`PICTURES` of the module describes its picture (rig.picture). An optional table of a plant is an effect and describes
+itself (rig.about).
 """
 
 from __future__ import annotations
@@ -13,18 +13,26 @@ from __future__ import annotations
 from types import ModuleType
 
 from rig.errors import PartError
-from rig.parts import Room, code_of
-from rig.quantities import Section
+from rig.parts import Room, file_of
+from rig.picture import Own, Picture
+from rig.quantities import Section, brief
 
 
 def _plant(module: ModuleType, name: str) -> ModuleType:
-    code = code_of(module)
-    where = code.file if code is not None else module.__name__
+    where = file_of(module)
     model = getattr(module, "Parameters", None)
     if not (isinstance(model, type) and issubclass(model, Section)):
         raise PartError(f"{where}: defines no class Parameters derived from Section")
     if not callable(getattr(module, "assemble", None)):
         raise PartError(f"{where}: defines no function assemble(parameters, moved)")
+    pictures, figure = getattr(module, "PICTURES", ()), getattr(module, "FIGURE", None)
+    if not isinstance(pictures, tuple | list) or not all(isinstance(one, Picture) for one in pictures):
+        raise PartError(f"{where}: PICTURES is {brief(pictures)}; expected a tuple of pictures of rig.picture")
+    if figure is not None and not isinstance(figure, Own):
+        raise PartError(f"{where}: FIGURE is {brief(figure)}; expected a rig.picture.Own")
+    for own in (*pictures, figure):
+        if isinstance(own, Own) and own.drawer.startswith(":") and not hasattr(module, own.drawer[1:]):
+            raise PartError(f"{where}: names {own.drawer!r} as what draws it, and defines no {own.drawer[1:]}")
     return module
 
 

@@ -1,4 +1,4 @@
-"""A mass on a moving belt: one degree of freedom, the oldest stick-slip rig.
+"""A mass on a moving belt: the classical stick-slip rig with one degree of freedom.
 
     m x'' + d x' + c x = T,   w = V - x',   T = mu(|w|) N sgn(w) in slip
 
@@ -17,7 +17,7 @@ from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
 from rig.model.assembly import Assembly, Output
-from rig.picture import OnBelt
+from rig.picture import OnBelt, Plot
 from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
 
 PICTURES = (OnBelt(),)
@@ -33,14 +33,14 @@ class Body(Section):
 
 
 class Start(Section):
-    """Where the mass is at the start, from the unloaded spring."""
+    """Displacement [m] and velocity [m/s] of the mass at the start; zero: unloaded spring."""
 
     displacement: Metre = 0.0
     velocity: MetrePerSecond = 0.0
 
 
 class Parameters(WithStack):
-    """The tables of a belt scene. A piezo stack stands beside the spring."""
+    """The tables of a belt scene. A piezo stack acts in parallel to the spring."""
 
     body: Body
     drive: BeltDrive
@@ -52,7 +52,7 @@ class Parameters(WithStack):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     a = Assembly(title="belt")
     a.coordinate("x", p.body.mass, p.body.damping, p.body.stiffness)
     a.start |= {"x": p.start.displacement, "x'": p.start.velocity}
@@ -68,13 +68,13 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
 
 
 def contact_outputs(along: dict[str, float], a: Assembly) -> dict[str, Output]:
-    """The quantities at the contact; `along` gives the displacement there over the coordinates."""
+    """The outputs at the contact. `along`: displacement of the contact [m] as a row over the coordinates."""
     return {
-        "displacement": Output(along, "m"),
-        "velocity": Output({f"{c}'": f for c, f in along.items()}, "m/s"),
+        "displacement": Output(along, "m", role="displacement"),
+        "velocity": Output({f"{c}'": f for c, f in along.items()}, "m/s", role="velocity"),
         "acceleration": Output({f"{c}''": f for c, f in along.items()}, "m/s^2"),
         "friction_force": Output({"T:contact": 1.0}, "N"),
         "normal_force": Output({"N:load": 1.0}, "N"),
-        "slip_speed": Output({"w:contact": 1.0}, "m/s"),
-        "surface_speed": Output(dict(a.surface("contact")), "m/s"),
+        "slip_speed": Output({"w:contact": 1.0}, "m/s", Plot()),
+        "surface_speed": Output(dict(a.surface("contact")), "m/s", role="drive"),
     }

@@ -4,16 +4,17 @@
     K = scale^2 sum k b b^T over the springs,   C = scale loss / (2 pi frequency) sum k b b^T over springs and contacts
     f0 = sum_c n_c N0 (at rest), less sum_c mu N0 t_c (in sliding)
 
-A contact is a point of a pad on a point of the disc's face: n_c their approach along z, t_c the pad's motion along x
-less the disc's. Contacts of one pad that slide alike are one patch of friction. Pressure sets the force of a pad,
-proportional to it, and its stiffness, kn (p / p0)^exponent.
+A contact is a point of a pad on a point of the disc's face: n_c is their approach along z, t_c the motion of the pad
+along x relative to the disc. Contacts of one pad with the same slip velocity form one friction patch. The force of a
+pad is proportional to the pressure p; its stiffness is kn (p / p0)^exponent.
 
-Coordinates count from the pressed state. `load.at` says which: "sliding", every contact bears N0 while the disc turns,
-so that sliding is q = 0 and friction's static moment is borne elsewhere; or "rest", they do so before friction acts,
-which then loads one end of a pad more than the other. C acts between pad and disc when a contact is open too. With
-`disc_modes` the disc bends (rig.plants.structures.brake_disc); its contacts then slide each in a direction of its own.
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c, figures 15 to 17 (the model's kind;
-the paper has no numbers: springs, masses and the pressure law are ours, calibrated to its 0.64 and 2140 Hz).
+The coordinates are relative to the pressed state. `load.at` = "sliding": every contact carries N0 while the disc turns,
+so steady sliding is q = 0 and the static moment of friction is not taken up by the pads. `load.at` = "rest": every
+contact carries N0 without friction; friction then loads one end of a pad more than the other. C also acts between pad
+and disc while a contact is open. With `disc_modes` the disc bends (rig.plants.structures.brake_disc); each contact then
+slides in its own direction.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c, figures 15 to 17 (kind of model).
+The paper gives no numbers: springs, masses and the pressure law are calibrated here to its 0.64 and 2140 Hz.
 """
 
 from __future__ import annotations
@@ -33,18 +34,26 @@ from rig.effects.inhomogeneity import Inhomogeneity
 from rig.effects.piezo import Piezo, WithStack
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
-from rig.picture import Own
+from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED
 from rig.plants.structures.brake_disc import Bending
-from rig.plants.structures.multibody import Body, Spring, adrift, apart, held, motion, unknown
+from rig.plants.structures.multibody import (
+    Body,
+    Spring,
+    both_ends_act,
+    motion,
+    place_fault,
+    place_faults,
+    relative_motion,
+)
 from rig.quantities import (
     Hertz,
     MetrePerSecond,
     NewtonPerMetre,
+    NonNegativeNewton,
     Number,
     Pascal,
     PositiveMetre,
-    PositiveNewton,
     PositiveNumber,
     Ratio,
     Section,
@@ -54,7 +63,7 @@ PICTURES = (Own("rig.view.brake:Brake", ("displacement", "velocity", "surface_sp
 
 
 class Structure(Section):
-    """Damping of all springs by their loss factor at a frequency; `scale` moves all natural frequencies alike."""
+    """Damping of all springs by their loss factor at a frequency; `scale` multiplies all natural frequencies."""
 
     loss_factor: Ratio
     frequency: Hertz
@@ -62,47 +71,47 @@ class Structure(Section):
 
 
 class Linings(Section):
-    """What one pad does at `pressure`: normal force and stiffness of its contacts together.
+    """Normal force [N] and stiffness [N/m] of one pad at `pressure`, each the sum over its contacts.
 
-    `radius`: of the circle on which the pads rub. `exponent`: of the stiffness over the pressure.
+    `radius`: radius [m] of the circle on which the pads rub. `exponent`: exponent of the stiffness over the pressure.
     """
 
     pressure: Pascal
-    force: PositiveNewton
+    force: NonNegativeNewton
     stiffness: NewtonPerMetre
     exponent: Number = 0.0
     radius: PositiveMetre
 
 
 class Contact(Section):
-    """A point of a pad on a point of the disc, "body.point" each."""
+    """A contact of a point of a pad with a point of the disc, each stated as "body.point"."""
 
     pad: str
     disc: str
 
 
 class Load(Section):
-    """The pressure in the calliper, and when the contacts bear their share of it (see the file's head)."""
+    """Pressure in the calliper [Pa], and the state in which every contact carries N0 (see the head of this file)."""
 
     pressure: Pascal
     at: Literal["sliding", "rest"]
 
 
 class Probe(Section):
-    """Where displacement, velocity and acceleration are read."""
+    """Point and direction of the outputs displacement, velocity and acceleration."""
 
     point: str
     direction: Literal["x", "z"] = "x"
 
 
 class Start(Section):
-    """The velocity at the start of the body under the probe, in the probe's direction; all else is at rest."""
+    """Velocity at the start [m/s] of the body under the probe, in the probe's direction; the others are at rest."""
 
     velocity: MetrePerSecond = 0.0
 
 
 class Mounted(Piezo):
-    """The stack between two points, "body.point" each: `first` less `second` along the direction is its extension."""
+    """The stack between two points, "body.point" each; its extension is the displacement of `first` minus `second`."""
 
     first: str
     second: str
@@ -131,8 +140,8 @@ class Parameters(WithStack):
         ends = {f"contacts.{name}": (c.pad, c.disc) for name, c in self.contacts.items()}
         if self.piezo is not None:
             ends["piezo"] = (self.piezo.first, self.piezo.second)
-        wrong = list(adrift(self.bodies, self.springs, ends))
-        if problem := unknown(self.bodies, self.probe.point):
+        wrong = list(place_faults(self.bodies, self.springs, ends))
+        if problem := place_fault(self.bodies, self.probe.point):
             wrong.append(("probe.point", problem))
         if not wrong:
             middle = [name for name, c in self.contacts.items() if not _side(self, c)]
@@ -147,7 +156,7 @@ class Parameters(WithStack):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     a = Assembly(title="brake")
     bodies = dict(p.bodies)
     if p.disc_modes is not None:
@@ -159,9 +168,9 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         for coordinate, (inertia, stiffness) in body.coordinates(name).items():
             a.coordinate(coordinate, inertia, viscous * stiffness, elastic * stiffness)
     for spring in p.springs.values():
-        if not held(bodies, spring):
+        if not both_ends_act(bodies, spring):
             continue
-        row = apart(bodies, spring.first, spring.second, spring.direction)
+        row = relative_motion(bodies, spring.first, spring.second, spring.direction)
         _lay(a.stiffness, row, elastic * spring.stiffness)
         _lay(a.damping, row, viscous * spring.stiffness)
 
@@ -172,13 +181,13 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     law = p.friction.friction()
     pull = law.mu(abs(p.linings.radius * p.drive.speed)) * (-1.0 if p.drive.speed < 0.0 else 1.0)
     for (name, contact), pad in zip(p.contacts.items(), pads):
-        along = apart(bodies, contact.pad, contact.disc, "x")
+        along = relative_motion(bodies, contact.pad, contact.disc, "x")
         patch = next((known for known, row in patches.items() if row == along), "")
         if not patch:
             patch = pad if pad not in patches else name
             patches[patch] = along
             a.patch(patch, along, {state: p.linings.radius * value for state, value in speed.items()}, law)
-        approach = apart(bodies, contact.pad, contact.disc, "z")
+        approach = relative_motion(bodies, contact.pad, contact.disc, "z")
         approach = {coordinate: -_side(p, contact) * value for coordinate, value in approach.items()}
         stiffness = p.linings.stiffness * share**p.linings.exponent / pads.count(pad)
         force = p.linings.force * share / pads.count(pad)
@@ -190,15 +199,15 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         for coordinate, value in along.items() if p.load.at == "sliding" else ():
             a.push(coordinate, {"one": -value * pull * force})
 
-    if p.inhomogeneity is not None:  # of what the brake is made of, not of the stack
+    if p.inhomogeneity is not None:  # the stiffness of the brake varies, that of the stack does not
         inhomogeneity.add(a, p.inhomogeneity, speed)
     if p.piezo is not None:
-        piezo.add(a, p, apart(bodies, p.piezo.first, p.piezo.second, p.piezo.direction), moved)
+        piezo.add(a, p, relative_motion(bodies, p.piezo.first, p.piezo.second, p.piezo.direction), moved)
     seen = motion(bodies, p.probe.point, p.probe.direction)
     a.start |= {f"{p.probe.point.partition('.')[0]}.{p.probe.direction}'": p.start.velocity}
     a.outputs |= {
-        "displacement": Output(seen, "m"),
-        "velocity": Output({f"{c}'": f for c, f in seen.items()}, "m/s"),
+        "displacement": Output(seen, "m", role="displacement"),
+        "velocity": Output({f"{c}'": f for c, f in seen.items()}, "m/s", role="velocity"),
         "acceleration": Output({f"{c}''": f for c, f in seen.items()}, "m/s^2"),
     }
     first = next(iter(patches))
@@ -206,11 +215,11 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.outputs |= {
         "friction_force": Output({f"T:{first}": 1.0}, "N"),
         "normal_force": Output({f"N:{name}": 1.0 for name in of_first}, "N"),
-        "slip_speed": Output({f"w:{first}": 1.0}, "m/s"),
-        "surface_speed": Output(dict(a.surface(first)), "m/s"),
-        "disc_speed": Output(dict(speed), "rad/s"),
+        "slip_speed": Output({f"w:{first}": 1.0}, "m/s", Plot()),
+        "surface_speed": Output(dict(a.surface(first)), "m/s", role="drive"),
+        "disc_speed": Output(dict(speed), "rad/s", role="drive"),
     }
-    a.outputs |= {f"normal_force_{name}": Output({f"N:{name}": 1.0}, "N") for name in p.contacts}
+    a.outputs |= {f"normal_force_{name}": Output({f"N:{name}": 1.0}, "N", Plot()) for name in p.contacts}
     return a
 
 
@@ -222,7 +231,7 @@ def _lay(matrix: dict[tuple[str, str], float], row: Row, value: float) -> None:
 
 
 def _side(p: Parameters, contact: Contact) -> float:
-    """1 for a contact on the disc's face towards +z, -1 for one towards -z, 0 for neither."""
+    """The side of the disc of a contact: 1 for the face towards +z, -1 for the face towards -z, 0 for neither."""
     body, _, point = contact.disc.partition(".")
     height = p.bodies[body].points[point][1] if point else 0.0
     return math.copysign(1.0, height) if height else 0.0

@@ -3,14 +3,14 @@
     m s'' + ct s' + kt s + ki/2 (s - u) = T                      s = r0 phi along the disc
     m u'' + cn u' + ki/2 (u - s)        = N - F0                 u away from it
     N = kc (w(r0, phi) - u),   v = r0 Omega - s'
-    w(r, theta) = sum R(r) (C cos l theta + S sin l theta)       in the frame of the stand, summed over the disc's modes
+    w(r, theta) = sum R(r) (C cos l theta + S sin l theta)       in the fixed frame, summed over the disc's modes
     C'' + 2 l Omega S' + (omega^2 - l^2 Omega^2) C + 2 zeta omega (C' + l Omega S) = -R (N cos l phi + M l sin l phi)
     S'' - 2 l Omega C' + (omega^2 - l^2 Omega^2) S + 2 zeta omega (S' - l Omega C) = -R (N sin l phi - M l cos l phi)
     M = h T / (2 r0)
 
-The disc turns towards +theta under the slider; friction acts on its upper face, half a thickness from the middle, and
-so bends it (M). Damping is that of the material, which turns. Where the scene moves the disc speed, what it multiplies
-are products of states, and l Omega' S, -l Omega' C stand beside 2 l Omega S', -2 l Omega C'.
+The disc turns towards +theta under the slider. Friction acts on the upper face, half a thickness from the middle plane,
+and so bends the disc (M). The damping is that of the rotating material. If the scene changes the disc speed, its terms
+are products of states, and l Omega' S, -l Omega' C are added to 2 l Omega S', -2 l Omega C'.
 Source: Liu and Ouyang, Meccanica 55 (2020), section 3, equations 16 to 30 and appendix.
 """
 
@@ -29,7 +29,7 @@ from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Part
-from rig.picture import Own
+from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
@@ -38,17 +38,17 @@ from rig.quantities import (
     MetrePerSecond,
     NewtonPerMetre,
     NewtonSecondPerMetre,
+    NonNegativeNewtonPerMetre,
     PositiveMetre,
     RadianPerSecond,
     Section,
-    SomeNewtonPerMetre,
 )
 
 PICTURES = (Own("rig.view.lumped:Slider", ("displacement", "height", "disc_speed")),)
 
 
 class Slider(Section):
-    """The slider: mass, radius r0 of its place, springs and dampers along and across the disc.
+    """The slider: mass, radius r0 of its position, springs and dampers along and across the disc.
 
     `tangential` kt, `inclined` ki (at 45 degrees, anchored above and behind), `contact` kc: springs.
     """
@@ -56,29 +56,29 @@ class Slider(Section):
     mass: Kilogram
     radius: PositiveMetre
     tangential: NewtonPerMetre
-    inclined: SomeNewtonPerMetre
+    inclined: NonNegativeNewtonPerMetre
     contact: NewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0
     normal_damping: NewtonSecondPerMetre = 0.0
 
 
 class Drive(Section):
-    """Turns the disc."""
+    """The drive of the disc: its speed [rad/s]."""
 
     speed: RadianPerSecond
 
 
 class Probe(Section):
-    """Where the instruments look at the disc, a place of the stand; angle 0 is that of the unmoved slider."""
+    """The measured point of the disc: radius [m], and angle [rad] in the fixed frame from the unmoved slider."""
 
     radius: PositiveMetre
     angle: Angle = 0.0
 
 
 class Start(Section):
-    """Where the slider is at the start, from the unloaded springs just touching the flat disc.
+    """Position and velocity of the slider at the start; zero: springs unloaded, slider just touching the flat disc.
 
-    The disc begins at rest, bent as the contact force of this height bends it.
+    The disc is at rest with the static deflection under the contact force of this height.
     """
 
     displacement: Metre = 0.0
@@ -104,7 +104,7 @@ class Parameters(Noisy):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     slider, r0 = p.slider, p.slider.radius
     modes = free_modes(p.disc)
     a = Assembly(title="disc_slider")
@@ -152,11 +152,11 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.outputs |= contact_outputs({"s": 1.0}, a)
     a.outputs |= {
         "angle": Output({"s": 1.0 / r0}, "rad"),
-        "height": Output({"u": 1.0}, "m"),
-        "height_velocity": Output({"u'": 1.0}, "m/s"),
-        "deflection": Output(seen, "m"),
-        "deflection_velocity": Output({f"{name}'": value for name, value in seen.items()}, "m/s"),
-        "disc_speed": Output(dict(speed), "rad/s"),
+        "height": Output({"u": 1.0}, "m", Plot()),
+        "height_velocity": Output({"u'": 1.0}, "m/s", Plot()),
+        "deflection": Output(seen, "m", Plot()),
+        "deflection_velocity": Output({f"{name}'": value for name, value in seen.items()}, "m/s", Plot()),
+        "disc_speed": Output(dict(speed), "rad/s", role="drive"),
     }
     a.free = {
         f"disc, {mode.circles} circles, {mode.diameters} diameters{part}": mode.omega / (2.0 * math.pi)
@@ -173,7 +173,7 @@ def names(mode: Mode) -> tuple[str, ...]:
 
 
 def deflection(modes: tuple[Mode, ...], radius: float, angle: float) -> dict[str, float]:
-    """The row of w at a place of the stand."""
+    """The deflection w [m] at a radius [m] and an angle [rad] of the fixed frame, as a row over coordinates."""
     row: dict[str, float] = {}
     for mode in modes:
         around = math.cos(mode.diameters * angle), math.sin(mode.diameters * angle)
@@ -182,7 +182,7 @@ def deflection(modes: tuple[Mode, ...], radius: float, angle: float) -> dict[str
 
 
 def _turn(a: Assembly, mode: Mode, p: Parameters, speed: dict[str, float]) -> None:
-    """What the rotation of the disc does to a pair, in the frame of the stand."""
+    """Add the terms of the rotation of the disc to a pair of modes, in the fixed frame."""
     l, damper = mode.diameters, 2.0 * p.disc.damping_ratio * mode.omega
     cosine, sine = names(mode)
     [(state, value)] = speed.items()
@@ -190,7 +190,7 @@ def _turn(a: Assembly, mode: Mode, p: Parameters, speed: dict[str, float]) -> No
         if state == "one":
             a.damping[name, other] = sign * 2.0 * l * value
             a.stiffness[name, name] -= (l * value) ** 2
-            a.push(name, {other: -sign * damper * l * value})  # a force of the drive: no spring stores it
+            a.push(name, {other: -sign * damper * l * value})  # a force of the drive, not of a spring
             continue
         _product(a, name, -sign * 2.0 * l, state, f"{other}'")
         _product(a, name, float(l * l), state, state, name)
@@ -200,7 +200,7 @@ def _turn(a: Assembly, mode: Mode, p: Parameters, speed: dict[str, float]) -> No
 
 
 def _move(a: Assembly, mode: Mode, p: Parameters, lift: dict[str, float], bend: dict[str, float]) -> None:
-    """What the angle of the slider changes in the normal force, and in what a pair feels of both forces."""
+    """Add the terms that the angle of the slider changes: in the normal force, in both forces on a pair of modes."""
     cosine, sine = names(mode)
     turned = {"s": mode.diameters / p.slider.radius}
     away, aside = ("cos-1", turned), ("sin", turned)
@@ -219,7 +219,7 @@ def _move(a: Assembly, mode: Mode, p: Parameters, lift: dict[str, float], bend: 
 
 
 def _incline(a: Assembly, mode: Mode, p: Parameters) -> None:
-    """-N dw / (r0 dtheta) on the slider."""
+    """Add the force -N dw / (r0 dtheta) on the slider."""
     cosine, sine = names(mode)
     gain = mode.diameters * mode.at(p.slider.radius) / p.slider.radius
     turned = {"s": mode.diameters / p.slider.radius}
@@ -230,7 +230,7 @@ def _incline(a: Assembly, mode: Mode, p: Parameters) -> None:
 
 
 def _product(a: Assembly, coordinate: str, coefficient: float, *factors: Part) -> None:
-    """Push a coordinate by a product."""
+    """Add `coefficient` times a product as a force on a coordinate."""
     label = " ".join(factor if isinstance(factor, str) else factor[0] for factor in factors)
     a.product(label, *factors)
     a.push(coordinate, {label: coefficient})

@@ -6,9 +6,9 @@
     m2 v2'' + (k4 + k3 s^2) v2 - k4 v3 + k3 c s u2        = N - F0
     N = -kc v2,   w = V - u2'
 
-Body 2 slides on the belt, and the preload F0 presses it on. v2 is zero where the contact spring is unloaded. In
-forward sliding T = mu N = -mu kc v2: this adds mu kc to the stiffness matrix in row u2, column v2, and only there. With
-spring 3 at 135 degrees and no damping these are the matrices of equation 1. Each spring may have a damper.
+Body 2 slides on the belt under the preload F0. v2 is zero where the contact spring is unloaded. In forward sliding
+T = mu N = -mu kc v2: this adds mu kc to the stiffness matrix in row u2, column v2, and only there. With spring 3 at 135
+degrees and no damping these are the matrices of equation 1. Each spring may have a damper.
 
 With the values of the paper, W = omega^2 and h = 200 - W - 10000 / (200 - W), the eigenvalues are given by
 
@@ -30,7 +30,7 @@ from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
 from rig.model.assembly import Assembly, Output
-from rig.picture import Own
+from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.two_dof import Body, Contact, Strut
 from rig.quantities import Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
@@ -39,17 +39,14 @@ PICTURES = (Own("rig.view.four_dof:ThreeBodies", ("body_1_displacement", "body_3
 
 
 class Spring(Section):
-    """A spring with a damper beside it, along the belt or across it."""
+    """A spring and a parallel damper, along the belt or across it."""
 
     stiffness: NewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0
 
 
 class Start(Section):
-    """Where the bodies are at the start, from the unloaded springs; bodies 1 and 3 are at rest.
-
-    `displacement`, `height` and their velocities are those of body 2.
-    """
+    """Position and velocity of body 2 at the start, from the unloaded springs; bodies 1 and 3 are at rest."""
 
     displacement: Metre = 0.0
     velocity: MetrePerSecond = 0.0
@@ -62,8 +59,8 @@ class Start(Section):
 class Parameters(Noisy):
     """The tables of a four_dof scene. `load`: the preload F0 on body 2.
 
-    Body 1 moves along the belt, body 3 across it, body 2 both ways. Spring 1 is between frame and body 1, 2 between
-    bodies 1 and 2, 3 between frame and body 2 at an angle to the belt's direction, 4 between bodies 2 and 3, 5 between
+    Body 1 moves along the belt, body 3 across it, body 2 in both directions. Spring 1 connects frame and body 1, spring
+    2 bodies 1 and 2, spring 3 frame and body 2 at an angle to the belt's direction, spring 4 bodies 2 and 3, spring 5
     body 3 and frame.
     """
 
@@ -84,7 +81,7 @@ class Parameters(Noisy):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     a = Assembly(title="four_dof")
     for name, body in {"u1": p.body_1, "v3": p.body_3, "u2": p.body_2, "v2": p.body_2}.items():
         a.coordinate(name, body.mass)
@@ -106,6 +103,9 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.patch("contact", {"u2": 1.0}, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
     a.normal("load", "contact", {"v2": -p.contact.stiffness}, {"v2": 1.0}, opens=p.separation is not None)
     a.outputs |= contact_outputs({"u2": 1.0}, a)
-    a.outputs |= {"height": Output({"v2": 1.0}, "m"), "height_velocity": Output({"v2'": 1.0}, "m/s")}
-    a.outputs |= {"body_1_displacement": Output({"u1": 1.0}, "m"), "body_3_height": Output({"v3": 1.0}, "m")}
+    a.outputs |= {"height": Output({"v2": 1.0}, "m", Plot()), "height_velocity": Output({"v2'": 1.0}, "m/s", Plot())}
+    a.outputs |= {
+        "body_1_displacement": Output({"u1": 1.0}, "m", Plot()),
+        "body_3_height": Output({"v3": 1.0}, "m", Plot()),
+    }
     return a

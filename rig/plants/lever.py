@@ -1,7 +1,8 @@
-"""A slider on a rotating disc whose motion turns an L-shaped lever, which presses it on: the normal force is a state.
+"""A slider on a rotating disc whose motion turns an L-shaped lever; the lever changes the normal force.
 
-The disc drags the pin of a cylinder (angle phi); a spring holds the arm of the cylinder, another one its tail to a leg
-of the lever (angle theta). The other leg bears on the pin's fixture through a spring that presses the pin on the disc:
+The disc drags the pin of a cylinder (angle phi). One spring holds the arm of the cylinder; another one connects its
+tail to a leg of the lever (angle theta). The other leg acts through a spring on the fixture of the pin and presses it
+on the disc:
 
     J phi'' + c1 phi' + dU/dphi = r2 T          U = sum k_i d_i^2 / 2 - m g r1 sin phi
     I theta'' + c2 theta' + dU/dtheta = 0       N = N0 + k2 r3 theta,  open at N = 0
@@ -11,13 +12,13 @@ of the lever (angle theta). The other leg bears on the pin's fixture through a s
     d2 = |(l0 + D2 - r3 sin theta,  r2 sin phi + r3 (1 - cos theta),  r2 (1 - cos phi))| - l0             fixture
     d3 = |(l0 + D3 + rv sin phi - r3 sin theta,  rv (1 - cos phi),  r3 (1 - cos theta))| - l0             tail
 
-The deformations d_i (and the lift of the dead mass) are taken to a stated `order` in the angles, by series; forces
-follow from their energy, with terms up to one degree more. Order 2 is the paper's model, d1 = D1 + r1 phi,
+The deformations d_i (and the lift of the dead mass) are power series in the angles up to `order`; the forces follow
+from the energy, with terms of one degree more. Order 2 is the paper's model, d1 = D1 + r1 phi,
 d2 = D2 - r3 theta + r2^2 phi^2 / (2 (l0 + D2)), d3 = D3 + rv phi - r3 theta; order 5 has the cycle of the exact
 geometry to 1e-5 at angles of 0.03 rad. J includes the dead mass.
 
-Parts may be left out, as the experiments that identify the rig do: the lever with its springs, the disc, the arm's
-spring (a load cell holds the tip instead); the cylinder may be bolted.
+Parts are optional, as in the experiments that identify the rig: the lever with its springs, the disc, the spring of the
+arm (a load cell then holds the tip). The cylinder may be bolted.
 Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), the test rig, equations 14 to 21; the layout
 of the springs is read from the text.
 """
@@ -40,7 +41,7 @@ from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.sector import Sector
 from rig.model.assembly import Assembly, Output
-from rig.picture import OnDisc, Own
+from rig.picture import OnDisc, Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures import series
 from rig.quantities import (
@@ -50,10 +51,10 @@ from rig.quantities import (
     NewtonMetreSecondPerRadian,
     NewtonPerMetre,
     NewtonSecondPerMetre,
+    NonNegativeKilogram,
     PositiveMetre,
     RadianPerSecond,
     Section,
-    SomeKilogram,
 )
 
 PICTURES = (Own("rig.view.lever:Lever", ("angle", "lever_angle", "disc_speed", "normal_force")), OnDisc())
@@ -65,19 +66,19 @@ Order = Annotated[int, Ge(2), Le(5)]
 
 
 class Cylinder(Section):
-    """J, c1; lengths: r1 of the arm with spring and dead mass m at its tips, r2 of the pin, rv of the tail."""
+    """Inertia J, damping c1, dead mass m; lengths r1 of the arm (spring and dead mass at its tips), r2 pin, rv tail."""
 
     inertia: KilogramSquareMetre
     damping: NewtonMetreSecondPerRadian = 0.0
     arm: PositiveMetre
     pin: PositiveMetre
     tail: PositiveMetre
-    dead_mass: SomeKilogram = 0.0
+    dead_mass: NonNegativeKilogram = 0.0
     bolted: bool = False
 
 
 class Lever(Section):
-    """I, c2, length r3 of its two legs."""
+    """The lever: inertia I, damping c2, length r3 of its two legs."""
 
     declares: ClassVar = About("turns with the slider's motion and presses it on the disc")
 
@@ -87,14 +88,14 @@ class Lever(Section):
 
 
 class Spring(Section):
-    """A spring: stiffness, deformation as mounted (positive: pulled)."""
+    """A spring: stiffness [N/m], deformation as mounted [m] (positive: extended)."""
 
     stiffness: NewtonPerMetre
     deformation: Metre = 0.0
 
 
 class Springs(Section):
-    """The springs, all of one free length l0: k1 at the arm, k2 at the fixture, k3 at the tail; order of geometry."""
+    """The springs of equal free length l0: k1 at the arm, k2 at the fixture, k3 at the tail; `order` of the series."""
 
     free_length: PositiveMetre
     order: Order = 2
@@ -115,7 +116,7 @@ class Springs(Section):
 
 
 class LoadCell(Section):
-    """Holds the tip of the arm in place of its spring, and reads the force there."""
+    """A load cell that holds the tip of the arm in place of its spring and measures the force there."""
 
     declares: ClassVar = About("holds the tip of the arm in place of its spring, and reads the force there")
 
@@ -124,7 +125,7 @@ class LoadCell(Section):
 
 
 class Disc(Section):
-    """Radius rd at which the pin rubs."""
+    """The disc: radius rd [m] at which the pin rubs."""
 
     declares: ClassVar = About("turns under the pin; without it the pin is lifted")
 
@@ -132,7 +133,7 @@ class Disc(Section):
 
 
 class Start(Section):
-    """Angles and angular velocities at the start; zero is the rig as mounted."""
+    """Angles [rad] and angular velocities [rad/s] at the start; zero is the rig as mounted."""
 
     angle: Angle = 0.0
     angular_velocity: RadianPerSecond = 0.0
@@ -141,7 +142,7 @@ class Start(Section):
 
 
 class Parameters(Noisy):
-    """The tables of a lever scene. Left out: `lever` with two springs; `disc` with all that turns, presses, rubs."""
+    """The tables of a lever scene. Optional: `lever` with two springs; `disc` with drive, load and friction."""
 
     cylinder: Cylinder
     springs: Springs
@@ -178,7 +179,7 @@ class Parameters(Noisy):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     a = Assembly(title="lever")
     cylinder, lever = p.cylinder, p.lever
     if not cylinder.bolted:
@@ -192,7 +193,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         a.stiffness["phi", "phi"] += p.load_cell.stiffness * cylinder.arm**2
         a.damping["phi", "phi"] += p.load_cell.damping * cylinder.arm**2
         cell = {"phi": p.load_cell.stiffness * cylinder.arm, "phi'": p.load_cell.damping * cylinder.arm}
-        a.outputs["cell_force"] = Output(cell, "N")
+        a.outputs["cell_force"] = Output(cell, "N", Plot())
     if p.disc is not None and p.drive is not None and p.load is not None and p.friction is not None:
         turning = drive.add(a, p.drive, "rad/s", moved)
         surface = {name: p.disc.radius * factor for name, factor in turning.items()}
@@ -202,26 +203,26 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
             pressed |= {"theta": p.springs.fixture.stiffness * lever.leg}
         a.normal("load", "contact", pressed)
         a.outputs |= contact_outputs({"phi": cylinder.pin}, a)
-        a.outputs["disc_speed"] = Output(turning, "rad/s")
+        a.outputs["disc_speed"] = Output(turning, "rad/s", role="drive")
         if p.sector is not None:
             sector.add(a, p.sector, "contact", turning, {"phi": -cylinder.pin / p.disc.radius})
     if not cylinder.bolted:
         a.outputs |= {
             "angle": Output({"phi": 1.0}, "rad"),
             "angular_velocity": Output({"phi'": 1.0}, "rad/s"),
-            "arm_displacement": Output({"phi": cylinder.arm}, "m"),
+            "arm_displacement": Output({"phi": cylinder.arm}, "m", Plot()),
         }
     if lever is not None:
         a.outputs |= {
-            "lever_angle": Output({"theta": 1.0}, "rad"),
-            "lever_velocity": Output({"theta'": 1.0}, "rad/s"),
-            "lever_displacement": Output({"theta": lever.leg}, "m"),
+            "lever_angle": Output({"theta": 1.0}, "rad", Plot()),
+            "lever_velocity": Output({"theta'": 1.0}, "rad/s", Plot()),
+            "lever_displacement": Output({"theta": lever.leg}, "m", Plot()),
         }
     return a
 
 
 def _springs(a: Assembly, stored: NDArray[np.float64]) -> None:
-    """Forces of an energy, coordinate by coordinate: constants, stiffness, and a product for each further term."""
+    """Add the forces of an energy to each coordinate: constant, stiffness, and a product for each further term."""
     for axis, name in enumerate(ANGLES):
         if name not in a.coordinates:
             continue

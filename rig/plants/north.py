@@ -1,4 +1,4 @@
-"""A body that can move towards a rubbing surface and tilt: North's model of non-conservative restoring forces.
+"""North's model of non-conservative restoring forces: a body that moves towards a rubbing surface and tilts.
 
     m x'' + d1 x' + c1 x = F - N                       x towards the surface, phi tilt of the body
     J phi'' + d_phi phi' + c_phi phi = s (N - F) - h T
@@ -9,8 +9,8 @@ With T = mu N the stiffness matrix of sliding is that of equation 2.4,
 
     K = [[c1 + c2, -c2 s], [c2 (mu h - s), c_phi + s c2 (s - mu h)]]
 
-not symmetric, so that the body may flutter, or lose its stiffness and tip over (divergence). The paper's critical
-coefficient, equation 2.5, is the second: det K = 0; beyond it no sliding equilibrium presses.
+which is not symmetric: the body may flutter, or lose its stiffness and tip over (divergence). The paper's critical
+coefficient, equation 2.5, is that of divergence, det K = 0; beyond it no sliding equilibrium has a positive load.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 2, figure 7; North (1972).
 """
 
@@ -27,7 +27,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.model.assembly import Assembly, Output
-from rig.picture import Own
+from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
@@ -59,7 +59,7 @@ class Body(Section):
 
 
 class Lining(Section):
-    """The lining: stiffness c2, lever h of friction, distance s of the normal force from the centre."""
+    """The lining: stiffness c2, lever arm h of friction, distance s of the normal force from the centre."""
 
     stiffness: NewtonPerMetre
     lever: PositiveMetre
@@ -67,7 +67,7 @@ class Lining(Section):
 
 
 class Start(Section):
-    """Where the body is at the start, where the preload is balanced without friction."""
+    """Position and velocity of the body at the start; zero: the preload is balanced without friction."""
 
     displacement: Metre = 0.0
     velocity: MetrePerSecond = 0.0
@@ -87,7 +87,7 @@ class Parameters(Noisy):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     c2, h, s = p.lining.stiffness, p.lining.lever, p.lining.offset
     a = Assembly(title="north")
     a.coordinate("x", p.body.mass, p.body.damping, p.body.stiffness)
@@ -100,13 +100,16 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.patch("contact", {"tilt": -h}, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
     a.normal("load", "contact", preload | {"x": c2, "tilt": -c2 * s}, {"x": -1.0, "tilt": s})
     a.outputs |= contact_outputs({"x": 1.0}, a)
-    a.outputs |= {"tilt": Output({"tilt": 1.0}, "rad"), "tilt_velocity": Output({"tilt'": 1.0}, "rad/s")}
+    a.outputs |= {
+        "tilt": Output({"tilt": 1.0}, "rad", Plot()),
+        "tilt_velocity": Output({"tilt'": 1.0}, "rad/s", Plot()),
+    }
     a.limits = limits(p)
     return a
 
 
 def limits(p: Parameters) -> dict[str, float]:
-    """Coefficients of friction at which the body begins to flutter and to tip over; infinite where it never does.
+    """Coefficients of friction at which the body begins to flutter and to tip over; infinite if it never does.
 
     flutter      least mu > 0 with Hurwitz's determinant a1 a2 a3 - a3^2 a0 - a4 a1^2 = 0
     divergence   det K = 0, equation 2.5

@@ -1,9 +1,9 @@
-"""A pendulum that rubs on a rotating disc: the rig of the papers, in its own coordinate, the angle phi.
+"""A pendulum that rubs on a rotating disc: the rig of the papers, with the angle phi as coordinate.
 
     J phi'' + d_phi phi' + c_phi phi = r T,   w = r Omega - r phi'
 
-At the contact, x = r phi, it is the mass on a belt with m = J/r^2, c = c_phi/r^2, d = d_phi/r^2; any radius r gives the
-same motion there. Instruments read angle and contact quantities alike.
+With x = r phi it is equivalent to the mass on a belt with m = J/r^2, c = c_phi/r^2, d = d_phi/r^2, for any radius r.
+Instruments can read the angle and the quantities at the contact.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, sections 2 and 4.
 """
 
@@ -42,7 +42,7 @@ class Body(Section):
 
 
 class Parameters(WithStack):
-    """The tables of a pendulum scene; `start` is given at the contact point, where a piezo stack may stand."""
+    """The tables of a pendulum scene. `start` is stated at the contact point, where a piezo stack may act."""
 
     body: Body
     drive: DiscDrive
@@ -54,7 +54,7 @@ class Parameters(WithStack):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     r = p.body.radius
     a = Assembly(title="pendulum")
     a.coordinate("angle", p.body.inertia, p.body.damping, p.body.stiffness)
@@ -72,6 +72,6 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.outputs |= {
         "angle": Output({"angle": 1.0}, "rad"),
         "angular_velocity": Output({"angle'": 1.0}, "rad/s"),
-        "disc_speed": Output(disc, "rad/s"),
+        "disc_speed": Output(disc, "rad/s", role="drive"),
     }
     return a

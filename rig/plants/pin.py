@@ -1,14 +1,14 @@
-"""A tilted pin on a disc: geometry couples the normal force to the motion. One degree of freedom, q along the pin.
+"""An inclined pin on a disc whose geometry couples normal force and motion. One degree of freedom, q along the pin.
 
     m2 q'' + d2 q' + c2 q = N sin(gamma) - T cos(gamma),   w = V + cos(gamma) q'
     N = F - (m1 y'' + d1 y' + c1 y),   y = q sin(gamma)
 
-The disc (m1, d1, c1) stays on the pin, so the two move as one: with k = sin(gamma) (sin(gamma) - mu cos(gamma))
+While the disc (m1, d1, c1) touches the pin, both move together: with k = sin(gamma) (sin(gamma) - mu cos(gamma))
 
     (m2 + m1 k) q'' + (d2 + d1 k) q' + (c2 + c1 k) q = (sin(gamma) - mu cos(gamma)) F
 
-and friction can take up damping, mass and stiffness. Without its mass the pin jams. Lifted off (N = 0) the pin moves
-alone, until the disc would press again if it followed.
+and friction can cancel damping, mass and stiffness. The pin jams where the effective mass is zero. After lift-off
+(N = 0) the pin moves alone, until N computed with the disc following it would be positive again.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 2, figure 6, equation 2.3.
 """
 
@@ -23,7 +23,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.model.assembly import Assembly, Output
-from rig.picture import OnBelt
+from rig.picture import OnBelt, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import AcuteAngle, Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
 
@@ -40,7 +40,7 @@ class Pin(Section):
 
 
 class Disc(Section):
-    """The disc as the pin feels it: mass, spring and damper across its plane."""
+    """The disc at the pin: mass, spring and damper normal to its plane."""
 
     mass: Kilogram
     stiffness: NewtonPerMetre
@@ -48,14 +48,14 @@ class Disc(Section):
 
 
 class Start(Section):
-    """Where the pin is at the start, along its axis, from the unloaded springs."""
+    """Position and velocity of the pin along its axis at the start; zero: unloaded springs."""
 
     displacement: Metre = 0.0
     velocity: MetrePerSecond = 0.0
 
 
 class Parameters(Noisy):
-    """The tables of a pin scene. `drive`: speed of the surface at the pin; `load`: what presses both together."""
+    """The tables of a pin scene. `drive`: speed of the surface at the pin; `load`: preload F."""
 
     pin: Pin
     disc: Disc
@@ -66,7 +66,7 @@ class Parameters(Noisy):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     across, along = math.sin(p.pin.tilt), math.cos(p.pin.tilt)
     a = Assembly(title="pin")
     a.coordinate("q", p.pin.mass, p.pin.damping, p.pin.stiffness)
@@ -76,23 +76,23 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.normal("load", "contact", pressed, {"q": across}, {"q": -p.disc.mass * across})
     a.outputs |= contact_outputs({"q": -along}, a)
     a.outputs |= {
-        "pin_displacement": Output({"q": 1.0}, "m"),
-        "pin_velocity": Output({"q'": 1.0}, "m/s"),
-        "disc_displacement": Output({"q": across}, "m"),
+        "pin_displacement": Output({"q": 1.0}, "m", Plot()),
+        "pin_velocity": Output({"q'": 1.0}, "m/s", Plot()),
+        "disc_displacement": Output({"q": across}, "m", Plot()),
     }
     a.limits = limits(p)
     return a
 
 
 def limits(p: Parameters) -> dict[str, float]:
-    """Coefficients of friction at which damping (equation 2.3), mass and stiffness are used up; the least one counts.
+    """Coefficients of friction at which damping (equation 2.3), mass and stiffness vanish; the smallest is critical.
 
-    Beyond "damping" vibration grows; beyond "mass" the pin jams, beyond "stiffness" it digs in.
+    Beyond "damping" vibration grows; beyond "mass" the pin jams; beyond "stiffness" it digs in.
     """
     sine, cosine = math.sin(p.pin.tilt), math.cos(p.pin.tilt)
 
     def limit(pin: float, disc: float) -> float:
-        """Mu at which pin + disc k = 0."""
+        """The mu at which pin + disc k = 0."""
         return (pin / disc + sine**2) / (sine * cosine) if disc else math.inf
 
     return {

@@ -1,16 +1,16 @@
-"""A plate that slides on many points of contact, which open and close all the time.
+"""A plate that slides on many points of contact; each of them opens and closes often.
 
     q_i'' + 2 zeta w_i q_i' + w_i^2 q_i = sum_p (phi_i(p) + mu l phi_i,x(p)) N_p          modes i, points p
     N_p = F / points - k sum_i phi_i(p) q_i, not below zero
     phi_i = 2 / sqrt(m) sin(m_i pi x / a) sin(n_i pi y / b)
 
-The plate is held by its edges and slides along x at a speed that vibration does not change: friction mu N acts at a
-distance l below its middle plane and turns it there, phi_i,x = d phi_i / dx. That is no force of a potential: the plate
-can flutter. Points stand at the middles of the cells of a grid. No lift-off is located (rig.solve.kick): there are tens
-of thousands in a second.
+The plate is held at its edges and slides along x at a speed that vibration does not change. Friction mu N acts at a
+distance l below the middle plane; its moment acts on phi_i,x = d phi_i / dx. This force has no potential, so the plate
+can flutter. The points are at the centres of the cells of a grid. Lift-offs are not located (rig.solve.kick): there are
+tens of thousands in a second.
 
-The modes of a thin plate have half waves m_i, n_i along and across; their frequencies are given evenly spaced instead,
-as the tests that compare methods want them (derived).
+The modes are those of a thin plate with m_i, n_i half waves along and across. Their frequencies are evenly spaced
+instead, for tests that compare methods (derived here).
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ from rig.quantities import (
 )
 
 HALF_WAVES = ((1, 1), (2, 1), (1, 2), (3, 1), (2, 2), (3, 2), (4, 1), (1, 3), (4, 2), (5, 1))
-"""Of the modes, along and across."""
+"""Half waves of each mode, along and across."""
 Count = Annotated[int, Ge(1), Le(64)]
 
 
 class Plate(Section):
-    """Sides along and across the sliding direction, mass; the first ten modes, evenly spaced in frequency."""
+    """The plate: sides along and across the sliding direction, mass; ten modes with evenly spaced frequencies."""
 
     length: PositiveMetre
     width: PositiveMetre
@@ -63,7 +63,7 @@ class Plate(Section):
 
 
 class Contact(Section):
-    """A grid of points, each a spring of its own; `lever`: from the middle plane of the plate to the contact."""
+    """A grid of points with one spring each; `lever`: distance from the plate's middle plane to the contact [m]."""
 
     along: Count
     across: Count
@@ -78,13 +78,13 @@ class Drive(Section):
 
 
 class Start(Section):
-    """Velocities of the modes, of mass one [kg^0.5 m/s]; those that are not given are at rest."""
+    """Velocities of the modes of unit modal mass [kg^0.5 m/s] at the start; modes that are not stated are at rest."""
 
     velocities: tuple[float, ...] = Field(default=(), max_length=len(HALF_WAVES))
 
 
 class Parameters(Noisy):
-    """The tables of a points scene. `load`: the preload, in equal shares at all points."""
+    """The tables of a points scene. `load`: the preload, shared equally by all points."""
 
     plate: Plate
     contact: Contact
@@ -95,7 +95,7 @@ class Parameters(Noisy):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     a = Assembly(title="points")
     for mode, frequency in enumerate(np.linspace(p.plate.lowest, p.plate.highest, len(HALF_WAVES)).tolist()):
         omega = 2.0 * math.pi * frequency
@@ -111,24 +111,24 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     ]
     names = [f"point {1 + i // p.contact.across}.{1 + i % p.contact.across}" for i in range(count)]
     for name, place in zip(names, places):
-        shape, turn = _shapes(p.plate, *place)
+        shape, turn = shapes(p.plate, *place)
         push = {q: value + p.friction.mu * p.contact.lever * turn[q] for q, value in shape.items()}
         a.normal(name, "contact", share | {q: -p.contact.stiffness * value for q, value in shape.items()}, push)
-    seen, _ = _shapes(p.plate, *places[0])
-    a.struck = seen  # across the plate: nothing of it moves along
+    seen, _ = shapes(p.plate, *places[0])
+    a.struck = seen  # the modes deflect normal to the plate only
     a.outputs |= {
-        "displacement": Output(seen, "m"),
-        "velocity": Output({f"{q}'": value for q, value in seen.items()}, "m/s"),
+        "displacement": Output(seen, "m", role="displacement"),
+        "velocity": Output({f"{q}'": value for q, value in seen.items()}, "m/s", role="velocity"),
         "acceleration": Output({f"{q}''": value for q, value in seen.items()}, "m/s^2"),
         "normal_force": Output({f"N:{name}": 1.0 for name in names}, "N"),
         "friction_force": Output({"T:contact": 1.0}, "N"),
-        "surface_speed": Output({"one": p.drive.speed}, "m/s"),
+        "surface_speed": Output({"one": p.drive.speed}, "m/s", role="drive"),
     }
     return a
 
 
-def _shapes(plate: Plate, x: float, y: float) -> tuple[dict[str, float], dict[str, float]]:
-    """Of each mode, of mass one: deflection and turn d/dx at a place in shares of the sides."""
+def shapes(plate: Plate, x: float, y: float) -> tuple[dict[str, float], dict[str, float]]:
+    """Deflection [kg^-0.5] and slope d/dx of each mode of unit modal mass; x, y: position as shares of the sides."""
     size = 2.0 / math.sqrt(plate.mass)
     shape, turn = {}, {}
     for mode, (m, n) in enumerate(HALF_WAVES):

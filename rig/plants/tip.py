@@ -3,17 +3,17 @@
     m x'' + (c + r k) x' + k x = T,   w = V - x',   T = mu N sgn(w) in slip
     N = N0 - beta (k x + r k x')
 
-A clamp that is pushed down by a fixed way presses the tip on with N0. What bends the tip along the disc by a force F
-takes beta F off the normal force: in steady sliding N = N0 / (1 + beta mu), and the tip in slip is stiffer,
-w_s = sqrt((1 + beta mu) k / m). r is the damping of the material as a time; it acts in the elastic force, c does not.
+A clamp that is pushed down by a fixed distance presses the tip on with N0. A force F that bends the tip along the disc
+reduces the normal force by beta F. In steady sliding N = N0 / (1 + beta mu), and the tip is stiffer in slip,
+w_s = sqrt((1 + beta mu) k / m). r is the damping of the material as a time; it is part of the elastic force, c is not.
 
-A beam whose axis stands at `angle` to the disc's normal, with compliances 1 across and eps along the axis, gives
+A beam with its axis at `angle` to the disc's normal and compliances 1 across and eps along the axis has
 
     beta = c_nt / c_nn,   k = k_b c_nn / (c_tt c_nn - c_nt^2)
     c_tt = cos^2 + eps sin^2,   c_nn = sin^2 + eps cos^2,   c_nt = (1 - eps) sin cos
 
-A disc that turns the other way digs the tip in: friction adds to the normal force, and from beta mu = 1 on nothing
-limits it. Such a rig takes no negative speed.
+If the disc turns in the other direction, friction adds to the normal force: the tip digs in and jams for beta mu >= 1.
+Such a rig refuses a negative speed.
 Source: Tonazzi, Passafiume, Papangelo, Hoffmann, Massi, Nonlinear Dynamics 102 (2020) 1361 (finite elements and
 experiment). The paper has no lumped equations: the model is derived, its numbers are calibrated (docs/tip.md).
 """
@@ -36,7 +36,7 @@ from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
 from rig.model.assembly import Assembly, Output
-from rig.picture import Own
+from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     AcuteAngle,
@@ -57,10 +57,10 @@ Share: Any = quantity("1", Gt(0.0), Le(1.0))
 
 
 class Tip(Section):
-    """The beam as its tip feels it along the disc: mass, stiffness, damping of the material and beside it.
+    """The beam, reduced to its tip along the disc: mass, stiffness, damping of the material, separate damper.
 
-    `retardation` r: damping of the material, its damping constant over its stiffness. `damping` c: a damper that does
-    not act on the normal force. `relief` beta: normal force that is taken off for each newton that bends the tip.
+    `retardation` r: damping constant of the material over its stiffness [s]. `damping` c: a damper without influence on
+    the normal force [N s/m]. `relief` beta: reduction of the normal force per newton that bends the tip [1].
     """
 
     mass: Kilogram
@@ -71,36 +71,36 @@ class Tip(Section):
 
 
 class Inclination(Section):
-    """Angle between the beam's axis and the disc's normal; compliance along the axis, contact included, over bending.
+    """Angle [rad] between the beam's axis and the disc's normal; compliance along the axis (with contact) over bending.
 
-    With it the stiffness of the tip is that of bending alone, and the relief follows.
+    With this table the stiffness of the tip is that of bending alone, and the relief is computed.
     """
 
     declares: ClassVar = About(
-        "the beam stands inclined: bending takes load off the contact; else `relief` says by how much"
+        "an inclined beam: bending reduces the normal force; without this table `relief` states by how much"
     )
 
     angle: AcuteAngle
     compliance: Share
 
     def relief(self) -> float:
-        """Normal force that is taken off for each newton along the disc, beta."""
+        """Reduction beta of the normal force per newton along the disc."""
         _, across, mixed = self._compliances()
         return mixed / across
 
     def stiffening(self) -> float:
-        """Stiffness along the disc, the tip held at its height, over that of bending."""
+        """Stiffness along the disc at fixed height of the tip, over that of bending."""
         along, across, mixed = self._compliances()
         return across / (along * across - mixed**2)
 
     def _compliances(self) -> tuple[float, float, float]:
-        """Along the disc, normal to it, and between both; 1 for bending."""
+        """Compliances along the disc, normal to it and between both, relative to bending."""
         cosine, sine, eps = math.cos(self.angle), math.sin(self.angle), self.compliance
         return cosine**2 + eps * sine**2, sine**2 + eps * cosine**2, (1.0 - eps) * sine * cosine
 
 
 class Start(Section):
-    """Where the tip is at the start, from the unbent beam."""
+    """Position and velocity of the tip at the start; zero: unbent beam."""
 
     displacement: Metre = 0.0
     velocity: MetrePerSecond = 0.0
@@ -129,8 +129,8 @@ class Parameters(Noisy):
         return self
 
     @property
-    def held(self) -> Tip:
-        """The tip as the disc holds it at its height: with the inclination in stiffness, damping and relief."""
+    def at_fixed_height(self) -> Tip:
+        """The tip at fixed height: the inclination is included in stiffness, damping and relief."""
         if self.inclination is None:
             return self.tip
         k = self.inclination.stiffening()
@@ -138,7 +138,7 @@ class Parameters(Noisy):
 
 
 def refuse_jam(speed: float, most: float) -> None:
-    """Raise ValueError for a disc that turns backwards [m/s] where the tip jams: beta mu is `most`."""
+    """Raise ValueError if the disc turns backwards (`speed` [m/s] below zero) and the tip jams (beta mu = `most`)."""
     if most >= 1.0 and speed < 0.0:
         raise ValueError(
             f"drive.speed {speed:g} m/s jams: the disc digs the tip in, and friction raises the normal force faster "
@@ -148,13 +148,13 @@ def refuse_jam(speed: float, most: float) -> None:
 
 
 def jam(p: Parameters) -> float:
-    """Beta mu at rest: from 1 on the tip jams on a disc that turns backwards."""
-    return float(p.held.relief * p.friction.friction().static)
+    """The product beta mu at rest; from 1 on the tip jams on a disc that turns backwards."""
+    return float(p.at_fixed_height.relief * p.friction.friction().static)
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
-    tip = p.held
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
+    tip = p.at_fixed_height
     elastic = {"x": tip.stiffness, "x'": tip.retardation * tip.stiffness}
     a = Assembly(title="tip")
     a.coordinate("x", tip.mass, tip.damping + elastic["x'"], elastic["x"])
@@ -164,7 +164,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.normal("load", "contact", pressed)
     if jam(p) >= 1.0:
         a.inputs["drive.speed"] = replace(a.inputs["drive.speed"], low=0.0)
-    a.outputs |= contact_outputs({"x": 1.0}, a) | {"clamp_force": Output(elastic, "N")}
+    a.outputs |= contact_outputs({"x": 1.0}, a) | {"clamp_force": Output(elastic, "N", Plot())}
     if p.waviness is not None:
         waviness.add(a, p.waviness, "contact", "load", {"x": 1.0})
     return a

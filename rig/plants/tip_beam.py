@@ -1,13 +1,13 @@
-"""The tip of a clamped beam on a disc, in several modes: a beam of finite elements that stands inclined.
+"""The tip of an inclined clamped beam on a disc, in several modes of a finite-element beam.
 
     q_i'' + 2 zeta w_i q_i' + w_i^2 q_i = t_i T + n_i (N - N0)           mass one each (rig.plants.structures.bending)
     t_i = cos(a) across_i - sin(a) along_i,   n_i = sin(a) across_i + cos(a) along_i          at the tip
     x = sum t_i q_i,   y = sum n_i q_i,   w = V - x'
     N = N0 - kc y
 
-N0 presses the tip on while nothing slides; the clamp stays at its height. The spring of the contact couples what is
-along the disc with what is normal to it: relief of the normal force and the stiffness of the tip follow (compare
-rig.plants.tip). Each stick and each release excites the higher modes as well.
+N0 is the normal force without friction; the height of the clamp is fixed. The contact spring couples the motions along
+the disc and normal to it, which determines the relief of the normal force and the stiffness of the tip (compare
+rig.plants.tip). Each stick and each release also excites the higher modes.
 Source: Tonazzi, Passafiume, Papangelo, Hoffmann, Massi, Nonlinear Dynamics 102 (2020) 1361; the paper has no dimensions
 of the beam, they are derived (docs/tip.md).
 """
@@ -30,7 +30,7 @@ from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
-from rig.picture import Own
+from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures import bending
 from rig.plants.tip import refuse_jam
@@ -51,7 +51,7 @@ Count = Annotated[int, Ge(1), Le(16)]
 
 
 class Beam(Section):
-    """The beam, wide against its thickness (plane strain), and how many of its modes are taken."""
+    """The beam, much wider than thick (plane strain), and the number of its modes."""
 
     length: PositiveMetre
     thickness: PositiveMetre
@@ -63,7 +63,7 @@ class Beam(Section):
     damping_ratio: Ratio = 0.0
 
     def reduced(self) -> bending.Modes:
-        """Its modes, the attachment modes among them."""
+        """The modes of the beam, including the attachment modes."""
         area, modulus = self.thickness * self.depth, self.modulus / (1.0 - self.poisson**2)
         return bending.clamped(
             modulus * area * self.thickness**2 / 12.0, modulus * area, self.density * area, self.length, self.modes
@@ -71,14 +71,14 @@ class Beam(Section):
 
 
 class Contact(Section):
-    """Angle between the beam's axis and the disc's normal; stiffness of the contact normal to the disc."""
+    """Angle between the beam's axis and the disc's normal; contact stiffness normal to the disc [N/m]."""
 
     angle: AcuteAngle
     stiffness: NewtonPerMetre
 
 
 class Parameters(Noisy):
-    """The tables of a tip_beam scene. `load`: the normal force while nothing slides; `drive`: the disc at the tip."""
+    """The tables of a tip_beam scene. `load`: normal force N0 without friction; `drive`: disc speed at the tip."""
 
     beam: Beam
     contact: Contact
@@ -97,7 +97,7 @@ class Parameters(Noisy):
 class Shapes:
     """Each mode [i] at the tip: `along` the disc and `normal` to it [kg^-0.5]; `omega` [rad/s]; `clamp` [N/(kg^0.5 m)].
 
-    `clamp`: what it pushes the clamp with along the disc.
+    `clamp`: the force on the clamp along the disc per unit of the modal coordinate.
     """
 
     omega: list[float]
@@ -106,13 +106,13 @@ class Shapes:
     clamp: list[float]
 
     def relief(self, contact: float) -> float:
-        """Normal force that is taken off for each newton along the disc, with a contact of this stiffness [N/m]."""
+        """Reduction of the normal force per newton along the disc, for a contact stiffness `contact` [N/m]."""
         mixed = sum(t * n / w**2 for t, n, w in zip(self.along, self.normal, self.omega))
         return mixed / (sum((n / w) ** 2 for n, w in zip(self.normal, self.omega)) + 1.0 / contact)
 
 
 def shapes(p: Parameters) -> Shapes:
-    """The modes of the beam, turned to the disc."""
+    """The modes of the beam in the directions of the disc."""
     found = p.beam.reduced()
     cosine, sine = math.cos(p.contact.angle), math.sin(p.contact.angle)
     (across, along), (shear, pull) = found.tip.T, found.clamp.T
@@ -125,12 +125,12 @@ def shapes(p: Parameters) -> Shapes:
 
 
 def jam(p: Parameters) -> float:
-    """Beta mu at rest: from 1 on the tip jams on a disc that turns backwards."""
+    """The product beta mu at rest; from 1 on the tip jams on a disc that turns backwards."""
     return float(shapes(p).relief(p.contact.stiffness) * p.friction.friction().static)
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     found = shapes(p)
     a = Assembly(title="tip_beam")
     names = [f"q{i}" for i in range(1, len(found.omega) + 1)]
@@ -150,8 +150,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         waviness.add(a, p.waviness, "contact", "load", along)
     damped = {f"{name}'": 2.0 * p.beam.damping_ratio / w * k for name, w, k in zip(names, found.omega, found.clamp)}
     a.outputs |= {
-        "height": Output(normal, "m"),
-        "clamp_force": Output(dict(zip(names, found.clamp)) | damped, "N"),
+        "height": Output(normal, "m", Plot()),
+        "clamp_force": Output(dict(zip(names, found.clamp)) | damped, "N", Plot()),
     }
     a.free = {f"beam, mode {i}": w / (2.0 * math.pi) for i, w in enumerate(found.omega[: p.beam.modes], 1)}
     return a

@@ -1,14 +1,14 @@
-"""A tread block of a tyre on a plate: the tip of the block, tangential (x) and normal (z), which may lift off.
+"""A tread block of a tyre on a plate: its tip moves along the plate (x) and normal to it (z), and may lift off.
 
     m x'' + d_x x' + c_x x - c_xz z = T
     m z'' + d_z z' + c_z z - c_xz x = N - P          z away from the plate
     N = -c_c z, not below zero;   w = V - x'
 
-Rubber keeps its volume, so that a tangential deformation at a rounded edge also lifts or presses it: c_xz. With
+Rubber keeps its volume, so a tangential deformation at a rounded edge also moves the tip along the normal: c_xz. With
 constant friction the tip flutters where mu c_c > c_xz > 0. A rough surface has no such coupling: its asperities bend
 at constant normal force.
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3b, figures 11 to 14; the paper has no
-equations: model and numbers are ours (derived, calibrated).
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3b, figures 11 to 14. The paper gives no
+equations; the model is derived and its numbers are calibrated here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.model.assembly import Assembly, Output
-from rig.picture import OnBelt
+from rig.picture import OnBelt, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Kilogram,
@@ -29,32 +29,32 @@ from rig.quantities import (
     MetrePerSecond,
     NewtonPerMetre,
     NewtonSecondPerMetre,
+    NonNegativeNewtonPerMetre,
     Section,
-    SomeNewtonPerMetre,
 )
 
 PICTURES = (OnBelt(up="height", lifted=True),)
 
 
 class Tip(Section):
-    """The tip of the block: mass, springs and dampers along (x) and across (z) the plate, and their coupling c_xz."""
+    """The tip of the block: mass, springs and dampers along (x) and normal to (z) the plate, coupling c_xz."""
 
     mass: Kilogram
     tangential_stiffness: NewtonPerMetre
     tangential_damping: NewtonSecondPerMetre = 0.0
-    normal_stiffness: SomeNewtonPerMetre = 0.0
+    normal_stiffness: NonNegativeNewtonPerMetre = 0.0
     normal_damping: NewtonSecondPerMetre = 0.0
-    coupling: SomeNewtonPerMetre = 0.0
+    coupling: NonNegativeNewtonPerMetre = 0.0
 
 
 class Contact(Section):
-    """The rubber at the contact."""
+    """The stiffness of the rubber at the contact [N/m]."""
 
     stiffness: NewtonPerMetre
 
 
 class Start(Section):
-    """Where the tip is at the start, from the unloaded block just touching the plate."""
+    """Position and velocity of the tip at the start; zero: unloaded block just touching the plate."""
 
     displacement: Metre = 0.0
     velocity: MetrePerSecond = 0.0
@@ -74,7 +74,7 @@ class Parameters(Noisy):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     a = Assembly(title="tread")
     a.coordinate("x", p.tip.mass, p.tip.tangential_damping, p.tip.tangential_stiffness)
     a.coordinate("z", p.tip.mass, p.tip.normal_damping, p.tip.normal_stiffness)
@@ -84,5 +84,5 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.patch("contact", {"x": 1.0}, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
     a.normal("load", "contact", {"z": -p.contact.stiffness}, {"z": 1.0})
     a.outputs |= contact_outputs({"x": 1.0}, a)
-    a.outputs |= {"height": Output({"z": 1.0}, "m"), "height_velocity": Output({"z'": 1.0}, "m/s")}
+    a.outputs |= {"height": Output({"z": 1.0}, "m", Plot()), "height_velocity": Output({"z'": 1.0}, "m/s", Plot())}
     return a

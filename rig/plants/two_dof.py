@@ -5,8 +5,9 @@
     N = -k3 y,   w = V - x'
     K11 = sum k_i cos^2 a_i,  K12 = sum k_i sin a_i cos a_i,  K22 = sum k_i sin^2 a_i + k3,  C alike with c_i, no k3
 
-Friction turns K12 into K12 + mu k3 in the first row only: where K12 < 0 the two modes come together as mu rises and
-flutter. Source: Liu and Ouyang, Meccanica 55 (2020), section 2, equations 1 to 4.
+Friction changes K12 to K12 + mu k3 in the first row only. With K12 < 0 the frequencies of the two modes approach each
+other as mu rises, and the rig flutters.
+Source: Liu and Ouyang, Meccanica 55 (2020), section 2, equations 1 to 4.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.separation import Separation
 from rig.model.assembly import Assembly, Output
-from rig.picture import OnBelt
+from rig.picture import OnBelt, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
@@ -44,7 +45,7 @@ class Body(Section):
 
 
 class Strut(Section):
-    """A spring with a damper beside it, at an angle to the belt's direction."""
+    """A spring and a parallel damper, at an angle to the belt's direction."""
 
     stiffness: NewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0
@@ -58,7 +59,7 @@ class Contact(Section):
 
 
 class Start(Section):
-    """Where the mass is at the start, from the unloaded springs just touching the belt."""
+    """Position and velocity of the mass at the start; zero: unloaded springs, mass just touching the belt."""
 
     displacement: Metre = 0.0
     velocity: MetrePerSecond = 0.0
@@ -67,7 +68,7 @@ class Start(Section):
 
 
 class Parameters(WithStack):
-    """The tables of a two_dof scene. `load`: the preload F0. A piezo stack stands beside the first spring."""
+    """The tables of a two_dof scene. `load`: the preload F0. A piezo stack acts in parallel to the first spring."""
 
     body: Body
     spring_1: Strut
@@ -82,7 +83,7 @@ class Parameters(WithStack):
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
-    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
     a = Assembly(title="two_dof")
     a.coordinate("x", p.body.mass)
     a.coordinate("y", p.body.mass)
@@ -100,5 +101,5 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         dither.add(a, p.dither, "contact", "load", "x")
     piezo.add(a, p, {"x": math.cos(p.spring_1.angle), "y": math.sin(p.spring_1.angle)}, moved)
     a.outputs |= contact_outputs({"x": 1.0}, a)
-    a.outputs |= {"height": Output({"y": 1.0}, "m"), "height_velocity": Output({"y'": 1.0}, "m/s")}
+    a.outputs |= {"height": Output({"y": 1.0}, "m", Plot()), "height_velocity": Output({"y'": 1.0}, "m/s", Plot())}
     return a

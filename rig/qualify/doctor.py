@@ -34,10 +34,10 @@ from rig.qualify.frame_costs import Clock, Costs, behind, costs
 from rig.qualify.round_trip import round_trips
 from rig.scenes.scene import Scene
 from rig.scheduling import PLANT, ahead, come_first, cores
+from rig.user_files import RUNS
 
 Say = Callable[[str], object]
 FRAME_NS = 1_000_000
-RECORDINGS = Path("recordings/runs")
 LEAST_DISK = 5.0  # MB/s; a run with all sensors at 10 kHz writes less than 1 MB/s
 RESERVE = 1.5
 """Cost of a frame in a run over its cost here. # measured: 1.2 to 1.5, because recorder and bus work beside it"""
@@ -149,7 +149,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     come_first()
     with ahead(PLANT) as scheduled:
         waiting, slept, spun = _waits(0.6 * seconds)
-        scheduling, alone = scheduled.told, not scheduled.why
+        scheduling, alone = scheduled.account, not scheduled.why
     late = spun if waiting.spin_ns else slept
     say("a round trip over the bus, between two processes")
     trips, puts, fault = round_trips(0.3 * seconds)
@@ -207,16 +207,16 @@ def judge(scene: Scene, found: Costs | None, late: NDArray[np.int64], put: Sprea
     share = min(float(np.mean(late > wall) + np.mean(behind(whole, wall) > wall)), 1.0)
     mean, p99 = float(np.mean(whole)) / wall, float(np.quantile(whole, 0.99)) / wall
     what = "frame" if each == 1 else "piece"
-    told = f"{100.0 * mean:.2g} % of a {what} busy, {100.0 * p99:.2g} % at p99; {100.0 * share:.2g} % of {what}s late"
+    text = f"{100.0 * mean:.2g} % of a {what} busy, {100.0 * p99:.2g} % at p99; {100.0 * share:.2g} % of {what}s late"
     if share <= clock.late_share_valid:
         verdict = "VALID"
     else:
         verdict = "DEGRADED" if share <= clock.late_share_degraded else "INVALID"
         if mean > 1.0:
-            told += ": a longer clock.frame, a looser clock.tolerance or a smaller --pace"
+            text += ": a longer clock.frame, a looser clock.tolerance or a smaller --pace"
     if scene.slow:
-        told += f"; {scene.slow}"
-    return Fitness(scene.name, verdict, told, Spread.of(found))
+        text += f"; {scene.slow}"
+    return Fitness(scene.name, verdict, text, Spread.of(found))
 
 
 def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.int64]]:
@@ -234,7 +234,7 @@ def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.
 
 def _disk() -> float:
     """Speed [MB/s] of writing to the disk of the recordings, or of the working directory if there are none yet."""
-    where = next(path for path in (RECORDINGS, Path()) if path.is_dir())
+    where = next(path for path in (RUNS, Path()) if path.is_dir())
     block = os.urandom(1 << 20)
     try:
         with tempfile.TemporaryFile(dir=where) as file:

@@ -24,12 +24,12 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
     with sheet(f"{scene.name}: its effects, on or absent", provenance(scene.seed), path) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         for place, (one, paired) in enumerate(shown):
-            colour, tick = (ON if one.on else ABSENT), paired.told
+            colour, tick = (ON if one.on else ABSENT), paired.shown_cost
             left.barh(place, tick.value, color=colour)
             spread = [[max(tick.value - tick.low, 0.0)], [max(tick.high - tick.value, 0.0)]]
             left.errorbar(tick.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
             for change in paired.changes:
-                if change.told:
+                if change.significant:
                     right.plot(change.size, place, "o", ms=5, color=colour)
             worst = paired.worst
             if worst is not None:
@@ -45,5 +45,5 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
         left.set_yticks(range(len(shown)), labels)
         whole = max((p.whole for one, p in shown if one.on), default=max(p.whole for _, p in shown))
         noise = max(p.noise for _, p in shown)
-        left.set(xlabel=f"ns that it adds to a step of {whole:.0f} ns; noise up to {noise:.2g} ns")
+        left.set(xlabel=f"ns that it adds to a step of {whole:.0f} ns; noise up to {noise:.0f} ns")
         right.set(xscale="log", xlabel="change if left out or added: share of the larger value")

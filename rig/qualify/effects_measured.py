@@ -20,7 +20,8 @@ from rig.qualify.cost.problem import held
 from rig.qualify.cost.settings import eligible
 from rig.record.film_points import grouped
 from rig.scenes.effects import declared
-from rig.scenes.scene import Scene, controller_reads
+from rig.scenes.scene import Scene
+from rig.scenes.sections import controller_reads
 from rig.scenes.variants import absent, added
 
 BLOCKS = 50.0  # sample blocks per second, from sensors faster than 1 kHz
@@ -75,14 +76,14 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
 
 
 def methods(scene: Scene) -> dict[str, str]:
-    """Return for every method "taken", "serves it too", or why it cannot be used for this scene."""
+    """Return for every method "selected", "also suits the scene", or why it cannot be used for this scene."""
     system = scene.assemble().system()
-    why = {method: reason or "serves it too" for method, reason in eligible(system, scene.step_ns).items()}
-    return why | {chosen(scene.clock.method, system): "taken"}
+    why = {method: reason or "also suits the scene" for method, reason in eligible(system).items()}
+    return why | {chosen(scene.clock.method, system): "selected"}
 
 
 @dataclass(frozen=True)
-class Told:
+class Rate:
     """A quantity or a topic: how often [1/s] it is computed or sent, and for whom."""
 
     name: str
@@ -90,7 +91,7 @@ class Told:
     asked: str
 
 
-def signals(scene: Scene) -> Iterator[Told]:
+def signals(scene: Scene) -> Iterator[Rate]:
     """Yield the outputs of the plant. An output without sensor and limit is computed for the state message only."""
     readers: dict[str, list[str]] = {}
     for name, section in scene.sensors.items():
@@ -99,30 +100,30 @@ def signals(scene: Scene) -> Iterator[Told]:
     groups = grouped(name for name in scene.assemble().outputs if name not in readers and name not in scene.limits)
     for name in dict.fromkeys([*readers, *scene.limits, *groups]):
         if name in readers:
-            yield Told(name, 1e9 / scene.step_ns, f"read by {', '.join(readers[name])}")
+            yield Rate(name, 1e9 / scene.step_ns, f"read by {', '.join(readers[name])}")
         elif name in scene.limits:
-            yield Told(name, frames, "watched by a limit")
+            yield Rate(name, frames, "watched by a limit")
         else:
             points = f"{name} of {len(groups[name])} points" if len(groups[name]) > 1 else name
-            yield Told(points, 0.0, "no reader: only in state messages and in the results of rig simulate")
+            yield Rate(points, 0.0, "no reader: only in state messages and in the results of rig simulate")
 
 
-def topics(scene: Scene) -> Iterator[Told]:
+def topics(scene: Scene) -> Iterator[Rate]:
     """Yield the topics of `rig run`."""
     frames = 1e9 / scene.frame_ns
-    pieces = frames / length(scene, 1.0)
+    batches = frames / length(scene, 1.0)
     outside = {name: section for name, section in scene.controllers.items() if name not in scene.in_plant}
     readers: dict[str, list[str]] = {}
     for name, section in outside.items():
         for sensor in controller_reads(section).values():
             readers.setdefault(sensor, []).append(name)
-    yield Told("step", pieces, f"controllers {', '.join(outside)}" if outside else "whoever joins")
+    yield Rate("step", batches, f"controllers {', '.join(outside)}" if outside else "whoever joins")
     for name, section in scene.sensors.items():
         rate = section.rate
         used = f", and read by {', '.join(readers[name])} in the step" if name in readers else ""
-        yield Told(f"meas/{name}", min(rate, BLOCKS), f"the recorder{used}")
-    yield Told("state", min(frames, STATES), "recorder and viewer")
+        yield Rate(f"meas/{name}", min(rate, BLOCKS), f"the recorder{used}")
+    yield Rate("state", min(frames, STATES), "recorder and viewer")
     for name, section in scene.controllers.items():
         if name in outside:
-            yield Told(f"act/{name}", 1e9 / section.period, "the plant")
-        yield Told(f"applied/{name}", min(1e9 / section.period, pieces), "the recorder")
+            yield Rate(f"act/{name}", 1e9 / section.period, "the plant")
+        yield Rate(f"applied/{name}", min(1e9 / section.period, batches), "the recorder")

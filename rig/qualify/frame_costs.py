@@ -45,7 +45,7 @@ def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns)
 def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clock) -> list[int]:
     """Frames of one run, in order."""
     duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
-    working = {name: restored(told) for name, told in described(scene).items()}
+    working = {name: restored(description) for name, description in described(scene).items()}
 
     def prepare(experiment: Experiment) -> None:
         experiment.runner.motion.foresee(sets)

@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -30,13 +31,17 @@ from mcap.records import (
     Schema,
     Statistics,
 )
+from numpy.typing import NDArray
 
 from rig.record.mcap_file import MAGIC
 
 Data = bytes | mmap.mmap
 
+HEAD = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("time", "<u8")]
+)
+"""What precedes the payload of a message: head of the record, channel, number, log time and simulated time [ns]."""
 _HEAD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
 _LARGEST = 1 << 28  # bytes of a chunk's content; a damaged length must not claim the memory of the machine
 _START = re.compile(rb"[\x01-\x0f](?=....\x00{4})", re.DOTALL)
 _FRAME = b"\x28\xb5\x2f\xfd"  # the first bytes of every zstd frame
@@ -108,6 +113,29 @@ class Message(NamedTuple):
     log_time: int
     publish_time: int
     data: bytes
+
+
+class Messages(NamedTuple):
+    """Messages in the content of one chunk: `head` has a row of the type `HEAD` for each, `begin` its first byte."""
+
+    content: bytes
+    begin: NDArray[np.int64]
+    head: NDArray[np.void]
+
+    def only(self, here: NDArray[np.bool_]) -> Messages:
+        """The messages whose entry in `here` is true."""
+        return Messages(self.content, self.begin[here], self.head[here])
+
+    def payload(self, number: int) -> bytes:
+        """The payload of one message."""
+        begin = int(self.begin[number]) + HEAD.itemsize
+        return self.content[begin : int(self.begin[number]) + _HEAD.size + int(self.head["length"][number])]
+
+    def payloads(self) -> Iterator[bytes]:
+        """Yield the payload of each message, in order."""
+        ends = self.begin + _HEAD.size + self.head["length"].astype(np.int64)
+        for begin, end in zip((self.begin + HEAD.itemsize).tolist(), ends.tolist()):
+            yield self.content[begin:end]
 
 
 def walk(data: Data, at: int = 0) -> Iterator[Found | Hole]:
@@ -252,16 +280,19 @@ def _content(data: Data, at: int, end: int) -> bytes | None:
     return content
 
 
-def inside(content: bytes) -> Iterator[Message | Schema | Channel]:
-    """Yield the records in the content of a chunk, in order."""
+def inside(content: bytes) -> tuple[list[Schema | Channel], Messages]:
+    """Return the records in the content of a chunk: descriptions and messages, each in order."""
+    described, begin = list[Schema | Channel](), list[int]()
     at, size = 0, len(content)
-    while at + _HEAD.size <= size:
+    while at + _HEAD.size <= size:  # for every message of a recording: nothing else is done for each of them
         opcode, length = _HEAD.unpack_from(content, at)
-        begin, at = at + _HEAD.size, at + _HEAD.size + length
         if opcode == Opcode.MESSAGE:
-            channel, seq, log_ns, t_ns = _MESSAGE.unpack_from(content, begin)
-            yield Message(channel, seq, log_ns, t_ns, content[begin + _MESSAGE.size : at])
+            begin.append(at)
         elif opcode == Opcode.SCHEMA:
-            yield Schema.read(_Stream(content[begin:at]))
+            described.append(Schema.read(_Stream(content[at + _HEAD.size : at + _HEAD.size + length])))
         elif opcode == Opcode.CHANNEL:
-            yield Channel.read(_Stream(content[begin:at]))
+            described.append(Channel.read(_Stream(content[at + _HEAD.size : at + _HEAD.size + length])))
+        at += _HEAD.size + length
+    starts = np.array(begin, np.int64)
+    head = np.frombuffer(content, np.uint8)[starts[:, None] + np.arange(HEAD.itemsize)]
+    return described, Messages(content, starts, head.view(HEAD)[:, 0])

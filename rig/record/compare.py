@@ -1,4 +1,4 @@
-"""Comparison of two runs bit by bit: plant outputs, measurements and commands.
+"""Comparison of two runs, bit by bit and by their largest deviation: plant outputs, measurements and commands.
 
 Signals are compared at the instants that both runs have. These may differ: one way of running records outputs at every
 step, another once a frame. Samples of only one run are counted.
@@ -6,6 +6,7 @@ step, another once a frame. Samples of only one run are counted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from rig.record.run import Integers, Reals, Run
 
 @dataclass(frozen=True)
 class Difference:
-    """The first place at which a signal of two runs differs."""
+    """How a signal of two runs differs: the first place, and the largest deviation."""
 
     topic: str
     index: int
@@ -38,6 +39,19 @@ class Difference:
     """Samples at instants that the other run does not have."""
     beyond: int
     """Number of these before the first or after the last common instant: there only one run has samples."""
+    deviation: float
+    """Largest deviation at a common instant, as a share of the range of the first run; 0 without any, inf for NaN."""
+    worst: float
+    """Time of the largest deviation [s]."""
+
+    @property
+    def equal(self) -> bool:
+        """Whether all common instants have the same bits, and no instant outside of the common time span is there."""
+        return not self.differing and not self.beyond
+
+    def within(self, tolerance: float) -> bool:
+        """Whether no deviation exceeds `tolerance`, and no instant outside of the common time span is there."""
+        return self.deviation <= tolerance and not self.beyond
 
     def __str__(self) -> str:
         if not self.differing:
@@ -60,10 +74,16 @@ class Comparison:
 
     compared: int
     """Number of compared values: those at common instants."""
-    differences: tuple[Difference, ...]
-    """The first difference of each signal that has one, earliest first."""
+    signals: tuple[Difference, ...]
+    """Every signal that both runs have, in the order of the first run."""
     missing: tuple[str, ...]
     """Signals that only one of the runs has."""
+
+    @property
+    def differences(self) -> tuple[Difference, ...]:
+        """The signals with a difference, those that differ first in time before others."""
+        found = (one for one in self.signals if one.differing or any(one.alone))
+        return tuple(sorted(found, key=lambda one: one.time))
 
     @property
     def identical(self) -> bool:
@@ -73,7 +93,11 @@ class Comparison:
     @property
     def agree(self) -> bool:
         """Whether both runs agree at all common instants: one may only have samples between those of the other."""
-        return not self.missing and not any(one.differing or one.beyond for one in self.differences)
+        return not self.missing and all(one.equal for one in self.signals)
+
+    def within(self, tolerance: float) -> bool:
+        """Whether both runs have the same signals, and no deviation exceeds `tolerance` (a share of the range)."""
+        return not self.missing and all(one.within(tolerance) for one in self.signals)
 
 
 class Series(NamedTuple):
@@ -83,21 +107,25 @@ class Series(NamedTuple):
     values: Reals
 
 
-def compare(first: Run | Path, second: Run | Path) -> Comparison:
-    """Compare two runs, or recordings of runs, signal by signal, bit by bit."""
-    one, two = (dict(_series(run if isinstance(run, Run) else read(run))) for run in (first, second))
-    shared = [topic for topic in one if topic in two]
-    found = {topic: _first(topic, one[topic], two[topic]) for topic in shared}
-    return Comparison(
-        compared=sum(difference.shared for difference in found.values()),
-        differences=tuple(
-            sorted((one for one in found.values() if one.differing or any(one.alone)), key=lambda one: one.time)
-        ),
-        missing=tuple(sorted(one.keys() ^ two.keys())),
-    )
+def compare(first: Run | Path, second: Run | Path, begin: float = 0.0, end: float = math.inf) -> Comparison:
+    """Compare two runs, or recordings of runs, signal by signal, from `begin` to `end` [s]."""
+    one, two = (dict(_series(run if isinstance(run, Run) else read(run), begin, end)) for run in (first, second))
+    found = tuple(_first(topic, one[topic], two[topic]) for topic in one if topic in two)
+    return Comparison(sum(one.shared for one in found), found, tuple(sorted(one.keys() ^ two.keys())))
 
 
-def _series(run: Run) -> Iterator[tuple[str, Series]]:
+def series_of(run: Run, begin: float, end: float) -> dict[str, Series]:
+    """Every signal of a run from `begin` to `end` [s]: outputs, meas/SENSOR, applied/CONTROLLER[actuator]."""
+    return dict(_series(run, begin, end))
+
+
+def _series(run: Run, begin: float, end: float) -> Iterator[tuple[str, Series]]:
+    for topic, found in _whole(run):
+        here = (found.t_ns >= begin * 1e9 - 0.5) & (found.t_ns <= end * 1e9 + 0.5)
+        yield topic, found if here.all() else Series(found.t_ns[here], found.values[here])
+
+
+def _whole(run: Run) -> Iterator[tuple[str, Series]]:
     for name in run.signals:
         yield name, Series(*run.recorded(name))
     for name, (t_ns, v) in run.measurements.items():
@@ -114,10 +142,12 @@ def _first(topic: str, one: Series, two: Series) -> Difference:
     """The first difference at a common instant; else the first instant that only one run has."""
     shared, at_one, at_two = np.intersect1d(one.t_ns, two.t_ns, return_indices=True)
     apart = _raw(one.values[at_one]) != _raw(two.values[at_two])
+    deviation, worst = _deviation(one.values[at_one], two.values[at_two], apart)
     alone = (one.values.size - shared.size, two.values.size - shared.size)
     span = (shared[0], shared[-1]) if shared.size else (1, 0)
     beyond = sum(int(np.count_nonzero((t_ns < span[0]) | (t_ns > span[1]))) for t_ns in (one.t_ns, two.t_ns))
-    counts = (int(shared.size), int(np.count_nonzero(apart)), alone, beyond)
+    away = (deviation, float(shared[worst]) * 1e-9 if shared.size else math.nan)
+    counts = (int(shared.size), int(np.count_nonzero(apart)), alone, beyond, *away)
     if apart.any():
         row = int(np.argmax(apart))
         first, second = float(one.values[at_one[row]]), float(two.values[at_two[row]])
@@ -132,6 +162,18 @@ def _first(topic: str, one: Series, two: Series) -> Difference:
     if lone:
         values[which] = float((one, two)[which].values[index])
     return Difference(topic, index, t_ns * 1e-9, values[0], values[1], *counts)
+
+
+def _deviation(one: Reals, two: Reals, apart: NDArray[np.bool_]) -> tuple[float, int]:
+    """The largest deviation as a share of the range of `one` (of its size, if it is constant), and its index."""
+    if not apart.any():
+        return 0.0, 0
+    away = np.where(apart, np.abs(one - two), 0.0)
+    away[apart & ~np.isfinite(away)] = np.inf
+    known = one[np.isfinite(one)]
+    scale = float(np.ptp(known) or np.abs(known).max()) if known.size else 0.0
+    worst = int(np.argmax(away))
+    return float(away[worst]) / scale if scale and away[worst] else float(away[worst] and np.inf), worst
 
 
 def _left_out(taken: NDArray[np.int64], count: int) -> int:

@@ -6,13 +6,12 @@ lists and figures of single outputs replace them by one entry, or show them as o
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from rig.errors import Untrusted
+from rig.errors import PartError, SceneError
 from rig.plants.structures.film_points import FilmPoints
 from rig.scenes.protocol import Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
@@ -44,10 +43,10 @@ class Points(FilmPoints):
 
 
 def read(scene: str) -> Scene | None:
-    """Return a scene from its JSON text; None if the text is not a scene, or needs code that is not trusted."""
+    """Return a scene from its JSON text; None if the text is not a scene, or needs code that cannot be run."""
     try:
         return Scene.from_json(scene)
-    except (KeyError, TypeError, ValueError, json.JSONDecodeError, Untrusted):
+    except (SceneError, PartError):
         return None
 
 

@@ -30,7 +30,7 @@ def first_open(run: Run) -> int | None:
     return begin + int(np.argmax(run.signals[FRACTION][begin:] < 1.0))
 
 
-def telling(run: Run) -> list[Instant]:
+def characteristic(run: Run) -> list[Instant]:
     """Return the characteristic instants in order of time: around the first opening, at extremes, at the end.
 
     They are: before the first opening, at it, with the pressure most at either edge, with the fewest points in contact,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import shlex
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -18,12 +20,20 @@ _PACKAGES = ("friction-rig", "numpy", "scipy", "numba", "eclipse-zenoh", "mcap",
 
 def provenance(seed: int, command: Sequence[str] = tuple(sys.argv)) -> dict[str, str]:
     """Return everything that another person needs to repeat the run."""
-    from rig.kernel import source_key  # loads numba, which the recorder does not need
-
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": shlex.join([Path(command[0]).name, *command[1:]]) if command else "",
         "seed": str(seed),
+        **_process(),
+    }
+
+
+@cache
+def _process() -> dict[str, str]:
+    """What stays the same while a process runs: its sources, as they were loaded, and the machine."""
+    from rig.kernel import source_key  # loads numba, which the recorder does not need
+
+    return {
         "kernel": source_key(),
         "commit": _commit(),
         "host": platform.node(),
@@ -54,6 +64,15 @@ def _commit() -> str:
 
 
 def _processor() -> str:
+    """Name and instruction set: processors of one name may differ in it, and then round differently."""
+    import llvmlite.binding  # numba has loaded it
+
+    features = llvmlite.binding.get_host_cpu_features().flatten()
+    instructions = hashlib.sha256(features.encode()).hexdigest()[:8]
+    return f"{_model_name()} ({llvmlite.binding.get_host_cpu_name()}, instructions {instructions})"
+
+
+def _model_name() -> str:
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):

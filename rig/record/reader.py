@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from rig.bus import messages
+from rig.bus import columns, messages
+from rig.bus.columns import Columns
 from rig.bus.run_setup import Setup
 from rig.errors import BusError
 from rig.plants.structures import model_store
-from rig.record.message_scan import Record, Scan, head
+from rig.record.curves import derived
+from rig.record.message_scan import Scan
+from rig.record.recorded_setup import setup_of
 from rig.record.run import Commands, Integers, Reals, Run, Samples
 
-__all__ = ["Decoder", "Record", "Scan", "head", "open"]
-
-_KEPT = ("truth/", "meas/", "applied/", "event/", "state")
+_KEPT = ("truth/", "meas/", "applied/", "event/", "state", "checkpoint")
 """Topics that a Run contains."""
+_LEAST_NS = 100_000_000
+"""Simulated time after which each channel of outputs must have been sent."""
 
 
 class Decoder:
@@ -29,27 +33,47 @@ class Decoder:
 
     def __init__(self, setup: Setup) -> None:
         self.refused: Counter[str] = Counter()
-        self._decode = messages.decoder(list(setup.outputs))
+        self._outputs = list(setup.outputs)
+        self._decode = messages.decoder(self._outputs)
 
     def __call__(self, topic: str, payload: bytes) -> Any:
         """Return the decoded message, or None. Channels derived by the recorder are not messages of the bus."""
-        if topic == "plot":
+        if derived(topic):
             return payload
         try:
-            said = self._decode(topic, payload)
-            if said.DESCRIPTOR.name == "Event" and said.data:
-                json.loads(said.data)
-            elif said.DESCRIPTOR.name == "Applied" and said.ticks:
-                messages.commands(said)
-            return said
+            content = self._decode(topic, payload)
+            if content.DESCRIPTOR.name == "Event" and content.data:
+                json.loads(content.data)
+            elif content.DESCRIPTOR.name == "Applied" and content.ticks:
+                messages.commands(content)
+            return content
         except (BusError, DecodeError, ValueError):
             self.refused[topic] += 1
             return None
 
-    def told(self) -> str:
+    def columns(self, topic: str, payloads: Iterable[bytes]) -> Iterator[Columns]:
+        """Yield the columns of messages without text, in order; messages in a row with the same layout together."""
+        for _, row in groupby(payloads, len):
+            together = list(row)
+            found = columns.alike(messages.kind(topic, self._outputs), together) if len(together) > 1 else None
+            if found is not None and _consistent(found):
+                yield found
+            else:
+                yield from (columns.single(one) for payload in together if (one := self(topic, payload)) is not None)
+
+    def refused_text(self) -> str:
         """Return the number of undecodable messages by topic, in words; "" if there are none."""
         counts = ", ".join(f"{count} on {topic}" for topic, count in sorted(self.refused.items()))
         return f"messages that cannot be decoded: {counts}" if counts else ""
+
+
+def _consistent(found: Columns) -> bool:
+    """Whether the commands in each Applied have one entry in every column, as `rig.bus.messages.commands` demands."""
+    if "ticks" not in found or not (count := found["ticks"].shape[1]):
+        return True
+    return (
+        all(found[name].shape[1] == count for name in ("answers", "statuses")) and found["values"].shape[1] % count == 0
+    )
 
 
 def open(path: Path | str) -> Run:
@@ -58,26 +82,30 @@ def open(path: Path | str) -> Run:
     Raises rig.errors.LogError for a file that cannot be read or is not a recording of a run.
     """
     scan = Scan(Path(path))
-    gathered: dict[str, list[bytes]] = defaultdict(list)
-    for record in scan:
-        if record.topic.startswith(_KEPT):
-            gathered[record.topic].append(record.payload)
-    setup = scan.setup()
+    gathered = scan.payloads(_KEPT)
+    setup = setup_of(scan)
+    absent = _absent(scan, gathered.keys(), setup)
     for model in setup.models:  # offered to whoever assembles the rig of this run
         model_store.offer(model)
     decode = Decoder(setup)
 
-    def read(topic: str) -> list[Any]:
-        return [said for payload in gathered.get(topic, ()) if (said := decode(topic, payload)) is not None]
+    def read(topic: str) -> list[Columns]:
+        return list(decode.columns(topic, gathered.pop(topic, ())))  # the bytes go: two copies of a long run are large
 
     time_ns, signals, mode = _truth([topic for topic in gathered if topic.startswith("truth/")], read, setup)
-    events = [event for topic in gathered if topic.startswith("event/") for event in _events(topic[6:], read(topic))]
+    events = [
+        event
+        for topic, payloads in gathered.items()
+        if topic.startswith("event/")
+        for event in _events(topic[6:], (decode(topic, payload) for payload in payloads))
+    ]
     events.sort(key=_when)
     measurements = {name: _samples(read(f"meas/{name}")) for name in setup.sensors}
-    applied = {topic[8:]: read(topic) for topic in gathered if topic.startswith("applied/")}
+    checkpoints = (decode("checkpoint", payload) for payload in gathered.get("checkpoint", ()))
+    applied = {topic[8:]: read(topic) for topic in list(gathered) if topic.startswith("applied/")}
     summary = _summary(scan.metadata.get("summary", {}), events)
     stopped = summary.pop("fault", "")
-    damage = "; ".join(filter(None, (scan.fault, decode.told())))
+    damage = "; ".join(filter(None, (scan.fault, decode.refused_text(), absent)))
     return Run(
         scene=setup.scene,
         step_ns=setup.step_ns,
@@ -86,7 +114,7 @@ def open(path: Path | str) -> Run:
         signals=signals,
         units={**setup.outputs, **{f"meas/{name}": unit for name, (unit, _) in setup.sensors.items()}},
         measurements=measurements,
-        commands={name: _commands(said) for name, said in applied.items()},
+        commands={name: _commands(content) for name, content in applied.items()},
         events=events,
         energy=summary.pop("energy", {}),
         summary=summary,
@@ -97,16 +125,32 @@ def open(path: Path | str) -> Run:
         fault=stopped or damage,
         damage=damage,
         recovered=_recovered(scan),
+        began_ns=scan.began_ns,
         untold=_untold(scan),
+        on_bus=scan.metadata.get("log", {}).get("made") == "recorded",
+        **_window(scan),
+        checkpoints={one.tick: one.state for one in checkpoints if one is not None},
         sealed=scan.sealed,
     )
 
 
-def _summary(told: dict[str, str], events: list[dict[str, Any]]) -> dict[str, Any]:
+def _absent(scan: Scan, topics: Collection[str], setup: Setup) -> str:
+    """The channels that the run had and of which no message is in the file, in words; "" if there are none."""
+    outputs = [f"truth/{name}" for name in setup.outputs]
+    if scan.metadata.get("log", {}).get("made") != "saved" and not any(topic.startswith("truth/") for topic in topics):
+        outputs = ["state"] if setup.outputs else []  # a live run sends all outputs in one message
+    long_ns = scan.last_ns - _window(scan).get("begin_ns", 0)
+    expected = outputs if long_ns > max(setup.frame_ns, _LEAST_NS) else []
+    expected += [f"meas/{name}" for name, (_, period_ns) in setup.sensors.items() if 0 < 2 * period_ns < long_ns]
+    missing = [topic for topic in expected if topic not in topics]
+    return f"no message of {', '.join(missing)} is in it; the other channels can be read" if missing else ""
+
+
+def _summary(entries: dict[str, str], events: list[dict[str, Any]]) -> dict[str, Any]:
     """The summary of the run; the plant's last events if the recorder was killed or the summary is damaged."""
     try:
-        if told:
-            return {key: json.loads(text) for key, text in told.items()}
+        if entries:
+            return {key: json.loads(text) for key, text in entries.items()}
     except ValueError:
         pass
     spoken = (event for event in reversed(events) if (event["source"], event["kind"]) == ("plant", "verdict"))
@@ -114,8 +158,8 @@ def _summary(told: dict[str, str], events: list[dict[str, Any]]) -> dict[str, An
 
 
 def _recovered(scan: Scan) -> str:
-    told = scan.metadata.get("recovered", {})
-    return f"recovered from a damaged recording; {told.get('lost') or told['fault']}" if "fault" in told else ""
+    entry = scan.metadata.get("recovered", {})
+    return f"recovered from a damaged recording; {entry.get('lost') or entry['fault']}" if "fault" in entry else ""
 
 
 def _untold(scan: Scan) -> str:
@@ -126,56 +170,89 @@ def _untold(scan: Scan) -> str:
     return f"unknown how many messages of {', '.join(names)} are missing from before a restart" if names else ""
 
 
-def _frame(applied: dict[str, list[Any]]) -> int:
+def _window(scan: Scan) -> dict[str, Any]:
+    """The window that a trigger recorded, as fields of a Run."""
+    if not (about := scan.metadata.get("trigger")):
+        return {}
+    return {"window": about.get("text", ""), "begin_ns": round(float(about.get("begin", "0")) * 1e9)}
+
+
+def _frame(applied: dict[str, list[Columns]]) -> int:
     """The length of a frame [ns], for a recording without its description."""
-    return next((said.t_ns // said.tick for found in applied.values() for said in found if said.tick > 0), 0)
+    for found in (found for blocks in applied.values() for found in blocks):
+        for t_ns, tick in zip(found["t_ns"].tolist(), found["tick"].tolist()):
+            if tick > 0:
+                return int(t_ns // tick)
+    return 0
 
 
 def _when(event: dict[str, Any]) -> int:
     return int(event["t_ns"])
 
 
-def _samples(blocks: list[Any]) -> Samples:
+def _samples(blocks: list[Columns]) -> Samples:
     times, values = [np.empty(0, np.int64)], [np.empty(0)]
     for block in blocks:
-        values.append(np.array(block.v, dtype=np.float64))
-        times.append(messages.times(block))
+        values.append(block["v"].ravel())
+        times.append(_times(block).ravel())
     return Samples(np.concatenate(times), np.concatenate(values))
 
 
+def _times(block: Columns) -> Integers:
+    """Times [ns] at which the samples of Blocks were published, as `rig.bus.messages.times` says of one."""
+    if block["t_ns"].size:
+        return block["t_ns"]
+    spacing = np.arange(block["v"].shape[1], dtype=np.int64)
+    return np.asarray(block["t0_ns"][:, None] + block["dt_ns"][:, None] * spacing)
+
+
 def _truth(
-    topics: list[str], read: Callable[[str], list[Any]], setup: Setup
+    topics: list[str], read: Callable[[str], list[Columns]], setup: Setup
 ) -> tuple[Integers, dict[str, Reals], Integers]:
     """Plant outputs at the rate of the steps if recorded so, else at each State message."""
     found = {topic[6:]: _samples(read(topic)) for topic in topics}
     if found:
-        time_ns = np.unique(np.concatenate([samples.t_ns for samples in found.values()]))
-        signals = {name: np.full(time_ns.size, np.nan) for name in found}  # NaN for lost blocks
-        for name, (t_ns, v) in found.items():
-            signals[name][np.searchsorted(time_ns, t_ns)] = v
+        time_ns = _common([samples.t_ns for samples in found.values()])
+        signals = {name: _placed(samples, time_ns) for name, samples in found.items()}
         mode = signals.pop("mode", np.empty(0))
         return time_ns, signals, np.nan_to_num(mode, nan=-1.0).astype(np.int64)
     states = read("state")
-    fields = [messages.field_name(name) for name in setup.outputs]
-    table = np.array([[getattr(state, f) for f in fields] for state in states], float).reshape(len(states), len(fields))
-    time_ns = np.array([state.t_ns for state in states], np.int64)
-    mode = np.array([state.mode for state in states], np.int64)
-    return time_ns, {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(setup.outputs)}, mode
+
+    def column(field: str, number: type[np.generic]) -> Any:
+        return np.concatenate([np.empty(0, number), *(one[field] for one in states)])
+
+    signals = {name: column(messages.field_name(name), np.float64) for name in setup.outputs}
+    return column("t_ns", np.int64), signals, column("mode", np.int64)
 
 
-def _commands(found: list[Any]) -> Commands:
-    drives = Counter(len(a.values) // (len(a.ticks) or 1) for a in found).most_common(1)
-    width = drives[0][0] if drives else 0
-    tick, answered, status, values = list[int](), list[int](), list[int](), list[float]()
+def _common(times: list[Integers]) -> Integers:
+    """All times in order, each once: of outputs without losses the times of any of them."""
+    first = times[0]
+    if np.all(np.diff(first) > 0) and all(np.array_equal(first, other) for other in times[1:]):
+        return first
+    return np.unique(np.concatenate(times))
+
+
+def _placed(samples: Samples, time_ns: Integers) -> Reals:
+    """The samples at all times; NaN for lost blocks."""
+    if samples.v.size == time_ns.size and np.array_equal(samples.t_ns, time_ns):
+        return samples.v
+    found = np.full(time_ns.size, np.nan)
+    found[np.searchsorted(time_ns, samples.t_ns)] = samples.v
+    return found
+
+
+def _commands(found: list[Columns]) -> Commands:
+    rows, widths = list[Commands](), Counter[int]()
     for applied in found:
-        rows = messages.commands(applied)
-        if len(rows.values) == width * len(rows.tick):  # an unknown sender may send another number of values
-            tick += rows.tick
-            answered += rows.answered
-            status += rows.status
-            values += rows.values
-    tick_of, answered_of, status_of = np.array([tick, answered, status], np.int64)
-    return Commands(tick_of, answered_of, status_of, np.array(values, float).reshape(len(tick), width))
+        names = ("ticks", "answers", "statuses") if applied["ticks"].size else ("tick", "answered", "status")
+        tick, answered, status = (applied[name].ravel() for name in names)
+        rows.append(Commands(tick, answered, status, applied["values"].reshape(tick.size, -1)))
+        widths[rows[-1].values.shape[1]] += len(applied["tick"])
+    width = max(widths, key=widths.__getitem__, default=0)
+    fitting = [row for row in rows if row.values.shape[1] == width]  # an unknown sender may send other numbers
+    none = np.empty(0, np.int64)
+    return Commands(*map(np.concatenate, zip(Commands(none, none, none, np.empty((0, width))), *fitting)))
 
 
 def _events(source: str, found: Iterable[Any]) -> Iterator[dict[str, Any]]:
@@ -183,5 +260,7 @@ def _events(source: str, found: Iterable[Any]) -> Iterator[dict[str, Any]]:
     says.
     """
     for event in found:
-        told = {name: getattr(event, name) for name in ("t_ns", "tick", "kind", "text")}
-        yield {**told, "source": source, "data": json.loads(event.data) if event.data else {}}
+        if event is not None:
+            fields = {name: getattr(event, name) for name in ("t_ns", "tick", "kind", "text")}
+            data = json.loads(event.data) if event.data else {}
+            yield {**fields, "source": source, "data": data if isinstance(data, dict) else {"data": data}}

@@ -10,26 +10,30 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rig import bus
-from rig.bus import messages, run_setup, topics
-from rig.bus.arrivals import Count, Message
+from rig.bus import messages, run_setup
+from rig.bus.arrivals import Message
 from rig.bus.batch import LONGEST
 from rig.bus.port import Receiver, Session, Watch
-from rig.errors import BusError, LogError
+from rig.errors import BusError, OutputError
 from rig.process import stopping
+from rig.record.sender_lives import SenderLives
+from rig.record.trigger import Trigger
+from rig.record.windows import Windows, path_of
 from rig.record.writer import Writer
 from rig.scheduling import stand_back
+from rig.user_files import RUNS
 
 _KEEPING = 7000  # bytes that Zenoh needs to keep a batch, in addition to its payload (measured)
 _DEPTH = (160 << 20) // (LONGEST + _KEEPING)  # batches in the ring; the rest of the process needs 70 MB
 _TURN = 1 << 12  # messages taken between two checks for the plant
 _PAUSE_S = 0.005
+_TELL_S = 1.0
 _LAST_WORDS_S = 0.3
 _LEFT = "the plant left"
 _NICE = 5
@@ -59,6 +63,8 @@ class Recording:
     """Messages that were refused, by sender and kind."""
     totals: bool = False
     """Whether the plant stated its totals; without them the number of messages lost at the end is unknown."""
+    windows: str = ""
+    """The recordings of a trigger in words; empty for a recording of everything."""
 
     @property
     def lost(self) -> int:
@@ -83,28 +89,31 @@ class Recording:
             )
         untold = f", unknown how many of {', '.join(self.untold)} from before a restart" if self.untold else ""
         late = f", {sum(self.late.values())} sent before it began to listen" if self.late else ""
-        return f"{self.path}: {self.messages} messages, {lost}{untold}{late}, {self.seconds:.3f} s ({self.ended})"
+        made = f"{self.windows}, {self.messages}" if self.windows else f"{self.path}: {self.messages}"
+        return f"{made} messages, {lost}{untold}{late}, {self.seconds:.3f} s ({self.ended})"
 
 
-def default_path(run: str) -> Path:
-    """Return the default path of a run's recording; the file of an earlier run of that name is kept."""
-    folder = Path("recordings/runs")
-    names = (f"{run}.mcap", *(f"{run}-{number}.mcap" for number in range(2, 1000)))
-    return next((folder / name for name in names if not (folder / name).exists()), folder / names[0])
+def default_path(run: str, windows: bool = False) -> Path:
+    """Return the default path of a run's recording or of its `windows`; files of an earlier run are kept."""
+    paths = [RUNS / f"{run}.mcap", *(RUNS / f"{run}-{number}.mcap" for number in range(2, 1000))]
+    return next((path for path in paths if not (path_of(path, 1) if windows else path).exists()), paths[0])
 
 
 def record(
     run: str | None = None,
     path: Path | None = None,
-    tell: Callable[[Recording], None] = lambda recording: None,
+    report: Callable[[Recording], None] = lambda recording: None,
     name: str = "recorder",
     wait: float = 10.0,
     replace: bool = False,
+    trigger: Trigger | None = None,
+    say: Callable[[str], object] = lambda text: None,
 ) -> Recording:
-    """Record a live run, the newest by default, until it ends; `tell` gets the account at the end.
+    """Record a live run, the newest by default, until it ends; `report` gets the account at the end.
 
+    With a `trigger` only windows around its firings are recorded (rig.record.windows), and `say` gets a line for each.
     Waits at most `wait` seconds for the run. A file that cannot be written, or that exists and may not be `replace`d,
-    raises LogError; the run continues without a recording.
+    raises OutputError; the run continues without a recording.
     """
     stand_back(_NICE)
     with bus.join(run, role="recorder", name=name, wait=wait) as session:
@@ -113,45 +122,32 @@ def record(
         plant = session.watch("plant/*")
         if not plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")
-        writer = Writer(path or default_path(session.run), described, "recorded", replace)
+        base = path or default_path(session.run, trigger is not None)
+        writer: Writer | Windows
+        if trigger is None:
+            writer = Writer(base, described, "recorded", replace)
+        else:
+            writer = Windows(base, described, trigger, replace, say)
         try:
             session.announce()
             with stopping() as stop:
                 recording = _Recorder(session, heard, plant, writer).run(stop)
-        except LogError as fault:  # the run's summary will name the reason
-            told = messages.event(writer.last_ns, 0, session.name, "fault", str(fault))
-            session.publisher(f"event/{session.name}").put(told, writer.last_ns)
+        except OutputError as fault:  # the run's summary will name the reason
+            event = messages.event(writer.last_ns, 0, session.name, "fault", str(fault))
+            session.publisher(f"event/{session.name}").put(event, writer.last_ns)
             raise
         finally:
             writer.abandon()
-    tell(recording)
+    report(recording)
     return recording
 
 
-@dataclass
-class _Life:
-    """The messages of one process until it left and a successor of its name began to count anew."""
-
-    last: dict[str, int] = field(default_factory=dict)
-    """Topic -> number of the last received message."""
-    told: dict[str, int] = field(default_factory=dict)
-    """Topic -> number of messages that it states to have sent."""
-
-    def tail(self) -> dict[str, int]:
-        """Return topic -> messages missing after the last one received."""
-        return {topic: Count(last=self.last.get(topic, -1)).tail(sent) for topic, sent in self.told.items()}
-
-
 class _Recorder:
-    def __init__(self, session: Session, heard: Receiver, plant: Watch, writer: Writer) -> None:
+    def __init__(self, session: Session, heard: Receiver, plant: Watch, writer: Writer | Windows) -> None:
         self._session, self._heard, self._plant, self._writer = session, heard, plant, writer
-        self._lives: dict[str, _Life] = {}
-        """Sender -> its present life."""
-        self._tails: Counter[str] = Counter()
-        """Messages missing at the end of finished lives, by topic."""
-        self._untold: set[str] = set()
-        """Senders with a life that ended before they stated their totals."""
+        self._lives = SenderLives()
         self._totals = False
+        self._told_s = time.monotonic()
         self._summary: dict[str, Any] = {}
 
     def run(self, stop: threading.Event) -> Recording:
@@ -174,45 +170,27 @@ class _Recorder:
         taken = 0
         while taken < _TURN and (message := self._heard.get()) is not None:
             taken += 1
-            self._follow(message)
+            self._lives.follow(message)
             self._writer.write(message.topic, message.payload, message.t_ns, message.seq, time.time_ns())
             if message.topic.startswith("total/"):
                 self._compare(message)
             elif message.topic.startswith("event/"):
                 self._look(message)
         self._writer.flush_if_due()
+        if taken == _TURN and time.monotonic() > self._told_s + _TELL_S:
+            self._tell(self._writer.last_ns)
         return taken == _TURN
 
-    def _follow(self, message: Message) -> None:
-        """Note the number of a message; a number not above the last one on its topic belongs to a new life."""
-        owner = topics.owner(message.topic)
-        life = self._lives.get(owner)
-        if life is None or message.seq <= life.last.get(message.topic, -1):
-            life = self._anew(owner, {})
-        life.last[message.topic] = message.seq
-
-    def _anew(self, owner: str, last: dict[str, int]) -> _Life:
-        """Begin a new life of a sender, of which the messages up to `last` have been received."""
-        before, life = self._lives.get(owner), _Life(last)
-        if before is not None:
-            self._tails.update(before.tail())
-            if not before.told:
-                self._untold.add(owner)
-        self._lives[owner] = life
-        return life
+    def _tell(self, t_ns: int) -> None:
+        """Publish the own totals. A recorder that is behind shows with them that it catches up."""
+        self._told_s = time.monotonic()
+        self._session.publisher(f"total/{self._session.name}").put(self._session.totals(), t_ns)
 
     def _compare(self, message: Message) -> None:
-        owner = topics.owner(message.topic)
-        life, told = self._lives[owner], dict(zip(message.said.sent_topic, message.said.sent))
-        past = {topic for topic, sent in told.items() if topic != message.topic and life.last.get(topic, -1) >= sent}
-        if past and owner != "plant":  # the plant continues to send, and may overtake its total
-            # More was received than this sender sent: it came from a predecessor, and nothing of this sender arrived.
-            life = self._anew(owner, {topic: last for topic, last in life.last.items() if topic not in past})
-        life.told = told
-        if owner == "plant":  # answer at once: the plant waits for the account before it decides the timing verdict
+        self._lives.compare(message)
+        if message.topic == "total/plant":  # answer at once: the plant waits for the account before its timing verdict
             self._totals = True
-            own = f"total/{self._session.name}"
-            self._session.publisher(own).put(self._session.totals(), message.t_ns)
+            self._tell(message.t_ns)
 
     def _look(self, message: Message) -> None:
         event = message.said
@@ -221,9 +199,6 @@ class _Recorder:
 
     def _account(self, ended: str) -> Recording:
         counts = self._heard.counts
-        tails = self._tails.copy()
-        for life in self._lives.values():
-            tails.update(life.tail())
         return Recording(
             path=str(self._writer.path),
             run=self._session.run,
@@ -232,9 +207,10 @@ class _Recorder:
             seconds=self._writer.last_ns * 1e-9,
             received={topic: count.received for topic, count in counts.items()},
             gaps={topic: count.lost for topic, count in counts.items() if count.lost},
-            tail={topic: tail for topic, tail in tails.items() if tail},
-            untold=sorted(self._untold),
+            tail=self._lives.tails(),
+            untold=sorted(self._lives.untold),
             late={topic: count.first for topic, count in counts.items() if count.first},
-            refused=self._session.door.told(),
+            refused=self._session.door.refusals(),
             totals=self._totals,
+            windows=self._writer.text() if isinstance(self._writer, Windows) else "",
         )

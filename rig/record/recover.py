@@ -5,6 +5,7 @@ Every message that checksums prove is kept. Skipped parts are reported: where, w
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from contextlib import suppress
@@ -15,10 +16,11 @@ from typing import BinaryIO
 from mcap.reader import make_reader
 from mcap.records import Channel
 
-from rig.errors import LogError, UsageError
+from rig.errors import LogError, OutputError, UsageError
 from rig.record.mcap_file import Writer as Mcap
 from rig.record.message_scan import Scan
 from rig.record.reader import Decoder
+from rig.record.recorded_setup import setup_of
 from rig.record.writer import CHUNK, claim, synced
 from rig.user_files import regular, unused
 
@@ -43,7 +45,7 @@ class Recovered:
         """Whether every message was saved."""
         return self.lost == 0
 
-    def told(self) -> str:
+    def losses(self) -> str:
         """Return the losses in words."""
         if self.lost is None:
             return "lost: an unknown number of messages where the file is cut off or damaged"
@@ -53,8 +55,8 @@ class Recovered:
 def recover(source: Path, target: Path | None = None, replace: bool = False) -> Recovered:
     """Copy the readable part of `source` to `target` (default: NAME.recovered.mcap).
 
-    Raises LogError for a whole file, for a file that is not a recording, and for a target that exists and may not be
-    `replace`d; UsageError if the target is the source.
+    Raises LogError for a whole file and for a file that is not a recording, UsageError if the target is the source or
+    exists and may not be `replace`d, OutputError if it cannot be written.
     """
     target = target or source.with_suffix(".recovered.mcap")
     with suppress(OSError):  # a missing or impossible path is reported by the function that opens it
@@ -63,10 +65,10 @@ def recover(source: Path, target: Path | None = None, replace: bool = False) -> 
     scan = Scan(source)
     decode = _surveyed(scan)
     if scan.whole and not decode.refused:
-        told = "is whole" if scan.sealed else "has no digest (an older version recorded it) and shows no damage"
-        raise LogError(f"{source} {told}; there is nothing to recover")
+        state = "is whole" if scan.sealed else "has no digest (an older version recorded it) and shows no damage"
+        raise LogError(f"{source} {state}; there is nothing to recover")
     lost = None if scan.missing is None else max(scan.missing, 0) + decode.refused.total()
-    fault = "; ".join(filter(None, (scan.fault, decode.told())))
+    fault = "; ".join(filter(None, (scan.fault, decode.refused_text())))
     found = Recovered(
         str(target),
         scan.count - decode.refused.total(),
@@ -83,7 +85,7 @@ def _surveyed(scan: Scan) -> Decoder:
     """Scan the whole of `scan`; return a decoder that has counted undecodable messages."""
     for _ in scan:
         pass
-    decode = Decoder(scan.setup())
+    decode = Decoder(setup_of(scan))
     for record in scan:
         decode(record.topic, record.payload)
     return decode
@@ -120,13 +122,14 @@ def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
                 place.unlink(missing_ok=True)
             raise
     except OSError as fault:
-        raise LogError(f"{target} cannot be written: {fault.strerror}") from None
+        kind = UsageError if fault.errno == errno.EEXIST else OutputError
+        raise kind(f"{target} cannot be written: {fault.strerror}") from None
 
 
 def _copy(found: Recovered, scan: Scan, file: BinaryIO) -> None:
-    decode = Decoder(scan.setup())
+    decode = Decoder(setup_of(scan))
     attachments, metadata, known = dict(scan.attachments), dict(scan.metadata), dict(scan.schemas)
-    metadata["recovered"] = {"from": scan.path.name, "fault": found.fault, "lost": found.told()}
+    metadata["recovered"] = {"from": scan.path.name, "fault": found.fault, "lost": found.losses()}
     out = Mcap(file, CHUNK)
     schemas: dict[int, int] = {}
     channels: dict[int, int] = {}

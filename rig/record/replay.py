@@ -1,295 +1,303 @@
-"""Replay of a recording: publishes its measurements again and compares the controllers' commands with the recorded
-ones.
+"""Replay of a recording: publishes its messages again and compares the commands of controllers with the recorded ones.
 
-The recorded bytes are published unchanged. Without a pace, each step waits for the commands that were recorded for it,
-so that the replay is as fast as the controllers. A recording saved from a Run instead of the bus has no step messages;
-they are rebuilt from its measurements. The same holds for a controller in the plant's process, for which only the first
-message of each batch of frames went over the bus.
+The recorded bytes are published unchanged, those of the plant and those of controllers that do not take part. After
+each step, the replay waits for the commands of the controllers that do: at any pace nothing is lost or overtaken, and
+a controller that is slower than the pace makes the replay late. A controller joins at the step at which it joined in
+the recording, and is replaced where a successor of its name took its place.
 """
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from rig import controllers
-from rig.bus import encode, messages, topics
+from rig.bus import messages
 from rig.bus.port import Receiver, Session
+from rig.bus.queries import param_request
 from rig.bus.run_setup import Setup
-from rig.controllers.blocks.base import hears
+from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.errors import BusError, LogError
 from rig.placement import ANY
-from rig.record.reader import Decoder, Record, Scan, head
+from rig.record.curves import derived
+from rig.record.message_scan import Record, Scan
+from rig.record.reader import Decoder
 from rig.record.reader import open as read
-from rig.record.run import Commands, Run
+from rig.record.rebuilt_traffic import RebuiltTraffic, sent
+from rig.record.recorded_controller import RecordedController
+from rig.record.recorded_setup import head, setup_of
+from rig.record.replay_report import Divergence, Replayed, TimingError
 
 _PATIENCE_S = 5.0
+"""Longest wait for the answer to one step. # chosen"""
+_SHOWN_S = 0.1
+_SLICE_S = 0.02
 
 
-@dataclass(frozen=True)
-class Divergence:
-    """The first command that differs from the recorded one."""
+class Processes(Protocol):
+    """The processes of the controllers that take part."""
 
-    topic: str
-    tick: int
-    time: float
-    """s"""
-    recorded: tuple[float, ...]
-    answered: tuple[float, ...]
+    def start(self, name: str) -> None:
+        """Start a process of this controller; end the one before it first."""
 
-    def __str__(self) -> str:
-        recorded, answered = (", ".join(map(repr, values)) for values in (self.recorded, self.answered))
-        return (
-            f"{self.topic} differs at tick {self.tick}, t = {self.time:.9g} s: recorded {recorded}; answered {answered}"
-        )
+    def ended(self) -> list[str]:
+        """How processes ended that should still run, a sentence each."""
 
 
-@dataclass
-class Replayed:
-    """The result of a replay."""
+class _Started:
+    """Processes that somebody else starts."""
 
-    messages: int = 0
-    steps: int = 0
-    seconds: float = 0.0
-    """Simulated time."""
-    compared: dict[str, int] = field(default_factory=dict)
-    """Number of commands compared with recorded ones, for each controller."""
-    unanswered: int = 0
-    """Number of recorded commands that the controller did not send again."""
-    divergence: Divergence | None = None
-    fault: str = ""
-    """Why only a part of the recording could be replayed."""
+    def start(self, name: str) -> None:
+        pass
+
+    def ended(self) -> list[str]:
+        return []
 
 
 def replay(
     session: Session,
     path: Path,
-    into: Sequence[str] = (),
+    into: Mapping[str, Controller] | None = None,
     pace: float | None = None,
     wait: float = 10.0,
-    progress: Callable[[float], None] = lambda seconds: None,
+    progress: Callable[[float], object] = lambda seconds: None,
+    *,
+    processes: Processes | None = None,
+    described: Mapping[str, Any] | None = None,
+    initial: Mapping[str, Mapping[str, object]] | None = None,
 ) -> Replayed:
     """Replay `path` as the hub `session` (`bus.host(scene="replay")`).
 
-    Waits until the controllers `into` have joined; they may be those of the recording or others. `pace` is simulated
-    seconds per second of the clock; None is as fast as the controllers answer. Parameters that were tuned during the
-    run are tuned again at the same tick.
+    `into`: the controllers that take part, by name: those of the recording, changed ones or others. Each has `wait`
+    seconds to join. `pace` is simulated seconds per second of the clock; None is as fast as the controllers answer.
+    `described`: descriptions of controllers in place of the recorded ones; `initial`: parameters that a controller is
+    asked to change when it has joined. Parameters that were tuned during the run are tuned again at the same tick.
+
+    Raises LogError if the recording has lost the description of its run, BusError if a controller does not join,
+    leaves, does not answer a step within 5 s, or refuses a change of its parameters.
     """
-    start = head(path)
-    described = replace(start.setup(), run=session.run, core=ANY)
-    if not described.frame_ns:
+    start, into = head(path), into or {}
+    setup = setup_of(start)
+    if not setup.frame_ns:
         raise LogError(f"{path} has lost the description of its run: it can be read, but not replayed")
-    lacking = start.metadata.get("log", {}).get("made") == "saved" or (into and _in_plant(described))
-    traffic: Scan | _Remade = _Remade(read(path), _heard(described)) if lacking else Scan(path)
-    consumers, decode = {name: _Consumer() for name in into}, Decoder(described)
-    for record in traffic:
-        first, _, name = record.topic.partition("/")
-        if (
-            (said := decode(record.topic, record.payload)) is not None
-            and name in consumers
-            and first in ("act", "event")
-        ):
-            consumers[name].note(said)
-    sound = (record for record in traffic if not decode.refused or decode(record.topic, record.payload) is not None)
-    refused = decode.told()
-    result = _Replay(session, described, consumers, pace, progress).run(sound, wait)
-    result.fault = "; ".join(
-        filter(None, (traffic.fault if isinstance(traffic, Scan) else traffic.run.damage, refused))
-    )
+    saved = start.metadata.get("log", {}).get("made") == "saved"
+    in_plant = [name for name in into if _in_plant(setup, name)]
+    every = frozenset(sensor for one in into.values() if gets_every_sample(one) for sensor in one.reads)
+    heard = _heard(setup) if saved or in_plant or every else frozenset()  # needs the code of all controllers
+    run = read(path) if saved or in_plant or every - heard else None
+    scan, rebuilt = Scan(path), None if run is None else RebuiltTraffic(run, list(setup.outputs), heard | every)
+    recorded = {name: RecordedController(name, saved) for name in into}
+    decode = Decoder(setup)
+    for record in rebuilt if saved and rebuilt else scan:
+        if not derived(record.topic) and (content := decode(record.topic, record.payload)) is not None:
+            for one in recorded.values():
+                one.note(record, content)
+    if run is not None:
+        for name in in_plant:
+            recorded[name].answers = sent(run.commands[name]) if name in run.commands else {}
+    refused = decode.refused_text()
+    traffic = rebuilt or (r for r in scan if not decode.refused or decode(r.topic, r.payload) is not None)
+    shown = replace(setup, run=session.run, core=ANY, controllers={**setup.controllers, **(described or {})})
+    player = _Replay(session, shown, into, recorded, processes or _Started(), initial or {}, pace, wait, progress)
+    result = player.carry_out(traffic)
+    result.fault = "; ".join(filter(None, (run.damage,) if run is not None else (scan.fault, refused)))
     return result
 
 
-def _in_plant(described: Setup) -> bool:
+def _in_plant(setup: Setup, name: str) -> bool:
     """Whether a controller of the run worked in the plant's process."""
-    return any(told.get("section", {}).get("where") == "plant" for told in described.controllers.values())
+    return bool(setup.controllers.get(name, {}).get("section", {}).get("where") == "plant")
 
 
-def _heard(described: Setup) -> frozenset[str]:
-    known = [controllers.restored(told) for told in described.controllers.values() if told]
-    return frozenset(sensor for one in known if hears(one) for sensor in one.reads)
-
-
-@dataclass
-class _Consumer:
-    """The recorded messages of one controller."""
-
-    answers: dict[int, tuple[float, ...]] = field(default_factory=dict)
-    """Tick -> command; () if it is unknown."""
-    tuned: dict[int, dict[str, Any]] = field(default_factory=dict)
-    """Tick after which parameters were changed -> changes."""
-    period_ns: int = 0
-    """Description of a controller that the recording does not contain, once it asked to join."""
-
-    def note(self, said: Any) -> None:
-        """Add an Act or an Event of this controller."""
-        if said.DESCRIPTOR.name == "Act":
-            self.answers[said.tick] = tuple(said.values)
-        elif said.kind == "parameter":
-            told = json.loads(said.data or "{}")
-            tick, changes = (told.get(key) for key in ("after_tick", "set")) if isinstance(told, dict) else (None, None)
-            if isinstance(tick, int) and isinstance(changes, dict):  # otherwise time or content is unknown: skip it
-                self.tuned.setdefault(tick, {}).update(changes)
-
-    def answers_to(self, tick: int, t_ns: int) -> bool:
-        """Return whether an answer to this step is expected."""
-        return t_ns % self.period_ns == 0 if self.period_ns else tick in self.answers
+def _heard(setup: Setup) -> frozenset[str]:
+    known = [controllers.restored(description) for description in setup.controllers.values() if description]
+    return frozenset(sensor for one in known if gets_every_sample(one) for sensor in one.reads)
 
 
 class _Replay:
     def __init__(
         self,
         session: Session,
-        described: Setup,
-        consumers: dict[str, _Consumer],
+        setup: Setup,
+        into: Mapping[str, Controller],
+        recorded: Mapping[str, RecordedController],
+        processes: Processes,
+        initial: Mapping[str, Mapping[str, object]],
         pace: float | None,
-        progress: Callable[[float], None],
+        wait: float,
+        progress: Callable[[float], object],
     ) -> None:
-        self._session, self._controllers, self._pace, self._progress = session, consumers, pace, progress
-        self._frame_ns = described.frame_ns
-        self._scene = session.serve("scene", lambda body: described.to_json())
-        self._door = session.serve("cmd/plant", self._admit)
+        self._session, self._into, self._recorded = session, into, recorded
+        self._processes, self._initial = processes, initial
+        self._pace, self._wait, self._progress = pace, wait, progress
+        self._frame_ns = setup.frame_ns
+        self._scene = session.serve("scene", lambda body: setup.to_json())
+        self._doors = session.serve("cmd/plant", self._admit), session.serve("param/plant", self._fixed)
         self._watch = session.watch("controller/*")
         self._acts: Receiver = session.subscribe("act/*")
-        self._result = Replayed(compared=dict.fromkeys(consumers, 0))
-        self._open: set[tuple[str, int]] = set()
-        """Expected answers: (controller, tick)."""
-        self._last: dict[str, int] = {}
-        """Tick of the last step that each controller must answer."""
+        self._result = Replayed(compared=dict.fromkeys(into, 0), silent=dict.fromkeys(into, 0))
+        self._begins = {name: list(one.begins) for name, one in recorded.items()}
+        self._changes = {name: sorted(one.tuned.items()) for name, one in recorded.items()}
+        self._arrivals: Counter[str] = Counter()
+        self._starts: Counter[str] = Counter()
+        self._open: set[str] = set()
+        """Controllers that have not answered the last step yet."""
+        self._zero: float | None = None
+        """When simulated time 0 is due [s of the monotonic clock]."""
+        self._late = array("d")
 
     def _admit(self, body: dict[str, Any]) -> dict[str, Any]:
         name = body.get("controller")
-        if body.get("do") != "admit" or name not in self._controllers:
+        if body.get("do") != "admit" or name not in self._into:
             raise BusError(f"a replay does not {body.get('do')} {name or ''}".strip())
-        self._controllers[name].period_ns = int(body["period_ns"])
         return {}
 
-    def run(self, traffic: Iterable[Record], wait: float) -> Replayed:
+    def _fixed(self, body: dict[str, Any]) -> dict[str, Any]:
+        """The parameters of a plant that is recorded: none."""
+        asked = param_request(body)
+        if keys := [*asked.changes, *asked.keys]:
+            taking_part = ", ".join(self._into) or "none: rig replay LOG --into NAME starts one"
+            raise BusError(
+                f"{', '.join(dict.fromkeys(keys))}: this run is a replay, and its plant is recorded. Only controllers "
+                f"that take part can be tuned: {taking_part}"
+            )
+        return {"values": {}, "units": {}}
+
+    def carry_out(self, traffic: Iterable[Record]) -> Replayed:
         self._session.announce()
-        self._gather(wait)
-        result, begun, told = self._result, time.monotonic(), 0.0
+        result, shown, last = self._result, 0.0, -1
         for record in traffic:
-            if record.topic.startswith(("plot", "total/")) or topics.of(record.topic).sender != "plant":
+            kind, _, name = record.topic.partition("/")
+            if derived(record.topic) or kind == "total" or (name in self._into and kind in ("act", "event")):
                 continue
-            if self._pace is not None:
-                self._sleep_until(begun + record.t_ns * 1e-9 / self._pace)
-            if record.topic == "step":
-                tick = messages.decode("step", record.payload).tick
-                due = [name for name, one in self._controllers.items() if one.answers_to(tick, record.t_ns)]
-                self._open |= {(name, tick) for name in due}
-                self._last |= dict.fromkeys(due, tick)
+            tick = messages.decode("step", record.payload).tick if kind == "step" else -1
+            if kind == "step":
+                if tick <= last:  # lockstep repeats a step that nobody answered in time
+                    continue
+                last = tick
+                if not result.steps:
+                    result.unknown_memory = tuple(name for name in self._into if self._worked_before(name, tick))
+                self._prepare(tick)
+            late = self._sleep_until(record.t_ns * 1e-9)
+            if kind == "step":
+                self._late.append(late)
+                self._open = {name for name in self._starts if not record.t_ns % self._into[name].period_ns}
             self._session.publisher(record.topic).put(record.payload, record.t_ns)
             result.messages += 1
             result.seconds = max(result.seconds, record.t_ns * 1e-9)
-            if record.topic == "step":
+            if kind == "step":
                 result.steps += 1
                 self._follow(tick)
-                if time.monotonic() - told > 0.1:
-                    told = time.monotonic()
+                if time.monotonic() - shown > _SHOWN_S:
+                    shown = time.monotonic()
                     self._progress(result.seconds)
-        for name in self._controllers:  # the last answers are still on the way
-            self._settle(name)
         self._session.publisher("total/plant").put(self._session.totals(), round(result.seconds * 1e9))
-        result.unanswered = len(self._open)
+        result.unanswered = sum(len(one.answers) for one in self._recorded.values()) - sum(result.compared.values())
+        if self._pace is not None and self._late:
+            result.timing = TimingError.of(self._late)
         return result
 
-    def _gather(self, wait: float) -> None:
-        deadline = time.monotonic() + wait
-        while missing := [name for name in self._controllers if ("controller", name) not in self._watch.present]:
-            if time.monotonic() > deadline:
-                raise BusError(f"{', '.join(missing)} did not join the replay {self._session.run} within {wait:g} s")
-            self._watch.poll(0.02)
-            self._scene.poll()
-            self._door.poll()
+    def _worked_before(self, name: str, tick: int) -> bool:
+        """Whether a controller worked before the first recorded step: it answered the first one that was due."""
+        answers = self._recorded[name].answers
+        return tick > 0 and bool(answers) and (min(answers) - tick) * self._frame_ns < self._into[name].period_ns
+
+    def _prepare(self, tick: int) -> None:
+        """Before a step: start the controllers that joined at it, and change parameters that were changed before it."""
+        if joining := [name for name, begins in self._begins.items() if begins and begins[0] <= tick]:
+            self._join(joining)
+        for name in self._starts:
+            changes = self._changes[name]
+            while changes and changes[0][0] < tick:
+                after, values = changes.pop(0)
+                self._tune(name, values, f"that the recording contains after tick {after}")
+
+    def _join(self, names: list[str]) -> None:
+        begun = time.monotonic()
+        for name in names:
+            self._begins[name].pop(0)
+            self._starts[name] += 1
+            self._processes.start(name)
+        while missing := [name for name in names if self._arrivals[name] < self._starts[name]]:
+            ended = self._processes.ended()
+            if ended or time.monotonic() > begun + self._wait:
+                raise BusError(
+                    f"{', '.join(missing)} did not join the replay {self._session.run} within {self._wait:g} s"
+                )
+            self._serve(_SLICE_S)
+        for name in names:
+            if self._initial.get(name):
+                self._tune(name, self._initial[name], "of -p")
+        if self._zero is not None:
+            self._zero += time.monotonic() - begun  # starting a process is no part of the replay
+
+    def _tune(self, name: str, values: Mapping[str, object], which: str) -> None:
+        try:
+            self._session.ask(f"param/{name}", {"set": dict(values)}, _PATIENCE_S)
+        except BusError as fault:
+            changes = ", ".join(f"{key} = {value}" for key, value in values.items())
+            raise BusError(f"{name} did not make the change {which} ({changes}): {fault}") from None
+
+    def _serve(self, timeout: float = 0.0) -> None:
+        """Answer queries, and note who joins; wait at most `timeout` [s] for somebody to join or leave."""
+        self._scene.poll()
+        for door in self._doors:
+            door.poll()
+        for found in self._watch.poll(timeout):
+            self._arrivals[found.name] += found.here
 
     def _follow(self, tick: int) -> None:
-        """After a step: receive the answers; without a pace wait until none is outstanding."""
-        self._scene.poll()
-        self._take(0.0)
-        deadline = time.monotonic() + _PATIENCE_S
-        while self._pace is None and self._open:
-            self._take(0.02)
-            self._watch.poll()
-            late = sorted({name for name, _ in self._open})
-            gone = [name for name in late if ("controller", name) not in self._watch.present]
-            if gone or time.monotonic() > deadline:
-                raise BusError(f"{', '.join(gone or late)} {'left' if gone else 'did not answer'} at tick {tick}")
-        for name, one in self._controllers.items():
-            if tick in one.tuned:
-                self._settle(name)
-                self._session.ask(f"param/{name}", {"set": one.tuned[tick]}, _PATIENCE_S)
-
-    def _settle(self, name: str) -> None:
-        """Wait until a controller has received its last step: a change of parameters would overtake waiting steps."""
-        deadline = time.monotonic() + _PATIENCE_S
-        while (name, self._last.get(name, -1)) in self._open and time.monotonic() < deadline:
-            self._take(0.02)
-            self._watch.poll()
-            if ("controller", name) not in self._watch.present:
+        """After a step: wait until all controllers that it falls due for have answered."""
+        self._serve()
+        begun = time.monotonic()
+        while self._open:
+            self._take(tick, _SLICE_S)
+            if not self._open:
                 return
+            self._serve()
+            where = f"tick {tick}, t = {tick * self._frame_ns * 1e-9:.9g} s"
+            if gone := sorted(name for name in self._open if ("controller", name) not in self._watch.present):
+                raise BusError(f"{', '.join(gone)} left at {where}, without an answer to its step")
+            if time.monotonic() > begun + _PATIENCE_S:
+                raise BusError(
+                    f"{', '.join(sorted(self._open))} did not answer the step of {where} within {_PATIENCE_S:g} s: "
+                    "it hangs, or one update takes longer"
+                )
 
-    def _sleep_until(self, instant: float) -> None:
-        while (left := instant - time.monotonic()) > 0.0:
-            self._scene.poll()
-            self._take(min(left, 0.02))
+    def _sleep_until(self, seconds: float) -> float:
+        """Wait until a simulated time [s] is due; return how much later it is then [s]."""
+        if self._pace is None:
+            return 0.0
+        if self._zero is None:
+            self._zero = time.monotonic() - seconds / self._pace
+        while (left := self._zero + seconds / self._pace - time.monotonic()) > 0.0:
+            if left > _SLICE_S:
+                self._serve(_SLICE_S / 2)
+            else:
+                time.sleep(left)
+        return -left
 
-    def _take(self, timeout: float) -> None:
-        while (message := self._acts.get(timeout)) is not None:
-            timeout = 0.0
-            said, name = message.said, message.topic.partition("/")[2]
-            if (name, said.tick) in self._open:
-                self._open.remove((name, said.tick))
-                self._compare(name, said.tick, tuple(said.values))
+    def _take(self, tick: int, timeout: float) -> None:
+        while self._open and (message := self._acts.get(timeout)) is not None:
+            name = message.topic.partition("/")[2]
+            if name in self._open and message.said.tick == tick:
+                self._open.remove(name)
+                self._compare(name, tick, tuple(message.said.values))
 
     def _compare(self, name: str, tick: int, answered: tuple[float, ...]) -> None:
-        recorded, before = self._controllers[name].answers.get(tick, ()), self._result.divergence
-        if not recorded:
+        result, one = self._result, self._recorded[name]
+        if tick not in one.answers:
+            result.silent[name] += one.silent_at(tick)
             return
-        self._result.compared[name] += 1
-        if np.array(recorded).tobytes() != np.array(answered).tobytes() and (before is None or tick < before.tick):
-            self._result.divergence = Divergence(f"act/{name}", tick, tick * self._frame_ns * 1e-9, recorded, answered)
-
-
-@dataclass(frozen=True)
-class _Remade:
-    """Measurements, steps and commands of a saved Run, as plant and controllers published them frame by frame."""
-
-    run: Run
-    heard: frozenset[str]
-    """Sensors of which a controller needs every sample."""
-
-    def __iter__(self) -> Iterator[Record]:
-        frame, series = self.run.frame_ns, list(self.run.measurements.items())
-        last = max((int(t_ns[-1]) for _, (t_ns, _) in series if t_ns.size), default=-1) // frame
-        places = [i for i, (name, _) in enumerate(series) if name in self.heard]
-        edges = np.arange(-1, last + 1) * frame  # frame k has the samples published in (t_{k-1}, t_k]
-        cuts = [np.searchsorted(t_ns, edges, "right") for _, (t_ns, _) in series]
-        answers = {name: self._answers(commands) for name, commands in self.run.commands.items()}
-        for event in self.run.events:
-            yield Record(f"event/{event['source']}", messages.event(**event), event["t_ns"], 0, event["t_ns"])
-        for tick in range(last + 1):
-            now = tick * frame
-            latest, fresh = np.full(len(series), np.nan), np.zeros(len(series), np.int64)
-            for i, ((name, (t_ns, v)), cut) in enumerate(zip(series, cuts)):
-                low, high = cut[tick], cut[tick + 1]
-                fresh[i] = high - low
-                if high:
-                    latest[i] = v[high - 1]
-                if high > low:
-                    yield Record(f"meas/{name}", encode.samples(tick, t_ns[low:high], v[low:high]), now, 0, now)
-            new = {i: series[i][1].v[cuts[i][tick] : cuts[i][tick + 1]] for i in places}
-            yield Record("step", encode.step(tick, now, latest, fresh, new), now, 0, now)
-            for name, known in answers.items():
-                if tick in known:
-                    yield Record(f"act/{name}", encode.act(tick, now, known[tick]), now, 0, now)
-
-    @staticmethod
-    def _answers(commands: Commands) -> dict[int, tuple[float, ...]]:
-        """The commands as sent, where known: a clamped command differs from what the controller sent."""
-        columns = zip(commands.answered.tolist(), commands.status.tolist(), commands.values.tolist())
-        return {tick: tuple(values) if status == 0 else () for tick, status, values in columns if status != 2}
+        recorded = one.answers[tick]
+        result.compared[name] += 1
+        if result.divergence is None and np.array(recorded).tobytes() != np.array(answered).tobytes():
+            time_s = tick * self._frame_ns * 1e-9
+            result.divergence = Divergence(f"act/{name}", tick, time_s, recorded, answered)

@@ -2,96 +2,62 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
+from rig.record.run_data import Commands, Integers, Reals, RunData, Samples
 
-from rig.errors import LogError
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from xarray import DataTree
 
-Reals = NDArray[np.float64]
-Integers = NDArray[np.int64]
+__all__ = ["Commands", "Integers", "Reals", "Run", "Samples"]
 
-
-class Samples(NamedTuple):
-    """The measurements of one sensor: times [ns] and values."""
-
-    t_ns: Integers
-    v: Reals
+FIGURE = "rig.view.run_figure:figure"
+"""The function that draws a run, as "module:function": the view is above this room, which may not import it."""
 
 
-class Commands(NamedTuple):
-    """The commands of one controller, as they took effect."""
+class Run(RunData):
+    """A run: arrays with units, and what is done with them. Printed, it is an overview of one screen."""
 
-    tick: Integers
-    """Frame at which the plant accepted it."""
-    answered: Integers
-    """Frame whose measurements it answers."""
-    status: Integers
-    """0 as sent, 1 clamped or completed, 2 safe values because no command came."""
-    values: Reals
-    """[commands, drives]"""
+    def to_pandas(self) -> dict[str, DataFrame]:
+        """Return one frame for each table: outputs, sensors of each rate, commands of each controller, events.
 
-
-@dataclass
-class Run:
-    """One run. `signals` are plant outputs at `time`; `units` has the units of signals and of `meas/<sensor>`."""
-
-    scene: str
-    """The resolved scene as JSON."""
-    step_ns: int
-    frame_ns: int
-    time: Reals
-    """Seconds of simulated time, [n]."""
-    signals: dict[str, Reals]
-    units: dict[str, str]
-    measurements: dict[str, Samples] = field(default_factory=dict)
-    commands: dict[str, Commands] = field(default_factory=dict)
-    """By controller."""
-    events: list[dict[str, Any]] = field(default_factory=list)
-    """t_ns, tick, source, kind, text and data (a dict) of each event."""
-    energy: dict[str, float] = field(default_factory=dict)
-    summary: dict[str, Any] = field(default_factory=dict)
-    mode: Integers = field(default_factory=lambda: np.empty(0, np.int64))
-    """Number of the mode set at `time`, [n]; -1 where a recording lost it; empty if it was not recorded."""
-    controllers: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """Settings of the scene's controllers for their processes (controllers.described); empty if others took part."""
-    provenance: dict[str, str] = field(default_factory=dict)
-    models: tuple[bytes, ...] = ()
-    """The reduced models that its scene names."""
-    fault: str = ""
-    """Why the run is not complete: the numerics stopped it, or `damage`. Empty for a complete run."""
-    damage: str = ""
-    """The damage of the recording that it was read from. Empty without damage."""
-    recovered: str = ""
-    """Losses before the recording was recovered from a damaged one; empty if it was not recovered."""
-    untold: str = ""
-    """Senders that restarted, so that the losses before are unknown; empty if there are none."""
-    sealed: bool = True
-    """Whether checksums prove every byte of the recording; those of older versions have no digest."""
-
-    def scene_text(self) -> str:
-        """Return the scene as JSON; raises rig.errors.LogError if damage to the recording removed it."""
-        if not self.scene:
-            raise LogError(f"the recording has lost its scene: {self.damage}")
-        return self.scene
-
-    def recorded(self, name: str) -> Samples:
-        """Return signal `name` at the times [ns] at which it was recorded.
-
-        A damaged recording may have fewer samples of one signal than of another; lost rows are NaN in `signals`.
+        The index is the time [s]; `frame.attrs["units"]` has the unit of each column. Raises rig.errors.UsageError if
+        pandas is not installed.
         """
-        t_ns, v = np.rint(self.time * 1e9).astype(np.int64), self.signals[name]
-        here = ~np.isnan(v) if self.notes else np.ones(v.size, np.bool_)
-        return Samples(t_ns[here], v[here])
+        from rig.record.export.frames import frames
+        from rig.record.export.tables import tables
 
-    @property
-    def told(self) -> list[dict[str, Any]]:
-        """Return the events that the plant reported. Other processes on the bus may report anything."""
-        return [event for event in self.events if event["source"] == "plant"]
+        return frames(tables(self))
 
-    @property
-    def notes(self) -> list[str]:
-        """Return warnings that a reader needs before using numbers from the recording."""
-        return [told for told in (self.damage, self.recovered) if told]
+    def to_xarray(self) -> DataTree:
+        """Return a tree with one dataset for each table of `to_pandas`, over the coordinate `time` [s].
+
+        Each variable has the attribute `units`. Facts about the run are variables of the root. Raises
+        rig.errors.UsageError if xarray is not installed.
+        """
+        from rig.record.export.description import description
+        from rig.record.export.frames import tree
+        from rig.record.export.tables import tables
+
+        return tree(tables(self), description(self))
+
+    def plot(self) -> Figure:
+        """Return the figure of the run, as `rig simulate --figure` draws it; `savefig` writes it to a file."""
+        module, _, name = FIGURE.partition(":")
+        figure: Figure = getattr(importlib.import_module(module), name)(self)
+        return figure
+
+    def save(self, path: Path | str) -> None:
+        """Write the run as a recording (MCAP), over an existing file. Raises rig.errors.OutputError if that fails."""
+        from rig.record.save_run import save
+
+        save(self, Path(path))
+
+    def __repr__(self) -> str:
+        from rig.record.overview import overview
+
+        return overview(self)

@@ -11,8 +11,8 @@ import numpy as np
 
 from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
-from rig.record.run import Integers, Reals, Run
-from rig.record.writer import PLOT_NS, Writer
+from rig.record.run_data import Integers, Reals, RunData
+from rig.record.writer import Writer
 
 _SLICE_NS = 250_000_000
 
@@ -21,14 +21,14 @@ Stamped = tuple[int, str, bytes]
 
 
 def save(
-    run: Run,
+    run: RunData,
     path: Path,
     name: str = "simulate",
     replace: bool = True,
 ) -> None:
-    """Write `run` to `path`. Log times are simulated times, so that equal runs give equal messages.
+    """Write `run` to `path`. Log times are those of a run in real time that began at `run.began_ns`.
 
-    An existing file is overwritten only with `replace`, else LogError is raised.
+    An existing file is overwritten only with `replace`, else OutputError is raised.
     """
     setup = Setup(
         run=name,
@@ -44,30 +44,37 @@ def save(
     writer = Writer(path, setup, "saved", replace)
     try:
         sequence: dict[str, int] = {}
-        for t_ns, topic, payload in _messages(run, writer):
+        for t_ns, topic, payload in _messages(run):
             seq = sequence[topic] = sequence.get(topic, -1) + 1
-            writer.write(topic, payload, t_ns, seq, t_ns)
-        writer.close({"messages": writer.messages}, {**run.summary, "energy": run.energy, "fault": run.fault})
+            writer.write(topic, payload, t_ns, seq, run.began_ns + t_ns)
+        writer.close(
+            {"messages": writer.messages, "seconds": _end_ns(run) * 1e-9},
+            {**run.summary, "energy": run.energy, "fault": run.fault},
+        )
     finally:
         writer.abandon()
+
+
+def _end_ns(run: RunData) -> int:
+    """Simulated time of the last sample or command."""
+    ends = [round(float(run.time[-1]) * 1e9)] if run.time.size else []
+    ends += [int(t_ns[-1]) for t_ns, _ in run.measurements.values() if t_ns.size]
+    ends += [int(commands.tick[-1]) * run.frame_ns for commands in run.commands.values() if commands.tick.size]
+    return max(ends, default=0)
 
 
 def _period(t_ns: Integers) -> int:
     return round(float(np.median(np.diff(t_ns)))) if t_ns.size > 1 else 0
 
 
-def _messages(run: Run, writer: Writer) -> Iterator[Stamped]:
+def _messages(run: RunData) -> Iterator[Stamped]:
     """All messages in order of time, slice by slice."""
     time_ns = np.rint(run.time * 1e9).astype(np.int64)
     series = {f"truth/{name}": (time_ns, v) for name, v in run.signals.items()}
     if run.mode.size:
         series["truth/mode"] = (time_ns, run.mode.astype(np.float64))
     series |= {f"meas/{name}": (t_ns, v) for name, (t_ns, v) in run.measurements.items()}
-    ticks = [commands.tick for commands in run.commands.values()]
-    ends = [t_ns[-1] for t_ns, _ in series.values() if t_ns.size] + [
-        tick[-1] * run.frame_ns for tick in ticks if tick.size
-    ]
-    end = max(map(int, ends), default=0)
+    end = _end_ns(run)
     events = sorted(run.events, key=lambda event: event["t_ns"])
     done = 0
     for begin in range(0, end + 1, _SLICE_NS):
@@ -83,7 +90,9 @@ def _messages(run: Run, writer: Writer) -> Iterator[Stamped]:
                     tick, tick * run.frame_ns, int(commands.answered[i]), int(commands.status[i]), commands.values[i]
                 )
                 found.append((tick * run.frame_ns, f"applied/{name}", packed))
-        found += _points(run, writer, time_ns, begin, stop)
+        for tick, state in run.checkpoints.items():
+            if begin <= tick * run.frame_ns < stop:
+                found.append((tick * run.frame_ns, "checkpoint", messages.checkpoint(run.frame_ns, tick, state)))
         while done < len(events) and (events[done]["t_ns"] < stop or stop > end):
             found.append(_event(events[done]))
             done += 1
@@ -100,21 +109,6 @@ def _blocks(topic: str, t_ns: Integers, v: Reals, frame_ns: int, begin: int, sto
     for low, high in pairwise([0, *(np.flatnonzero(changes) + 2), times.size]):
         tick = -(-int(times[high - 1]) // frame_ns)
         yield int(times[low]), topic, encode.samples(tick, times[low:high], values[low:high])
-
-
-def _points(run: Run, writer: Writer, time_ns: Integers, begin: int, stop: int) -> Iterator[Stamped]:
-    """The decimated channel for plotting programs."""
-    grid = np.arange(-(-begin // PLOT_NS) * PLOT_NS, stop, PLOT_NS)
-    rows = np.searchsorted(time_ns, grid)
-    for row in np.unique(rows[rows < time_ns.size]):
-        now = int(time_ns[row])
-        if now >= stop:
-            return
-        values = [float(v[row]) for v in run.signals.values()]
-        for t_ns, v in run.measurements.values():
-            latest = np.searchsorted(t_ns, now, "right") - 1
-            values.append(float(v[latest]) if latest >= 0 else float("nan"))
-        yield now, "plot", writer.point(now, values)
 
 
 def _event(event: dict[str, Any]) -> Stamped:

@@ -2,7 +2,7 @@
 
 Scene and provenance are written at the front and again at the end, so that no single damage destroys both. Chunks are
 closed every 250 ms, which is the most that can be lost. Messages are stored as received. `log_time` is the time of
-reception, `publish_time` is simulated time.
+reception, `publish_time` is simulated time. Curves and log for other programs are derived (rig.record.curves).
 """
 
 from __future__ import annotations
@@ -12,19 +12,23 @@ import errno
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace as changed
+from itertools import chain, islice
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from rig import file_locks
 from rig.bus import messages, topics
 from rig.bus.run_setup import Setup
-from rig.errors import BusError, LogError
-from rig.record import model_attachments
+from rig.errors import BusError, OutputError
+from rig.record import curves, model_attachments
 from rig.record.mcap_file import FORMAT
 from rig.record.mcap_file import Writer as Mcap
 from rig.user_files import WRITTEN, takes
@@ -32,7 +36,9 @@ from rig.user_files import WRITTEN, takes
 CHUNK = 256 * 1024
 _OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # not inherited by children, no newline translation
 FLUSH_NS = 250_000_000
-PLOT_NS = 20_000_000
+_NOTED_NS = 5_000_000
+"""Shortest simulated time between two times of reception that are noted, for the log times of curves."""
+_NOTED = 64
 
 
 def claim(path: Path, replace: bool) -> BinaryIO:
@@ -69,21 +75,28 @@ def synced(file: BinaryIO) -> None:
 class Writer:
     """An open recording. `made` states its origin: "recorded" from the bus, or "saved" from a Run.
 
-    An existing file is overwritten only with `replace`. Raises LogError if the file cannot be written.
+    `trigger`: for a window of a run, why it was recorded and where it begins (rig.record.windows).
+    An existing file is overwritten only with `replace`. Raises OutputError if the file cannot be written.
     """
 
-    def __init__(self, path: Path, setup: Setup, made: str, replace: bool = True) -> None:
-        self.path, self.setup, self._made = path, setup, made
+    def __init__(
+        self, path: Path, setup: Setup, made: str, replace: bool = True, trigger: Mapping[str, str] | None = None
+    ) -> None:
+        self.path, self.setup, self._made, self._trigger = path, setup, made, trigger
         self.messages = 0
         self.last_ns = 0
         """Simulated time of the latest message."""
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._state = messages.state_type(list(setup.outputs))
-        self.plot_names = [*setup.outputs, *(f"measured_{name}" for name in setup.sensors)]
-        self._plot = messages.plot_type(self.plot_names)
-        self._step: bytes | None = None
-        self._plot_due = self._points = 0
+        self._curves = curves.Curves(setup.outputs, {name: unit for name, (unit, _) in setup.sensors.items()})
+        self._states: list[tuple[int, bytes]] = []
+        """Simulated times and payloads of the states that are in no curve yet."""
+        self._fields = _reader([messages.field_name(name) for name in setup.outputs])
+        self._derived: dict[str, int] = {}
+        """Number of messages of each derived topic."""
+        self._noted: deque[tuple[int, int]] = deque(maxlen=_NOTED)
+        """Simulated time and time of reception of the latest messages."""
         self._log_ns = 0
         self._flush_due = time.monotonic_ns() + FLUSH_NS
         with self._guarded():
@@ -94,7 +107,7 @@ class Writer:
             with self._guarded():
                 self._describe()
                 self._file.flush()
-        except LogError:
+        except OutputError:
             self.abandon()
             raise
 
@@ -108,6 +121,8 @@ class Writer:
             )
         self._mcap.note("provenance", setup.provenance)
         self._mcap.note("log", {"made": self._made, "run": setup.run, "format": str(FORMAT)})
+        if self._trigger is not None:
+            self._mcap.note("trigger", self._trigger)
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:
@@ -116,7 +131,7 @@ class Writer:
         except OSError as fault:
             kept_ns = self._kept_ns()
             kept = f"; recorded up to t = {kept_ns * 1e-9:.3f} s: rig recover saves this part" if kept_ns else ""
-            raise LogError(f"{self.path} cannot be written: {fault.strerror}{kept}") from None
+            raise OutputError(f"{self.path} cannot be written: {fault.strerror}{kept}") from None
 
     def _kept_ns(self) -> int:
         """Simulated time of the latest message in the file: waiting messages and those of a cut chunk are lost."""
@@ -128,19 +143,20 @@ class Writer:
             return 0
 
     def _channel(self, topic: str) -> int:
-        kind, units = self._kind(topic)
-        schema = kind.DESCRIPTOR.name
-        if schema not in self._schemas:
+        if curves.derived(topic):
+            name, encoding, described, message = curves.schema(topic)
+            units = {"unit": unit} if (unit := self._curves.units.get(topic, "")) else {}
+        else:
+            kind, units = self._kind(topic)
+            name, encoding, message = f"rig.{kind.DESCRIPTOR.name}", SchemaEncoding.Protobuf, MessageEncoding.Protobuf
             described = messages.file_descriptor_set(kind)
-            self._schemas[schema] = self._mcap.schema(f"rig.{schema}", SchemaEncoding.Protobuf, described)
-        return self._mcap.channel(topic, MessageEncoding.Protobuf, self._schemas[schema], units)
+        if name not in self._schemas:
+            self._schemas[name] = self._mcap.schema(name, encoding, described)
+        return self._mcap.channel(topic, message, self._schemas[name], units)
 
     def _kind(self, topic: str) -> tuple[Any, dict[str, str]]:
         setup = self.setup
         first, _, name = topic.partition("/")
-        if first == "plot":
-            units = [*setup.outputs.values(), *(unit for unit, _ in setup.sensors.values())]
-            return self._plot, {messages.field_name(n): unit for n, unit in zip(self.plot_names, units)}
         if first == "state":
             return self._state, {messages.field_name(n): unit for n, unit in setup.outputs.items()}
         unit = setup.outputs.get(name, "") if first == "truth" else setup.sensors.get(name, ("", 0))[0]
@@ -150,11 +166,15 @@ class Writer:
         """Add a message unchanged; `seq`: its number on the topic, `log_ns`: time of reception."""
         with self._guarded():
             self._add(topic, payload, t_ns, seq, log_ns)
-            if topic == "step":
-                self._step = payload
-            elif topic == "state" and t_ns >= self._plot_due:
-                self._plot_due = t_ns + PLOT_NS
-                self._derive(payload, t_ns, log_ns)
+            if not self._noted or t_ns >= self._noted[-1][0] + _NOTED_NS:
+                self._noted.append((t_ns, self._log_ns))
+            try:
+                if topic.startswith("event/"):
+                    self._log(topic[6:], payload, t_ns)
+                else:
+                    self._draw(self._points(topic, payload, t_ns))
+            except (DecodeError, BusError, ValueError):  # no valid message: recorded as received, nothing derived
+                pass
 
     def _add(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
         channel = self._channels.get(topic)
@@ -165,21 +185,55 @@ class Writer:
         self.messages += 1
         self.last_ns = max(self.last_ns, t_ns)
 
-    def _derive(self, state: bytes, t_ns: int, log_ns: int) -> None:
-        """Add one point of the channel for plotting programs, which cannot use the blocks at full rate."""
-        try:
-            found = self._state.FromString(state)
-            measured = list(messages.decode("step", self._step).values) if self._step is not None else []
-        except (DecodeError, BusError):  # not a valid message of the plant: recorded as received, nothing derived
-            return
-        values = [getattr(found, messages.field_name(name)) for name in self.setup.outputs]
-        self._add("plot", self.point(t_ns, values + measured), t_ns, self._points, log_ns)
-        self._points += 1
+    def _points(self, topic: str, payload: bytes, t_ns: int) -> Iterator[curves.Point]:
+        """Points of curves that a message completes. A run on the bus sends outputs as states, a saved one as truth."""
+        if topic == "state" and self._made == "recorded":
+            if self._states and t_ns // curves.WINDOW_NS != self._states[0][0] // curves.WINDOW_NS:
+                yield from self._outputs()
+            self._states.append((t_ns, payload))
+        elif topic.startswith("meas/") or (topic.startswith("truth/") and self._made == "saved"):
+            block = messages.decode(topic, payload)
+            yield from self._curves.add(topic, messages.times(block), np.array(block.v, np.float64))
 
-    def point(self, t_ns: int, values: list[float]) -> bytes:
-        """Return a message of the derived `plot` channel: outputs, then the latest measurements."""
-        fields = {messages.field_name(name): value for name, value in zip(self.plot_names, values)}
-        return bytes(self._plot(t_ns=t_ns, **fields).SerializeToString())
+    def _outputs(self) -> Iterator[curves.Point]:
+        """Points of the states that wait: a window at a time costs a tenth of one state at a time."""
+        waiting, self._states = self._states, []
+        rows, read = list[tuple[float, ...]](), self._state.FromString
+        for t_ns, payload in waiting:
+            with contextlib.suppress(DecodeError):  # no valid message: recorded as received, in no curve
+                rows.append((t_ns, *self._fields(read(payload))))
+        times, *values = zip(*rows) if rows else [()]
+        for name, v in zip(self.setup.outputs, values):
+            yield from self._curves.add(f"truth/{name}", np.array(times, np.int64), np.array(v, np.float64))
+
+    def _draw(self, points: Iterable[curves.Point]) -> None:
+        for point in points:
+            self._derive(point.topic, point.payload, point.t_ns, self._received(point.t_ns))
+
+    def _log(self, source: str, payload: bytes, t_ns: int) -> None:
+        content = curves.log(messages.decode(f"event/{source}", payload), source, self._log_ns)
+        if content is not None:
+            self._derive(f"log/{source}", content, t_ns, self._log_ns)
+
+    def _derive(self, topic: str, payload: bytes, t_ns: int, log_ns: int) -> None:
+        """Add a derived message. Its log time may be before that of the latest message: a point is known late."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._channel(topic)
+        number = self._derived[topic] = self._derived.get(topic, -1) + 1
+        self._mcap.add(channel, log_ns, payload, t_ns, number & 0xFFFFFFFF)
+        self.messages += 1
+
+    def _received(self, t_ns: int) -> int:
+        """Time of reception that belongs to a simulated time, from the noted ones around it."""
+        after, log_ns = self._noted[-1]
+        if self._made == "saved" or t_ns >= after:
+            return log_ns + (t_ns - after if self._made == "saved" else 0)
+        for before, earlier_ns in islice(reversed(self._noted), 1, None):
+            if before <= t_ns:
+                return earlier_ns + (log_ns - earlier_ns) * (t_ns - before) // (after - before)
+            after, log_ns = before, earlier_ns
+        return log_ns
 
     def flush_if_due(self) -> None:
         """Close the chunk and pass it to the system if 250 ms have passed since the last time."""
@@ -191,6 +245,8 @@ class Writer:
     def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
         """Finish the file with an account of the recording and the summary of the run, and sync it to the disk."""
         with self._guarded():
+            if self._noted:
+                self._draw(chain(self._outputs(), self._curves.rest()))
             self._describe()
             for name, found in (("recording", recording), ("summary", summary)):
                 self._mcap.note(name, {key: json.dumps(value) for key, value in found.items()})
@@ -203,3 +259,10 @@ class Writer:
         self._mcap.discard()
         with contextlib.suppress(OSError):
             self._file.close()
+
+
+def _reader(fields: list[str]) -> Callable[[Any], Sequence[float]]:
+    """A function that returns the values of these fields of a message."""
+    if len(fields) > 1:
+        return attrgetter(*fields)
+    return lambda content: [getattr(content, field) for field in fields]

@@ -1,36 +1,38 @@
-"""Scenes: a plant, the effects that are on, sensors, controllers and a protocol, as TOML; each value with its origin.
+"""Scenes: a plant with its effects, sensors, controllers and a protocol, as TOML; each value with its origin.
 
     load(name_or_path, overrides) -> Scene      checked as a whole, or a SceneError with every fault
     names() -> shipped scenes                   path(name) -> its file
 
-loader    one pass over a scene file        checks    what holds between its parts
-source    TOML, changes, origins            faults    messages
-inherit   files based on one another        places    line of each key in a file
-migration formats of scene files            draft     the text of a new scene file
-scene     the checked scene, and as JSON    protocol  the steps of an experiment
-shelf     the shipped scenes
+loader    tables of a scene, checked        checks    what must hold between its sections
+merged    tables of files merged            inherit   files based on one another
+source    TOML, changes, origins            places    line of each key in a file
+faults    messages                          migration formats of scene files
+scene     the checked scene, and as JSON    sections  values by key, wiring of controllers
+clock     the section [clock]               protocol  the steps of an experiment (step_sequences)
+rooms     the parts that a scene names      effects   optional effects of a plant
+explain   a scene for a reader              variants  scenes with one effect less or more
+shipped   the shipped scenes                draft     the text of a new scene file
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from rig.scenes.shipped import names, path
 
 if TYPE_CHECKING:
+    from rig.scenes.clock import Clock
     from rig.scenes.loader import load
     from rig.scenes.places import Origin
-    from rig.scenes.scene import Clock, Scene
+    from rig.scenes.scene import Scene
 
 __all__ = ["Clock", "Origin", "Scene", "load", "names", "path"]
 
 
 def __getattr__(name: str) -> Any:
-    """What reads a scene as a whole, imported when it is asked for: a list of scenes does without (0.2 s)."""
-    if name == "load":
-        from rig.scenes import loader as module
-    elif name in __all__:
-        from rig.scenes import scene as module  # type: ignore[no-redef]
-    else:
+    """Import a name that needs pydantic at its first use: a list of scenes does without (0.2 s)."""
+    module = {"Clock": "clock", "Origin": "places", "Scene": "scene", "load": "loader"}.get(name)
+    if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(module, name)
+    return getattr(import_module(f"{__name__}.{module}"), name)

@@ -1,34 +1,46 @@
-"""What holds between the parts of a scene: whole numbers of frames, sensors and actuators that exist, one owner each.
+"""Checks across the parts of a scene: whole numbers of frames, existing sensors and actuators, one owner for each.
 
 Every check yields (dotted key, line), as `faults.lines` does.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isqrt
-from typing import Any
+from typing import Any, TypeGuard
 
-from rig.controllers import made_by
-from rig.controllers.blocks.base import hears
-from rig.parts import told as blamed
-from rig.quantities import LONGEST
+from pydantic import BaseModel
+from pydantic_core import PydanticSerializationError
+
+from rig.controllers import controller_class
+from rig.controllers.blocks.base import gets_every_sample
+from rig.errors import PartError
+from rig.parts import calling, file_of
+from rig.quantities import LONGEST, brief, unit_fault
+from rig.scenes.clock import Clock
 from rig.scenes.faults import near, shown
-from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat, longest_ns
-from rig.scenes.scene import Clock, controller_drives, controller_reads
+from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat
+from rig.scenes.sections import controller_drives, controller_reads
+from rig.scenes.step_sequences import longest_ns
+from rig.sensors.chain.front_end import FrontEnd
 
 Fault = tuple[str, str]
-TIMES = ("over", "time", "timeout", "window")
+TIMES = ("over", "time", "duration", "timeout", "window")
 
 
 def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Fault]:
-    """Controllers work, and their loops delay, by whole frames."""
+    """Periods and delays of controllers are whole numbers of frames."""
     for name, section in controllers.items():
         for field in ("period", "delay"):
             value = getattr(section, field, 0)
+            if not _whole_ns(value, least=int(field == "period")):  # a default, which nobody has checked yet
+                key, file = f"controllers.{name}.{field}", file_of(sys.modules[type(section).__module__])
+                yield key, f"{key}: {file} declares {brief(value)}; expected whole nanoseconds, e.g. 1_000_000"
+                continue
             given = _raw(raw, "controllers", name, field, default=f"{value / 1e9:g} s")
             yield from _whole(f"controllers.{name}.{field}", given, value, clock.frame, field == "delay")
-        if section.period != clock.frame and hears(made_by(section)):
+        if section.period != clock.frame and gets_every_sample(controller_class(section)):
             key = f"controllers.{name}.period"
             yield (
                 key,
@@ -37,23 +49,54 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
 
 
 def foreign(key: str, section: Any) -> Iterator[Fault]:
-    """A sensor or a controller from elsewhere does what is asked of it."""
+    """A foreign sensor or controller declares what it must, and works."""
     found: list[str] = []
     if hasattr(section, "front_end"):
-        units = [one for one in ("delivers", "accepts") if not isinstance(getattr(section, one, None), str)]
-        found = [f"its class states no `{one}`, a unit" for one in units]
+        file = file_of(sys.modules[type(section).__module__])
+        for name in ("delivers", "accepts"):
+            if (unit := getattr(section, name, None)) is None:
+                found.append(f"{file}: its class states no `{name}`, a unit")
+            elif fault := unit_fault(unit):
+                found.append(f"{file}: {name} = {fault}")
         try:
-            section.front_end()
-        except Exception as error:
-            found.append(blamed(error) or f"{section.kind}: {error}")
+            with calling(sys.modules[type(section).__module__]):
+                end = section.front_end()
+        except PartError as error:
+            found.append(str(error))
+        else:
+            found += end.faults() if isinstance(end, FrontEnd) else [f"flawed gives {brief(end)}; expected a FrontEnd"]
     else:
-        from rig.controllers.runtime.file import refused  # where a scene names a file
+        from rig.controllers.runtime.file import section_faults  # where a scene names a file
 
-        found = refused(section)
-        period = getattr(made_by(section), "period_ns", None)
-        if isinstance(period, int) and period != section.period:
+        made = controller_class(section)
+        if not hasattr(made, "design"):  # one with a design step needs numbers: rig.design tries it
+            found = section_faults(section, {})
+        try:
+            controller_reads(section), controller_drives(section)
+        except PartError as error:
+            found.append(str(error))
+        period = getattr(made, "period_ns", None)
+        if _whole_ns(period) and period != section.period:
             found.append(f"it works every {_ms(period)} (Controller.period_ns), not every {_ms(section.period)}")
     yield from ((key, f"{key}.kind: {line}") for line in found)
+
+
+def unwritable(section: BaseModel, key: str) -> Iterator[Fault]:
+    """Values that JSON, and so a recording, cannot hold: only sections of foreign parts have such fields."""
+    try:
+        section.model_dump(mode="json")
+    except PydanticSerializationError:
+        where, before = file_of(sys.modules[type(section).__module__]), f"{key}." if key else ""
+        for name in type(section).model_fields:
+            value = getattr(section, name)
+            if isinstance(value, BaseModel):
+                yield from unwritable(value, f"{before}{name}")
+                continue
+            try:
+                section.model_dump(mode="json", include={name})
+            except PydanticSerializationError:
+                line = f"{where}: {type(section).__name__}.{name} holds {brief(value)}, which no recording can contain"
+                yield f"{before}{name}", f"{before}{name}: {line}; use numbers, texts, and tuples or dicts of them"
 
 
 def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]:
@@ -73,17 +116,17 @@ def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]
 def lengths(clock: Clock, protocol: Iterable[Any], raw: Any, prefix: str = "protocol") -> Iterator[Fault]:
     """Every time in the protocol is a whole number of frames."""
     for i, step in enumerate(protocol):
-        told = raw[i] if isinstance(raw, list) and i < len(raw) and isinstance(raw[i], Mapping) else {}
+        table = raw[i] if isinstance(raw, list) and i < len(raw) and isinstance(raw[i], Mapping) else {}
         for field in TIMES:
-            value = getattr(step, field, 0)
-            given = shown(told[field]) if field in told else f"{value / 1e9:g} s"
+            value = getattr(step, field, None) or 0
+            given = shown(table[field]) if field in table else f"{value / 1e9:g} s"
             yield from _whole(f"{prefix}[{i + 1}].{field}", given, value, clock.frame, zero=True)
         if isinstance(step, Repeat):
-            yield from lengths(clock, step.steps, told.get("steps", []), f"{prefix}[{i + 1}].steps")
+            yield from lengths(clock, step.steps, table.get("steps", []), f"{prefix}[{i + 1}].steps")
 
 
 def whole(protocol: Sequence[Any]) -> Iterator[Fault]:
-    """The protocol ends in a time that can be counted, or never."""
+    """The protocol ends within the longest time that can be counted, or never."""
     length = longest_ns(protocol)
     if length is not None and length > LONGEST:
         yield "protocol", f"protocol: takes up to {length / 1e9:.3g} s; at most {LONGEST / 1e9:g} s are possible"
@@ -100,7 +143,7 @@ def _whole(key: str, given: str, value: int, frame: int, zero: bool) -> Iterator
 
 
 def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str) -> Iterator[Fault]:
-    """Each sensor reads an output of the rig that has the unit it is made for."""
+    """Each sensor reads an output of the rig, in the unit that it accepts."""
     for name, section in sensors.items():
         key = f"sensors.{name}.reads"
         if section.reads not in outputs:
@@ -117,7 +160,7 @@ def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str)
 def wiring(
     controllers: Mapping[str, Any], sensors: Iterable[str], inputs: Iterable[str], plant: str
 ) -> Iterator[Fault]:
-    """Controllers read sensors that are there, drive actuators that are there, and each actuator has one driver."""
+    """Controllers read existing sensors and drive existing actuators, and each actuator has one driver."""
     sensors, inputs = set(sensors), set(inputs)
     owners: dict[str, str] = {}
     for name, section in controllers.items():
@@ -136,7 +179,7 @@ def wiring(
 
 
 def hands_off(protocol: Iterable[Any], controllers: Mapping[str, Any]) -> Iterator[Fault]:
-    """The protocol leaves an actuator alone while a controller drives it."""
+    """The protocol does not set an actuator while a controller drives it."""
     owners = {actuator: name for name, section in controllers.items() for actuator in controller_drives(section)}
     connected = set(controllers) - {s.controller for s in flat(protocol) if isinstance(s, Connect)}
     for i, step in enumerate(protocol, 1):
@@ -151,7 +194,7 @@ def hands_off(protocol: Iterable[Any], controllers: Mapping[str, Any]) -> Iterat
 
 
 def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[Fault]:
-    """The protocol asks of an actuator what it can take, and for a ramp where it can run."""
+    """The protocol sets values within the range of the actuator, and ramps only actuators that can move linearly."""
     for i, step in enumerate(protocol, 1):
         for inner in flat([step]):
             if not isinstance(inner, Load | Ramp | Set) or inner.target not in inputs:
@@ -173,6 +216,10 @@ def _raw(raw: Mapping[str, Any], *path: str, default: Any) -> str:
     for part in path:
         value = value.get(part) if isinstance(value, Mapping) else None
     return shown(default if value is None else value)
+
+
+def _whole_ns(value: Any, least: int = 1) -> TypeGuard[int]:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= least
 
 
 def _ms(ns: float) -> str:

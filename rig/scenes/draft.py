@@ -1,28 +1,26 @@
-"""The text of a new scene file, ready to edit: what it is based on, and the values most worth changing as comments."""
+"""The text of a new scene file: the scene that it is based on, and its most important values as comments."""
 
 from __future__ import annotations
 
 import json
 import shlex
 from collections.abc import Iterator
-from typing import Annotated, Any, get_args, get_origin
 
-from pydantic import BaseModel
-
-from rig.quantities import Range, Unit
 from rig.scenes import migration
+from rig.scenes.explain import UNSTATED
 from rig.scenes.scene import Scene
+from rig.scenes.sections import range_of
 
 FIRST = ("drive", "load", "friction")
-"""Tables that come first: what an experiment varies."""
-_TABLES, _VALUES = 5, 5  # as many as a reader looks through
+"""Tables that come first, because experiments vary them."""
+_TABLES, _VALUES = 5, 5  # a longer list is not read
 _HEAD = """\
 # A scene based on {base}. It has all values of {base}, except those that this file changes. Next steps:
 #   rig explain {file}            every value with its origin, and the file and line it comes from
 #   rig simulate {file}           as fast as possible
 #   rig run {file} --view         paced by the clock, live in rerun
 # To change a value, remove the # of its line. You may state its origin and a note: ["0.1 m/s", "chosen", "why"].
-# KEY = "none" takes a value away, or an effect, a sensor, a controller; [[protocol]] replaces the whole protocol.
+# KEY = "none" removes a value, an effect, a sensor or a controller; [[protocol]] replaces the whole protocol.
 
 format = {format}
 based_on = {name}
@@ -32,7 +30,7 @@ title = {title}
 
 
 def draft(base: Scene, based_on: str, file: str) -> str:
-    """The text of a scene file called `file`; `based_on`: what it says of its base, `base`."""
+    """The text of a scene file called `file`; `based_on`: the value of this key for its base, `base`."""
     name, title = _text(based_on), _text(f"{base.title}, changed")
     head = _HEAD.format(
         base=_plain(based_on), file=shlex.quote(_plain(file)), format=migration.newest(), name=name, title=title
@@ -45,54 +43,33 @@ def _tables(base: Scene) -> Iterator[list[str]]:
     found: dict[str, list[str]] = {}
     values = base.values()
     inputs = base.assemble().inputs
-    for key, origin in base.origins.items():
+    for key in dict.fromkeys((*base.origins, *filter(base.place, values))):
+        origin = base.origins.get(key, UNSTATED)
         table, _, field = key.rpartition(".")
         value, unit = values.get(key, (None, ""))
-        allowed = _allowed(base.parameters, key)
+        within = range_of(base.parameters, key)
+        allowed = None if within is None else str(within)
         if allowed is None or isinstance(value, bool) or not isinstance(value, int | float):
             continue  # of no parameter of the plant, a choice, or a list
         if key in inputs:
             low, high = f"{inputs[key].low:g}", f"{inputs[key].high:g}"
             allowed = f"{low} to {high}" + ("" if unit == "1" else f" {unit}")
-        told = f"{origin.origin}: {origin.note}" if origin.note else origin.origin
+        source = _plain(f"{origin.origin}: {origin.note}" if origin.note else origin.origin)
         given = f"{value:g}" if float(f"{value:g}") == value else repr(value)
         given = given if unit == "1" else _text(f"{given} {unit}")
-        found.setdefault(table, []).append(f"# {field} = {given} # {allowed}; {told}")
-    order = sorted(found, key=lambda table: FIRST.index(table) if table in FIRST else len(FIRST))
+        found.setdefault(table, []).append(f"# {field} = {given} # {allowed}; {source}")
+    place = {"": -1, **{table: i for i, table in enumerate(FIRST)}}  # what is in no table stands above all tables
+    order = sorted(found, key=lambda table: place.get(table, len(FIRST)))
     for table in order[:_TABLES]:
-        yield [f"[{table}]", *found[table][:_VALUES], ""]
-
-
-def _allowed(section: Any, key: str) -> str | None:
-    """The range of a quantity, in words; None for what is no quantity."""
-    *path, last = key.split(".")
-    for name in path:
-        section = section.get(name) if isinstance(section, dict) else getattr(section, name, None)
-    if not isinstance(section, BaseModel) or last not in type(section).model_fields:
-        return None
-    info = type(section).model_fields[last]
-    found = list(_metadata(info.annotation, info.metadata))
-    if not any(isinstance(one, Unit) for one in found):
-        return None
-    return next((str(one) for one in found if isinstance(one, Range)), None)
-
-
-def _metadata(annotation: Any, own: Any = ()) -> Iterator[Any]:
-    """What an annotation says beside its type, also inside of a choice."""
-    yield from own
-    inside = get_args(annotation)
-    if get_origin(annotation) is Annotated:
-        yield from inside[1:]
-        inside = inside[:1]
-    for one in inside:
-        yield from _metadata(one)
+        head = [f"[{table}]"] if table else []
+        yield [*head, *found[table][:_VALUES], ""]
 
 
 def _plain(text: str) -> str:
-    """Text for a comment, on one line."""
+    """A text on one line, for a comment."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def _text(text: str) -> str:
-    """As TOML writes it."""
-    return json.dumps(text, ensure_ascii=False)
+    """The value in TOML."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,4 +1,4 @@
-"""Effects that a plant may be with or without, as its parameters declare them (rig.about)."""
+"""The optional effects of a plant, as its parameters declare them (rig.about)."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ class Choice(NamedTuple):
 
 def optional(section: BaseModel) -> Iterator[Choice]:
     """What a plant with these parameters may be with or without."""
-    for name, (told, absent) in _fields(type(section)).items():
+    for name, (entry, absent) in _fields(type(section)).items():
         value = getattr(section, name)
         if absent:
-            yield Choice(name, name, value is not None, told or About())
+            yield Choice(name, name, value is not None, entry or About())
         elif isinstance(value, BaseModel):
-            for inner, (told, absent) in _fields(type(value)).items():
-                if absent and told is not None:
-                    what = "limits" if isinstance(told, Bound) else inner
+            for inner, (entry, absent) in _fields(type(value)).items():
+                if absent and entry is not None:
+                    what = "limits" if isinstance(entry, Bound) else inner
                     given = getattr(value, inner) is not None
-                    yield Choice(f"{name} {what}", f"{name}.{inner}", given, told)
+                    yield Choice(f"{name} {what}", f"{name}.{inner}", given, entry)
 
 
 def about(section: BaseModel, effect: str) -> str:
@@ -46,8 +46,8 @@ def about(section: BaseModel, effect: str) -> str:
     if holder is None or (inner or table) not in type(holder).model_fields:
         return ""
     kind: Any = type(holder)
-    told, _ = _fields(kind)[inner or table]
-    return told.text if told else ""
+    entry, _ = _fields(kind)[inner or table]
+    return entry.text if entry else ""
 
 
 def declared(section: BaseModel) -> dict[str, About]:

@@ -1,4 +1,4 @@
-"""What a scene is made of: effects, on or absent, with the states they add; values, with where they come from."""
+"""The parts of a scene for a reader: effects, on or absent, with their states; values with their origins."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from typing import Any
 from pydantic import BaseModel
 
 from rig.about import Bound
-from rig.model.film_system import lay
+from rig.model.film_system import add_film_states
 from rig.quantities import ORIGINS
 from rig.scenes.effects import about, optional
 from rig.scenes.places import Origin, Place
-from rig.scenes.scene import Scene, known, leaves
+from rig.scenes.scene import Scene
+from rig.scenes.sections import known, values_of
 
 DEFAULT = Origin("default")
 UNSTATED = Origin("not stated")
-_ROW = 5  # numbered states that are told one by one
+_ROW = 5  # largest number of numbered states that are listed one by one
 _NUMBER = re.compile(r"\d+")
 
 
@@ -34,7 +35,7 @@ class Effect:
     about: str
 
     @property
-    def told(self) -> str:
+    def states_text(self) -> str:
         """Its states; of a long row of numbered ones the first and the last."""
         return ", ".join(_ends(self.states))
 
@@ -114,7 +115,7 @@ def _placed(scene: Scene, value: Value) -> Value:
 def _effects(scene: Scene) -> Iterator[Effect]:
     assembly = scene.assemble()
     if assembly.film is not None:
-        lay(assembly, assembly.film)
+        add_film_states(assembly, assembly.film)
     names = [name for name in assembly.names if name != "one"]
     owned: dict[str, list[str]] = {}
     for name in names:
@@ -122,17 +123,17 @@ def _effects(scene: Scene) -> Iterator[Effect]:
     yield Effect("structure", True, tuple(owned.pop("structure", ())), "mass, damping, stiffness")
     for patch, *_ in assembly.patches:
         law = getattr(scene.parameters, "friction", None)
-        told = f"law {getattr(law, 'law', '')}; stick and slip"
+        text = f"law {getattr(law, 'law', '')}; stick and slip"
         name = f"friction at {patch}"
-        yield Effect(name, True, (), told + assembly.about.get(name, ""))
+        yield Effect(name, True, (), text + assembly.about.get(name, ""))
     opening = [name for name, *_, opens in assembly.normals if opens]
     for where in opening if len(opening) <= _SINGLE else [f"{len(opening)} points"]:
         yield Effect(f"lift-off at {where}", True, (), "a contact opens where its normal force becomes zero")
     for name, _, low, high, *_ in assembly.limiters:
         yield Effect(f"{name} limits", True, (), f"clamped to {low:g} .. {high:g} {_unit(assembly, name)}")
     for owner, states in owned.items():
-        told = assembly.about.get(owner) or about(scene.parameters, owner)
-        yield Effect(owner, True, tuple(states), told)
+        text = assembly.about.get(owner) or about(scene.parameters, owner)
+        yield Effect(owner, True, tuple(states), text)
     clamps = {f"{name} limits" for name, *_ in assembly.limiters}
     lacking = {}
     for one in optional(scene.parameters):
@@ -141,8 +142,8 @@ def _effects(scene: Scene) -> Iterator[Effect]:
                 lacking[one.name] = one.about.text
         elif one.name not in owned:
             yield Effect(one.name, one.given, (), one.about.text)
-    for name, told in sorted(lacking.items()):
-        yield Effect(name, False, (), told)
+    for name, text in sorted(lacking.items()):
+        yield Effect(name, False, (), text)
 
 
 _SINGLE = 8  # contacts that open, listed one by one
@@ -157,18 +158,18 @@ def _values(scene: Scene) -> Iterator[Value]:
     rooms |= {f"sensors.{name}": section for name, section in scene.sensors.items()}
     rooms |= {f"controllers.{name}": section for name, section in scene.controllers.items()}
     for prefix, section in [("", scene.parameters), *rooms.items()]:
-        for key, (value, unit) in leaves(section, prefix):
+        for key, (value, unit) in values_of(section, prefix):
             name = key.rpartition(".")[2]
             if name not in ("law", "kind", "effect", "on", "ideal", "enable"):
                 origin = scene.origins.get(key) or (_documented(type(section), name) if prefix else None)
                 if origin is not None or not isinstance(value, str):
                     yield Value(key, value, unit, origin or DEFAULT)
     assembly = scene.assemble()
-    told = known(assembly, scene.parameters, scene.sensors, scene.controllers)
-    units = {**told.settable, **told.inputs, **told.sensors}
+    names = known(assembly, scene.parameters, scene.sensors, scene.controllers)
+    units = {**names.settable, **names.inputs, **names.sensors}
     for key, step in _steps(scene.protocol, "protocol"):
         named = units.get(getattr(step, "target", getattr(step, "sensor", "")), "")
-        for inner, (value, unit) in leaves(step, key):
+        for inner, (value, unit) in values_of(step, key):
             if inner in scene.origins:
                 yield Value(inner, value, unit or named, scene.origins[inner])
     for name, limit in scene.limits.items():

@@ -1,4 +1,4 @@
-"""From the faults that pydantic finds to lines that a user can act on: key, what was given, what is allowed.
+"""Messages for the faults that pydantic finds in a scene: key, what was given, what is allowed.
 
 load.force = "-3 N": must be at least 0 N
 drive.sped: unknown key; did you mean drive.speed?
@@ -26,8 +26,8 @@ BOUNDS = {
     "less_than_equal": ("at most", "le"),
 }
 TAGS = ("law", "kind", "on", "step", "direction")
-_MANY = 24  # names: more than a reader looks through
-_LONG = 100  # letters: no name has as many, and to compare them takes long
+_MANY = 24  # names: a longer list is not read
+_LONG = 100  # characters: no name has as many, and comparing them is slow
 Loc = tuple[int | str, ...]
 
 
@@ -54,11 +54,11 @@ def lines(error: ValidationError, model: Any, raw: Any, prefix: str = "") -> Ite
         elif kind == "literal_error" and path and path[-1] in TAGS:
             yield key, unknown_choice(key, given, [str(c) for c in get_args(annotation)])
         else:
-            told = _told(kind, context, fault["msg"], given, unit)
-            yield key, f"{_given(key, given)}: {told}" if key else told  # no key: it is of the scene as a whole
+            text = _reason(kind, context, fault["msg"], given, unit)
+            yield key, f"{_given(key, given)}: {text}" if key else text  # no key: it is of the scene as a whole
 
 
-def _told(kind: str, context: Mapping[str, Any], message: str, given: Any, unit: str) -> str:
+def _reason(kind: str, context: Mapping[str, Any], message: str, given: Any, unit: str) -> str:
     """What is wrong with a value, in words."""
     suffix = "" if unit in ("", "1") else f" {unit}"
     if kind in BOUNDS:
@@ -79,13 +79,13 @@ def _told(kind: str, context: Mapping[str, Any], message: str, given: Any, unit:
 
 
 def reworded(message: str, given: Any) -> str:
-    """What is wrong with a value, for a line that has told the value already."""
+    """The fault of a value as text, for a line that already contains the value."""
     text = message.removeprefix(f"is {brief(given)}").lstrip(";").strip()
     return text[:1].lower() + text[1:]
 
 
 def unknown_key(key: str, known: Iterable[str]) -> str:
-    """The line for a key that is not there."""
+    """The line for an unknown key."""
     parent, _, last = key.rpartition(".")
     names = sorted(known)
     likely = close(last, names)
@@ -97,7 +97,7 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
 
 
 def unknown_choice(key: str, given: Any, known: Iterable[str]) -> str:
-    """The line for a choice that does not exist."""
+    """The line for an unknown choice."""
     names = sorted(known)
     likely = close(str(given), names)
     hint = f"did you mean {likely[0]}? " if likely else ""
@@ -116,7 +116,7 @@ def near(what: str, known: Iterable[str], lists: str = "rig explain SCENE --all"
 
 
 def close(what: str, names: Iterable[str]) -> list[str]:
-    """The names that `what` may have meant, the likeliest first, none that is much less likely than the first."""
+    """The names that are like `what`, the most similar first, without those much less similar than the first."""
     if len(what) > _LONG:
         return []
     score = {name: SequenceMatcher(None, what, name).ratio() for name in names}
@@ -129,12 +129,12 @@ def _given(key: str, given: Any) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as it stands in a scene file, shortened where long."""
+    """A value as a scene file contains it, shortened if it is long."""
     return shortened(json.dumps(value, ensure_ascii=False, default=str))
 
 
 def shortened(text: str) -> str:
-    """A text of at most 60 letters."""
+    """A text of at most 60 characters."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
@@ -163,7 +163,7 @@ def dotted(path: Iterable[int | str], prefix: str = "") -> str:
 
 
 def inner(annotation: Any, path: Iterable[str]) -> Any:
-    """The annotation at a dotted path of a section; None where it leads nowhere."""
+    """The annotation at a dotted path of a section; None if it does not exist."""
     for part in path:
         if get_origin(annotation) is dict:
             annotation = get_args(annotation)[1]
@@ -174,7 +174,7 @@ def inner(annotation: Any, path: Iterable[str]) -> Any:
 
 
 def shared(first: type[BaseModel], second: type[BaseModel]) -> set[str]:
-    """Fields that two sections have from a common base: what they say is the same in both."""
+    """Fields that two sections inherit from a common base, so that they mean the same in both."""
     bases = [base for base in first.__mro__ if base in second.__mro__ and issubclass(base, BaseModel)]
     common = {name for base in bases for name in base.model_fields}
     own = [name for model in (first, second) for name in _declared(model, bases)]
@@ -188,7 +188,7 @@ def _declared(model: type[BaseModel], bases: Sequence[type]) -> Iterator[str]:
 
 
 def keys(model: Any) -> list[str]:
-    """Names of the fields of a section, or of every section of a union."""
+    """The names of the fields of a section, or of all sections of a union."""
     return sorted({name for member in _models(model) for name in member.model_fields})
 
 
@@ -247,9 +247,9 @@ def _walk(model: Any, loc: Loc) -> tuple[Loc, Any, Any, str]:
 
 
 def unit_of(info: FieldInfo) -> str:
-    """SI unit of a field, also of one that may be left out; "" where it has none."""
-    told = next((str(m) for m in info.metadata if isinstance(m, Unit)), "")
-    return told or _unit(info.annotation)
+    """The SI unit of a field, also of an optional one; "" if it has none."""
+    unit = next((str(m) for m in info.metadata if isinstance(m, Unit)), "")
+    return unit or _unit(info.annotation)
 
 
 def _unit(annotation: Any) -> str:
@@ -262,7 +262,7 @@ def _unit(annotation: Any) -> str:
 
 
 def _lookup(raw: Any, path: Loc) -> Any:
-    """What the user gave at `path`; None where nothing."""
+    """The value that the user gave at `path`; None if there is none."""
     for part in path:
         if isinstance(raw, Mapping) and part in raw:
             raw = raw[part]

@@ -1,15 +1,16 @@
-"""Scene files that are based on one another: each says only in what it differs from its base.
+"""Inheritance of scene files: a file states only what differs from the scene that it is based on.
 
     based_on = "brake"          a shipped scene, or the path of a file, from the folder of this one
 
-Tables are merged. `key = "none"` takes a value, an effect, a sensor or a controller away. Everything else is replaced;
-a protocol is replaced as a whole. Title and description are not inherited.
+Tables are merged. `key = "none"` removes a value, an effect, a sensor or a controller. Everything else is replaced; a
+protocol is replaced as a whole. Title and description are not inherited.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,18 +19,18 @@ from typing import Any
 
 from rig.errors import SceneError
 from rig.scenes import migration, places, shipped, source
-from rig.scenes.faults import shown
+from rig.scenes.faults import close, shown
 from rig.scenes.places import Origin, Place
 
 OWN = ("title", "about")
-"""What a scene does not inherit."""
+"""Keys that a scene does not inherit."""
 _LONGEST = 20
 _NAME = re.compile(r"[^.\[\]]+|\[\d+\]")
 
 
 @dataclass(frozen=True)
 class Layer:
-    """One file of a scene: its tables with the newest names, and `name`, by which users are told of it."""
+    """One file of a scene: its tables with the newest names, and `name`, which messages use."""
 
     path: Path
     name: str
@@ -43,29 +44,30 @@ class Layer:
         return {migration.called(key, self.format): line for key, line in places.lines(self.text).items()}
 
     def place(self, key: str) -> Place:
-        """Where the file says something."""
+        """The place in the file."""
         return Place(self.name, self.lines.get(key, 1))
 
     @property
     def note(self) -> str:
-        """What was renamed as the file was read; "" if nothing."""
+        """The keys that were renamed when the file was read, in words; "" if none."""
         if self.format == migration.newest():
             return ""
-        told = migration.renamed((part.key for part in places.parts(self.text)), self.format)
-        if not told:
+        renames = migration.renamed((part.key for part in places.parts(self.text)), self.format)
+        if not renames:
             return ""
-        return f"{self.name} is in format {self.format}: {'; '.join(told)} (rig migrate {self.path} rewrites it)"
+        command = f"rig migrate {shlex.quote(str(self.path))}"
+        return f"{self.name} is in format {self.format}: {'; '.join(renames)} ({command} rewrites it)"
 
 
 class Places:
-    """Where the values of a scene come from: the files it was read from, its base first, and changes with -p."""
+    """The places of the values of a scene: its files, the base first, and changes with -p."""
 
     def __init__(self, layers: Sequence[Layer], changes: Collection[str], raw: Mapping[str, Any]) -> None:
         self.files = tuple(layer.name for layer in layers)
         self._layers, self._changes, self._raw = layers, frozenset(changes), raw
 
     def of(self, key: str) -> Place | None:
-        """Where the value `key` was given; None for a default."""
+        """The place that gave the value `key`; None for a default."""
         if key in self._changes:
             return Place("", 0)
         if not self._there(key):
@@ -73,16 +75,27 @@ class Places:
         whole = key.partition("[")[0]
         for layer in reversed(self._layers):
             if not layer.lines.keys().isdisjoint((whole, f"{whole}[1]")):
-                return layer.place(key) if key in layer.lines else None
+                return next((layer.place(one) for one in (key, f"{key}[1]") if one in layer.lines), None)
         return None
 
     def near(self, key: str) -> Place | None:
-        """Where the value `key` was given, or else the table that should have it."""
+        """The place that gave or removed the value `key`, or else the table that should contain it."""
         while key:
-            found = self.of(key)
+            found = self.of(key) or self._taken(key)
             if found is not None:
                 return found
             key = key[: max(key.rfind("."), key.rfind("["), 0)]
+        return None
+
+    def _taken(self, key: str) -> Place | None:
+        """The place of the "none" that removed the value `key`."""
+        names = _NAME.findall(key)
+        for layer in reversed(self._layers):
+            table: Any = layer.raw
+            for name in names[:-1]:
+                table = table.get(name) if isinstance(table, Mapping) else None
+            if isinstance(table, Mapping) and table.get(names[-1]) == "none":
+                return layer.place(key)
         return None
 
     def _there(self, key: str) -> bool:
@@ -98,11 +111,11 @@ class Places:
 
 
 def layers(path: Path) -> list[Layer]:
-    """The files of a scene, the last base first. Raises SceneError where one of them cannot be read."""
+    """The files of a scene, the last base first. Raises SceneError if one of them cannot be read."""
     first = found = _layer(path, path.parent)
     chain, seen = [found], [_same(path)]
     while (base := found.raw.pop("based_on", None)) is not None:
-        said = f"based_on = {shown(base)}"
+        text = f"based_on = {shown(base)}"
         place = found.place("based_on")
         try:
             if not isinstance(base, str):
@@ -117,7 +130,7 @@ def layers(path: Path) -> list[Layer]:
                 raise SceneError("", [f"more than {_LONGEST} files are based on one another"])
             found = _layer(at, path.parent)
         except SceneError as error:
-            raise SceneError(str(first.path), [f"{said}: {fault} ({place})" for fault in error.faults]) from None
+            raise SceneError(str(first.path), [f"{text}: {fault} ({place})" for fault in error.faults]) from None
         chain.append(found)
         seen.append(_same(at))
     return chain[::-1]
@@ -132,12 +145,16 @@ def _layer(path: Path, folder: Path) -> Layer:
     except ValueError as fault:
         raise SceneError(str(path), [f"{fault} ({name}, line {places.lines(text)['format']})"]) from None
     raw.pop("format", None)
-    return Layer(path, name, text, migration.migrated(raw, since) if since < migration.newest() else raw, since)
+    try:
+        tables = migration.migrated(raw, since) if since < migration.newest() else raw
+    except ValueError as fault:
+        raise SceneError(str(path), [f"{fault} ({name})"]) from None
+    return Layer(path, name, text, tables, since)
 
 
 def _same(path: Path) -> str:
-    """One text for one file, however it is named."""
-    return os.path.realpath(path)
+    """One text for each file, whatever its path."""
+    return str(path) if "\0" in str(path) else os.path.realpath(path)  # the system knows no such name
 
 
 def lay(
@@ -148,19 +165,22 @@ def lay(
     recast: dict[str, tuple[str, Any]],
     key: str = "",
 ) -> Iterator[tuple[str, str]]:
-    """Put the tables `over` of a file over those of its base, `raw`; yields (dotted key, line) for every fault.
+    """Merge the tables `over` of a file into those of its base, `raw`. Yield (dotted key, line) for every fault.
 
-    `origins` are those of the base, `own` those of the file, which are put over them in the end. `recast` takes up the
-    tables of a changed kind: which key says it, what it said.
+    `origins` are those of the base; `own`, those of the file, replace them in the end. `recast` receives the
+    tables whose kind changed -> key of the kind, former kind.
     """
     for name, value in over.items():
         here = f"{key}.{name}" if key else name
         before = raw.get(name)
         if value == "none":
             if name not in raw:
-                yield here, f"{here}: is not in the base, so it cannot be taken away"
+                hint = " or ".join(f"{key}.{one}" if key else one for one in close(name, raw))
+                hint = f"; did you mean {hint}?" if hint else ""
+                yield here, f"{here}: is not in the base, so it cannot be taken away{hint}"
             raw.pop(name, None)
             source.forget(origins, here)
+            source.forget(own, here)
         elif isinstance(value, Mapping):
             table = before if isinstance(before, dict) else {}
             if table is not before:

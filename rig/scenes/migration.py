@@ -19,7 +19,8 @@ from rig.scenes.places import parts
 ROOMS = ("clock", "sensors", "controllers", "protocol", "limits")
 """What a recorded scene holds beside the parameters of its plant."""
 _ENTRY = re.compile(r"\[\d+\]")
-_FORMAT = re.compile(r"^(format\s*=\s*)\d+", re.MULTILINE)
+_NUMBER = re.compile(r"[ \t]*=[ \t]*([^\s#]+)")
+_READS = "reads scene files up to format"
 
 
 class Rename(NamedTuple):
@@ -42,11 +43,10 @@ def written(raw: dict[str, Any]) -> int:
     """The format that a file states, 1 where it states none. Raises ValueError for a format that is not known."""
     found = raw.get("format", 1)
     if isinstance(found, bool) or not isinstance(found, int) or found < 1:
-        raise ValueError(f"format = {shown(found)}: expected a whole number from 1 to {newest()}")
+        raise ValueError(f"format = {shown(found)}: expected a whole number; this version {_READS} {newest()}")
     if found > newest():
         raise ValueError(
-            f"format = {shown(found)}: this version of friction-rig reads scene files up to format {newest()}; "
-            "install a newer version"
+            f"format = {shown(found)}: this version of friction-rig {_READS} {newest()}; install a newer version"
         )
     return found
 
@@ -65,10 +65,20 @@ def called(key: str, since: int) -> str:
 
 
 def migrated(raw: Any, since: int, key: str = "") -> Any:
-    """The tables of a file of format `since`, with the newest names."""
+    """The tables of a file of format `since`, with the newest names.
+
+    Raises ValueError where the file gives a key by its former name and by its newest one.
+    """
     if isinstance(raw, dict):
-        inside = {name: f"{key}.{name}" if key else name for name in raw}
-        return {_last(called(inside[name], since)): migrated(raw[name], since, inside[name]) for name in raw}
+        found: dict[str, Any] = {}
+        given: dict[str, str] = {}
+        for name, value in raw.items():
+            inside = f"{key}.{name}" if key else name
+            now = _last(called(inside, since))
+            if now in found:
+                raise ValueError(f"{given[now]} and {inside} are one key since format {newest()}; remove one of them")
+            found[now], given[now] = migrated(value, since, inside), inside
+        return found
     if isinstance(raw, list):
         return [migrated(one, since, f"{key}[{i}]") for i, one in enumerate(raw, 1)]
     return raw
@@ -85,17 +95,24 @@ def recorded(raw: dict[str, Any], since: int) -> dict[str, Any]:
 def rewritten(text: str) -> tuple[str, list[str]]:
     """The text of a scene file in the newest format, and what was renamed, a line each. All else stays as it is.
 
-    Raises ValueError for a format that is not known.
+    Raises ValueError for a format that is not known, and as `migrated`.
     """
-    since = written(tomllib.loads(text))
+    raw = tomllib.loads(text)
+    since = written(raw)
     if since == newest():
         return text, []
-    edits = [(part, now) for part in parts(text) if (now := _last(called(part.key, since))) != _last(part.key)]
-    told = renamed((part.key for part, _ in edits), since)
-    for part, now in reversed(edits):
-        text = text[: part.begin] + now + text[part.end :]
-    text, count = _FORMAT.subn(rf"\g<1>{newest()}", text, count=1)
-    return (text if count else f"format = {newest()}\n{text}"), told
+    migrated(raw, since)
+    found = parts(text)
+    edits = [
+        (part.begin, part.end, now) for part in found if (now := _last(called(part.key, since))) != _last(part.key)
+    ]
+    renames = renamed((part.key for part in found), since)
+    stated = [_NUMBER.match(text, part.end) for part in found if part.key == "format"]
+    edits += [(*number.span(1), str(newest())) for number in stated if number is not None]
+    for begin, end, now in sorted(edits, reverse=True):
+        text = text[:begin] + now + text[end:]
+    line = f"format = {newest()}" + ("\r\n" if "\r\n" in text else "\n")
+    return (text if stated else line + text), renames
 
 
 def renamed(keys: Iterable[str], since: int) -> list[str]:

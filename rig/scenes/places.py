@@ -1,4 +1,4 @@
-"""Where a value comes from: its origin, and where its key stands in a TOML text, since tomllib does not say.
+"""Origins of values, and the lines of their keys in a TOML text, which tomllib does not return.
 
 The text must be one that tomllib reads and whose lists and tables are not nested too deeply (`rig.scenes.source`).
 """
@@ -20,14 +20,14 @@ _VALUE = re.compile(
 
 
 class Origin(NamedTuple):
-    """Where a value comes from: one of `rig.quantities.ORIGINS`, and a note."""
+    """The origin of a value: one of `rig.quantities.ORIGINS`, and a note."""
 
     origin: str
     note: str = ""
 
 
 class Place(NamedTuple):
-    """Where a value comes from: a file as users know it and a line, counted from 1; no file: a change with -p."""
+    """The place of a value: a file as users know it and a line, counted from 1; no file: a change with -p."""
 
     file: str
     line: int
@@ -37,7 +37,7 @@ class Place(NamedTuple):
 
 
 class Part(NamedTuple):
-    """One part of a key in a text: the dotted key up to it, where it begins and ends, counted in letters."""
+    """One part of a key in a text: the dotted key up to it, and its begin and end as numbers of characters."""
 
     key: str
     begin: int
@@ -71,7 +71,7 @@ class _Text:
             at = self._blank(at)
 
     def _blank(self, at: int) -> int:
-        """Where blanks, ends of lines and comments end."""
+        """The end of blanks, line ends and comments."""
         found = _BLANK.match(self._text, at)
         return found.end() if found else at
 
@@ -84,7 +84,7 @@ class _Text:
         self.found.setdefault(key, bisect(self._ends, begin - 1) + 1)
 
     def _key(self, at: int, table: str = "", many: bool = False) -> tuple[str, int]:
-        """Read a dotted key in `table`: the whole key, where it ends. `many`: it begins a further entry of a list."""
+        """Read a dotted key in `table`. Return the whole key and its end. `many`: it begins another entry of a list."""
         key, begin = table, at
         while (part := _PART.match(self._text, at)) is not None:
             begin, at, name = part.start(), part.end(), part[0]
@@ -104,13 +104,13 @@ class _Text:
         return key, at
 
     def _header(self, at: int) -> tuple[int, str]:
-        """Read `[table]` or `[[array of tables]]`: where it ends, and the key of the table that follows."""
+        """Read `[table]` or `[[array of tables]]`. Return its end, and the key of the table that follows."""
         many = self._text.startswith("[[", at)
         key, at = self._key(self._inline(at + 1 + many), many=many)
         return self._text.index("]", at) + 1 + many, key
 
     def _pair(self, at: int, table: str) -> int:
-        """Read `key = value`; where it ends."""
+        """Read `key = value`. Return its end."""
         key, at = self._key(at, table)
         return self._value(self._inline(self._text.index("=", at) + 1), key)
 

@@ -1,18 +1,18 @@
-"""The steps of an experiment, as a scene declares them; `rig.bench` carries them out, on ticks, inside the plant.
+"""The protocol steps that a scene declares. `rig.bench` carries them out in the plant, at ticks.
 
-    load         press with `force`, reached after `over`
-    ramp         an actuator runs linearly to a value within `over`
-    hold         nothing changes for `time`
-    wait         until a measured signal is above or below a value, quiet or settled; at most `timeout`
-    mark         write a line into the recording
-    knock        an impulse on the body, along the sliding direction at the contact
-    set          an actuator, a parameter of the rig or of a controller takes a value at once
-    connect      the commands of a controller reach its actuators from here on
-    disconnect   they no longer do; the actuators go back to what the protocol asked for last
-    repeat       steps, several times or "forever"
+    load         moves the normal force linearly to `force` within `over`
+    ramp         moves an actuator linearly to a value within `over`
+    hold         lets `time` pass
+    wait         waits until a measurement is above or below a value, quiet or settled; at most `timeout`
+    mark         writes a line into the recording
+    knock        gives the body an impulse along the sliding direction at the contact; with `duration` by a half sine
+    set          sets an actuator, a parameter of the rig or of a controller at once
+    connect      connects a controller to its actuators
+    disconnect   disconnects it; the actuators return to the latest values of the protocol
+    repeat       carries out steps a number of times or "forever"
 
-A value takes the unit of what it changes or compares, so texts with units need to know the rig: the loader hands
-`Known` over as validation context. Without it only SI numbers are read (a scene that comes back from a recording).
+A value has the unit of the quantity that it changes or is compared with. To read a text with a unit, the rig must be
+known: the loader passes `Known` as validation context. Without it only SI numbers are read, as in a recorded scene.
 Times are whole nanoseconds.
 """
 
@@ -24,9 +24,28 @@ from functools import partial
 from typing import Annotated, Any, Literal, Self
 
 from annotated_types import Ge, Le
-from pydantic import BeforeValidator, Field, PlainSerializer, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    TypeAdapter,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
-from rig.quantities import LONGEST, Nanoseconds, PositiveNewton, Range, Section, Unit, finite, nanoseconds, quantity, si
+from rig.quantities import (
+    LONGEST,
+    Nanoseconds,
+    NonNegativeNewton,
+    Range,
+    Section,
+    Unit,
+    finite,
+    nanoseconds,
+    quantity,
+    si,
+)
 from rig.scenes.faults import near
 
 Length = Annotated[
@@ -44,7 +63,7 @@ DEFAULT_WINDOW = 1_000_000_000
 
 @dataclass(frozen=True)
 class Known:
-    """What a protocol may name: actuators, further keys that may be set, sensors, each with its unit; controllers."""
+    """The names that a protocol may use: actuators, other keys to set and sensors, each with its unit; controllers."""
 
     inputs: Mapping[str, str] = field(default_factory=dict)
     settable: Mapping[str, str] = field(default_factory=dict)
@@ -58,42 +77,42 @@ UNKNOWN = Known(whole=False)
 
 
 def _named(value: str, what: str, info: ValidationInfo, *rooms: str) -> str:
-    """A name that stands in one of the `rooms` of the rig."""
-    told = info.context
-    if told is not None and told.whole:
-        names = {name for room in rooms for name in getattr(told, room)}
+    """A name in one of the `rooms` of the rig."""
+    known = info.context
+    if known is not None and known.whole:
+        names = {name for room in rooms for name in getattr(known, room)}
         if value not in names:
             raise ValueError(f"unknown {what}; {near(value, names)}")
     return value
 
 
 def _read(value: Any, field: str, info: ValidationInfo, *rooms: str) -> Any:
-    """A value in the unit of what `field` names; a name that is wrong is reported by itself."""
+    """A value in the unit of the quantity that `field` names. A wrong name is reported separately."""
     if value is None:
         return None
-    told, name = info.context, info.data.get(field, "")
-    if told is None:
+    known, name = info.context, info.data.get(field, "")
+    if known is None:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("expected a number in SI")
         return value
-    if "inputs" in rooms and name in told.inputs:
-        return si(value, told.inputs[name])  # what an actuator takes is told by rig.scenes.checks.commanded
-    unit = next((getattr(told, room)[name] for room in rooms if name in getattr(told, room)), None)
+    if "inputs" in rooms and name in known.inputs:
+        return si(value, known.inputs[name])  # rig.scenes.checks.commanded checks the range of an actuator
+    unit = next((getattr(known, room)[name] for room in rooms if name in getattr(known, room)), None)
     return 0.0 if unit is None else finite(value, unit)
 
 
 class Load(Section):
-    """Press the bodies together; the magnet's force runs linearly to `force` within `over`."""
+    """Move the normal force (of the magnet) linearly to `force` within `over`."""
 
     step: Literal["load"]
-    force: PositiveNewton
+    force: NonNegativeNewton
     over: Length = 0
 
     @field_validator("step")
     @classmethod
     def _loadable(cls, step: str, info: ValidationInfo) -> str:
-        told = info.context
-        if told is not None and told.whole and "load.force" not in told.inputs:
+        known = info.context
+        if known is not None and known.whole and "load.force" not in known.inputs:
             raise ValueError("this rig has no actuator load.force")
         return step
 
@@ -104,7 +123,7 @@ class Load(Section):
 
 
 class Ramp(Section):
-    """Run the actuator `target` linearly to `to` within `over`."""
+    """Move the actuator `target` linearly to `to` within `over`."""
 
     step: Literal["ramp"]
     target: str
@@ -130,13 +149,13 @@ class Hold(Section):
 
 
 class Wait(Section):
-    """Wait for a measured signal, judged at every frame with the latest sample.
+    """Wait for a condition on a sensor, tested at every frame with the latest sample.
 
     above, below   the sample is beyond the value
     quiet          half the peak-to-peak within the last `window` is below the value
-    settled        highest and lowest of the last two windows, laid end to end, agree within the value
+    settled        the maxima of the last two windows agree within the value, and so do the minima
 
-    After `timeout` the protocol goes on, or with `otherwise = "stop"` ends the run.
+    After `timeout` the protocol continues, or with `otherwise = "stop"` ends the run.
     """
 
     step: Literal["wait"]
@@ -170,7 +189,7 @@ class Wait(Section):
 
     @property
     def condition(self) -> str:
-        """Which of above, below, quiet, settled is asked for."""
+        """The condition: above, below, quiet or settled."""
         return next(name for name in CONDITIONS if getattr(self, name) is not None)
 
     @property
@@ -190,14 +209,15 @@ class Mark(Section):
 
 
 class Knock(Section):
-    """Change the momentum of the body at once, as a hammer does."""
+    """Change the momentum of the body by `impulse`: at once, or by a half sine of force that takes `duration`."""
 
     step: Literal["knock"]
     impulse: Impulse
+    duration: Nanoseconds | None = None
 
 
 class Set(Section):
-    """An actuator, a parameter of the rig (`friction.mu_dynamic`) or of a controller (`controllers.nf.gain`)."""
+    """Set an actuator, a parameter of the rig (`friction.mu_dynamic`) or of a controller (`controllers.nf.gain`)."""
 
     step: Literal["set"]
     target: str
@@ -227,7 +247,7 @@ class _Connection(Section):
 
 
 class Connect(_Connection):
-    """Connect a controller. One that the protocol connects is not connected before."""
+    """Connect a controller. A controller that the protocol connects is disconnected at the start."""
 
     step: Literal["connect"]
 
@@ -248,7 +268,7 @@ Times = Annotated[int | Literal["forever"], BeforeValidator(_times)]
 
 
 class Repeat(Section):
-    """Carry `steps` out `times` times."""
+    """Carry out `steps` a number of `times`."""
 
     step: Literal["repeat"]
     times: Times
@@ -256,7 +276,7 @@ class Repeat(Section):
 
     @model_validator(mode="after")
     def _takes_time(self) -> Self:
-        if self.times == "forever" and least_ns(self.steps) == 0:
+        if self.times == "forever" and not any(map(duration_ns, flat(self.steps))):
             raise ValueError("steps repeated forever must take time: add a hold")
         return self
 
@@ -265,34 +285,24 @@ Step = Annotated[
     Load | Ramp | Hold | Wait | Mark | Knock | Set | Connect | Disconnect | Repeat, Field(discriminator="step")
 ]
 Repeat.model_rebuild()
+STEP: TypeAdapter[Step] = TypeAdapter(Step)
+STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...])
 
 
 def flat(steps: Iterable[Section]) -> Iterator[Section]:
-    """Every step, those inside a repeat once."""
+    """All steps; those inside a repeat once."""
     for step in steps:
         yield step
         if isinstance(step, Repeat):
             yield from flat(step.steps)
 
 
-def longest_ns(steps: Iterable[Section]) -> int | None:
-    """Time the steps take at most, waits up to their timeout; None where they never end."""
-    total = 0
-    for step in steps:
-        if isinstance(step, Repeat):
-            inner = longest_ns(step.steps)
-            if inner is None or step.times == "forever":
-                return None
-            total += inner * step.times
-        else:
-            total += _length(step, "timeout")
-    return total
+def duration_ns(step: Section, waits: bool = False) -> int:
+    """Duration of a step [ns]; 0 for a repeat. `waits`: a wait counts with its timeout, else with 0."""
+    names = ("over", "time", "duration", *(("timeout",) if waits else ()))
+    return sum(getattr(step, name, None) or 0 for name in names)
 
 
-def least_ns(steps: Iterable[Section]) -> int:
-    """Time the steps take at least, waits not at all; a repeat counted once."""
-    return sum(least_ns(s.steps) if isinstance(s, Repeat) else _length(s, "") for s in steps)
-
-
-def _length(step: Section, wait: str) -> int:
-    return sum(getattr(step, name, 0) for name in ("over", "time", wait) if name)
+def knock_durations(steps: Iterable[Section]) -> tuple[int, ...]:
+    """Durations [ns] of the knocks that take time, in ascending order, each once."""
+    return tuple(sorted({step.duration for step in flat(steps) if isinstance(step, Knock) and step.duration}))

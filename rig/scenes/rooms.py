@@ -1,4 +1,4 @@
-"""The parts that a scene names: from names and files to sections, from sections to the assembled rig, and to JSON."""
+"""The parts that a scene names: from names and files to sections, and from these to the assembled rig and to JSON."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from types import ModuleType
 from typing import Any
 
 from rig import controllers, sensors
-from rig.effects import EFFECTS, anywhere, extended
+from rig.effects import EFFECTS, extended, on_any_plant
 from rig.effects.noise import Noise
 from rig.errors import PartError
-from rig.model.assembly import Assembly
-from rig.parts import Parts, Room, carried, code_of, is_file, require
+from rig.model import row_checks
+from rig.model.assembly import Assembly, Output
+from rig.parts import Parts, Room, calling, carried, code_of, file_of, is_file, require
 from rig.plants import PLANTS
 from rig.quantities import Section
 
@@ -67,19 +68,34 @@ def plant_of(parameters: Section) -> ModuleType:
 def assembled(
     parameters: Section, frame_ns: int, moved: Mapping[str, str] | None = None, random: bool = True
 ) -> Assembly:
-    """The plant with these parameters and what acts on every plant alike.
+    """The plant with these parameters, and the effects that act on any plant.
 
     `moved`: see `Scene.moved`; None: what the plant assumes. `random`: with the effects that are random.
-    Raises PartError for a plant from a file that makes something else.
+    Raises PartError for a foreign plant or effect that fails or does not describe a rig.
     """
     plant = plant_of(parameters)
-    made = plant.assemble(parameters) if moved is None else plant.assemble(parameters, moved)
+    with calling(plant):
+        made = plant.assemble(parameters) if moved is None else plant.assemble(parameters, moved)
     if not isinstance(made, Assembly):
-        raise PartError(f"{plant.__file__}: assemble gives {type(made).__name__}; expected a rig.solve Assembly")
-    for section, add in anywhere(parameters):
+        fault = f"assemble gives {type(made).__name__}; expected a rig.model.assembly.Assembly"
+        raise PartError(f"{file_of(plant)}: {fault}")
+    _sound(plant, made, {})
+    for section, add in on_any_plant(parameters):
         if random or not section.declares.random:
-            add(made, section, frame_ns * 1e-9, moved or {})
+            effect, before = sys.modules[type(section).__module__], dict(made.outputs)
+            with calling(effect):
+                add(made, section, frame_ns * 1e-9, moved or {})
+            _sound(effect, made, before)
     return made
+
+
+def _sound(part: ModuleType, made: Assembly, outputs: Mapping[str, Output]) -> None:
+    """Raise PartError for a rig that a foreign part describes wrongly. `outputs`: those that were there before."""
+    if code_of(part) is None:
+        return
+    found = [f"the rig has an output {name!r} already" for name in outputs if made.outputs.get(name) != outputs[name]]
+    if found := [*found, *row_checks.faults(made)]:
+        raise PartError(f"{file_of(part)}: {'; '.join(found)}")
 
 
 def foreign(
@@ -87,7 +103,7 @@ def foreign(
 ) -> list[dict[str, str]]:
     """The foreign parts of a scene as JSON values: kind of part, name, file, hash, source."""
     rows = [(PLANTS.what, plant, parameters)]
-    rows += [(EFFECTS.what, getattr(section, EFFECT, ""), section) for section, _ in anywhere(parameters)]
+    rows += [(EFFECTS.what, getattr(section, EFFECT, ""), section) for section, _ in on_any_plant(parameters)]
     rows += [(SENSORS.what, section.kind, section) for section in sensors]
     rows += [(CONTROLLERS.what, section.kind, section) for section in controllers]
     found = {(what, name): code for what, name, section in rows if (code := code_of(type(section))) is not None}

@@ -7,75 +7,26 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Any
 
-from annotated_types import Ge, Gt, Le
-from pydantic import BaseModel, TypeAdapter, model_validator
+from pydantic import ValidationError
 
-from rig.controllers import made_by, wired
-from rig.controllers.blocks.base import hears
+from rig.effects import knock
 from rig.errors import SceneError
 from rig.parts import Parts
 from rig.plants.structures import model_store
-from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
+from rig.quantities import Section
 from rig.scenes import migration, rooms
-from rig.scenes.faults import unit_of
+from rig.scenes.clock import Clock
+from rig.scenes.faults import shown
 from rig.scenes.places import Origin, Place
-from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
+from rig.scenes.protocol import STEPS, Load, Ramp, Set, Step, flat, knock_durations
+from rig.scenes.sections import controller_drives, dump, values_of
+from rig.scenes.step_sequences import longest_ns
 from rig.sensors.chain.instants import common_step
 
 if TYPE_CHECKING:
     from rig.scenes.inherit import Places
-
-Count = Annotated[int, Gt(0), Le(1_000_000)]
-Frame: Any = duration(1_000, 1_000_000_000)
-FixedStep: Any = duration(10, 1_000_000_000)
-Share: Any = quantity("1", Ge(0.0), Le(1.0))
-Small: Any = quantity("1", Gt(0.0), Le(1e-2))
-Large: Any = quantity("1", Gt(0.0))
-STEP: TypeAdapter[Step] = TypeAdapter(Step)
-STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...])
-
-
-class Clock(Section):
-    """How time passes and how it is integrated.
-
-    frame     loop period: commands in, measurements out [chosen]
-    method    of integration [chosen]; auto is exact where the friction law allows, else dopri5
-    tolerance   of dopri5, relative [chosen]
-    rk4_step  of rk4 and kick [chosen]
-    smoothing   slip speed over which smooth lets friction rise [chosen]
-    overrun   what a paced run does when it is late [chosen]
-    late_share_valid, late_share_degraded   share of frames late by more than one frame, for the timing verdict [chosen]
-    pace_limit   largest pace (simulated over wall time) at which the scene keeps up with the clock; its note says why
-    hold_frames   a command that does not come is held so long, then the actuator takes its safe value [chosen]
-    events_per_frame   more events in one frame stop the run [chosen]
-    limit     largest norm of the state; beyond, the run has diverged [chosen]
-    """
-
-    frame: Frame = 1_000_000
-    method: Literal["auto", "exact", "dopri5", "rk4", "kick", "smooth"] = "auto"
-    tolerance: Small = 1e-7
-    rk4_step: FixedStep = 100_000
-    smoothing: PositiveMetrePerSecond = 1e-3
-    overrun: Literal["catch-up", "skip", "slow", "stop"] = "catch-up"
-    late_share_valid: Share = 0.01
-    late_share_degraded: Share = 0.05
-    pace_limit: Large | None = None
-    hold_frames: Count = 50
-    events_per_frame: Count = 200
-    limit: Large = 1e6
-    unstable: Literal["refuse", "run"] = "refuse"
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.late_share_degraded < self.late_share_valid:
-            raise ValueError("late_share_degraded is below late_share_valid")
-        return self
-
-    def substeps(self, step_ns: int) -> int:
-        """Steps of rk4 or kick in `step_ns` [ns], none longer than `rk4_step`."""
-        return max(1, -(-step_ns // int(self.rk4_step)))
 
 
 @dataclass(frozen=True)
@@ -128,9 +79,14 @@ class Scene:
         steps = tuple(flat(self.protocol))
         held |= {s.target for s in steps if isinstance(s, Load | Ramp | Set)}
         ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}
-        with model_store.given(self.models):
+        with model_store.using(self.models):
             inputs = rooms.assembled(self.parameters, self.frame_ns).inputs
         return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}
+
+    @cached_property
+    def knocks(self) -> tuple[int, ...]:
+        """Durations [ns] of the knocks that take time, in ascending order."""
+        return knock_durations(self.protocol)
 
     @property
     def in_plant(self) -> frozenset[str]:
@@ -150,8 +106,10 @@ class Scene:
 
         `parameters`: others than the scene's own, as after a change while the rig runs.
         """
-        with model_store.given(self.models):
-            return rooms.assembled(parameters or self.parameters, self.frame_ns, self.moved)
+        with model_store.using(self.models):
+            made = rooms.assembled(parameters or self.parameters, self.frame_ns, self.moved)
+        knock.add(made, self.knocks)
+        return made
 
     @property
     def bases(self) -> tuple[str, ...]:
@@ -164,12 +122,12 @@ class Scene:
 
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
-        found = dict(leaves(self.parameters))
-        found |= leaves(self.clock, "clock")
+        found = dict(values_of(self.parameters))
+        found |= values_of(self.clock, "clock")
         for name, section in self.sensors.items():
-            found |= leaves(section, f"sensors.{name}")
+            found |= values_of(section, f"sensors.{name}")
         for name, section in self.controllers.items():
-            found |= leaves(section, f"controllers.{name}")
+            found |= values_of(section, f"controllers.{name}")
         return found
 
     def to_json(self) -> str:
@@ -202,13 +160,26 @@ class Scene:
         """The scene of `to_json`. What was once a checked scene is only read again, not judged again.
 
         The format of the text is one above that of scene files of its time, and 1 or 2 when that was 1: in format 1 an
-        ideal instrument listed flaws that it did not have. Raises SceneError for a format of a newer version.
+        ideal instrument listed flaws that it did not have.
+
+        Raises SceneError for a format of a newer version and for a text that is no scene of this version, Untrusted and
+        PartError for the parts that it carries.
         """
-        raw = json.loads(text)
-        since = max(1, raw.get("format", 1) - 1)
+        try:
+            return cls._read(json.loads(text))
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+            head = "is damaged, or of another version of friction-rig"
+            raise SceneError("the recorded scene", [head, *_faults(error)]) from error
+
+    @classmethod
+    def _read(cls, raw: dict[str, Any]) -> Scene:
+        written = raw.get("format", 1)
+        if isinstance(written, bool) or not isinstance(written, int) or written < 1:
+            raise ValueError(f"format = {shown(written)}: expected a whole number, at least 1")
+        since = max(1, written - 1)
         if since > migration.newest():
-            told = f"recorded by a newer version, whose scene files have format {since}; this one reads format"
-            raise SceneError(raw["name"], [f"{told} {migration.newest()}; install a newer version of friction-rig"])
+            reason = f"recorded by a newer version, whose scene files have format {since}; this one reads format"
+            raise SceneError(raw["name"], [f"{reason} {migration.newest()}; install a newer version of friction-rig"])
         if since < migration.newest():
             raw = migration.recorded(raw, since)
         parts = rooms.given(raw)
@@ -220,7 +191,7 @@ class Scene:
             plant=raw["plant"],
             parameters=model.model_validate(raw["parameters"]),
             clock=Clock.model_validate(raw["clock"]),
-            sensors={n: _instrument(s, raw.get("format", 1), parts) for n, s in raw["sensors"].items()},
+            sensors={n: _instrument(s, written, parts) for n, s in raw["sensors"].items()},
             controllers={n: _controller(s, parts) for n, s in raw["controllers"].items()},
             protocol=STEPS.validate_python(raw["protocol"]),
             limits={name: float(value) for name, value in raw["limits"].items()},
@@ -237,8 +208,20 @@ class Scene:
     def digest(self) -> str:
         """Hash (16 hex digits) of everything that the run depends on: titles and origins left out."""
         raw = json.loads(self.to_json())
-        told = {key: raw[key] for key in raw.keys() - {"format", "name", "title", "about", "origins", "models"}}
-        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+        kept = {key: raw[key] for key in raw.keys() - {"format", "name", "title", "about", "origins", "models"}}
+        return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _faults(error: Exception) -> Iterator[str]:
+    """What is wrong with the text of a recorded scene, one line each."""
+    if isinstance(error, ValidationError):
+        for fault in error.errors(include_url=False, include_input=False, include_context=False):
+            key = ".".join(map(str, fault["loc"]))
+            yield f"{key}: {fault['msg'].removeprefix('Value error, ')}" if key else fault["msg"]
+    elif isinstance(error, KeyError):
+        yield f"{error.args[0]!r} is missing, or not known to this version"
+    else:
+        yield str(error)
 
 
 def _controller(raw: dict[str, Any], parts: Parts) -> Any:
@@ -251,62 +234,3 @@ def _instrument(raw: dict[str, Any], written: int, parts: Parts) -> Any:
     if written < 2 and raw["ideal"]:
         raw = {key: value for key, value in raw.items() if key not in kind.perfect and key not in kind.part_of}
     return kind.model_validate(raw)
-
-
-def dump(section: Section) -> dict[str, Any]:
-    """A section as plain JSON values in SI."""
-    return section.model_dump(mode="json", exclude_none=True)
-
-
-def leaves(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple[Any, str]]]:
-    """(dotted key, (value, unit)) of a section and the sections in it."""
-    plain = section.model_dump(mode="json", exclude_none=True)
-    for name, info in type(section).model_fields.items():
-        value = getattr(section, name)
-        key = f"{prefix}.{name}" if prefix else name
-        if isinstance(value, BaseModel):
-            yield from leaves(value, key)
-        elif isinstance(value, dict):
-            for entry, part in value.items():
-                if isinstance(part, BaseModel):
-                    yield from leaves(part, f"{key}.{entry}")
-                else:
-                    yield f"{key}.{entry}", (plain[name][entry], unit_of(info))
-        elif value is not None and name in plain:  # not a flaw that an ideal instrument is free of
-            yield key, (plain[name], unit_of(info))
-
-
-def controller_reads(section: Section) -> dict[str, str]:
-    """Key -> sensor, for the sensors that a controller's section, or else its class, names."""
-    fields = [f for f in type(section).model_fields if f == "sensor" or f.endswith("_sensor")]
-    if not fields:
-        return {f"reads[{i}]": name for i, name in enumerate(wired(section, "reads"), 1)}
-    return {name: getattr(section, name) for name in fields if getattr(section, name) is not None}
-
-
-def heard(controllers: Mapping[str, Any]) -> set[str]:
-    """Sensors of which some controller wants every sample."""
-    hearing = [section for section in controllers.values() if hears(made_by(section))]
-    return {sensor for section in hearing for sensor in controller_reads(section).values()}
-
-
-def controller_drives(section: Any) -> tuple[str, ...]:
-    """Actuators that a controller's section drives."""
-    if "drive" in type(section).model_fields:
-        return (section.drive,)
-    return wired(section, "drives")
-
-
-def known(assembly: Any, parameters: Section, sensors: Mapping[str, Any], controllers: Mapping[str, Any]) -> Known:
-    """What a protocol of this rig may name."""
-    settable = {k: unit for k, (v, unit) in leaves(parameters) if unit and not k.startswith("start.")}
-    for name, section in controllers.items():
-        fixed: frozenset[str] = getattr(section, "fixed", frozenset())
-        values = leaves(section, f"controllers.{name}")
-        settable |= {key: unit for key, (_, unit) in values if unit and key.rpartition(".")[2] not in fixed}
-    return Known(
-        inputs={name: i.unit for name, i in assembly.inputs.items()},
-        settable=settable,
-        sensors={name: s.unit for name, s in sensors.items()},
-        controllers=frozenset(controllers),
-    )

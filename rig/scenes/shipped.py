@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ _BASE = re.compile(r'^based_on\s*=\s*"([^"]*)"', re.MULTILINE)
 _TABLE = re.compile(r"^(?=\[[a-z])", re.MULTILINE)
 
 
+@cache
 def names() -> tuple[str, ...]:
     """Names of the shipped scenes."""
     return tuple(sorted(path.stem for path in HERE.glob("*.toml")))
@@ -50,12 +52,12 @@ def card(name: str, folder: Path = Path()) -> dict[str, Any]:
     head, *tables = _TABLE.split(file.read_text(encoding="utf-8"))
     raw = tomllib.loads(head + "".join(table for table in tables if table.startswith("[clock]")))
     base = raw.get("based_on")
-    told = card(base, file.parent) if base else {"plant": raw.get("plant"), "pace_limit": None}
-    limit = raw.get("clock", {}).get("pace_limit", told["pace_limit"])
+    inherited = card(base, file.parent) if base else {"plant": raw.get("plant"), "pace_limit": None}
+    limit = raw.get("clock", {}).get("pace_limit", inherited["pace_limit"])
     return {
         "name": name,
         "based_on": base,
-        "plant": raw.get("plant", told["plant"]),
+        "plant": raw.get("plant", inherited["plant"]),
         "title": str(raw.get("title", "")),
         "about": str(raw.get("about", "")).strip().split("\n")[0],
         "pace_limit": None if limit in (None, "none") else float(limit[0] if isinstance(limit, list) else limit),

@@ -1,7 +1,8 @@
-"""From a scene file and `-p` changes to one tree of plain values, with the origin of each kept beside it."""
+"""Readers for scene files and changes by the caller: plain values as one tree, and the origin of each value."""
 
 from __future__ import annotations
 
+import errno
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -17,33 +18,42 @@ from rig.user_files import contents
 FIXED = ("format", "based_on", "title", "plant", "about", "protocol")
 _POSITION = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 _NUMBER = re.compile(r"[+-]?(\d|\.\d)")
-KIND = tuple(tag for tag in TAGS if tag != "step")
-"""Keys that say which kind of thing a table is."""
+KIND = (*(tag for tag in TAGS if tag != "step"), "effect")
+"""Keys that state the kind of a table."""
 Fault = tuple[str, str]
-"""Dotted key, and what is wrong with it in a line."""
+"""Dotted key, and its fault in one line."""
+_MCAP = b"\x89MCAP"
 _DEEPEST = 20
 _DIGITS = 18  # of a whole number: 64 bits hold them
 
 
 def tree(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file; a SceneError says line and column where it is broken."""
+    """The tables of a TOML file. Raises SceneError with line and column of a syntax error."""
     return parsed(path, text(path))
 
 
 def text(path: Path) -> str:
-    """What a file says. Raises SceneError where it cannot be read."""
+    """The text of a file. Raises SceneError if it cannot be read."""
     try:
         return contents(path).decode("utf-8-sig")  # some editors begin a file with a mark
     except FileNotFoundError:
         raise SceneError(str(path), ["there is no such file"]) from None
     except UnicodeDecodeError as error:
-        raise SceneError(str(path), [f"is not text in UTF-8 (byte {error.start})"]) from None
+        raise SceneError(str(path), [_recording(path) or f"is not text in UTF-8 (byte {error.start})"]) from None
     except OSError as error:
-        raise SceneError(str(path), [f"cannot be read: {error.strerror}"]) from None
+        what = _recording(path) if error.errno == errno.EFBIG else ""
+        raise SceneError(str(path), [what or f"cannot be read: {error.strerror}"]) from None
+
+
+def _recording(path: Path) -> str:
+    """What to do with a file that is a recording; "" for another one."""
+    with path.open("rb") as file:
+        begin = file.read(len(_MCAP))
+    return "is a recording (MCAP) and no scene; rig simulate --from LOG continues it" if begin == _MCAP else ""
 
 
 def parsed(path: Path, text: str) -> dict[str, Any]:
-    """The tables of the text of a TOML file; a SceneError says line and column where it is broken."""
+    """The tables of a TOML text. Raises SceneError with line and column of a syntax error."""
     try:
         found = tomllib.loads(text)
     except RecursionError:
@@ -65,7 +75,7 @@ def parsed(path: Path, text: str) -> dict[str, Any]:
 
 
 def beyond(raw: Any, key: str = "") -> Iterator[str]:
-    """What is deeper or longer than anything in a scene: without it the rest is safe to look at."""
+    """Faults of values that are deeper or longer than in any scene; other checks need a tree without them."""
     inside = [(key, raw, 0)]
     while inside:
         key, value, depth = inside.pop()
@@ -81,7 +91,7 @@ def beyond(raw: Any, key: str = "") -> Iterator[str]:
 
 
 def stripped(raw: Any, origins: dict[str, Origin], faults: list[Fault], key: str = "") -> Any:
-    """`raw` without its origins, which go to `origins` under their dotted keys; `faults` takes up what is wrong."""
+    """`raw` without its origins, which are added to `origins` by dotted key. Faults are added to `faults`."""
     if isinstance(raw, Mapping):
         return {name: stripped(value, origins, faults, f"{key}.{name}" if key else name) for name, value in raw.items()}
     if not isinstance(raw, list):
@@ -107,10 +117,10 @@ def _has_origin(raw: list[Any]) -> bool:
 def change(
     raw: dict[str, Any], overrides: Mapping[str, object], origins: dict[str, Origin], faults: list[Fault]
 ) -> dict[str, tuple[str, Any]]:
-    """Put `overrides` into `raw`; returns the tables of a changed kind: which key says it, what it said.
+    """Apply `overrides` to `raw`. Return the tables whose kind changed -> key of the kind, former kind.
 
-    `faults` takes up what is wrong.
-    A text is read as a TOML value where it is one ("5", "true", "[1, 2]"); "none" takes a key or a table away.
+    Faults are added to `faults`.
+    A text that is a TOML value is read as one ("5", "true", "[1, 2]"); "none" removes a key or a table.
     """
     recast: dict[str, tuple[str, Any]] = {}
     for key, value in overrides.items():
@@ -160,7 +170,7 @@ def _read(value: object) -> Any:
 
 
 def at(raw: dict[str, Any], parents: list[str]) -> dict[str, Any] | None:
-    """The table to change, made where it is not there; None where a value is in the way."""
+    """The table to change, which is made if it does not exist; None if there is a value in its place."""
     table: Any = raw
     for name in parents:
         table = table.setdefault(name, {})
@@ -170,6 +180,6 @@ def at(raw: dict[str, Any], parents: list[str]) -> dict[str, Any] | None:
 
 
 def forget(origins: dict[str, Origin], key: str) -> None:
-    """Drop the origins of a value or of a whole table."""
+    """Remove the origins of a value or of a whole table."""
     for old in [o for o in origins if o == key or o.startswith((f"{key}.", f"{key}["))]:
         del origins[old]

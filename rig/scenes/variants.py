@@ -1,4 +1,4 @@
-"""A scene with an effect less, or with one more: what paired runs and the audit of a run compare."""
+"""A scene with one effect less or one more, for paired runs and the audit of a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from rig.quantities import Section
 from rig.scenes.effects import optional, switches
 from rig.scenes.loader import load
 from rig.scenes.protocol import Set, flat
-from rig.scenes.scene import Scene, controller_drives
+from rig.scenes.scene import Scene
+from rig.scenes.sections import controller_drives
 from rig.scenes.shipped import names, plant
 
 Keys = list[str]

@@ -1,4 +1,4 @@
-"""Instruments: a physical quantity in, sampled measurements out, with the flaws of the real thing.
+"""Instruments: from a physical quantity to sampled measurements, with the errors of real instruments.
 
 kind                reads               delivers  filter
 laser_vibrometer    velocity      m/s   m/s       third-order Bessel; drop-outs, slew limit
@@ -7,25 +7,29 @@ strain_gauge        force         N     strain    second-order amplifier; zero d
 accelerometer       acceleration  m/s^2 m/s^2     resonance and high-pass; warming
 normal_force        force         N     N         second-order; charge drift
 disc_speed          speed         rad/s rad/s     first-order pickup (m/s on a belt's roller)
-microphone          velocity      m/s   Pa        diaphragm and vent; way through the air, echoes, background
+microphone          velocity      m/s   Pa        diaphragm and vent; sound path, echoes, background noise
 voltmeter           voltage       V     V         second-order
 
 Signal model:  y = Q{ sat[ (1+g) H(s) x e^{-s tau} + offset + drift + noise ] }, then drop-outs.
-Noise is white from 0 to half the sample rate, with exactly the stated density there (the card's anti-aliasing is taken
-as ideal for noise). With `ideal = true` every flaw that is not stated is absent; without any, a sample is the value at
-its instant. Flaws that are stated hold (`Instrument.perfect`).
-At an instant where a signal jumps the value before the jump is read: a measurement never knows the command it causes.
+Noise is white from 0 to half the sample rate, with exactly the stated density (the anti-aliasing filter is ideal for
+noise). With `ideal = true` every flaw that is not stated is absent; an instrument without any flaw samples the value at
+the instant. Stated flaws apply (`Instrument.perfect`).
+Where an output jumps at a sample instant, the instrument reads the value before the jump: a measurement never contains
+the effect of the command that it causes.
 
-The package `chain` holds what all instruments are made of.
-What runs them in every frame is compiled: rig.solve.sampling, rig.solve.pole_response.
+The package `chain` contains the parts that all instruments share.
+The compiled code that runs them in every frame is in rig.solve.sampling and rig.solve.pole_response.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
-from rig.parts import Room, code_of, named, one_class
+from rig.errors import PartError
+from rig.parts import Room, code_of, file_of, named, one_class
+from rig.quantities import brief
 from rig.sensors.chain.instrument import Instrument
 
 if __name__ != "rig.sensors":  # found through the link at the top of a checkout
@@ -33,9 +37,17 @@ if __name__ != "rig.sensors":  # found through the link at the top of a checkout
 
 
 def _section(module: ModuleType, kind: str) -> Any:
-    """The instrument of a module."""
+    """The instrument class of a module."""
     own = one_class(module, lambda one: issubclass(one, Instrument), "Sensor", "class derived from Instrument")
-    return own if code_of(module) is None else named(module, (own,), "kind", kind)
+    if code_of(module) is None:
+        return own
+    if lacking := sorted(own.__abstractmethods__):
+        raise PartError(f"{file_of(module)}: {own.__name__} defines no {', '.join(lacking)}")
+    if not isinstance(own.perfect, Mapping):
+        raise PartError(f"{file_of(module)}: {own.__name__}.perfect is {brief(own.perfect)}; expected a dict")
+    if strange := own.perfect.keys() - own.model_fields.keys() - Instrument.perfect.keys():
+        raise PartError(f"{file_of(module)}: {own.__name__}.perfect names {', '.join(sorted(strange))}, no field of it")
+    return named(module, (own,), "kind", kind)
 
 
 KINDS: Room[type[Instrument]] = Room("sensors", __name__, __path__, _section)

@@ -21,15 +21,16 @@ from rig.sensors.chain.units import (
 
 
 class Accelerometer(Instrument):
-    """Acceleration of the point it is mounted on [m/s^2]; blind to what lasts longer than the high-pass.
+    """Acceleration of the point on which it is mounted [m/s^2], without frequencies below the high-pass.
 
-    resonance   40 kHz, quality 30 [public: B&K 4391, 40 kHz; quality calibrated]
+    resonance   40 kHz [public: B&K 4391]
+    quality     30 [calibrated]
     highpass    0.1 Hz, first order [public: B&K 4391, from 0.1 Hz]
-    span        +-100 m/s^2: setting of the charge amplifier [calibrated]; the pickup bears 20000 m/s^2 [public]
+    span        +-100 m/s^2: setting of the charge amplifier [calibrated]; the pickup withstands 20000 m/s^2 [public]
     noise       7e-5 m/s^2/sqrt(Hz): 10 mm/s^2 rms over 1 Hz to 22 kHz [calibrated, from memory]
     resolution  3.1 mm/s^2: 16 bit over the span [calibrated]
-    temperature_sensitivity   .2 m/s^2 per K [public: B&K 4391]; it warms by `warming` = 1 K with the time constant
-                `warm_up` = 300 s [calibrated], and the high-pass lets through
+    temperature_sensitivity   .2 m/s^2 per K [public: B&K 4391]
+    warming, warm_up   1 K with a time constant of 300 s [calibrated]; the output of the high-pass is
                 sensitivity warming b/(w_h - b) (e^{-b t} - e^{-w_h t}),  b = 1/warm_up, w_h = 2 pi highpass
     """
 
@@ -63,7 +64,7 @@ class Accelerometer(Instrument):
     warm_up: PositiveSecond = 300.0
 
     def flawed(self) -> FrontEnd:
-        """Resonance behind a high-pass, and what the warming leaves of it."""
+        """The front end: high-pass, resonance, and the drift due to warming."""
         corner, b = 2.0 * math.pi * self.highpass, 1.0 / self.warm_up
         if math.isclose(corner, b, rel_tol=1e-6):  # the limit is a double pole; this is within 1e-6 of it
             b *= 1.0 - 1e-6

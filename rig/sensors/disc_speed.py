@@ -13,13 +13,14 @@ from rig.sensors.chain.units import TurnDensity, TurnSpan, TurnStep
 
 
 class DiscSpeed(Instrument):
-    """Speed of the disc [rad/s]; with `radius`, speed of a belt [m/s] from the roller of that radius.
+    """Speed of the disc [rad/s]; with `radius`, speed of a belt [m/s] on a roller of this radius.
 
-    All numbers are those of the turning wheel. None is published; all [calibrated]:
-    bandwidth   50 Hz, first order: smoothing of the converter
-    span        +-30 rad/s
-    resolution  1 mrad/s: 16 bit over the span
-    noise       1e-4 rad/s/sqrt(Hz)
+    All values refer to the wheel; no data sheet is known.
+
+    bandwidth   50 Hz, first order: smoothing of the converter [calibrated]
+    span        +-30 rad/s [calibrated]
+    resolution  1 mrad/s: 16 bit over the span [calibrated]
+    noise       1e-4 rad/s/sqrt(Hz) [calibrated]
     """
 
     delivers: ClassVar[str] = "rad/s"
@@ -42,16 +43,16 @@ class DiscSpeed(Instrument):
 
     @property
     def unit(self) -> str:
-        """The unit the pickup is calibrated in."""
+        """The unit in which the pickup is calibrated."""
         return "rad/s" if self.radius is None else "m/s"
 
     @property
     def reads_unit(self) -> str:
-        """A pickup on a roller reads the speed of the belt."""
+        """The unit of the output that it reads: m/s on the roller of a belt, rad/s on a disc."""
         return self.unit
 
     def flawed(self) -> FrontEnd:
-        """Low-pass; numbers of the wheel taken to its rim."""
+        """The front end: low-pass; the values of the wheel are converted to its rim for a belt."""
         rim = 1.0 if self.radius is None else float(self.radius)
         return FrontEnd(
             self.instants,

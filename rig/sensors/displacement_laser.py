@@ -1,4 +1,4 @@
-"""Laser triangulation: the mean displacement over one sample period, some samples late."""
+"""Laser triangulation sensor: the mean displacement over one sample period, delayed by some samples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class DisplacementLaser(Instrument):
     """Displacement of the spot [m]: exposure over the whole sample period, then processing.
 
     span        +-10 mm: measuring range 20 mm [public: optoNCDT 1700-20]; its rates: 312.5 Hz to 2.5 kHz [public]
-    processing  1 sample [calibrated: 1 to 2 are usual]; `delay` comes on top
+    processing  1 sample [calibrated: 1 to 2 are usual]; `delay` is added
     noise       standard deviation of one sample, white: 1.5 um [public: optoNCDT 1700-20, resolution at 2.5 kHz]
     resolution  1.5 um [public: the same]
     gain_error  linearity .08 % of the range by the data sheet [public: optoNCDT 1402]
@@ -41,7 +41,7 @@ class DisplacementLaser(Instrument):
     offset: Metre = 0.0
 
     def flawed(self) -> FrontEnd:
-        """Mean over a period, published after the processing; an ideal one does not average."""
+        """The front end: mean over a period, published after the processing; an ideal one does not average."""
         return FrontEnd(
             self.instants,
             self.delay + round(self.processing * self.instants.period_ns),

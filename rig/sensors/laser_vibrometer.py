@@ -67,7 +67,7 @@ class LaserVibrometer(Instrument):
         return longest
 
     def flawed(self) -> FrontEnd:
-        """Bessel filter, drop-outs, slew limit."""
+        """The front end: Bessel filter, drop-outs, slew limit."""
         return FrontEnd(
             self.instants,
             self.delay,

@@ -1,4 +1,4 @@
-"""Microphone in a room: the sound of a vibrating surface, late, with its echoes, over the noise of the laboratory."""
+"""Microphone in a room: the sound of a vibrating surface with its delay, its echoes and the noise of the laboratory."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from rig.sensors.chain.units import (
 
 
 class Microphone(Instrument):
-    """Sound pressure [Pa] at `distance` from a surface whose velocity is read.
+    """Sound pressure [Pa] at `distance` [m] from a surface; it reads the surface's velocity.
 
     radiation   11 Pa per m/s at that distance: 2 Pa at the pad speed of a squealing brake [calibrated to figure 29]
-    distance    0.5 m, 1.46 ms at a sound_speed of 343 m/s [paper: Kroeger, Neubauer, Popp (2008), section 4d]
-    echoes      paths of 1.4, 2.6 and 4.1 m, each weaker by path and by `reflection` = 0.5; to the nearest sample
-                [calibrated]
-    resonance   23 kHz, quality 0.7; highpass 4 Hz [public: 1/2 inch, 6.3 Hz to 20 kHz within 2 dB]
+    distance, sound_speed   0.5 m, 343 m/s: 1.46 ms [paper: Kroeger, Neubauer, Popp (2008), section 4d]
+    paths, reflection   echoes with paths of 1.4, 2.6 and 4.1 m; each attenuated by its length and by 0.5, delayed to
+                the nearest sample [calibrated]
+    resonance, quality, highpass   23 kHz, 0.7, 4 Hz [public: 1/2 inch, 6.3 Hz to 20 kHz within 2 dB]
     noise       7.8e-7 Pa/sqrt(Hz): 15 dB(A) [calibrated, from memory]
     background  0.03 Pa rms from 0 to half the sample rate: the motor [calibrated: 0.02 to 0.05 Pa in figure 29]
     span        +-400 Pa, 146 dB [calibrated, from memory]
@@ -81,11 +81,15 @@ class Microphone(Instrument):
 
     @property
     def sensitivity(self) -> float:
-        """Pressure per velocity."""
+        """Sound pressure per velocity [Pa s/m]."""
         return float(self.radiation)
 
+    @property
+    def conversion(self) -> None:
+        """None: the sound arrives late, with its echoes."""
+
     def flawed(self) -> FrontEnd:
-        """Diaphragm and vent, after the way through the air; each echo the same again, later and weaker."""
+        """The front end: delay of the sound path, diaphragm and vent, echoes as delayed and attenuated copies."""
         return FrontEnd(
             self.instants,
             self.delay + round(1e9 * self.distance / self.sound_speed),

@@ -15,8 +15,8 @@ from rig.sensors.chain.units import ForceDensity, ForceRate, ForceSpan, ForceSte
 class NormalForce(Instrument):
     """Normal force [N].
 
-    bandwidth   2 kHz, quality .707: lower end of mounted resonances of 2 to 6 kHz, damped by the amplifier [calibrated,
-                from memory]
+    bandwidth, quality   2 kHz, .707: lower end of mounted resonances of 2 to 6 kHz, damped by the amplifier
+                [calibrated, from memory]
     span        +-100 N: amplifier setting [calibrated]
     noise       2e-4 N/sqrt(Hz): .01 N rms over the bandwidth [calibrated, from memory]
     resolution  3.1 mN: 16 bit over the span [calibrated]
@@ -45,7 +45,7 @@ class NormalForce(Instrument):
     drift: ForceRate = 5e-3
 
     def flawed(self) -> FrontEnd:
-        """Low-pass and linear drift."""
+        """The front end: low-pass and linear drift."""
         return FrontEnd(
             self.instants,
             self.delay,

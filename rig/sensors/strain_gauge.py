@@ -1,4 +1,4 @@
-"""Strain-gauge bridge: a force through the strain it causes, amplified."""
+"""Strain-gauge bridge with amplifier: it measures a force by the strain that the force causes."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from rig.sensors.chain.units import Kelvin, StrainDensity, StrainPerKelvin, Stra
 
 
 class StrainGauge(Instrument):
-    """Strain of the flexure that carries a force; output in strain [1], `strain_per_newton` for each newton.
+    """Strain [1] of the flexure that carries a force, `strain_per_newton` per newton.
 
     strain_per_newton   20 um/m per N: 50 N at full scale [calibrated]
     bandwidth   1.6 kHz, second order, Butterworth: amplifier on a 4.8 kHz carrier [calibrated, from memory]
     span        +-1000 um/m: +-2 mV/V of a full bridge with gauge factor 2 [public: HBM bridge notes]
     noise       1.5e-9 1/sqrt(Hz): 350 ohm bridge and a 15 nV/sqrt(Hz) amplifier at 5 V, factor 2 [calibrated, derived]
     resolution  3.1e-8: 16 bit over the span [calibrated]
-    zero_drift  1 um/m per K [public: HBK, quarter bridge]; the bridge warms by `warming` = 2 K with the time constant
-                `warm_up` = 600 s [calibrated]:  zero(t) = zero_drift warming (1 - e^{-t/warm_up})
+    zero_drift  1 um/m per K [public: HBK, quarter bridge]
+    warming, warm_up   2 K with a time constant of 600 s [calibrated]:
+                zero(t) = zero_drift warming (1 - e^{-t/warm_up})
     """
 
     delivers: ClassVar[str] = "1"
@@ -49,11 +50,11 @@ class StrainGauge(Instrument):
 
     @property
     def sensitivity(self) -> float:
-        """Strain per newton."""
+        """Strain per newton [1/N]."""
         return float(self.strain_per_newton)
 
     def flawed(self) -> FrontEnd:
-        """Amplifier and zero drift."""
+        """The front end: amplifier and zero drift."""
         return FrontEnd(
             self.instants,
             self.delay,

@@ -13,7 +13,7 @@ from rig.sensors.chain.units import Voltage, VoltageDensity
 
 
 class Voltmeter(Instrument):
-    """Voltage of the electrodes [V]; its divider of 100 Mohm is none beside the leak of a stack.
+    """Voltage of the electrodes [V]; its divider of 100 Mohm is negligible compared with the leak of a stack.
 
     bandwidth   100 kHz, second order, Butterworth [calibrated]
     span        +-100 V: a divider 10 to 1 in front of +-10 V [calibrated]
@@ -39,7 +39,7 @@ class Voltmeter(Instrument):
     offset: Volt = 0.0
 
     def flawed(self) -> FrontEnd:
-        """Second-order low-pass."""
+        """The front end: second-order low-pass."""
         return FrontEnd(
             self.instants,
             self.delay,

@@ -2,8 +2,8 @@
 
     table [block, n, BLOCK]      columns 0 .. BLOCK - 1 of all rows, then the next BLOCK columns: read sequentially
 
-The vector code is written by hand, because the compiler's own code for such a product keeps its sums in memory and
-takes twice as long. On a processor with narrower registers the compiler splits the vectors; sums and their rounding
+The vector code is explicit, because the compiler's own code for such a product keeps its sums in memory and takes twice
+as long. On a processor with narrower registers the compiler splits the vectors; sums and their rounding
 stay the same.
 """
 

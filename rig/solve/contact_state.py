@@ -3,8 +3,8 @@
 It is determined at the start of a run, after every event, and at the start of a block in which a state was written (a
 held command may have jumped). One mode is changed, its mode set is looked up, the state is projected onto the
 constraint of stick, and all conditions are checked again, until nothing changes. If a step ends at w = 0, the force
-needed for sticking decides, never the sign of a rounded w. A jump of the belt is not projected: a stuck body whose belt
-jumps begins to slip, so no energy appears from nowhere. A switch that was thrown takes its position here, and the loss
+needed for sticking decides, never the sign of a rounded w. A jump of the belt speed is not projected: a sticking body
+whose belt jumps begins to slip, so no energy is created. A switch that was thrown takes its position here, and the loss
 of network energy is added to the energy balance.
 """
 
@@ -31,7 +31,7 @@ from rig.solve.state_codes import (
 
 # Status of a kernel. NEED: needs a mode set; OVERFULL: needs more room for segments; LOOK: done, perhaps early.
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)
-READY, CHECK, LAND, START, THROWN = range(5)  # what has to be done before the state is advanced
+READY, CHECK, LAND, START, THROWN = range(5)  # State.ic[PENDING]: the work that precedes advancing the state
 
 _SLACK = 1e-9  # relative increase of the friction limit for a contact that slips and sticks at one instant
 

@@ -1,4 +1,4 @@
-"""Controllers inside the compiled loop: asks the controllers that are due and puts their commands into force.
+"""Controllers inside the compiled loop: calls the controllers that are due and puts their commands into force.
 
 Nearly every command takes this path (rig.bench.exchange): it arrives at its tick, has finite values, and comes into
 force after the stated delay of its loop, as a state of the rig. All other cases are left to the caller. In that case

@@ -29,7 +29,7 @@ from rig.solve.specialised import any_shape, call, local, states
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # share of the largest coordinate or speed
 _MOST = 200_000  # trial steps for one tick
-ENDED, ASKS, CLEAR, FAILED = range(4)  # what the leaf returns
+ENDED, ASKS, CLEAR, FAILED = range(4)  # results of `steps`
 _SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
 
 
@@ -212,10 +212,10 @@ def reach(tick, place, done, share, ticks, last):
 def steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks, or to a step that `stretch` must handle.
 
-    A leaf (rig.solve.specialised). The derivative at state.x must be in w.k[0]. Returns ENDED; ASKS; CLEAR, if the step
-    is proved free of events; or FAILED, if no step is short enough. With ASKS and CLEAR the length of the step is in
-    fc[LENGTH], its end in w.y, its stages in w.k and its dense output in w.derivatives; state, tick and place are those
-    at its begin. Working arrays are passed to no function that is not inlined, so that they stay in registers.
+    A specialised kernel (rig.solve.specialised). The derivative at state.x must be in w.k[0]. Returns ENDED; ASKS;
+    CLEAR, if the step is proved free of events; or FAILED, if no step is short enough. With ASKS and CLEAR the length
+    of the step is in fc[LENGTH], its end in w.y, its stages in w.k and its dense output in w.derivatives; state, tick
+    and place are those at its begin. Working arrays are only passed to inlined functions, so they stay in registers.
     """
     n, tick_length, looked = states(shape), t.step[0], plan.with_energy or plan.emitting
     ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]

@@ -29,7 +29,7 @@ from rig.solve.specialised import call, local, states
 def quiet(shape, t, w, state, log, seg, plan, ticks):
     """Advance state.x by up to `ticks` certified ticks and write the rows of the log. Returns the number of ticks done.
 
-    A leaf (rig.solve.specialised).
+    A specialised kernel (rig.solve.specialised).
     """
     mode_set, first = t.mode_set_of[state.ic[KEY]], state.ic[TICK]
     n, count = states(shape), t.guards[mode_set]

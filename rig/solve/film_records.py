@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 TRAVEL, SLID, FIRST, POINTS, DIRECTIONS, DAMPED = range(6)
-"""Indices of Riding.where: state of the travel; state of the distance slid; first of the states that hold the forces on
-the coordinates; number of points; number of directions; 1 for a damped film."""
+"""Indices of FilmTables.where: state of the travel; state of the distance slid; first of the states that hold the
+forces on the coordinates; number of points; number of directions; 1 for a damped film."""
 PITCH, LONGEST, STIFFNESS, DAMPING, SHEAR, FRICTIONAL = range(6)
-"""Indices of Riding.numbers."""
+"""Indices of FilmTables.numbers."""
 GROUP = 5
 """Number of steps that one output polynomial covers. At five sixths of a radian per step, which is 66 kHz at 2 us, its
 error is 1 %; that of chords is 9 %."""
@@ -32,7 +32,7 @@ class Side(NamedTuple):
     felt: Array  # scratch [lane]
 
 
-class Riding(NamedTuple):
+class FilmTables(NamedTuple):
     """Tables of a film and of the structure under it; of length zero without a film.
 
     m: number of driving states, which are neither coordinates nor speeds nor states of the film.

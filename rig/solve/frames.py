@@ -13,27 +13,27 @@ from rig.kernel import kernel
 from rig.solve.advance import start
 from rig.solve.contact_state import DONE, LOOK
 from rig.solve.control_loop import NOW, Controls, control
-from rig.solve.random_input import Chance, spent, write_next
+from rig.solve.random_input import RandomNumbers, spent, write_next
 from rig.solve.records import BEYOND, EVENTS, REACHED
-from rig.solve.sampling import SHORT, Rack, sample
+from rig.solve.sampling import SHORT, SensorRack, sample
 from rig.solve.specialised import any_shape, call
 
 
-class Around(NamedTuple):
-    """What surrounds a plant: instruments, controllers, random input."""
+class Surroundings(NamedTuple):
+    """The records of a frame beside the plant: sensors, compiled controllers, random numbers."""
 
-    rack: Rack
+    rack: SensorRack
     controls: Controls
-    chance: Chance
+    chance: RandomNumbers
 
 
 @kernel
 def frames(tables, loan, begin, first, last, steps, around):
     """Advance plant and instruments from row `first` of the log to row `last`, `steps` rows per frame.
 
-    `around`: Around, lent (rig.lent_records); its controllers act from the second frame on. The other arguments and the
-    status are those of `advance`. Returns LOOK if it ended early because the caller has to act; ic[REACHED] is the row
-    reached.
+    `around`: Surroundings, lent (rig.lent_records); its controllers act from the second frame on. The other arguments
+    and the status are those of `advance`. Returns LOOK if it ended early because the caller has to act; ic[REACHED] is
+    the row reached.
     """
     work, state, log, seg, plan = loan.work, loan.state, loan.log, loan.segments, loan.plan
     ic, rack, controls = state.ic, around.rack, around.controls

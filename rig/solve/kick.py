@@ -33,7 +33,7 @@ from rig.solve.segment_output import crowded, emit_chord
 Array = NDArray[np.float64]
 
 
-class Flow(NamedTuple):
+class KickTables(NamedTuple):
     """Tables of the method kick, stacked by mode set, and scratch.
 
     Rows: the guards of the mode set, then surface and slip speeds of the patches.

@@ -39,7 +39,7 @@ CHECKS = np.linspace(0.0, 1.0, 33)
 MARGIN = 1.25
 
 
-class Wide(NamedTuple):
+class ManyStatesTables(NamedTuple):
     """Tables of rigs with many states, stacked by mode set, in blocks of BLOCK columns: [mode set, block, n, BLOCK]."""
 
     tick: Array  # n + guard (QUICK + 1) columns, over a tick

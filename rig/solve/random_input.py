@@ -1,7 +1,7 @@
 """A random input: a new number at the begin of every frame, held until the next.
 
-It acts on the rig through a row, like a command. A stuck contact therefore bears it, and the energy balance includes
-its work.
+It acts on the rig through a row, like a command. A sticking contact therefore carries it, and the energy balance
+includes its work.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 
 from rig.kernel import inner
 
-PLACE, DRAWN = range(2)  # of Chance.at
+PLACE, DRAWN = range(2)  # of RandomNumbers.at
 
 
-class Chance(NamedTuple):
-    """Random numbers drawn ahead.
+class RandomNumbers(NamedTuple):
+    """Random numbers drawn in advance.
 
-    `at`: PLACE, index of the state that holds the number (-1: none); DRAWN, how many numbers are used up.
+    `at`: PLACE, index of the state that contains the number (-1: none); DRAWN, number of used numbers.
     """
 
     at: NDArray[np.int64]  # [2]
     numbers: NDArray[np.float64]
 
 
-def none() -> Chance:
+def none() -> RandomNumbers:
     """The record for a rig without a random input."""
-    return Chance(np.array([-1, 0]), np.zeros(0))
+    return RandomNumbers(np.array([-1, 0]), np.zeros(0))
 
 
 @inner

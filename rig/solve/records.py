@@ -23,40 +23,42 @@ PLACES = LENGTH + 1
 
 
 class Work(NamedTuple):
-    """Scratch of one motion, allocated once."""
+    """Scratch memory of one motion, allocated once (rig.model.workspace). n: number of states."""
 
-    k: Array
-    y: Array
-    y2: Array
-    x0: Array
-    copy: Array
-    size: Array
-    ended: Array  # the state at the end of the block before
-    ask: Array
-    ask_x: Array
-    bear: Array
-    bear_x: Array
-    both: Array  # [n + inputs]: `at` is its first part, T its last
-    at: Array
-    rates: Array
-    T: Array
-    scratch: Array
-    swung: Array  # [generator, 2] its states when the block began
-    derivatives: Array
-    spare: Array
-    poly: Array
-    roots: Array
-    g: Array
-    fits: Array
-    values: Array
-    nodes: Array
-    weights: Array
-    nodes3: Array
-    weights3: Array
+    k: Array  # [7, n] derivatives at the stages of a step
+    y: Array  # [n] state at the end of a step, or at a quadrature node
+    y2: Array  # [n] state at a stage or at a place within a step
+    x0: Array  # [n] state at the begin of a step (rk4) or of a row of quiet ticks (exact)
+    copy: Array  # [n] copy of the state for its landing projection
+    size: Array  # [n] largest absolute value of each state so far
+    ended: Array  # [n] state at the end of the previous block
+    ask: Array  # [n] argument of the friction law as a row over the state (PatchFriction)
+    ask_x: Array  # [n] its rate of change as a row over the state
+    bear: Array  # [n] load of the patch as a row over the state
+    bear_x: Array  # [n] its rate of change as a row over the state
+    both: Array  # [n + inputs] state and inputs in one array: first `at`, then T
+    at: Array  # [n] state at which `whole` computes the derivative: a view of `both`
+    rates: Array  # [n] the derivative at `at`
+    T: Array  # [inputs] friction forces and products: a view of `both`
+    scratch: Array  # [patch, patch] matrix of the equations of coupled friction forces
+    swung: Array  # [generator, 2] its states at the begin of the block
+    derivatives: Array  # [DEGREE + 1, n] coefficients of the state as a polynomial of the place in a step or cell
+    spare: Array  # [DEGREE + 1, n] the same for outputs while `derivatives` is in use
+    poly: Array  # [DEGREE + 1] coefficients of one guard along a step or cell
+    roots: Array  # [WORK_ROWS, WORK_COLUMNS] intervals of the search for a zero crossing (rig.solve.roots)
+    g: Array  # [guard] values of the guards at the begin of a tick
+    fits: (
+        Array  # [guard, 7] guards that depend on inputs: values at six places of a step, bound on their rounding error
+    )
+    values: Array  # [5, output] outputs that sensors read, at five places of a segment
+    nodes: Array  # [node] quadrature nodes in [0, 1] of the energy terms in a linear mode set
+    weights: Array  # [node] weights of `nodes`
+    nodes3: Array  # [3] Gauss-Legendre nodes in [0, 1] of the energy terms of dopri5
+    weights3: Array  # [3] weights of `nodes3`
 
 
 class Log(NamedTuple):
-    """What one call writes: states and mode sets at ticks, events."""
+    """The log that one call writes: states and mode sets at ticks, events."""
 
     out: Array  # [tick, n]
     modes: NDArray[np.int64]  # [tick]
@@ -82,9 +84,9 @@ class Plan(NamedTuple):
 
     carry: int  # the loop over stretches, each in one mode set
     linear: int  # a stretch in a linear mode set, and
-    quiet: int  # the leaf for its quiet ticks
+    quiet: int  # the specialised kernel for its quiet ticks
     stretch: int  # a stretch in any other mode set, and
-    steps: int  # the leaf for its steps
+    steps: int  # the specialised kernel for its steps
     whole: int  # the derivative, for rigs with more than one patch or with products
     wide: int  # many states: rig.solve.many_states
     bends: int  # at least one mode set is not linear

@@ -17,7 +17,7 @@ from rig.solve.rows import rounding
 from rig.solve.segment_output import crowded, emit_quartic
 from rig.solve.specialised import bends, call, local, states
 
-ENDED, ASKS = range(2)  # what the leaf returns
+ENDED, ASKS = range(2)  # results of `steps`
 
 
 @inlined
@@ -118,8 +118,8 @@ def next_step(place, substeps, full):
 def steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks or to a step that `stretch` must handle.
 
-    A leaf (rig.solve.specialised). Returns ENDED or ASKS. With ASKS the end of the step is in w.y, its length in
-    fc[LENGTH], the guard that had an event in ic[CROSSED]; state, tick and place are those at its begin.
+    A specialised kernel (rig.solve.specialised). Returns ENDED or ASKS. With ASKS the end of the step is in w.y, its
+    length in fc[LENGTH], the guard that had an event in ic[CROSSED]; state, tick and place are those at its begin.
     """
     n, looked, bent = states(shape), plan.with_energy or plan.emitting, bends(shape)
     ic, fc, x, substeps, out = state.ic, state.fc, state.x, plan.substeps, log.out

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig.kernel import inner, kernel
 from rig.solve.pole_response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, state_after, weigh
 
-# One instrument: what it is, then where it stands. Sample n is published at `instant` n and taken `delay` earlier.
+# One instrument: its properties, then its state. Sample n is published at `instant` n and taken `delay` earlier.
 FRONT = np.dtype(
     [
         ("column", np.int64),  # of the output in Segments
@@ -58,10 +58,10 @@ FRONT = np.dtype(
 )
 
 
-NOW, SHORT = range(2)  # of Rack.clock
+NOW, SHORT = range(2)  # of SensorRack.clock
 
 
-class Rack(NamedTuple):
+class SensorRack(NamedTuple):
     """All instruments of a scene as arrays."""
 
     fronts: NDArray[Any]  # FRONT [n]

@@ -1,11 +1,11 @@
-"""Leaves and parts: compiled code called by address, leaves being compiled for a fixed number of states.
+"""Compiled code that is called by address: specialised kernels for a fixed number of states, and general parts.
 
 Code that runs once per event, segment or sample takes the number of states at run time and is compiled once for all
 rigs. Code that runs millions of times, a quiet tick or a step of an integrator, is faster if that number is a constant
-of the compiled code: loops are unrolled and the state stays in registers. Such a *leaf* is compiled for a `Shape`. The
-general code calls it through a pointer, once per stretch of ticks (3 ns). The large *parts* of the general code call
-each other in the same way. So no part is compiled again inside its caller, and parts that a rig does not need are not
-compiled at all.
+of the compiled code: loops are unrolled and the state stays in registers. Such a *specialised kernel* is compiled for a
+`Shape`. The general code calls it through a pointer, once per stretch of ticks (3 ns). The large *parts* of the general
+code call each other in the same way. So no part is compiled again inside its caller, and parts that a rig does not need
+are not compiled at all.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ROWS = 7
 
 
 class Shape(types.Type):  # type: ignore[misc]
-    """What a leaf is compiled for: the number of states (0: any), and whether there are products of states.
+    """The constants of a specialised kernel: number of states (0: any), and whether there are products of states.
 
     `bends`: whether at least one mode set is not linear.
     """
@@ -124,7 +124,7 @@ local: Any = intrinsic(_place)
 def _call(
     typing: Any, place: Any, shape: Any, t: Any, w: Any, state: Any, log: Any, seg: Any, plan: Any, ticks: Any
 ) -> Any:
-    """The result of the leaf at an address.
+    """The result of the specialised kernel or part at an address.
 
     Its arguments are passed as pointers, so that the caller need not know its shape.
     """

@@ -10,7 +10,8 @@
 The contact does not limit a drive or a network that runs away by itself: a belt that follows the body it carries (gain
 K above one, stuck: growth (K-1)/lag), a negative capacitance below -1/(1+kappa/k), or one whose charge leaks away.
 
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.7 to 4.20; the criteria are ours.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.7 to 4.20. The criteria are derived
+here.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
         if at.exists and value.imag > 0.0:  # an oscillation grows in both directions: the nearest guard comes first
             room = at.modes.guards @ at.x + at.modes.guards_t @ at.T
             first = int(which[(room[which] / np.abs(rows[which])).argmin()])
-        guard = system.happens(int(at.modes.kinds[first]), int(at.modes.owners[first]))
+        guard = system.event_text(int(at.modes.kinds[first]), int(at.modes.owners[first]))
         if value.imag > 0.0 or both_sides:
             remedy = "run the scene to see the vibration; to suppress it: more damping, or less friction"
             return "info", f"it grows until {guard}", remedy

@@ -1,55 +1,41 @@
-"""The stability report: growth in every mode set, jamming, and steps that a method cannot take, before a run starts.
+"""The stability report: growth in every mode set, jamming, and steps that are too long, before a run starts.
 
-Friction rigs are unstable on purpose: a sliding equilibrium that flutters into stick-slip is what one wants to see, so
-it is reported as information. An error is a growth that no part of the rig limits: the run would only reach the limit
-of its states (rig.stability.growth).
+Friction rigs are unstable on purpose: their vibration grows from sliding into stick-slip. The report lists such growth
+as information. An error is a growth that no part of the rig limits, because the run would then end at the
+largest allowed state (rig.stability.growth).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from itertools import product
+from collections.abc import Iterator
 
 import numpy as np
 
 from rig.errors import Singular
-from rig.model import film_system
 from rig.model.build_checks import Finding
-from rig.model.friction_law import Law
 from rig.model.singular import assembled, bearing_mass
-from rig.model.system import Normal, Patch, Sector, System
-from rig.quantities import at_most
-from rig.solve.state_codes import CLOSED, LINEAR, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
+from rig.model.system import System
+from rig.model.system_parts import Normal, Patch
+from rig.solve.state_codes import OPEN, STICK
+from rig.stability.examined_mode_sets import mode_sets
 from rig.stability.growth import stopped
-from rig.stability.linearisation import Steady, moving_states, steady
+from rig.stability.jacobian import moving_states
+from rig.stability.linearisation import Steady, steady
+from rig.stability.step_limits import step_findings
 
-MOST = 27
-"""Up to this number every mode set is examined; beyond, only those with all contacts alike or a single one stuck."""
-RK4_LIMIT = 2.785
-"""|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
-KICK_LIMIT = 2.0
-"""|lambda| h up to which a contact that stays closed is stable under kicks."""
-FILM_LIMIT = 1.6
-"""The same for a film: beyond, opening and closing points gain energy (1.7 % of the work at 1.87). # derived"""
-FILM_COARSE = 1.0
-"""Up to this the growth rate of the film's flutter is exact to 4 %, its first opening to 1 %. # derived"""
-_FINE = 1e-4  # share of the width of a law: slip speed errors up to this keep its events right
-_COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
-_STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
 _ZERO = 1e-6  # share of the largest eigenvalue: zero eigenvalues of a stuck contact come out this large
-_NEUTRAL = 1e-10
+_NEUTRAL = 1e-10  # share of the largest eigenvalue: growth up to this is rounding
 _FAST = 10.0  # times the surface speed: the fastest slip expected
-_SPEEDS = 41
-_KINDS = (SLIP_PLUS, SLIP_MINUS, STICK)
+_SPEEDS = 41  # slip speeds at which jamming is examined
 
 
 def stability_report(
     system: System, method: str, step: float, substeps: int = 1, tolerance: float = 0.0
 ) -> list[Finding]:
-    """The stability report: what is known of `system` before a run by `method` in steps of `step` [s].
+    """The findings about `system` before a run by `method` in sample steps of `step` [s], errors first.
 
-    Findings, gravest first. `substeps`: steps of rk4 or kick in a sample step. `tolerance`: of dopri5.
+    `substeps`: steps of rk4 or kick in a sample step. `tolerance`: of dopri5.
     """
     broken = list(_matrices(system))
     if broken:
@@ -73,101 +59,12 @@ def stability_report(
     fastest, where, _ = max(sets, key=lambda one: one[0], default=(0.0, "", None))
     for _, name, at in sets:
         found += _growth(at, name, fastest)
-    if system.film is not None:
-        found += _riding(system, step, substeps)
-    else:
-        found += _steps(fastest, where, method, step, substeps)
-    if method == "rk4":
-        found += _bends(system, step, substeps)
-    if method == "dopri5":
-        found += _narrow(system, tolerance)
+    found += step_findings(system, method, step, substeps, tolerance, (fastest, where))
     return sorted(found, key=lambda one: ("error", "warning", "info").index(one.level))
 
 
-def part(step: float, most: float) -> str:
-    """The longest step up to `most` s that divides the sample step of `step` s, with its unit."""
-    whole = round(step * 1e9)
-    count = max(1, math.ceil(step / most * (1.0 - 1e-12)))
-    count = next((n for n in range(count, whole) if whole % n == 0), whole)
-    return f"{whole // count * 1e-9:.12g} s"
-
-
-def blame(system: System, method: str, step: float, substeps: int) -> str:
-    """Say whether the step made a run by rk4 or kick diverge, and which step helps. See `stability_report`."""
-    h = step / substeps
-    if system.film is not None:
-        fastest, limit, coarse = film_system.fastest(system, h), FILM_LIMIT, FILM_COARSE
-    else:
-        fastest = max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
-        fastest, limit = max(fastest, steepest(system)), RK4_LIMIT if method == "rk4" else KICK_LIMIT
-        coarse = _COARSE
-    size = fastest * h
-    told = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
-    if size <= coarse:
-        return f"{told}, which is short enough; the motion itself grows"
-    why = f"unstable beyond {limit}" if size > limit else f"coarse beyond {coarse}"
-    least = 0.1 / fastest if system.film is None else FILM_COARSE / fastest
-    return f"{told}, {why}. Set clock.rk4_step to {part(step, least)} or less" + (
-        ", or clock.method to dopri5" if method == "rk4" else ""
-    )
-
-
-def steepest(system: System) -> float:
-    """The fastest eigenvalue [1/s] where a speed-dependent law is steepest; 0 without such a law.
-
-    The load is that at the start.
-    """
-    found = 0.0
-    speeds = [0.0, *np.geomspace(1e-9, 1.0, _SPEEDS).tolist()]
-    for key in mode_sets(system):
-        modes, sectors = assembled(system, key), system.modes(key)[3]
-        for p in np.flatnonzero(modes.sigma).tolist():
-            law = system.law(p, sectors)
-            if law.constant:
-                continue
-            slope = max((law.slope(speed) for speed in speeds), key=abs)
-            load = sum(max(float(n.row @ system.start), 0.0) for n in system.normals if n.patch == p)
-            bent = modes.A + np.outer(modes.b[:, p], slope * load * system.slip_rows[p])
-            found = max(found, float(np.abs(np.linalg.eigvals(bent)).max()))
-    return found
-
-
-def mode_sets(system: System) -> Iterator[int]:
-    """The mode sets to examine: contacts closed, in slip and stick and in every sector; contacts open; limiters linear.
-
-    Of the positions of a switch: the first two, the last and the one at the start.
-    """
-    P, K, free = len(system.patches), len(system.normals), [LINEAR] * len(system.limiters)
-    ways = [_ways(system, p) for p in range(P)]
-    few = math.prod(map(len, ways)) <= MOST
-    patches: list[tuple[int, ...]] = list(product(*ways)) if few else [(k,) * P for k in _KINDS]
-    if not few:
-        patches += [(SLIP_PLUS,) * p + (STICK,) + (SLIP_PLUS,) * (P - p - 1) for p in range(P)]
-    places = list(product(*(_places(sector) for sector in system.sectors)))
-    ends = [{0, 1, len(s.positions) - 1, s.at(system.start)} for s in system.switches]
-    for thrown in product(*(sorted(positions) for positions in ends)):
-        for modes, where in product(patches, places):
-            yield system.key(modes, [CLOSED] * K, free, where, thrown)
-        if any(k.opens for k in system.normals):
-            lifted = [OPEN if k.opens else CLOSED for k in system.normals]
-            yield system.key([SLIP_PLUS] * P, lifted, free, switches=thrown)
-
-
-def _ways(system: System, p: int) -> tuple[int, ...]:
-    """The modes of patch p to examine: all; or, if no coordinate moves along it, only slip as it is driven."""
-    nq = len(system.coordinates)
-    row = system.slip_rows[p]
-    if np.any(row[nq : 2 * nq]):
-        return _KINDS
-    return (SLIP_PLUS if row @ system.start >= 0.0 else SLIP_MINUS,)
-
-
-def _places(sector: Sector) -> Sequence[int]:
-    """The sectors to examine: all sectors of a friction law; of a structure the first and the one at half a turn."""
-    return (0, len(sector.edges) // 2) if sector.changes else range(len(sector.edges))
-
-
 def _matrices(system: System) -> Iterator[Finding]:
+    """Numbers that are not finite, and a mass matrix that is not symmetric and positive definite."""
     names = ("mass", "damping", "stiffness", "force", "coupling", "network", "signals", "start")
     bad = [name for name in names if not np.all(np.isfinite(getattr(system, name)))]
     parts: list[Patch | Normal] = [*system.patches, *system.normals]
@@ -195,7 +92,7 @@ def _matrices(system: System) -> Iterator[Finding]:
 
 
 def _drivers(system: System) -> Iterator[Finding]:
-    """Growth among the driving states that do not depend on the rig."""
+    """Driving states that do not depend on the rig and grow by themselves."""
     A = assembled(
         system, system.key([STICK] * len(system.patches), [OPEN] * len(system.normals), [0] * len(system.limiters))
     ).A
@@ -210,7 +107,7 @@ def _drivers(system: System) -> Iterator[Finding]:
 
 
 def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
-    """The smallest det(Me)/det(M) for the coefficients from rest to fast sliding."""
+    """Jamming: the smallest det(Me)/det(M) for the friction coefficients from rest to fast sliding."""
     sectors, M, worst = system.modes(key)[3], system.mass, 1.0
     if not len(M) or not any(np.any(k.inertia) for k in system.normals):
         return
@@ -245,7 +142,7 @@ def _undefined(error: Singular, name: str) -> Finding:
 
 
 def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
-    """The growing motions of one mode set, each with what limits it."""
+    """The growing vibration modes of one mode set, each with what limits it. `fastest`: largest |lambda| [1/s]."""
     stuck = STICK in at.system.modes(at.modes.key)[0]
     if at.modes.nonlinear.any() and not (stuck or at.exists):
         return  # a transient mode set without an equilibrium: nothing to linearise about
@@ -255,129 +152,12 @@ def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
         if value.real <= least or value.imag < 0.0:
             continue
         kind = "flutter" if value.imag > 0.0 else "divergence"
-        told = f"{kind} in {name}{_at(value)}"
+        text = f"{kind} in {name}{_at(value)}"
         level, stop, remedy = stopped(at, value, shape, least)
         if level != "info" or stuck or at.exists:
-            yield Finding(level, f"{told}: {stop}", float(value.real), remedy)
+            yield Finding(level, f"{text}: {stop}", float(value.real), remedy)
 
 
 def _at(value: complex) -> str:
     hertz = f" at {abs(value.imag) / (2.0 * math.pi):.4g} Hz" if value.imag else ""
     return f", growth {value.real:+.4g} 1/s{hertz}"
-
-
-def _narrow(system: System, tolerance: float) -> Iterator[Finding]:
-    """Whether the tolerance of dopri5 resolves the slip speeds over which friction laws change.
-
-    A released contact starts to slip along the steep part of its law. If the error is not far below the width of that
-    part, the contact turns back, sticks and slips again, although the exact motion continues.
-    """
-    for p, patch in enumerate(system.patches):
-        speed = abs(float(patch.surface @ system.start))
-        widths = [_width(law) for law in system.laws(p) if not law.constant and law.sticks]
-        error = tolerance * speed
-        if widths and error > _FINE * min(widths):
-            yield Finding(
-                "warning",
-                f"tolerance {tolerance:g} is too coarse for the friction law of {patch.name}, which changes within "
-                f"{min(widths):.3g} m/s: errors of {error:.2g} m/s may count as events of stick and slip",
-                error / min(widths),
-                f"clock.tolerance of {at_most(0.5 * _FINE * min(widths) / speed, 1)} or less",
-            )
-
-
-def _width(law: Law) -> float:
-    """The slip speed [m/s] over which a law changes from its value at rest, taken at its steepest slope."""
-    speeds = np.array([0.0, *np.geomspace(1e-9, 1.0, 10 * _SPEEDS).tolist()])
-    change = float(np.ptp(law.over(speeds)))
-    slope = max(abs(law.slope(speed)) for speed in speeds.tolist())
-    return change / slope if slope > 0.0 else math.inf
-
-
-def _bends(system: System, step: float, substeps: int) -> Iterator[Finding]:
-    """Whether rk4 can follow a speed-dependent law where it is steepest."""
-    fastest, h = steepest(system), step / substeps
-    if fastest * h > _COARSE:
-        yield Finding(
-            "warning",
-            f"rk4 is coarse at a step of {h:g} s: |lambda| h = {fastest * h:.3g} where the friction law is steepest",
-            fastest * h,
-            f"rk4_step of {part(step, 0.1 / fastest)} or less, or method dopri5",
-        )
-
-
-def _riding(system: System, step: float, substeps: int) -> Iterator[Finding]:
-    """Whether kicks can follow the fastest motion of a film with all points closed and stuck."""
-    h = step / substeps
-    size = film_system.fastest(system, h) * h
-    if size > FILM_LIMIT:
-        yield Finding(
-            "error",
-            f"kick is unstable at a step of {h:g} s: omega h = {size:.3g} with every point closed and stuck, "
-            f"at most {FILM_LIMIT}",
-            size,
-            f"rk4_step of {part(step, _short(system, h, FILM_LIMIT))} or less",
-        )
-    elif size > FILM_COARSE:
-        yield Finding(
-            "warning",
-            f"kick is coarse at a step of {h:g} s: omega h = {size:.3g} with every point closed and stuck; flutter of "
-            "the film grows more slowly than it should",
-            size,
-            f"rk4_step of {part(step, _short(system, h, FILM_COARSE))} or less",
-        )
-
-
-def _short(system: System, h: float, most: float) -> float:
-    """A step [s] of at most `most` radians of the film's fastest motion. A damped film is stiffer at a shorter step."""
-    while (size := film_system.fastest(system, h) * h) > most:
-        h *= max(0.999 * most / size, 0.1)
-    return h
-
-
-def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -> Iterator[Finding]:
-    """Whether `method` can follow the fastest eigenvalue of all mode sets, which belongs to the mode set `name`."""
-    h = step / substeps if method in ("rk4", "kick") else step
-    size = fastest * h
-    if method == "rk4" and size > RK4_LIMIT:
-        yield Finding(
-            "error",
-            f"rk4 is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {RK4_LIMIT}",
-            size,
-            f"rk4_step of {part(step, 0.9 * RK4_LIMIT / fastest)} or less, or method exact or dopri5",
-        )
-    elif method == "kick" and size > KICK_LIMIT:
-        yield Finding(
-            "error",
-            f"kick is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {KICK_LIMIT}",
-            size,
-            f"rk4_step of {part(step, 0.9 * KICK_LIMIT / fastest)} or less",
-        )
-    elif method == "smooth":
-        yield Finding(
-            "warning",
-            "friction is smoothed: a stuck contact creeps, and static friction above kinetic is lost",
-            size,
-            "use method auto; smooth serves for comparison only",
-        )
-    elif method in ("rk4", "kick") and size > _COARSE:
-        yield Finding(
-            "warning",
-            f"{method} is coarse at a step of {h:g} s: |lambda| h = {size:.3g} in {name}",
-            size,
-            f"rk4_step of {part(step, 0.1 / fastest)} or less",
-        )
-    elif method == "dopri5" and size > _STIFF:
-        yield Finding(
-            "warning",
-            f"stiff for dopri5: |lambda| step = {size:.3g} in {name}; stability limits its steps, not the tolerance",
-            size,
-            "remove the fast elements of the network (R = 0, L = 0), or use friction laws that method exact supports",
-        )
-    elif method == "exact" and size > 1.0:
-        yield Finding(
-            "info",
-            f"the step is long for {name}: |lambda| step = {size:.3g} for its fastest mode; most ticks are subdivided",
-            size,
-            "results stay exact; a shorter sample step is quicker",
-        )

@@ -7,7 +7,7 @@ blueprint         the arrangement of the rerun window
 viewer            starts rerun's viewer, or writes a file
 picture           selects the moving picture of a rig; each picture has a module; base, shapes: common to all pictures
 phase_portrait    the phase portrait of the live view
-run_figure        the figure of a run as PNG; plate_figure: that of the plate rig
+run_figure        the figure of a run; plate_figure: that of the plate rig
 curves, caption   curves over time, and the text beside them, in all figures of runs
 timeline          phases of the protocol, marks, and when each controller worked
 channels          which output and which sensor belongs to which plot

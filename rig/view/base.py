@@ -10,6 +10,7 @@ import numpy as np
 
 from rig.model.system import System
 from rig.view import contact
+from rig.view.channels import PALETTE
 from rig.view.shapes import Columns, Integers, Reals
 
 if TYPE_CHECKING:
@@ -53,17 +54,26 @@ class Picture:
 
     surface = "surface_speed"
     """Name of the output that is the speed of the surface."""
+    forces = "friction_force", "normal_force"
+    """Names of the outputs that are drawn as arrows: friction and normal force."""
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
 
     def __init__(self, scale: Scale) -> None:
         self.scale = scale
+        self.paint({})
         self._ran, self._last_ns, self._speed = 0.0, -1, 0.0
 
     @classmethod
     def of(cls, scene: Scene, assembly: Assembly, system: System) -> Self | None:
         """The picture of a rig; None if this class cannot draw it. `assembly`, `system`: those of the scene."""
         return cls(scale_of(system))
+
+    def paint(self, colours: Mapping[str, str]) -> None:
+        """Give the arrows of the forces the colours that their outputs have in the plots (output -> "#rrggbb")."""
+        self.friction, self.normal = (
+            contact.rgb(colours.get(name, usual)) for name, usual in zip(self.forces, PALETTE)
+        )
 
     def static(self, rec: rr.RecordingStream) -> None:
         """Send everything that never changes."""
@@ -72,6 +82,8 @@ class Picture:
     def frames(self, t_ns: Integers, signals: Mapping[str, Reals], modes: Integers, shown: Integers) -> list[Columns]:
         """Frames at the rows `shown` of the states at `t_ns`; all rows contribute to the travel of the surface."""
         ran = self._run(t_ns, signals[self.surface])[shown]
+        if not shown.size:
+            return []
         picked = {name: v[shown] for name, v in signals.items()}
         return self._frames(t_ns[shown], picked, modes[shown], ran)
 
@@ -87,7 +99,7 @@ class Picture:
         self._ran, self._last_ns, self._speed = float(ran[-1]), int(t_ns[-1]), float(speed[-1])
         return ran
 
-    def _said(self, modes: Integers, friction: Reals, normal: Reals) -> list[str]:
+    def _contact_text(self, modes: Integers, friction: Reals, normal: Reals) -> list[str]:
         return [
             f"{contact.NAMES[mode]}   T = {force:+.1f} N   N = {load:.1f} N   motion x {self.scale.motion:g}"
             for mode, force, load in zip(modes, friction, normal)

@@ -67,5 +67,5 @@ class Tip(Belt):
         strips[:, :, 0] += x[:, None] * bent
         drawn["rig/spring"] = spring(t_ns, strips, 0.03)
         heads = np.stack((x + 0.2, np.zeros_like(x), np.full_like(x, 0.02)), axis=1)
-        drawn["rig/load"] = load(t_ns, heads, s["normal_force"] / self.scale.force * 0.25)
+        drawn["rig/load"] = load(t_ns, heads, s["normal_force"] / self.scale.force * 0.25, self.normal)
         return list(drawn.values())

@@ -11,7 +11,6 @@ from rig.picture import OnBelt
 from rig.view.base import Picture, Scale
 from rig.view.shapes import (
     DISC,
-    FRICTION,
     LYING,
     MARK,
     STEEL,
@@ -42,9 +41,10 @@ class Belt(Picture):
     target = (0.0, 0.0, 0.12)
 
     def __init__(self, scale: Scale, drawn: OnBelt | None = None) -> None:
-        super().__init__(scale)
         self._drawn = drawn or OnBelt()
         self.surface = self._drawn.surface
+        self.forces = self._drawn.friction, self._drawn.normal
+        super().__init__(scale)
 
     def static(self, rec: rr.RecordingStream) -> None:
         """See `Picture.static`."""
@@ -70,7 +70,7 @@ class Belt(Picture):
             half, centre = (0.06, 0.06, 0.4), (-0.26, 0.0, 0.32)
         turn: dict[str, Any] = {"quaternions": [(0.0, -np.sin(lean), 0.0, np.cos(lean))]} if lean else {}
         log("rig/mass/body", rr.Boxes3D(half_sizes=[half], centers=[centre], fill_mode="solid", **turn), static=True)
-        log("rig/mass/friction", rr.Arrows3D.from_fields(origins=[(0, -0.27, 0.04)], colors=[FRICTION],
+        log("rig/mass/friction", rr.Arrows3D.from_fields(origins=[(0, -0.27, 0.04)], colors=[self.friction],
                                              radii=[0.018]), static=True)  # fmt: skip
         wall = rr.Boxes3D(half_sizes=[(0.03, 0.35, 0.3)], centers=[(-1.25, 0, 0.32)], colors=[STEEL],
                           fill_mode="solid")  # fmt: skip
@@ -97,13 +97,14 @@ class Belt(Picture):
         zero = np.zeros_like(x)
         tips = np.stack((x - 0.2, zero, zero + 0.2), axis=1)
         heads = np.stack((x, zero, zero + 0.37), axis=1)
+        texts = self._contact_text(modes, s[self._drawn.friction], s[self._drawn.normal])
         return [
             Columns("rig/marks", t_ns, rr.Transform3D.columns(translation=along(0, np.mod(zoom * ran, _PITCH)))),
             Columns("rig/mass", t_ns, rr.Transform3D.columns(**self._placed(s))),
             Columns("rig/mass/body", t_ns, rr.Boxes3D.columns(colors=colours)),
             Columns("rig/mass/friction", t_ns,
                     rr.Arrows3D.columns(vectors=along(0, s[self._drawn.friction] / self.scale.force * 0.6))),
-            load(t_ns, heads, s[self._drawn.normal] / self.scale.force * 0.25),
+            load(t_ns, heads, s[self._drawn.normal] / self.scale.force * 0.25, self.normal),
             spring(t_ns, zigzag(np.broadcast_to((-1.22, 0.0, 0.2), tips.shape), tips, flat=False)),
-            word(t_ns, (0.0, 0.0, 1.02), self._said(modes, s[self._drawn.friction], s[self._drawn.normal]), colours),
+            word(t_ns, (0.0, 0.0, 1.02), texts, colours),
         ]  # fmt: skip

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rig.view.channels import Plot
+from rig.view.channels import Panel
 from rig.view.drawing import TIMELINE, Drawing
 from rig.view.plate import Cells
 
@@ -18,19 +18,20 @@ LIVE_S = 6.0
 """Time span of the curves of a live run [s]."""
 
 
-def blueprint(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Blueprint:
+def blueprint(drawing: Drawing, live: bool) -> rrb.Blueprint:
     """The window of a rig: for a live run it follows the last seconds, for a recording it shows the whole run."""
     import rerun.blueprint as rrb
 
     most = 4 if drawing.points else 2
-    large, more = plots[:most], _more(drawing, plots[most:], live)
+    panels = drawing.channels.panels
+    large, more = panels[:most], _more(drawing, panels[most:], live)
     right = rrb.Vertical(
-        *(_curves(plot, live) for plot in large),
+        *(_curves(panel, live) for panel in large),
         _strips(drawing, live),
         rrb.Horizontal(_health(live), more) if live else more,
-        row_shares=[*[6.0 / len(large)] * len(large), 1.2 if drawing.points else 2.0, 2.2],
+        row_shares=[*(6.0 / len(large) for _ in large), 1.2 if drawing.points else 2.0, 2.2],
     )
-    second = _map(drawing) or _portrait()
+    second = _map(drawing) or _portrait(drawing)
     left: list[rrb.View] = [view for view in (_picture(drawing), second) if view is not None]
     left.append(_events())
     return rrb.Blueprint(
@@ -66,15 +67,15 @@ def _series(name: str, contents: list[str], live: bool) -> rrb.TimeSeriesView:
     )
 
 
-def _curves(plot: Plot, live: bool) -> rrb.TimeSeriesView:
-    paths = [f"/sensor/{name}" for name in plot.sensors] + [f"/plant/{name}" for name in plot.outputs]
-    return _series(plot.title, paths, live)
+def _curves(panel: Panel, live: bool) -> rrb.TimeSeriesView:
+    paths = [f"/sensor/{name}" for name in panel.sensors] + [f"/plant/{name}" for name in panel.outputs]
+    return _series(panel.title, paths, live)
 
 
-def _more(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Tabs:
+def _more(drawing: Drawing, panels: list[Panel], live: bool) -> rrb.Tabs:
     import rerun.blueprint as rrb
 
-    views = [_curves(plot, live) for plot in plots]
+    views = [_curves(panel, live) for panel in panels]
     commands = _series("commands", ["/command/**"], live)  # a controller that is not in the scene may join
     return rrb.Tabs(*([commands, *views] if drawing.controllers else [*views, commands]), active_tab=0)
 
@@ -126,9 +127,11 @@ def _map(drawing: Drawing) -> rrb.Spatial3DView | None:
     return rrb.Spatial3DView(origin="/film", name=name, eye_controls=eye, background=_DARK, line_grid=False)
 
 
-def _portrait() -> rrb.Spatial2DView:
+def _portrait(drawing: Drawing) -> rrb.Spatial2DView | None:
     import rerun.blueprint as rrb
 
+    if drawing.pair is None:
+        return None
     bounds = rrb.VisualBounds2D(x_range=(-1.2, 1.2), y_range=(-1.2, 1.2))
     return rrb.Spatial2DView(origin="/portrait", name="phase portrait", visual_bounds=bounds, background=_DARK)
 

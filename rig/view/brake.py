@@ -22,9 +22,7 @@ from rig.view import contact
 from rig.view.base import Picture, Scale, round_down
 from rig.view.shapes import (
     DISC,
-    FRICTION,
     MARK,
-    NORMAL,
     SPRING,
     STEEL,
     Columns,
@@ -109,11 +107,11 @@ def motion_of(system: System, probe: Mapping[str, float]) -> Motion:
     swing = [float(abs(normal.row[:count] @ vector)) for normal in system.normals]
     opens = min(float(normal.row @ at.x) / one for normal, one in zip(system.normals, swing))
     shape = {body: (of(body, "x"), of(body, "z"), of(body, "phi")) for body in BODIES if body != "disc"}
-    shape["disc"] = (of("disc", "x"), *_disc(system, vector))
+    shape["disc"] = (of("disc", "x"), *disc_at_contacts(system, vector))
     return Motion(shape, float(rates[best].imag), opens)
 
 
-def _disc(system: System, vector: NDArray[np.complex128]) -> tuple[complex, complex]:
+def disc_at_contacts(system: System, vector: NDArray[np.complex128]) -> tuple[complex, complex]:
     """Amplitudes z [m] and phi [rad] of the disc between its contacts, be it rigid or bent: u_z = z - a phi at a."""
     names = list(system.names[: len(vector)])
     of_disc = np.array([name.startswith("disc.") for name in names])
@@ -210,9 +208,11 @@ class Brake(Picture):
         drawn = rr.LineStrips3D.columns(strips=strips, colors=[SPRING] * len(strips), radii=[0.006] * len(strips))
         found.append(Columns("rig/spring", t_ns, drawn.partition([len(_SPRINGS)] * count)))
         found += self._forces(t_ns, s, placed, count)
-        said = f"motion x {self.scale.motion:g}, {self.motion.omega / (2.0 * math.pi):.0f} Hz shown at {_SLOW:g} Hz"
+        magnified = (
+            f"motion x {self.scale.motion:g}, {self.motion.omega / (2.0 * math.pi):.0f} Hz shown at {_SLOW:g} Hz"
+        )
         size = 1e6 * np.hypot(s["displacement"], s["velocity"] / self.motion.omega)
-        texts = [f"{contact.NAMES[mode]}   pad {one:.2f} um   {said}" for mode, one in zip(modes, size)]
+        texts = [f"{contact.NAMES[mode]}   pad {one:.2f} um   {magnified}" for mode, one in zip(modes, size)]
         return [*found, word(t_ns, (0.0, 0.0, 0.95), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
 
     def _forces(self, t_ns: Integers, s: Mapping[str, Reals], placed: Mapping[str, tuple[Reals, Reals, Reals]],
@@ -227,11 +227,11 @@ class Brake(Picture):
             end = _point(placed, (pad, (side * _LINING, -0.11 * up)), count)
             force = along(2, up * 0.25 * np.maximum(s[f"normal_force_{name}"], 0.0) / self.scale.force)
             found.append(Columns(f"rig/load/{name}", t_ns, rr.Arrows3D.columns(
-                vectors=force, origins=end, colors=[NORMAL] * count, radii=[0.012] * count)))  # fmt: skip
+                vectors=force, origins=end, colors=[self.normal] * count, radii=[0.012] * count)))  # fmt: skip
         end = _point(placed, ("inner_pad", (0.0, 0.04)), count)
         drags = along(0, 0.25 * s["friction_force"] / self.scale.force)
         found.append(Columns("rig/friction", t_ns, rr.Arrows3D.columns(
-            vectors=drags, origins=end, colors=[FRICTION] * count, radii=[0.012] * count)))  # fmt: skip
+            vectors=drags, origins=end, colors=[self.friction] * count, radii=[0.012] * count)))  # fmt: skip
         return found
 
 

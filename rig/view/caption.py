@@ -24,14 +24,14 @@ def scene_of(run: Run) -> dict[str, Any]:
 def caption(axes: Axes, run: Run, modes: Integers) -> None:
     """Write the caption of `run`; the stick share comes from `modes`, the contact modes of the first contact."""
     axes.set_axis_off()
-    rows = [("scene", scene_of(run).get("name", "")), *_told(run, modes)]
+    rows = [("scene", scene_of(run).get("name", "")), *_rows(run, modes)]
     for i, (name, text) in enumerate(rows):
         y = 1.0 - i / 6.2
         axes.text(-0.2, y, name, transform=axes.transAxes, va="top", fontsize=9.5, color="#777777")
         axes.text(0.08, y, text, transform=axes.transAxes, va="top", fontsize=9.5, color="#111111")
 
 
-def _told(run: Run, modes: Integers) -> list[tuple[str, str]]:
+def _rows(run: Run, modes: Integers) -> list[tuple[str, str]]:
     """Rows (name, text) of the caption."""
     summary = run.summary
     plant = summary.get("plant", {}) if isinstance(summary.get("plant"), dict) else {}
@@ -41,7 +41,7 @@ def _told(run: Run, modes: Integers) -> list[tuple[str, str]]:
         rows.append(("stick share", f"{(modes == 0).mean():.1%} of {timeline.end_of(run):g} s"))
     if run.energy:
         supplied = run.energy.get("drive", run.energy.get("supplied", 0.0))
-        rows.append(("energy", f"{supplied:.4g} J from the drive, closes to {abs(run.energy.get('error', 0.0)):.0e}"))
+        rows.append(("energy", f"{supplied:.4g} J from the drive, residual {abs(run.energy.get('error', 0.0)):.0e}"))
     timing = summary.get("timing", {})
     if "verdict" in summary:
         worst = f", worst frame {timing['worst_us'] / 1e3:.3g} ms late" if timing else ""

@@ -1,12 +1,24 @@
-"""Assigns outputs and sensors to plots: a measurement is in the plot of the output that it measures, in its unit."""
+"""Assigns outputs and sensors of a run to plots, as their parts declare it: plots, colours, the phase portrait.
+
+A measurement is in the plot of the output that it measures, in its unit and colour. Colours are those of Okabe and Ito,
+by the place of an output in its plot; the first four have a contrast of 3 or more on the white of a figure and on the
+dark of the viewer. Source: M. Okabe, K. Ito, Color universal design (2008), https://jfly.uni-koeln.de/color/.
+"""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from rig.model.assembly import portrait
+from rig.picture import Plot, plot_of
 from rig.record.film_points import numbered
+
+if TYPE_CHECKING:
+    from rig.model.assembly import Assembly
+    from rig.scenes.scene import Scene
+
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
 class Channel(NamedTuple):
@@ -16,68 +28,74 @@ class Channel(NamedTuple):
     factor: float
 
 
-class Plot(NamedTuple):
-    """One plot: its title with the unit, and its plant outputs and sensors."""
+class Panel(NamedTuple):
+    """One plot: its title with the unit, its plant outputs and sensors, and its place (`rig.picture.Plot`)."""
 
     title: str
     outputs: tuple[str, ...]
     sensors: tuple[str, ...]
+    place: int
 
 
-_GROUPS = (
-    ("acceleration", ("slider_acceleration", "plate_acceleration")),
-    ("contact fraction", ("contact_fraction",)),
-    ("pressure centre", ("pressure_centre_x", "pressure_centre_y")),
-    ("velocity", ("velocity", "surface_speed")),
-    ("forces", ("friction_force", "normal_force")),
-    ("displacement", ("displacement",)),
-    ("acceleration", ("acceleration",)),
-    ("angle", ("angle",)),
-    ("angular speed", ("angular_velocity", "disc_speed")),
-    ("pitch and roll acceleration", ("pitch_acceleration", "roll_acceleration")),
-    ("displacement of slider and plate", ("slider_displacement", "plate_displacement")),
-    ("pitch and roll", ("pitch_displacement", "roll_displacement")),
-    ("velocity of slider and plate", ("slider_velocity", "plate_velocity")),
-    ("pitch and roll velocity", ("pitch_velocity", "roll_velocity")),
-)
+class Channels:
+    """Outputs and sensors (name -> unit) of a run, and where its rig draws them.
 
-_DRIVEN = ("surface_speed",)
-"""Outputs that say little alone: without the rest of their group they get one of the last plots."""
-
-
-def channels(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> dict[str, Channel]:
-    """What each sensor (name -> unit) of a scene (JSON text) measures; a strain is converted to the force.
-
-    Omits sensors whose unit differs from that of the output without a known factor: one plot cannot show both.
+    `found`: scene and rig, which declare it. Without them the outputs are arranged by their units.
     """
-    try:
-        sections = json.loads(scene).get("sensors", {})
-    except ValueError:
-        sections = {}
-    found = {}
-    for name, unit in sensors.items():
-        section = sections.get(name, {})
-        reads, strain = section.get("reads"), section.get("strain_per_newton")
-        if reads in outputs and (strain or outputs[reads] == unit):
-            found[name] = Channel(reads, 1.0 / strain if strain else 1.0)
-    return found
 
+    def __init__(
+        self, found: tuple[Scene, Assembly] | None, outputs: Mapping[str, str], sensors: Mapping[str, str]
+    ) -> None:
+        scene, rows = (found[0].sensors, found[1].outputs) if found else ({}, {})
+        names = [*(name for name in rows if name in outputs), *(name for name in outputs if name not in rows)]
+        self.outputs, self.sensors = {name: outputs[name] for name in names}, dict(sensors)
+        """Outputs in the order of the rig, so that every view gives them the same colours."""
+        self.at_points = frozenset(name for members in numbered(outputs).values() for name in members)
+        """Outputs of one quantity at many points. They have no plot: a map shows them."""
+        self._declared = {name: rows[name] for name in names if name in rows}
+        self.measured = {
+            name: Channel(section.reads, factor)
+            for name, section in scene.items()
+            if name in sensors and section.reads in outputs and (factor := section.conversion) is not None
+        }
+        """What each sensor measures. Omits sensors whose measurement no factor converts to the output."""
+        self.panels = self._panels()
+        """The plots, in order."""
+        self.colours = {name: PALETTE[i % len(PALETTE)] for p in self.panels for i, name in enumerate(p.outputs)}
+        """Colour of each output as "#rrggbb"."""
+        self.portrait = portrait(self._declared)
+        """Names of displacement and velocity of the phase portrait; None if the rig has no such pair."""
+        self.drives = frozenset(name for name, output in self._declared.items() if output.role == "drive")
+        """Outputs that are the speed of a drive."""
 
-def plots(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> list[Plot]:
-    """The plots of a rig. An output or sensor that belongs to no group gets its own plot.
+    def colour_of(self, sensor: str) -> str:
+        """Colour of the output that a sensor measures; of another sensor the first colour."""
+        channel = self.measured.get(sensor)
+        return self.colours.get(channel.reads, PALETTE[0]) if channel else PALETTE[0]
 
-    Outputs of one quantity at many points have no plot: a map shows them.
-    """
-    placed = channels(scene, outputs, sensors)
-    found = []
-    at_points = {name for members in numbered(outputs).values() for name in members}
-    rest = [name for name in outputs if name not in at_points]
-    for title, members in _GROUPS:
-        inside = tuple(name for name in members if name in rest)
-        if inside and inside != _DRIVEN:
-            rest = [name for name in rest if name not in inside]
-            measured = tuple(name for name, channel in placed.items() if channel.reads in inside)
-            found.append(Plot(f"{title} [{outputs[inside[0]]}]", inside, measured))
-    found += [Plot(f"{name.replace('_', ' ')} [{outputs[name]}]", (name,), ()) for name in rest]
-    found += [Plot(f"{name} [{unit}]", (), (name,)) for name, unit in sensors.items() if name not in placed]
-    return found
+    def panel_of(self, output: str) -> Panel | None:
+        """The plot of an output; None for one at many points, and for an unknown one."""
+        return next((panel for panel in self.panels if output in panel.outputs), None)
+
+    def _panels(self) -> list[Panel]:
+        """Plots of outputs by their places, then those of sensors that measure none of these."""
+        members: dict[tuple[str, str], list[str]] = {}
+        places: dict[tuple[str, str], int] = {}
+        for name, unit in self.outputs.items():
+            if name not in self.at_points:
+                plot = self._plot(name, unit)
+                key = plot.title or name.replace("_", " "), unit
+                members.setdefault(key, []).append(name)
+                places[key] = min(plot.place, places.get(key, plot.place))
+        reads = {sensor: channel.reads for sensor, channel in self.measured.items()}
+        found, shown = [], set()
+        for key in sorted(members, key=lambda key: places[key]):
+            inside = tuple(sensor for sensor, output in reads.items() if output in members[key])
+            found.append(Panel("{} [{}]".format(*key), tuple(members[key]), inside, places[key]))
+            shown |= set(inside)
+        alone = Plot().place
+        return found + [Panel(f"{n} [{u}]", (), (n,), alone) for n, u in self.sensors.items() if n not in shown]
+
+    def _plot(self, name: str, unit: str) -> Plot:
+        output = self._declared.get(name)
+        return output.plot if output is not None and output.plot is not None else plot_of(unit)

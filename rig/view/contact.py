@@ -6,12 +6,12 @@ stick   no slip                slip+   w > 0, the surface is faster         slip
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import SceneError
 from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.solve.state_codes import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
@@ -32,7 +32,7 @@ def read(scene: str) -> tuple[Scene, Assembly] | None:
     try:
         found = Scene.from_json(scene)
         assembly = found.assemble()
-    except (KeyError, TypeError, ValueError, json.JSONDecodeError):
+    except SceneError:
         return None
     assert isinstance(assembly, Assembly)
     return found, assembly

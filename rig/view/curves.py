@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rig.record.run import Reals, Run
-from rig.view import timeline
+from rig.view import contact, timeline
 from rig.view.caption import scene_of
-from rig.view.channels import channels
+from rig.view.channels import Channels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BODY, SURFACE, FRICTION, NORMAL = "#1d4f91", "#d1802f", "#b5322f", "#5a5a5a"
-VOLTAGE = "#7a5fb0"
+_CIRCUIT = "#7a5fb0"
 COLUMNS = 2400
 _MEASURED = 0.35
 _LETTERS = 125.0
@@ -41,17 +41,21 @@ def line(axes: Axes, t: Reals, v: Reals, **style: Any) -> None:
     axes.plot(*thinned(t, v), **style)
 
 
-def measured(run: Run, reads: str) -> list[tuple[str, Reals, Reals]]:
-    """Sensors that read an output: name, times [s], values in the unit of the output."""
+def channels_of(run: Run) -> Channels:
+    """Plots and colours of the outputs and sensors of a run."""
     sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
-    placed = channels(run.scene_text(), {name: run.units.get(name, "") for name in run.signals}, sensors)
+    return Channels(contact.read(run.scene), {name: run.units.get(name, "") for name in run.signals}, sensors)
+
+
+def measured(run: Run, channels: Channels, reads: str) -> list[tuple[str, Reals, Reals]]:
+    """Sensors that read an output: name, times [s], values in the unit of the output."""
     return [
         (
             name,
             np.multiply(run.measurements[name].t_ns, 1e-9, dtype=np.float64),
             run.measurements[name].v * channel.factor,
         )
-        for name, channel in placed.items()
+        for name, channel in channels.measured.items()
         if channel.reads == reads
     ]
 
@@ -70,17 +74,18 @@ def legend(axes: Axes, columns: int) -> None:
         handle.set_linewidth(2.2)
 
 
-def curves(axes: Axes, run: Run, outputs: tuple[tuple[str, str], ...]) -> None:
-    """Draw outputs (name, colour) of the run, their measurements, and a legend."""
+def curves(axes: Axes, run: Run, channels: Channels, outputs: Iterable[str]) -> None:
+    """Draw outputs of the run, the first one on top, their measurements, and a legend."""
     count = 0
-    for output, colour in outputs:
+    for output in outputs:
         if output not in run.signals:
             continue
-        for name, t, v in measured(run, output):
+        colour = channels.colours[output]
+        for name, t, v in measured(run, channels, output):
             label = f"{plain(name)} (measured)"
             line(axes, t, v, color=colour, alpha=_MEASURED, lw=2.6, label=label, zorder=2)
             count += 1
-        line(axes, run.time, run.signals[output], color=colour, label=plain(output), zorder=3)
+        line(axes, run.time, run.signals[output], color=colour, label=plain(output), zorder=3.0 - 0.01 * count)
         count += 1
     if count:
         legend(axes, min(count, 4))
@@ -91,7 +96,7 @@ def shade(axes: Axes, run: Run, closed: list[timeline.Span]) -> None:
     for span in timeline.controlled(run):
         axes.axvspan(span.begin, span.end, color="#2a9d77", alpha=0.09, lw=0, zorder=0)
     for span in closed:
-        axes.axvspan(span.begin, span.end, color=VOLTAGE, alpha=0.13, lw=0, zorder=0)
+        axes.axvspan(span.begin, span.end, color=_CIRCUIT, alpha=0.13, lw=0, zorder=0)
     for mark in timeline.marks(run):
         axes.axvline(mark.time, color="#777777", lw=0.8, ls=(0, (4, 3)), zorder=1)
 
@@ -102,7 +107,7 @@ def name_circuits(axes: Axes, closed: list[timeline.Span]) -> None:
     for span in closed:
         if text := _fitting(span.text, _LETTERS / whole * (span.end - span.begin) - 1):
             axes.text((span.begin + span.end) / 2, 0.04, text, transform=axes.get_xaxis_transform(), ha="center",
-                      fontsize=8.5, color=VOLTAGE)  # fmt: skip
+                      fontsize=8.5, color=_CIRCUIT)  # fmt: skip
 
 
 def _fitting(text: str, width: float) -> str:

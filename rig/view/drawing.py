@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.record.film_points import numbered
 from rig.view import contact
-from rig.view.channels import channels
+from rig.view.channels import Channels
 from rig.view.phase_portrait import Portrait
 from rig.view.picture import picture_of
 from rig.view.shapes import Columns
@@ -31,22 +30,14 @@ Integers = NDArray[np.int64]
 TIMELINE = "sim_time"
 FRAME_NS = 20_000_000
 """Interval between two frames of the picture: 50 per second of simulated time."""
-COLOURS = {
-    "velocity": "#4f93e6", "surface_speed": "#e0a03c", "friction_force": "#e2564c", "normal_force": "#7fbf7f",
-    "displacement": "#6bb3c9", "acceleration": "#b58be0", "slip_speed": "#c9b06b",
-    "slider_acceleration": "#b58be0", "slider_displacement": "#6bb3c9", "slider_velocity": "#4f93e6",
-    "plate_acceleration": "#e0a03c", "plate_displacement": "#e0a03c", "plate_velocity": "#e0a03c",
-    "contact_fraction": "#5ec9a0", "pressure_centre_x": "#4f93e6", "pressure_centre_y": "#e0a03c",
-    "pitch_acceleration": "#4f93e6", "pitch_displacement": "#4f93e6", "pitch_velocity": "#4f93e6",
-    "roll_acceleration": "#e0a03c", "roll_displacement": "#e0a03c", "roll_velocity": "#e0a03c",
-}  # fmt: skip
 HEALTH = {
     "rate": "rate", "lateness_us": "lateness p99 [us]", "worst_us": "worst lateness [us]", "late": "late frames",
     "overruns": "overruns", "drops": "commands lost", "held": "commands held", "stick_share": "stick share",
     "energy_error": "log10 |energy error|",
 }  # fmt: skip
-_LEVELS = {"fault": "ERROR", "diverged": "ERROR", "limit": "ERROR", "refused": "WARN", "left": "WARN", "pause": "WARN",
-           "overrun": "WARN", "missing": "WARN", "safe": "WARN", "contact": "DEBUG"}  # fmt: skip
+_LEVELS = {"fault": "ERROR", "diverged": "ERROR", "limit": "ERROR", "emergency": "ERROR", "refused": "WARN",
+           "left": "WARN", "pause": "WARN", "overrun": "WARN", "missing": "WARN", "safe": "WARN",
+           "contact": "DEBUG"}  # fmt: skip
 _FAINT = 150
 _BAND: Final = "MinMax"
 """How a curve shows several samples in one pixel. rerun's default, their mean, would hide a squeal."""
@@ -59,34 +50,35 @@ class Drawing:
     def __init__(self, scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> None:
         found = contact.read(scene)
         system = found[1].system() if found else None
-        at_points = {name for members in numbered(outputs).values() for name in members}
         self.scene = scene
-        self.outputs, self.sensors = dict(outputs), dict(sensors)
-        self.channels = channels(scene, outputs, sensors)
-        self.curves = [name for name in outputs if name not in at_points]
+        self.channels = Channels(found, outputs, sensors)
+        self.curves = [name for name in outputs if name not in self.channels.at_points]
         """Outputs that are drawn as curves. A quantity at many points is drawn as a map instead."""
-        self.points = bool(at_points)
+        self.points = bool(self.channels.at_points)
         """Whether the contact is a film of points."""
-        self.worded = not at_points and (system is None or bool(system.patches))
+        self.worded = not self.points and (system is None or bool(system.patches))
         """Whether there is a strip of the contact mode: not for a film of points, nor for a bonded contact."""
         self.picture = picture_of(*found, system) if found and system else None
+        if self.picture is not None:
+            self.picture.paint(self.channels.colours)
         self._modes = contact.Modes(system)
         self._mode = -1
         self._frame_ns = -FRAME_NS
-        pair = ("displacement", "velocity")
-        self._portrait = Portrait((outputs[pair[0]], outputs[pair[1]])) if set(pair) <= set(outputs) else None
+        self.pair = None if self.points else self.channels.portrait
+        """Outputs of the phase portrait, which a film of points does not have; None without any."""
+        self._portrait = Portrait((outputs[self.pair[0]], outputs[self.pair[1]])) if self.pair else None
 
     @property
     def plant(self) -> str:
         """Name of the plant, or "rig" if the scene is not readable."""
-        return str(self._told().get("plant", "rig"))
+        return str(self._description().get("plant", "rig"))
 
     @property
     def controllers(self) -> list[str]:
         """Names of the controllers in the scene."""
-        return list(self._told().get("controllers", {}))
+        return list(self._description().get("controllers", {}))
 
-    def _told(self) -> dict[str, Any]:
+    def _description(self) -> dict[str, Any]:
         try:
             return dict(json.loads(self.scene))
         except ValueError:
@@ -97,18 +89,17 @@ class Drawing:
         import rerun as rr
 
         for name in self.curves:
-            colour = contact.rgb(COLOURS.get(name, "#9fb0c4"))
+            colour = contact.rgb(self.channels.colours[name])
             line = rr.SeriesLines(names=_plain(name), colors=[colour], widths=1.6, aggregation_policy=_BAND)
             rec.log(f"plant/{name}", line, static=True)
-        for name in self.sensors:
-            channel = self.channels.get(name)
-            red, green, blue = contact.rgb(COLOURS.get(channel.reads if channel else "", "#9fb0c4"))
+        for name in self.channels.sensors:
+            red, green, blue = contact.rgb(self.channels.colour_of(name))
             pale = (min(red + 60, 255), min(green + 60, 255), min(blue + 60, 255), _FAINT)
-            said = f"{_plain(name)} (measured)"
-            line = rr.SeriesLines(names=said, colors=[pale], widths=1.0, aggregation_policy=_BAND)
+            label = f"{_plain(name)} (measured)"
+            line = rr.SeriesLines(names=label, colors=[pale], widths=1.0, aggregation_policy=_BAND)
             rec.log(f"sensor/{name}", line, static=True)
-        for name, said in HEALTH.items():
-            rec.log(f"health/{name}", rr.SeriesLines(names=said, widths=1.6), static=True)
+        for name, label in HEALTH.items():
+            rec.log(f"health/{name}", rr.SeriesLines(names=label, widths=1.6), static=True)
         rec.log("health/dropped", rr.SeriesLines(names="dropped by this viewer", widths=1.6), static=True)
         colours = [contact.rgb(colour) for colour in contact.COLOURS]
         if self.worded:
@@ -122,7 +113,7 @@ class Drawing:
 
     def measured(self, sensor: str, t_ns: Integers, v: Reals) -> list[Columns]:
         """Measurements of a sensor, converted to the output that it reads."""
-        channel = self.channels.get(sensor)
+        channel = self.channels.measured.get(sensor)
         return [_curve(f"sensor/{sensor}", t_ns, v * channel.factor if channel else v)]
 
     def states(
@@ -140,16 +131,16 @@ class Drawing:
             found.append(self._strip("contact", t_ns[changed], words))
         self._mode = int(modes[-1])
         if self.picture is not None:
-            shown = self._frames(t_ns, frames)
-            moved = self.picture.frames(t_ns, signals, modes, shown)
-            found += moved if shown.size else []
-        if self._portrait is not None:
-            self._portrait.add(t_ns, signals["displacement"], signals["velocity"], modes)
+            found += self.picture.frames(t_ns, signals, modes, self._frames(t_ns, frames))
         return found
 
-    def portrait(self) -> list[Columns]:
-        """The phase portrait up to the last state."""
-        return self._portrait.draw() if self._portrait is not None else []
+    def portrait(self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers) -> list[Columns]:
+        """The phase portrait of the latest states, of which these are the last; rows as in `states`."""
+        if self._portrait is None or self.pair is None:
+            return []
+        x, v = self.pair
+        self._portrait.add(t_ns, signals[x], signals[v], self._modes.indices(keys))
+        return self._portrait.draw()
 
     def _frames(self, t_ns: Integers, most: int) -> Integers:
         """Rows for the picture: one for each interval of `FRAME_NS`, at most `most`."""
@@ -166,10 +157,10 @@ class Drawing:
         columns = rr.Scalars.columns(scalars=values.ravel()).partition([values.shape[1]] * len(values))
         return [Columns(f"command/{controller}", t_ns, columns)]
 
-    def health(self, t_ns: Integers, told: Mapping[str, Sequence[float]]) -> list[Columns]:
+    def health(self, t_ns: Integers, health: Mapping[str, Sequence[float]]) -> list[Columns]:
         """Curves of the fields of Health messages: name -> values at `t_ns`."""
         found = []
-        for name, values in told.items():
+        for name, values in health.items():
             v = np.asarray(values, np.float64)
             found.append(_curve(f"health/{name}", t_ns, np.log10(np.abs(v) + 1e-18) if name == "energy_error" else v))
         return found

@@ -52,24 +52,24 @@ class Feed:
         """Collect messages."""
         for message in arrived:
             kind, _, name = message.topic.partition("/")
-            told = message.said
+            content = message.said
             self.messages += 1
             self._now_ns = max(self._now_ns, message.t_ns)
             if kind == "state":
-                self._keep(self._states, told)
+                self._keep(self._states, content)
             elif kind == "meas":
-                self._keep_block(name, told)
+                self._keep_block(name, content)
             elif kind == "applied":
-                self._keep_commands(name, told)
+                self._keep_commands(name, content)
             elif kind == "health":
-                self._keep(self._health, told)
+                self._keep(self._health, content)
             elif kind == "event":
-                event = {field: getattr(told, field) for field in ("t_ns", "tick", "kind", "text")}
-                self._keep(self._events, {**event, "source": name, "data": json.loads(told.data or "{}")})
+                event = {field: getattr(content, field) for field in ("t_ns", "tick", "kind", "text")}
+                self._keep(self._events, {**event, "source": name, "data": json.loads(content.data or "{}")})
 
-    def _keep(self, room: deque[Any], told: Any) -> None:
+    def _keep(self, room: deque[Any], message: Any) -> None:
         self.dropped += len(room) == room.maxlen
-        room.append(told)
+        room.append(message)
 
     def _keep_commands(self, controller: str, applied: Any) -> None:
         rows = messages.commands(applied)
@@ -102,8 +102,8 @@ class Feed:
                 found += self._drawing.commands(controller, t_ns, np.array([values for _, values in shown]))
                 rows.clear()
         if self._health:
-            t_ns = np.array([told.t_ns for told in self._health], np.int64)
-            fields = {name: [getattr(told, name) for told in self._health] for name in HEALTH}
+            t_ns = np.array([message.t_ns for message in self._health], np.int64)
+            fields = {name: [getattr(message, name) for message in self._health] for name in HEALTH}
             fields["dropped"] = [lost + self.dropped] * t_ns.size
             found += self._drawing.health(t_ns, fields)
             self._health.clear()
@@ -124,7 +124,8 @@ class Feed:
         signals = {name: np.array([getattr(state, field) for state in states]) for name, field in self._fields}
         every = -(-t_ns.size // _ROWS)
         self.thinned += t_ns.size - len(t_ns[::every])
-        return self._drawing.states(t_ns, signals, keys, every, _FRAMES) + self._drawing.portrait()
+        drawing = self._drawing
+        return drawing.states(t_ns, signals, keys, every, _FRAMES) + drawing.portrait(t_ns, signals, keys)
 
     def _take_blocks(self, sensor: str, blocks: deque[Any]) -> list[Columns]:
         if not blocks:

@@ -80,8 +80,8 @@ class ThreeBodies(Belt):
         for name, moved in (("body_1", side), ("body_3", top)):
             drawn[f"rig/{name}"] = Columns(f"rig/{name}", t_ns, rr.Transform3D.columns(translation=moved))
         drawn["rig/load"] = load(
-            t_ns, slider + np.array((0.15, 0.0, 0.18)), s["normal_force"] / self.scale.force * 0.25
+            t_ns, slider + np.array((0.15, 0.0, 0.18)), s["normal_force"] / self.scale.force * 0.25, self.normal
         )
-        said = self._said(modes, s["friction_force"], s["normal_force"])
-        drawn["rig/word"] = word(t_ns, (0.55, 0.0, 1.2), said, coloured(modes))
+        texts = self._contact_text(modes, s["friction_force"], s["normal_force"])
+        drawn["rig/word"] = word(t_ns, (0.55, 0.0, 1.2), texts, coloured(modes))
         return list(drawn.values())

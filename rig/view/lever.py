@@ -15,10 +15,8 @@ import numpy as np
 from rig.view.base import Picture
 from rig.view.shapes import (
     DISC,
-    FRICTION,
     LYING,
     MARK,
-    NORMAL,
     SPRING,
     STEEL,
     Columns,
@@ -81,7 +79,7 @@ class Lever(Picture):
         pin = rr.Boxes3D(half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)], centers=[(0.0, 0.5 * _FRONT, -_PIN)],
                          fill_mode="solid")  # fmt: skip
         rec.log("rig/cylinder/pin", pin, static=True)
-        friction = rr.Arrows3D.from_fields(origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[FRICTION], radii=[0.025])
+        friction = rr.Arrows3D.from_fields(origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[self.friction], radii=[0.025])
         rec.log("rig/cylinder/friction", friction, static=True)
         box("lever/tail", (0.035, 0.5 * _LEG, 0.06), (0.0, -0.5 * _LEG, 0.0))
         box("lever/fixture", (0.5 * _LEG, 0.035, 0.06), (0.5 * _LEG, 0.0, 0.0))
@@ -108,6 +106,7 @@ class Lever(Picture):
         strips = [strip for frame in zip(*springs) for strip in frame]
         load = along(1, s["normal_force"] / self.scale.force * 0.25)
         heads = pin + np.array((0.0, -_FRONT, 0.16))
+        texts = self._contact_text(modes, s["friction_force"], s["normal_force"])
         return [
             Columns("rig/disc", t_ns, rr.Transform3D.columns(quaternion=about(1, zoom * ran))),
             Columns("rig/cylinder", t_ns, rr.Transform3D.columns(
@@ -118,8 +117,8 @@ class Lever(Picture):
             Columns("rig/cylinder/friction", t_ns,
                     rr.Arrows3D.columns(vectors=along(0, s["friction_force"] / self.scale.force * 0.6))),
             Columns("rig/load", t_ns, rr.Arrows3D.columns(
-                vectors=load, origins=heads - load, colors=[NORMAL] * count, radii=[0.02] * count)),
+                vectors=load, origins=heads - load, colors=[self.normal] * count, radii=[0.02] * count)),
             Columns("rig/spring", t_ns, rr.LineStrips3D.columns(
                 strips=strips, colors=[SPRING] * len(strips), radii=[0.012] * len(strips)).partition([3] * count)),
-            word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), self._said(modes, s["friction_force"], s["normal_force"]), colours),
+            word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), texts, colours),
         ]  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from rig.view.belt import ACROSS, GAP, Belt
 from rig.view.pendulum import Pendulum, disc
-from rig.view.shapes import FRICTION, STEEL, Columns, Integers, Reals, about, along, load, spring, zigzag
+from rig.view.shapes import STEEL, Columns, Integers, Reals, about, along, load, spring, zigzag
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -43,8 +43,8 @@ class Slider(Pendulum):
         disc(rec)
         body = rr.Boxes3D(half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)], fill_mode="solid")
         rec.log("rig/pendulum/shoe", body, static=True)
-        rec.log("rig/pendulum/friction", rr.Arrows3D.from_fields(origins=[(_PLACE + 0.13, 0, 0.06)], colors=[FRICTION],
-                                                                 radii=[0.016]), static=True)  # fmt: skip
+        arrow = rr.Arrows3D.from_fields(origins=[(_PLACE + 0.13, 0, 0.06)], colors=[self.friction], radii=[0.016])
+        rec.log("rig/pendulum/friction", arrow, static=True)
         post = rr.Boxes3D(half_sizes=[(0.04, 0.04, 0.2)], centers=[_STAND - (0, 0, 0.05)], colors=[STEEL],
                           fill_mode="solid")  # fmt: skip
         rec.log("rig/post", post, static=True)
@@ -60,6 +60,8 @@ class Slider(Pendulum):
         side = place + np.array((0.0, -0.08, 0.13))
         drawn["rig/disc"] = Columns("rig/disc", t_ns, rr.Transform3D.columns(quaternion=about(2, ran)))
         drawn["rig/pendulum"] = Columns("rig/pendulum", t_ns, turn)
-        drawn["rig/load"] = load(t_ns, place + np.array((0.0, 0.0, 0.23)), s["normal_force"] / self.scale.force * 0.25)
+        drawn["rig/load"] = load(
+            t_ns, place + np.array((0.0, 0.0, 0.23)), s["normal_force"] / self.scale.force * 0.25, self.normal
+        )
         drawn["rig/spring"] = spring(t_ns, zigzag(np.broadcast_to(_STAND, side.shape), side, flat=True))
         return list(drawn.values())

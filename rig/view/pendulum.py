@@ -11,7 +11,6 @@ from rig.picture import OnDisc
 from rig.view.base import Picture, Scale
 from rig.view.shapes import (
     DISC,
-    FRICTION,
     MARK,
     STEEL,
     Columns,
@@ -57,9 +56,10 @@ class Pendulum(Picture):
     target = (0.12, -0.02, 0.08)
 
     def __init__(self, scale: Scale, drawn: OnDisc | None = None) -> None:
-        super().__init__(scale)
         self._drawn = drawn or OnDisc()
         self.surface = self._drawn.surface
+        self.forces = self._drawn.friction, self._drawn.normal
+        super().__init__(scale)
 
     def static(self, rec: rr.RecordingStream) -> None:
         """See `Picture.static`."""
@@ -76,7 +76,7 @@ class Pendulum(Picture):
         shoe = rr.Boxes3D(half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)], fill_mode="solid")
         log("rig/pendulum/shoe", shoe, static=True)
         log("rig/pendulum/friction", rr.Arrows3D.from_fields(origins=[(_ARM + 0.1, 0, 0.06)],
-                                                 colors=[FRICTION], radii=[0.016]), static=True)  # fmt: skip
+                                                 colors=[self.friction], radii=[0.016]), static=True)  # fmt: skip
         post = rr.Boxes3D(half_sizes=[(0.04, 0.04, 0.15)], centers=[_POST - (0, 0, 0.05)], colors=[STEEL],
                           fill_mode="solid")  # fmt: skip
         log("rig/post", post, static=True)
@@ -94,7 +94,12 @@ class Pendulum(Picture):
             Columns("rig/pendulum", t_ns, rr.Transform3D.columns(quaternion=about(2, angles))),
             Columns("rig/pendulum/shoe", t_ns, rr.Boxes3D.columns(colors=colours)),
             Columns("rig/pendulum/friction", t_ns, rr.Arrows3D.columns(vectors=friction)),
-            load(t_ns, heads, s[self._drawn.normal] / self.scale.force * 0.25),
+            load(t_ns, heads, s[self._drawn.normal] / self.scale.force * 0.25, self.normal),
             spring(t_ns, zigzag(np.broadcast_to(_POST, tips.shape), tips, flat=True)),
-            word(t_ns, (0.0, 0.0, 0.72), self._said(modes, s[self._drawn.friction], s[self._drawn.normal]), colours),
+            word(
+                t_ns,
+                (0.0, 0.0, 0.72),
+                self._contact_text(modes, s[self._drawn.friction], s[self._drawn.normal]),
+                colours,
+            ),
         ]

@@ -10,6 +10,7 @@ the contact mode; arrows show friction and normal force. Geometry is sent once; 
 from __future__ import annotations
 
 import importlib
+from typing import Any
 
 from rig import picture
 from rig.model.assembly import Assembly
@@ -34,6 +35,11 @@ def picture_of(scene: Scene, assembly: Assembly, system: System) -> Picture | No
         return Pendulum(scale_of(system), found)
     if found is None:
         return None
-    module, _, name = found.drawer.partition(":")
-    drawer: type[Picture] = getattr(importlib.import_module(module), name)
+    drawer: type[Picture] = drawer_of(found, scene)
     return drawer.of(scene, assembly, system)
+
+
+def drawer_of(own: picture.Own, scene: Scene) -> Any:
+    """The class or function that a picture or figure of its own names; one without a module is in the plant's file."""
+    module, _, name = own.drawer.partition(":")
+    return getattr(importlib.import_module(module) if module else plant_of(scene.parameters), name)

@@ -20,7 +20,7 @@ from rig.record.film_points import Points, largest_load
 from rig.scenes.scene import Scene
 from rig.view import pressure_colours
 from rig.view.base import Picture, Scale, round_down
-from rig.view.shapes import DISC, FRICTION, STEEL, Columns, Integers, Reals, along, load, word
+from rig.view.shapes import DISC, STEEL, Columns, Integers, Reals, along, load, word
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -92,7 +92,7 @@ class Plate(Picture):
         block = rr.Boxes3D(half_sizes=[half], centers=[(0, 0, -half[2])], colors=[STEEL],
                            fill_mode="transparentfillmajorwireframe" if self._cells else "solid")  # fmt: skip
         rec.log("rig/slider/body", block, static=True)
-        rec.log("rig/friction", rr.Arrows3D.from_fields(colors=[FRICTION], radii=[0.016]), static=True)
+        rec.log("rig/friction", rr.Arrows3D.from_fields(colors=[self.friction], radii=[0.016]), static=True)
         ball = rr.Points3D([(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035])
         rec.log("rig/probe", ball, static=True)
         if self._cells is not None:
@@ -118,8 +118,8 @@ class Plate(Picture):
             Columns("rig/slider", t_ns, rr.Transform3D.columns(translation=moved, quaternion=self._turned(s))),
             Columns("rig/probe", t_ns, rr.Transform3D.columns(translation=probe)),
             Columns("rig/friction", t_ns, pull),
-            load(t_ns, moved, s["normal_force"] / self.scale.force * 0.25),
-            word(t_ns, (0.0, 0.0, 1.1), self._told(s), [_GREY] * len(t_ns)),
+            load(t_ns, moved, s["normal_force"] / self.scale.force * 0.25, self.normal),
+            word(t_ns, (0.0, 0.0, 1.1), self._text(s), [_GREY] * len(t_ns)),
         ]
         return drawn + (self._cells.frames(t_ns, s, middle) if self._cells is not None else [])
 
@@ -129,7 +129,7 @@ class Plate(Picture):
         turned = np.stack((roll, pitch, np.zeros_like(roll), np.ones_like(roll)), axis=1)
         return np.asarray(turned / np.linalg.norm(turned, axis=1)[:, None])
 
-    def _told(self, s: Mapping[str, Reals]) -> list[str]:
+    def _text(self, s: Mapping[str, Reals]) -> list[str]:
         closed = s.get("contact_fraction", np.ones_like(s["position"]))
         return [
             f"at {1e3 * x:.1f} mm   N = {n:.0f} N   T = {t:+.0f} N   {100 * share:.0f} % in contact   "
@@ -217,7 +217,7 @@ class Cells:
         )  # fmt: skip
         rec.log("film/scale", mesh, static=True)
         top = 1e-6 * self._points.scale
-        told = ["0", f"{top / 2:g}", f"{top:g} MPa and more", "open"]
+        labels = ["0", f"{top / 2:g}", f"{top:g} MPa and more", "open"]
         places = [(low, y - 0.1, 0.0), (0.5 * (low + high), y - 0.1, 0.0), (high, y - 0.1, 0.0), (0.95, y - 0.1, 0.0)]
-        marks = rr.Points3D(places, labels=told, colors=[_GREY] * 4, radii=[0.001] * 4, show_labels=True)
+        marks = rr.Points3D(places, labels=labels, colors=[_GREY] * 4, radii=[0.001] * 4, show_labels=True)
         rec.log("film/scale/words", marks, static=True)

@@ -16,15 +16,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from rig.record.film_points import Points, points_of
-from rig.record.pressure_instants import Instant, telling
+from rig.record.pressure_instants import Instant, characteristic
 from rig.record.run import Reals, Run
 from rig.view import timeline
 from rig.view.caption import caption
+from rig.view.channels import Channels
 from rig.view.curves import (
-    BODY,
-    FRICTION,
-    NORMAL,
-    SURFACE,
+    channels_of,
     curves,
     heading,
     legend,
@@ -42,51 +40,51 @@ if TYPE_CHECKING:
 
 _MEANS = 160
 """Number of mean values over a run, in panels that the vibration fills."""
-_GREEN = "#2a9d77"
 
 
 class Panel(NamedTuple):
-    """A panel: label of its axis, outputs with colours, factor to the unit of the axis, and whether to draw means."""
+    """A panel: label of its axis, its outputs, factor to the unit of the axis, and whether to draw means."""
 
     label: str
-    outputs: tuple[tuple[str, str], ...]
+    outputs: tuple[str, ...]
     factor: float = 1.0
     means: bool = False
 
 
 _PANELS = (
-    Panel("acceleration [m/s^2]", (("slider_acceleration", BODY),)),
-    Panel("force [N]", (("normal_force", NORMAL), ("friction_force", FRICTION))),
-    Panel("contact fraction", (("contact_fraction", _GREEN),), means=True),
-    Panel("pressure centre [mm]", (("pressure_centre_x", BODY), ("pressure_centre_y", SURFACE)), 1e3, means=True),
+    Panel("acceleration [m/s^2]", ("slider_acceleration",)),
+    Panel("force [N]", ("friction_force", "normal_force")),
+    Panel("contact fraction", ("contact_fraction",), means=True),
+    Panel("pressure centre [mm]", ("pressure_centre_x", "pressure_centre_y"), 1e3, means=True),
 )
 _ALONE = (
-    Panel("acceleration [m/s^2]", (("plate_acceleration", SURFACE),)),
-    Panel("displacement [um]", (("plate_displacement", SURFACE),), 1e6),
+    Panel("acceleration [m/s^2]", ("plate_acceleration",)),
+    Panel("displacement [um]", ("plate_displacement",), 1e6),
 )
 
 
 def compose(figure: Figure, run: Run) -> None:
     """Draw `run` on an empty figure of 12.8 x 8.4 inches."""
     points = points_of(run.scene) if "contact_fraction" in run.signals else None
-    panels = [p for p in (*_PANELS, *_ALONE) if p.outputs[0][0] in run.signals and (points is None or p not in _ALONE)]
+    panels = [p for p in (*_PANELS, *_ALONE) if p.outputs[0] in run.signals and (points is None or p not in _ALONE)]
     grid = figure.add_gridspec(
         1 + len(panels), 2, width_ratios=(2.0, 1), height_ratios=(0.3, *[4.4 / len(panels)] * len(panels)),
         hspace=0.13, wspace=0.13, left=0.076, right=0.985, top=0.94, bottom=0.072,
     )  # fmt: skip
+    channels = channels_of(run)
     times = figure.add_subplot(grid[1, 0])
     drawn = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, 1 + len(panels)))]
     phases(figure.add_subplot(grid[0, 0], sharex=times), run)
-    times.set_xlim(0.0, timeline.end_of(run) or 1.0)
-    found = telling(run) if points is not None and run.time.size else []
+    times.set_xlim(timeline.begin_of(run), timeline.end_of(run) or 1.0)
+    found = characteristic(run) if points is not None and run.time.size else []
     for axes, panel in zip(drawn, panels):
-        _panel(axes, run, panel)
+        _panel(axes, run, channels, panel)
         shade(axes, run, [])
         for instant in found:
             axes.axvline(run.time[instant.sample], ymax=0.85, color="#555555", lw=0.6, zorder=4)
         axes.tick_params(labelbottom=axes is drawn[-1])
     drawn[-1].set_xlabel("time [s]")
-    if thin := _thin(run):
+    if thin := thinning(run):
         drawn[1].text(
             0.995, 0.97, thin, transform=drawn[1].transAxes, ha="right", va="top", fontsize=9, color="#777777"
         )
@@ -94,15 +92,15 @@ def compose(figure: Figure, run: Run) -> None:
     if points is not None and found:
         right = grid[:, 1].subgridspec(2, 1, height_ratios=(5.6, 1.0), hspace=0.2)
         _maps(figure, right[0], run, points, found)
-        told = right[1]
+        side = right[1]
     else:
-        told = grid[:, 1].subgridspec(2, 1, height_ratios=(5.6, 1.0))[1]
-    words = told.subgridspec(1, 2, width_ratios=(0.13, 1.0))[1]  # the names of the rows are to the left of it
+        side = grid[:, 1].subgridspec(2, 1, height_ratios=(5.6, 1.0))[1]
+    words = side.subgridspec(1, 2, width_ratios=(0.13, 1.0))[1]  # the names of the rows are to the left of it
     caption(figure.add_subplot(words), run, np.empty(0, np.int64))
     heading(figure, run)
 
 
-def _thin(run: Run) -> str:
+def thinning(run: Run) -> str:
     """A note for outputs that a live run recorded at a reduced rate; "" if every sample was recorded."""
     gaps = np.diff(run.time)
     if not gaps.size or float(np.median(gaps)) < 1.5e-9 * run.step_ns:
@@ -111,16 +109,17 @@ def _thin(run: Run) -> str:
     return f"outputs: {rate:.0f} per second; faster vibration appears as aliases"
 
 
-def _panel(axes: Axes, run: Run, panel: Panel) -> None:
+def _panel(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
     axes.set_ylabel(panel.label)
     if not panel.means:
         if panel.factor == 1.0:
-            curves(axes, run, panel.outputs)
+            curves(axes, run, channels, panel.outputs)
         else:
-            _lines(axes, run, panel)
+            _lines(axes, run, channels, panel)
         return
     size = max(run.time.size // _MEANS, 1)
-    for output, colour in panel.outputs:
+    for output in panel.outputs:
+        colour = channels.colours[output]
         v = panel.factor * run.signals[output]
         fast = v.size > 4 * _MEANS
         line(axes, run.time, v, color=colour, alpha=0.35 if fast else 1.0, lw=0.8, label=plain(output), zorder=2)
@@ -130,9 +129,9 @@ def _panel(axes: Axes, run: Run, panel: Panel) -> None:
     legend(axes, 4)
 
 
-def _lines(axes: Axes, run: Run, panel: Panel) -> None:
-    for output, colour in panel.outputs:
-        line(axes, run.time, panel.factor * run.signals[output], color=colour, label=plain(output))
+def _lines(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
+    for output in panel.outputs:
+        line(axes, run.time, panel.factor * run.signals[output], color=channels.colours[output], label=plain(output))
     legend(axes, 4)
 
 

@@ -80,7 +80,7 @@ def view(
     It is shown in a window, or with `web` on a browser page whose address is printed, with `connect` in the running
     viewer at this address, with `save` in a file (.rrd), with `headless` off screen. `trust` allows to run the code of
     parts from files that the run contains. Raises rig.errors.Untrusted for such parts without it, BusError without a
-    run, UsageError without a display, LogError for a file that cannot be written.
+    run, UsageError without a display, OutputError for a file that cannot be written.
     """
     stand_back(_NICE)
     with bus.join(run, role="viewer", name=name, wait=wait) as session:
@@ -133,13 +133,13 @@ class Bridge:
                 sender.offer(self.feed.take(self.lost))
             stop.wait(PAUSE_S)
             self._plant.poll()
-        told = stop.is_set()
-        quiet = time.monotonic() + (0.0 if told or not watched() else _LAST_WORDS_S)
+        stopped = stop.is_set()
+        quiet = time.monotonic() + (0.0 if stopped or not watched() else _LAST_WORDS_S)
         while time.monotonic() < quiet:  # presence changes arrive before data: the last messages are on their way
             time.sleep(0.05)
             self.listen()
         sender.finish(self.feed.take(self.lost))
-        ended = "told to stop" if told else "the window was closed" if not watched() else "the plant left"
+        ended = "told to stop" if stopped else "the window was closed" if not watched() else "the plant left"
         counts = self.heard.counts
         return Viewing(
             run=self._session.run,

@@ -1,47 +1,48 @@
-"""The figure of a run: PNG, 1600 pixels wide.
+"""The figure of a run, 1600 pixels wide as PNG.
 
 phases and marks of the protocol                        phase portrait, by controller or by time
-velocity of the body and of the surface
-friction and normal force                               close-up of some periods
-voltage of the stack, if there is one
+the first plots of the rig: of most rigs velocity,
+forces, and the voltage of a piezo stack                close-up of some periods
 contact mode                                            what the run was, and how it went
 
-The plate rig has another figure: rig.view.plate_figure.
+The parts of a rig declare its plots (rig.picture.Plot), and a plant may declare a figure of its own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rig.picture import IN_FIGURE
+from rig.record.film_points import read
 from rig.record.run import Integers, Reals, Run
-from rig.view import contact, plate_figure, timeline
+from rig.scenes.rooms import plant_of
+from rig.view import contact, timeline
 from rig.view.caption import caption
+from rig.view.channels import Channels, Panel
 from rig.view.curves import (
-    BODY,
     COLUMNS,
-    FRICTION,
-    NORMAL,
-    SURFACE,
-    VOLTAGE,
+    channels_of,
     curves,
     heading,
     legend,
     name_circuits,
     phases,
+    plain,
     shade,
 )
+from rig.view.picture import drawer_of
 from rig.view.save_figure import put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_STACK = "stack_voltage"
 _FASTER = 5.0
-_SMALL = 5e-5  # m: smaller displacements are shown in micrometres
+_SMALL = 5e-5  # m, rad: smaller displacements are shown in micrometres or microradians
 _SECTIONS = ("#1d4f91", "#c03a76", "#2a9d77", "#d1802f", "#7a5fb0")
 STYLE: dict[str, Any] = {
     "font.size": 10.5,
@@ -61,78 +62,91 @@ STYLE: dict[str, Any] = {
 
 
 def draw(run: Run, path: Path | str) -> None:
-    """Draw `run` into the file `path` (PNG, or another format of matplotlib by its ending). Creates the folder.
+    """Draw `run` into the file `path` (PNG, SVG or PDF, by its suffix). Creates the folder.
 
     Raises OutputError if the file cannot be written.
     """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    put(figure(run), path)
+
+
+def figure(run: Run) -> Figure:
+    """Return the figure of `run`, 1600 x 1050 pixels as PNG."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(12.8, 8.4), dpi=125, facecolor="white")
-        FigureCanvasAgg(figure)
-        (plate_figure.compose if "plate_acceleration" in run.signals else _compose)(figure, run)
-        put(figure, path)
+    style = STYLE | {"text.parse_math": False}  # names and titles are texts of users: two "$" in them are no formula
+    with mpl.rc_context(style):  # type: ignore[arg-type]
+        made = Figure(figsize=(12.8, 8.4), dpi=125, facecolor="white")
+        FigureCanvasAgg(made)
+        _composer(run)(made, run)
+    return made
+
+
+def _composer(run: Run) -> Callable[[Figure, Run], None]:
+    """The figure that the plant declares, if the run has its outputs; else the common one."""
+    scene = read(run.scene)
+    own = getattr(plant_of(scene.parameters), "FIGURE", None) if scene else None
+    if scene is None or own is None or not run.signals.keys() >= set(own.outputs):
+        return _compose
+    found: Callable[[Figure, Run], None] = drawer_of(own, scene)
+    return found
 
 
 def _compose(figure: Figure, run: Run) -> None:
-    heights = (0.30, 1.6, 1.6, 1.2, 0.26) if _STACK in run.signals else (0.30, 2.2, 2.2, 0.26)
+    channels = channels_of(run)
+    shown = [panel for panel in channels.panels if panel.outputs]
+    shown = shown[:2] + [panel for panel in shown[2:] if panel.place <= IN_FIGURE]
+    count = max(len(shown), 1)
     grid = figure.add_gridspec(
-        len(heights), 2, width_ratios=(2.35, 1), height_ratios=heights, hspace=0.13, wspace=0.21,
-        left=0.076, right=0.985, top=0.94, bottom=0.072,
+        2 + count, 2, width_ratios=(2.35, 1), height_ratios=(0.30, *[4.4 / count] * count, 0.26), hspace=0.13,
+        wspace=0.21, left=0.076, right=0.985, top=0.94, bottom=0.072,
     )  # fmt: skip
-    right = grid[:, 1].subgridspec(3, 1, height_ratios=(2.3, 1.5, 0.85), hspace=0.42)
     times = figure.add_subplot(grid[1, 0])
+    times.set_xlim(timeline.begin_of(run), timeline.end_of(run) or 1.0)
     system = contact.system_of(run.scene)
     modes = contact.Modes(system).indices(run.mode)
     phases(figure.add_subplot(grid[0, 0], sharex=times), run)
-    velocity(times, run)
-    panels = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, len(heights) - 1))]
-    _forces(panels[1], run)
-    if len(panels) > 2:
-        curves(panels[2], run, ((_STACK, VOLTAGE),))
-        panels[2].set_ylabel(f"voltage [{run.units.get(_STACK, '')}]")
+    drawn = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, 1 + count))]
+    for axes, panel in zip(drawn, shown):
+        draw_panel(axes, run, channels, panel)
     strip = figure.add_subplot(grid[-1, 0], sharex=times)
     _strip(strip, run, modes)
     closed = timeline.circuits(run, system)
-    for axes in panels:
+    for axes in drawn:
         axes.tick_params(labelbottom=False)
         shade(axes, run, closed)
-    name_circuits(panels[-1], closed)
-    _portrait(figure.add_subplot(right[0]), run)
-    _close_up(figure.add_subplot(right[1]), run, modes)
+    name_circuits(drawn[-1], closed)
+    right = grid[:, 1].subgridspec(3, 1, height_ratios=(2.3, 1.5, 0.85), hspace=0.42)
+    if channels.portrait is not None:
+        _portrait(figure.add_subplot(right[0]), run, *channels.portrait)
+    _close_up(figure.add_subplot(right[1] if channels.portrait else right[:2]), run, channels, modes)
     caption(figure.add_subplot(right[2]), run, modes)
-    figure.align_ylabels(panels)
+    figure.align_ylabels(drawn)
     heading(figure, run)
 
 
-def velocity(axes: Axes, run: Run) -> None:
-    """Draw the velocity of the body over time, and that of the surface unless it is much larger."""
-    fast = _beyond(run)
-    curves(axes, run, (("surface_speed", SURFACE), ("velocity", BODY))[fast:])
-    if fast:
-        speed = f"surface speed: {_largest(run, 'surface_speed'):.3g} {run.units.get('surface_speed', '')}"
-        axes.text(0.995, 0.97, speed, transform=axes.transAxes, ha="right", va="top", fontsize=9.5, color=SURFACE)
-    axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
-    axes.set_xlim(0.0, timeline.end_of(run) or 1.0)
+def draw_panel(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
+    """Draw the outputs of a plot over time. The speed of a drive that is much larger than all others is a text."""
+    fast = _beyond(run, channels, panel)
+    curves(axes, run, channels, [output for output in panel.outputs if output not in fast])
+    for row, output in enumerate(fast):
+        speed = f"{plain(output)}: {_largest(run, output):.3g} {run.units.get(output, '')}"
+        axes.text(0.995, 0.97 - 0.07 * row, speed, transform=axes.transAxes, ha="right", va="top", fontsize=9.5,
+                  color=channels.colours[output])  # fmt: skip
+    axes.set_ylabel(panel.title)
 
 
-def _largest(run: Run, output: str) -> float:
-    v = run.signals.get(output, np.empty(0))
-    return float(np.nanmax(np.abs(v), initial=0.0)) if v.size else 0.0
+def _largest(run: Run, *outputs: str) -> float:
+    return max((float(np.nanmax(np.abs(run.signals[name]), initial=0.0)) for name in outputs), default=0.0)
 
 
-def _beyond(run: Run) -> bool:
-    """Whether the surface is so much faster than the body that the body's curve would look flat."""
-    return _largest(run, "surface_speed") > _FASTER * _largest(run, "velocity") > 0.0
-
-
-def _forces(axes: Axes, run: Run) -> None:
-    curves(axes, run, (("normal_force", NORMAL), ("friction_force", FRICTION)))
-    axes.set_ylabel(f"force [{run.units.get('friction_force', '')}]")
+def _beyond(run: Run, channels: Channels, panel: Panel) -> list[str]:
+    """Drives of a plot that are so much faster than the other outputs that these would look flat."""
+    most = _largest(run, *(name for name in panel.outputs if name not in channels.drives))
+    return [n for n in panel.outputs if n in channels.drives and _largest(run, n) > _FASTER * most > 0.0]
 
 
 def _strip(axes: Axes, run: Run, modes: Integers) -> None:
@@ -156,15 +170,17 @@ def _strip(axes: Axes, run: Run, modes: Integers) -> None:
     axes.legend(handles=seen, loc="upper right", bbox_to_anchor=(1.0, -0.62), ncols=len(seen), handlelength=1.1)
 
 
-def _portrait(axes: Axes, run: Run) -> None:
+def _portrait(axes: Axes, run: Run, displacement: str, velocity: str) -> None:
     """Draw velocity over displacement."""
-    x, v = (run.signals.get(name, np.empty(0)) for name in ("displacement", "velocity"))
+    x, v = run.signals[displacement], run.signals[velocity]
+    unit = run.units.get(displacement, "")
+    factor, prefix = (1e6, "u") if _largest(run, displacement) < _SMALL else (1e3, "m")
+    if unit not in ("m", "rad"):
+        factor, prefix = 1.0, ""
     axes.set_title("phase portrait")
-    small = _largest(run, "displacement") < _SMALL
-    factor, unit = (1e6, "um") if small else (1e3, "mm")
-    axes.set_xlabel(f"displacement [{unit if run.units.get('displacement') == 'm' else ''}]")
-    axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
-    if not x.size or not v.size:
+    axes.set_xlabel(f"{plain(displacement)} [{prefix}{unit}]")
+    axes.set_ylabel(f"{plain(velocity)} [{run.units.get(velocity, '')}]")
+    if not x.size:
         return
     x = factor * x
     axes.locator_params(axis="x", nbins=5)
@@ -205,30 +221,35 @@ def _clock(run: Run) -> tuple[str, float]:
     return ("ms", 1e3) if timeline.end_of(run) < 1.0 else ("s", 1.0)
 
 
-def _close_up(axes: Axes, run: Run, modes: Integers) -> None:
+def _close_up(axes: Axes, run: Run, channels: Channels, modes: Integers) -> None:
     """Draw some periods from the part of the run with the strongest vibration."""
-    begin, end = _liveliest(run, modes)
+    watched = channels.portrait[1] if channels.portrait else next(iter(channels.colours), "")
+    begin, end = _liveliest(run, watched, modes)
     unit, scale = _clock(run)
-    axes.set_title("close-up: velocity, and where it sticks")
     axes.set_xlabel(f"time [{unit}]")
-    axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
+    axes.set_ylabel(f"{plain(watched)} [{run.units.get(watched, '')}]")
     inside = (run.time >= begin) & (run.time <= end)
+    axes.set_title("close-up")
     if modes.size:
         stuck = (modes[inside] == 0).astype(np.int8)
+        if stuck.any():
+            axes.set_title("close-up; shaded: stick")
         edges = np.flatnonzero(np.diff(np.concatenate(([0], stuck, [0]))))
         t = np.append(run.time[inside], end)
         for low, high in edges.reshape(-1, 2):
             axes.axvspan(scale * t[low], scale * t[high], color=contact.COLOURS[0], alpha=0.16, lw=0)
-    for name, colour in (("surface_speed", SURFACE), ("velocity", BODY))[_beyond(run) :]:
-        if name in run.signals:
-            axes.plot(scale * run.time[inside], run.signals[name][inside], color=colour, lw=1.4)
+    if panel := channels.panel_of(watched):
+        fast = _beyond(run, channels, panel)
+        drives = [name for name in panel.outputs if name in channels.drives and name not in fast]
+        for name in dict.fromkeys((*drives, watched)):
+            axes.plot(scale * run.time[inside], run.signals[name][inside], color=channels.colours[name], lw=1.4)
     axes.set_xlim(scale * begin, scale * end)
     axes.locator_params(axis="x", nbins=4)
 
 
-def _liveliest(run: Run, modes: Integers) -> tuple[float, float]:
-    """Begin and end [s] of four periods, or a tenth of the run, in which the velocity varies most."""
-    v, end = run.signals.get("velocity", np.empty(0)), timeline.end_of(run)
+def _liveliest(run: Run, output: str, modes: Integers) -> tuple[float, float]:
+    """Begin and end [s] of four periods, or a tenth of the run, in which an output varies most."""
+    v, end = run.signals.get(output, np.empty(0)), timeline.end_of(run)
     if v.size < 20:
         return 0.0, end or 1.0
     width = end / 10
@@ -238,9 +259,15 @@ def _liveliest(run: Run, modes: Integers) -> tuple[float, float]:
         width = float(np.clip(4.0 * _typical(gaps), end / 200, end / 2))
     size = max(int(width / end * v.size), 2)
     starts = np.arange(0, v.size - size + 1, max(size // 4, 1))
-    swings = np.array([np.nanstd(v[s : s + size]) for s in starts])
+    swings = np.array([_swing(v[s : s + size]) for s in starts])
     best = float(run.time[starts[int(np.argmax(swings >= 0.98 * swings.max()))]])
     return best, min(best + width, end)
+
+
+def _swing(v: Reals) -> float:
+    """Standard deviation of the samples that are not lost; 0 if all are."""
+    known = v[np.isfinite(v)]
+    return float(known.std()) if known.size else 0.0
 
 
 def _typical(gaps: Reals) -> float:

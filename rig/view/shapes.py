@@ -12,9 +12,10 @@ from rig.view import contact
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Colour = tuple[int, int, int]
+"""Red, green and blue, 0 to 255."""
 
 STEEL, DISC, MARK, SPRING = (150, 158, 170), (74, 80, 92), (214, 219, 226), (196, 200, 208)
-FRICTION, NORMAL = (226, 74, 66), (120, 190, 120)
 
 
 LYING = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
@@ -59,7 +60,7 @@ def zigzag(begin: Reals, end: Reals, flat: bool) -> Reals:
     return points
 
 
-def load(t_ns: Integers, heads: Reals, lengths: Reals) -> Columns:
+def load(t_ns: Integers, heads: Reals, lengths: Reals, colour: Colour) -> Columns:
     """Arrows of the normal force, which end at the points `heads`."""
     import rerun as rr
 
@@ -67,7 +68,7 @@ def load(t_ns: Integers, heads: Reals, lengths: Reals) -> Columns:
     count = len(heads)
     return Columns(
         "rig/load", t_ns,
-        rr.Arrows3D.columns(vectors=down, origins=heads - down, colors=[NORMAL] * count, radii=[0.016] * count),
+        rr.Arrows3D.columns(vectors=down, origins=heads - down, colors=[colour] * count, radii=[0.016] * count),
     )  # fmt: skip
 
 
@@ -80,12 +81,12 @@ def spring(t_ns: Integers, strips: Reals, radius: float = 0.009) -> Columns:
     return Columns("rig/spring", t_ns, columns)
 
 
-def word(t_ns: Integers, place: tuple[float, float, float], said: list[str], colours: Any) -> Columns:
+def word(t_ns: Integers, place: tuple[float, float, float], texts: list[str], colours: Any) -> Columns:
     """Text at a position, one for each frame."""
     import rerun as rr
 
-    count = len(said)
+    count = len(texts)
     columns = rr.Points3D.columns(
-        positions=[place] * count, labels=said, colors=colours, radii=[0.001] * count, show_labels=[True] * count
+        positions=[place] * count, labels=texts, colors=colours, radii=[0.001] * count, show_labels=[True] * count
     )
     return Columns("rig/word", t_ns, columns)

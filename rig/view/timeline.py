@@ -28,6 +28,11 @@ class Mark(NamedTuple):
     text: str
 
 
+def begin_of(run: Run) -> float:
+    """Time of the first sample of the run [s]: above 0 for a window of a longer run."""
+    return float(run.time[0]) if run.time.size else 0.0
+
+
 def end_of(run: Run) -> float:
     """Time of the last sample of the run [s]."""
     return float(run.time[-1]) if run.time.size else 0.0
@@ -49,10 +54,10 @@ def _short(text: str) -> str:
 
 def marks(run: Run) -> list[Mark]:
     """Marks of the protocol, an operator or a limit, and changes of parameters that controllers reported."""
-    kinds = ("mark", "knock", "limit", "diverged", "parameter", "safe")
+    kinds = ("mark", "knock", "limit", "emergency", "diverged", "parameter", "safe")
     own = [e for e in run.events if e["kind"] == "parameter" and e["source"] in run.commands]
-    told = sorted([*(e for e in run.told if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
-    return [Mark(e["t_ns"] * 1e-9, e["text"].partition("\n")[0]) for e in told]
+    events = sorted([*(e for e in run.told if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
+    return [Mark(e["t_ns"] * 1e-9, e["text"].partition("\n")[0]) for e in events]
 
 
 def controlled(run: Run) -> list[Span]:
@@ -106,9 +111,9 @@ def circuits(run: Run, system: System | None) -> list[Span]:
     if system is None or not system.switches or not run.mode.size:
         return []
     known, inverse = np.unique(run.mode, return_inverse=True)
-    told = [_closed(system, int(key)) if key >= 0 else "" for key in known]  # -1: lost in the recording
-    names = list(dict.fromkeys(told))
-    which = np.array([names.index(text) for text in told])[inverse.ravel()]
+    closed = [_closed(system, int(key)) if key >= 0 else "" for key in known]  # -1: lost in the recording
+    names = list(dict.fromkeys(closed))
+    which = np.array([names.index(text) for text in closed])[inverse.ravel()]
     cuts = [0, *(np.flatnonzero(np.diff(which)) + 1).tolist(), which.size]
     times = [float(run.time[cut]) for cut in cuts[:-1]] + [end_of(run)]
     spans = zip(times, times[1:], (names[which[cut]] for cut in cuts[:-1]))

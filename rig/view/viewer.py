@@ -8,6 +8,7 @@ Therefore the server ends with the process that started it; a loaded page keeps 
 from __future__ import annotations
 
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -21,9 +22,8 @@ from typing import IO, TYPE_CHECKING
 from urllib.parse import quote
 from uuid import uuid4
 
-from rig.errors import LogError, UsageError
+from rig.errors import OutputError, UsageError
 from rig.view.blueprint import blueprint
-from rig.view.channels import plots
 from rig.view.drawing import Drawing
 
 if TYPE_CHECKING:
@@ -102,29 +102,29 @@ def start(web: bool = False, headless: bool = False) -> Viewer:
     if (web or headless) and sys.platform == "linux":
         command = [sys.executable, "-ISc", _BOUND, str(os.getpid()), *command]
     # a new session, so that Ctrl-C does not end the window; with CI rerun sends no usage statistics
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         try:
             process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=output,
                 start_new_session=True, env={**os.environ, "CI": "true"},
             )  # fmt: skip
         except OSError as fault:
             raise UsageError(f"the viewer {binary()} cannot be started: {fault.strerror}") from None
         viewer = Viewer(url, page, process)
         try:
-            _wait_until_open(viewer, port, said)
+            _wait_until_open(viewer, port, output)
         except BaseException:
             viewer.stop()
             raise
     return viewer
 
 
-def _wait_until_open(viewer: Viewer, port: int, said: IO[bytes]) -> None:
+def _wait_until_open(viewer: Viewer, port: int, output: IO[bytes]) -> None:
     deadline, opened = time.monotonic() + _OPENING_S, 0.0
     while not opened or time.monotonic() < opened + _SETTLED_S:
         if not viewer.alive:
-            said.seek(0)
-            last = next((line for line in reversed(said.read().decode(errors="replace").splitlines()) if line), "")
+            output.seek(0)
+            last = next((line for line in reversed(output.read().decode(errors="replace").splitlines()) if line), "")
             reason = "there is no display" if "DISPLAY" in last else last
             raise UsageError(f"the viewer's window could not be opened: {reason}; try --web for a browser page")
         if time.monotonic() > deadline:
@@ -156,12 +156,13 @@ def sink(
     """Open a recording stream of rerun called `name`, with the window arranged; yields it and the viewer.
 
     `save` writes a file (.rrd), which `rerun FILE` shows; the viewer is None then. `connect` is the address of a viewer
-    that already runs. Raises LogError if the file cannot be written, UsageError if the viewer does not open.
+    that already runs. Raises OutputError if the file cannot be written, UsageError if the viewer does not open.
     """
     import rerun as rr
 
-    described = blueprint(drawing, plots(drawing.scene, drawing.outputs, drawing.sensors), live)
-    rec = rr.RecordingStream(f"friction-rig {drawing.plant}", recording_id=str(uuid4()))
+    described = blueprint(drawing, live)
+    plant = re.sub(r"[^A-Za-z0-9_-]", "-", Path(drawing.plant).stem)  # rerun warns of other letters in a name
+    rec = rr.RecordingStream(f"friction-rig {plant}", recording_id=str(uuid4()))
     viewer: Viewer | None = None
     if save is not None:
         target = Path(save)
@@ -169,8 +170,11 @@ def sink(
             target.parent.mkdir(parents=True, exist_ok=True)
             target.touch()
         except OSError as fault:
-            raise LogError(f"{target} cannot be written: {fault.strerror}") from None
-        rec.save(target, default_blueprint=described)
+            raise OutputError(f"{target} cannot be written: {fault.strerror}") from None
+        try:
+            rec.save(target, default_blueprint=described)
+        except Exception as fault:  # rerun's own kinds
+            raise OutputError(f"{target} cannot be written ({fault})") from None
     else:
         viewer = Viewer(connect) if connect else start(web, headless)
         rec.connect_grpc(viewer.url, default_blueprint=described)

@@ -19,9 +19,9 @@ def test_both_ends_may_have_units_of_their_own(belt):
     axis = Axis.parse("drive.speed=50 mm/s:0.4 m/s:8", belt)
     assert (axis.key, axis.unit, axis.shown) == ("drive.speed", "m/s", "mm/s")
     assert axis.values == pytest.approx(np.linspace(0.05, 0.4, 8), rel=1e-12)
-    assert axis.told == pytest.approx(np.linspace(50.0, 400.0, 8), rel=1e-12)
+    assert axis.shown_values == pytest.approx(np.linspace(50.0, 400.0, 8), rel=1e-12)
     assert axis.label == "drive.speed [mm/s]"
-    assert axis.tell(0.05) == "50 mm/s"
+    assert axis.text(0.05) == "50 mm/s"
 
 
 def test_an_end_without_a_unit_takes_that_of_the_other():
@@ -49,7 +49,7 @@ def test_the_scene_at_a_value(belt):
         ("drive.speed", "expected KEY=FROM:TO:COUNT"),
         ("drive.speed=0:1:1", "count = 1: must be a whole number from 2"),
         ("drive.speed=0:1:2.5", "count = 2.5: must be a whole number from 2"),
-        ("drive.speed=0 N:1 N:3", "from is '0 N'; expected a unit of m/s"),
+        ("drive.speed=0 N:1 N:3", "from is '0 N'; expected a unit that converts to m/s"),
         ("drive.speed=0:fast:3", "to is 'fast m/s'; expected a number, a space and a unit in m/s"),
         ("drive.speed=1:1:3", "the ends are the same"),
         ("load.force=-10 N:10 N:5", "load.force = -10 N (and 1 more values): load.force = -10.0: must be at least 0 N"),

@@ -152,7 +152,10 @@ def test_critical_speeds_are_those_of_the_contact_mode():
 def test_a_recording_that_has_lost_its_scene_is_analysed_without_stick():
     system = lab.load("belt").assemble().system()
     stick = system.key([2], [0], [0] * len(system.limiters))
-    found = hysteresis(loop(mode=np.full(T.size, stick), scene=""), window=0.16)
+    lost = loop(mode=np.full(T.size, stick), scene="")
+    with pytest.raises(UsageError, match=r"over: .*the recording has lost its scene\); name one: .*surface_speed"):
+        hysteresis(lost, window=0.16)  # which output is the speed of the drive, the scene's plant says
+    found = hysteresis(lost, over="surface_speed", window=0.16)
     assert found.text().startswith("recording: RMS of accelerometer")
     assert "stick is unknown" in found.text()
 
@@ -202,7 +205,7 @@ def test_what_cannot_be_is_told_all_at_once():
     for window in (1e-3, 10.0):
         with pytest.raises(UsageError, match=r"must be 0.004 s \(4 samples of accelerometer at 1000 Hz\) to 1.96"):
             hysteresis(loop(), window=window)
-    with pytest.raises(UsageError, match=r"0 samples from 30 s to inf s; the recording ends at 19\.999 s"):
+    with pytest.raises(UsageError, match=r"0 samples from 30 s to the end; the recording ends at 19\.999 s"):
         hysteresis(loop(), first=30.0)
 
 

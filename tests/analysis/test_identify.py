@@ -1,5 +1,6 @@
 """Identification experiments give back the scene's own parameters from noisy sensors; how vibration is measured."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +37,24 @@ def test_another_rig_is_told_apart():
     stiff = {"cylinder.inertia": 0.05, "cylinder.damping": 0.3}
     found = identify(rig.load("lever_free_cylinder", stiff))
     assert [one.found for one in found.parameters] == pytest.approx([0.05, 0.3], rel=0.01)
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_the_fitted_model_lies_among_what_was_measured(name):
+    fit = identify(rig.load(name)).fit
+    assert fit.x.shape == fit.y.shape
+    assert fit.model_x.shape == fit.model_y.shape
+    there = np.interp(fit.x, fit.model_x, fit.model_y)
+    assert np.sqrt(np.mean((fit.y - there) ** 2)) < 0.02 * np.abs(fit.y).max()
+    assert abs(np.mean(fit.y - there)) < 0.005 * np.abs(fit.y).max()
+
+
+def test_the_command_draws_the_fit(rig, tmp_path):
+    path = tmp_path / "made" / "fit.svg"
+    code, out, _ = rig("identify", "lever_static_friction", "--figure", path, "--json")
+    assert code == 0
+    assert json.loads(out)["figure"] == str(path)
+    assert path.read_text().startswith("<?xml")
 
 
 def test_a_whole_rig_is_no_experiment():

@@ -6,6 +6,7 @@ Rightmost roots with a pure delay: Kroeger, Neubauer, Popp (2008), equations 4.6
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -263,6 +264,15 @@ def test_without_gain_the_loop_is_the_rig_alone():
     assert loop.growth == pytest.approx(rig.modes("belt").sliding.growth, rel=1e-9)
     assert loop.gain_ranges[0][0] == pytest.approx(rig.loop("belt_normal_force", "nf").gain_ranges[0][0], rel=1e-9)
     assert loop.gain_range is None
+
+
+def test_a_loop_gain_that_never_reaches_one_has_no_margins():
+    loop = rig.loop(rig.load("belt_normal_force", {"drive.speed": 0.3, "controllers.nf.gain": 1e-3}), "nf")
+    w = np.geomspace(1e-2, 0.999 * math.pi / loop.model.period, 20_000)
+    assert np.abs(loop.response(w)).max() < 1.0
+    assert "no phase margin and no delay margin: the loop gain never reaches 1" in loop.text()
+    assert not re.search("nan|inf", loop.text())
+    assert "phase margin" in rig.loop("belt_normal_force", "nf").text()
 
 
 def test_a_report_is_plain():

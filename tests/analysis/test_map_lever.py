@@ -26,7 +26,7 @@ def uniform(tmp_path_factory):
 
 def test_regions_of_the_uniform_disc(uniform):
     """At 20 N: sliding stable above 2.03444 rpm, stick-slip up to 5.585 rpm."""
-    expected = ["III" if v < 2.03444 else "II" if v < 5.585 else "I" for v in uniform.job.x.told]
+    expected = ["III" if v < 2.03444 else "II" if v < 5.585 else "I" for v in uniform.job.x.shown_values]
     assert [REGIONS[r] for r in uniform.regions[0]] == expected
     assert uniform.onsets[0] / RPM == pytest.approx([2.03444], abs=1e-4)
     assert ends(uniform) == pytest.approx(5.585, abs=0.03)
@@ -40,7 +40,7 @@ def test_cycles_along_the_run(uniform, rpm, period, share, amplitude):
 
     The reference tells the share of stick over a stretch that is no whole number of cycles.
     """
-    at = (RUNS.index("up"), 0, int(np.flatnonzero(np.isclose(uniform.job.x.told, rpm))[0]))
+    at = (RUNS.index("up"), 0, int(np.flatnonzero(np.isclose(uniform.job.x.shown_values, rpm))[0]))
     assert uniform.tables["period"][at] == pytest.approx(period, rel=1e-5)
     assert uniform.tables["share"][at] == pytest.approx(share, abs=3e-3)
     assert uniform.amplitude[at] / 0.1 == pytest.approx(amplitude, rel=1e-5)

@@ -74,13 +74,8 @@ def test_a_map_of_a_rig_without_a_contact_that_slides_is_refused() -> None:
         maps.job(rig.load("plate_free"), "plate.young=2e11:2.3e11:3")
 
 
-def test_the_cost_of_a_rig_that_rests_is_refused() -> None:
-    with pytest.raises(UsageError, match=r"plate_free: nothing moves from its initial state"):
-        cost(rig.load("plate_free"), None)
-
-
 def test_what_the_plate_is_made_of_fits_on_a_page() -> None:
-    told = {effect.name: effect.told for effect in explain(rig.load("plate")).effects}
+    told = {effect.name: effect.states_text for effect in explain(rig.load("plate")).effects}
     assert told["structure"] == "q1 .. q40, z, theta, psi, q1' .. q40', z', theta', psi'"
     assert "P:1 .. P:40" in told["film"]
     assert [one.name for one in signals(rig.load("plate"))][-1] == "pressure of 40 points"

@@ -10,7 +10,7 @@ import pytest
 import rig
 from rig.analysis.axis import axes
 from rig.analysis.map import survey
-from rig.analysis.regions import _wide, draw, regions
+from rig.analysis.regions import draw, regions, wide_bands
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())
 
@@ -130,8 +130,12 @@ def test_a_motion_that_rounding_lets_grow_is_no_band():
 
 
 def test_a_band_that_is_no_wider_than_an_edge_is_none():
-    assert list(_wide([(1.0, True), (1.0 + 1e-10, False), (2.0, True)], 1e-9)) == [(2.0, True)]
-    assert list(_wide([(0.5, False), (1.0, True), (1.1, False)], 1e-9)) == [(0.5, False), (1.0, True), (1.1, False)]
+    assert list(wide_bands([(1.0, True), (1.0 + 1e-10, False), (2.0, True)], 1e-9)) == [(2.0, True)]
+    assert list(wide_bands([(0.5, False), (1.0, True), (1.1, False)], 1e-9)) == [
+        (0.5, False),
+        (1.0, True),
+        (1.1, False),
+    ]
 
 
 def test_how_finely_it_looked_is_told():

@@ -11,11 +11,11 @@ import pytest
 from rig.analysis.sound import hear
 from rig.analysis.sound.figure import draw
 from rig.analysis.sound.hearing import HOP, WINDOW
-from rig.analysis.sound.wav import write
 from rig.cli import app
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
+from rig.record.wav import write
 
 RATE = 50_000
 T = np.arange(2 * RATE) / RATE
@@ -99,7 +99,7 @@ def test_samples_that_were_lost_are_silence():
 
 def test_a_vibrometer_is_listened_to_by_name():
     run = run_of(1e-2 * whistle(), "vibrometer", "m/s")
-    with pytest.raises(UsageError, match=r"sound pressure \[Pa\].*vibrometer \[m/s\].*--channel vibrometer"):
+    with pytest.raises(UsageError, match=r"sound pressure \[Pa\].*vibrometer \[m/s\].*--signal vibrometer"):
         hear(run)
     with pytest.raises(UsageError, match=r"no sensor 'laser'.*known: vibrometer"):
         hear(run, "laser")
@@ -119,7 +119,7 @@ def test_what_cannot_be_heard():
 
 
 def test_the_file_is_the_sound(heard, tmp_path):
-    full = write(heard, tmp_path / "made" / "whistle.wav")
+    full = write(heard.v, heard.rate, tmp_path / "made" / "whistle.wav")
     with wave.open(str(tmp_path / "made" / "whistle.wav")) as file:
         assert (file.getnchannels(), file.getsampwidth(), file.getframerate()) == (1, 3, RATE)
         raw = np.frombuffer(file.readframes(file.getnframes()), np.uint8).reshape(-1, 3)

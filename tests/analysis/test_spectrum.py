@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import rig as lab
 from rig.analysis.recorded import orders, spectrum
 from rig.analysis.recorded.figure import draw_spectrum
 from rig.errors import UsageError
@@ -24,7 +25,7 @@ def run_of(v, speed=RISING, unit="rad/s", kept=slice(None)):
     """A recording of an accelerometer and of the speed of a disc, or of whatever `unit` says."""
     t_ns = np.arange(v.size, dtype=np.int64) * 1_000_000
     return Run(
-        scene='{"name": "made", "plant": "belt"}',
+        scene=lab.load("pendulum").to_json(),
         step_ns=1_000_000,
         frame_ns=1_000_000,
         time=T,
@@ -145,6 +146,8 @@ def test_what_cannot_be_is_told():
         UsageError, match=r"window 1e-06 s: must be 0.032 s \(32 samples of accelerometer at 1000 Hz\) to 20 s"
     ):
         spectrum(run_of(v), window=1e-6)
+    with pytest.raises(UsageError, match="accelerometer: 31 samples at 1000 Hz; a spectrum needs at least 32"):
+        spectrum(run_of(v), last=0.0301)
     with pytest.raises(UsageError, match=r"signal: no 'x'.*\norders: no 'y'"):
         orders(run_of(v), "x", "y")
     with pytest.raises(

@@ -5,8 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plant_in_thread import SCENE
 
+from rig import scenes
 from rig.model.assembly import Input
+from rig.quantities import si
 
 MS = 1_000_000
 
@@ -62,6 +65,13 @@ class FakeStand:
 
     def statistics(self):
         return {"events": 0, "stick_share": 0.0, "energy_error": 0.0}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """The scene of a plant in a thread."""
+    si("1 ms", "s")  # loads the units, as the process does before it begins
+    return scenes.load(SCENE)
 
 
 @pytest.fixture

@@ -9,7 +9,8 @@ from rig.bench.audit import LEAST, MOST, VisitedState, share
 from rig.bench.runner import PlantRunner
 from rig.cli import app
 from rig.model.formulation import assemble
-from rig.scenes.scene import STEPS
+from rig.record.provenance import provenance
+from rig.scenes.protocol import STEPS
 
 
 def judged(scene, seconds=3.0):
@@ -30,7 +31,7 @@ def test_a_rig_differs_from_itself_in_nothing():
     runner = PlantRunner(rig.load("belt_c"))
     for _ in range(200):
         runner.frame()
-    kept = runner._witness.kept
+    kept = runner.state_samples.kept
     assert MOST // 2 <= len(kept) <= MOST
     assert share(kept, runner.motion.system, {}) == 0.0
 
@@ -60,7 +61,7 @@ def test_states_are_spread_over_the_whole_run_however_it_is_cut():
         for count in pieces:
             while runner.tick < count:
                 runner.frames(count - runner.tick)
-        return [one.x.tolist() for one in runner._witness.kept]
+        return [one.x.tolist() for one in runner.state_samples.kept]
 
     assert ticks([1000]) == ticks(range(1, 1001))
 
@@ -99,3 +100,26 @@ def test_explain_tells_the_audit_of_a_recording(tmp_path, capsys):
 def test_a_rig_with_smoothed_friction_is_compared_with_one_alike():
     found = judged(rig.load("belt_b", {"clock.method": "smooth"}), 0.5)
     assert found["drive lag"]["share"] < 1e-9
+
+
+def test_a_contact_that_opens_for_a_moment_counts():
+    """Body 2 lifts off for some of the last milliseconds, in none of the states that are judged."""
+    run = rig.simulate("four_dof", 9.4)
+    lifted = run.signals["normal_force"] <= 0.0
+    found = {one["effect"]: one for one in run.summary["audit"]}["separation"]
+    assert 0.0 < lifted.mean() < 0.01
+    assert found["share"] == pytest.approx(lifted.mean(), rel=0.2)
+    early = judged(rig.load("four_dof"), 3.0)["separation"]
+    assert early["share"] == 0.0
+    assert early["text"].endswith(f"had no influence on this run, judged at {early['states']} of its states")
+
+
+def test_a_branch_from_a_checkpoint_says_from_when_on_it_was_judged(monkeypatch, tmp_path):
+    monkeypatch.setattr("rig.bench.checkpoint.STEPS", 1000)
+    run = rig.simulate("four_dof", 2.0)
+    run.provenance |= provenance(0)
+    run.save(tmp_path / "run.mcap")
+    found = {one["effect"]: one for one in rig.branch(tmp_path / "run.mcap", 1.5, duration=1.0).summary["audit"]}
+    at = int(rig.branch(tmp_path / "run.mcap", 1.5, duration=1.0).provenance["checkpoint_ns"]) * 1e-9
+    assert found["separation"]["since"] == at > 0.0
+    assert found["separation"]["text"].endswith(f"of its states from {at:g} s on")

@@ -43,7 +43,7 @@ def test_the_later_of_two_commands_counts(runner):
     made.receive("nf", 6, (31.0,))
     made.take_over()
     assert runner.value["load.force"] == 31.0
-    assert made.lines["nf"].counts.overtaken == 1
+    assert made.queues["nf"].counts.overtaken == 1
 
 
 def test_the_delay_of_a_loop_is_a_queue(runner):
@@ -53,8 +53,8 @@ def test_the_delay_of_a_loop_is_a_queue(runner):
         made.take_over()
         runner.frame()
     assert runner.done == [(tick, "load.force", 27.0 + tick) for tick in range(3, 10)]
-    assert made.lines["nf"].counts.late == 0
-    assert made.lines["nf"].counts.oldest == 3
+    assert made.queues["nf"].counts.late == 0
+    assert made.queues["nf"].counts.oldest == 3
 
 
 def test_a_late_command_waits_no_longer_than_it_must(runner):
@@ -63,7 +63,7 @@ def test_a_late_command_waits_no_longer_than_it_must(runner):
     made.receive("nf", 2, (30.0,))
     made.take_over()
     assert runner.value["load.force"] == 30.0
-    assert made.lines["nf"].counts.late == 1
+    assert made.queues["nf"].counts.late == 1
 
 
 def test_a_missing_command_is_held_then_replaced_by_the_safe_value(runner):
@@ -73,7 +73,7 @@ def test_a_missing_command_is_held_then_replaced_by_the_safe_value(runner):
         runner.tick = tick
         made.take_over()
     assert runner.done == [(0, "load.force", 90.0), (51, "load.force", 20.0)]
-    counts = made.lines["nf"].counts
+    counts = made.queues["nf"].counts
     assert (counts.held, counts.safe) == (51, 1)
     runner.tick = 100
     made.receive("nf", 100, (80.0,))
@@ -90,7 +90,7 @@ def test_a_slow_controller_is_not_silent_between_its_commands(runner):
         if tick % 100 == 0:
             made.receive("slow", tick, (30.0 + tick,))
         made.take_over()
-    assert (made.lines["slow"].counts.held, made.lines["slow"].counts.safe) == (0, 0)
+    assert (made.queues["slow"].counts.held, made.queues["slow"].counts.safe) == (0, 0)
 
 
 def test_a_controller_that_never_spoke_took_nothing_over(runner):
@@ -113,11 +113,11 @@ def test_out_of_range_is_clamped_and_counted(runner, given, applied):
 def test_a_command_that_waits_is_clamped_to_the_range_of_the_tick_at_which_it_takes_effect(runner):
     """It waits for a rig that is being built; meanwhile somebody makes the range of its actuator smaller."""
     made = exchange(runner)
-    made.refit = SimpleNamespace(done=False, possible=lambda drives, values: (20.0,))
+    made.rebuild = SimpleNamespace(done=False, possible=lambda drives, values: (20.0,))
     made.receive("nf", 0, (90.0,))
     (line,) = made.take_over()
     runner.inputs["load.force"] = replace(runner.inputs["load.force"], high=60.0)
-    made.refit = SimpleNamespace(done=True, possible=lambda drives, values: values)
+    made.rebuild = SimpleNamespace(done=True, possible=lambda drives, values: values)
     runner.tick = 1
     assert made.take_over() == [line]
     assert runner.done == [(0, "load.force", 20.0), (1, "load.force", 60.0)]
@@ -128,11 +128,11 @@ def test_safe_values_that_need_another_rig_take_effect_when_it_is_built(runner):
     made = exchange(runner, hold=0)
     made.receive("nf", 0, (90.0,))
     made.take_over()
-    made.refit = SimpleNamespace(done=False, possible=lambda drives, values: (90.0,))
+    made.rebuild = SimpleNamespace(done=False, possible=lambda drives, values: (90.0,))
     runner.tick = 1
     (line,) = made.take_over()
     assert (line.values, line.wanted, line.status) == ((90.0,), (20.0,), SAFE)
-    made.refit = SimpleNamespace(done=True, possible=lambda drives, values: values)
+    made.rebuild = SimpleNamespace(done=True, possible=lambda drives, values: values)
     runner.tick = 9
     assert made.take_over() == [line]
     assert runner.done == [(0, "load.force", 90.0), (9, "load.force", 20.0)]
@@ -156,8 +156,8 @@ def test_what_is_not_finite_is_held_and_counted(runner):
         runner.tick = tick
         made.receive("both", tick, values)
         made.take_over()
-    assert made.lines["both"].commands().values.tolist() == [[20.0, 0.1], [30.0, 0.2], [30.0, 0.3], [31.0, 0.3]]
-    assert made.lines["both"].counts.not_finite == 3
+    assert made.queues["both"].commands().values.tolist() == [[20.0, 0.1], [30.0, 0.2], [30.0, 0.3], [31.0, 0.3]]
+    assert made.queues["both"].counts.not_finite == 3
     assert kinds(made) == ["not finite"]  # the same again within a second is counted, not told
 
 
@@ -176,7 +176,7 @@ def test_one_actuator_has_one_owner(runner):
         made.take_over()
     assert runner.done == []
     assert made.counters()["refused"] == {"stranger": 3000}
-    assert made.lines["nf"].counts.refused == 3000
+    assert made.queues["nf"].counts.refused == 3000
     assert kinds(made) == ["refused"] * 6  # each once a second
 
 
@@ -200,11 +200,11 @@ def test_the_counts_and_commands_of_a_dismissed_controller_stay(runner):
         runner.tick = begin + 50
         made.take_over()
         made.dismiss("mine")
-        assert made.lines == {}
+        assert made.queues == {}
     made.admit("yours", ["drive.speed"], MS)
     counts = made.counters()
     assert (counts["mine"]["taken"], counts["mine"]["safe"], counts["yours"]["taken"]) == (2, 2, 0)
-    assert made.all_lines["mine"].commands().tick.tolist() == [0, 50, 100, 150]
+    assert made.all_queues["mine"].commands().tick.tolist() == [0, 50, 100, 150]
 
 
 def test_a_controller_that_drives_nothing_is_written_down(runner):
@@ -212,7 +212,7 @@ def test_a_controller_that_drives_nothing_is_written_down(runner):
     made.admit("watcher", [], MS)
     made.receive("watcher", 0, ())
     made.take_over()
-    assert made.lines["watcher"].commands().values.shape == (1, 0)
+    assert made.queues["watcher"].commands().values.shape == (1, 0)
 
 
 def test_a_command_is_clamped_to_the_range_as_it_is_now(runner):
@@ -220,10 +220,10 @@ def test_a_command_is_clamped_to_the_range_as_it_is_now(runner):
     runner.inputs["load.force"] = replace(runner.inputs["load.force"], low=15.0, safe=25.0)
     made.receive("nf", 0, (10.0,))
     made.take_over()
-    assert (runner.value["load.force"], made.lines["nf"].status) == (15.0, CLAMPED)
+    assert (runner.value["load.force"], made.queues["nf"].status) == (15.0, CLAMPED)
     runner.tick = 60
     made.take_over()
-    assert (runner.value["load.force"], made.lines["nf"].status) == (25.0, SAFE)
+    assert (runner.value["load.force"], made.queues["nf"].status) == (25.0, SAFE)
 
 
 def test_the_protocol_waits_until_the_controller_is_disconnected(runner):
@@ -302,12 +302,12 @@ def test_what_is_applied_is_finite_and_within_limits_and_can_be_played_again(fak
     for _, name, value in first.done:
         assert isfinite(value)
         assert first.inputs[name].low <= value <= first.inputs[name].high
-    commands = made.lines["both"].commands()
+    commands = made.queues["both"].commands()
     assert np.all(np.isfinite(commands.values))
     assert np.all((commands.answered >= 0) | (commands.status == SAFE))
     again = run(second, Playback, [], switches, commands)
     assert second.done == first.done
-    assert all(np.array_equal(a, b) for a, b in zip(again.lines["both"].commands(), commands))
+    assert all(np.array_equal(a, b) for a, b in zip(again.queues["both"].commands(), commands))
 
 
 @pytest.mark.bench

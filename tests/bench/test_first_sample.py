@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.simulate import simulate
+from rig.bench.simulate import Recorded, simulate
 from rig.scenes.scene import Scene
 
 
@@ -22,7 +22,7 @@ def put(target, to):
 
 def test_the_pendulum_begins_at_rest_with_a_light_load():
     """Its protocol sets the disc to 0 and the load to 2 N; both lag behind no command at the start."""
-    run = simulate(rig.load("pendulum"), {}, 10**8, commands={})
+    run = simulate(rig.load("pendulum"), {}, 10**8, recorded=Recorded({}))
     assert run.signals["disc_speed"][0] == 0.0
     assert run.signals["normal_force"][0] == 2.0
     assert abs(run.signals["friction_force"][0]) < 1e-9  # the body sticks: nothing pulls at it

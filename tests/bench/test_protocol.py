@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from rig import scenes
-from rig.bench.protocol import Apply, Change, Finish, Move, Note, Protocol, Range, Strike, Switch
+from rig.bench.actions import Apply, Change, Finish, Move, Note, Release, Strike, Switch
+from rig.bench.protocol import Protocol
 from rig.bench.runner import PlantRunner
+from rig.bench.wait_condition import Range
 from rig.model.assembly import Input
 from rig.scenes.protocol import Step
 
@@ -88,6 +90,12 @@ def test_steps_without_length_fall_on_one_tick():
         Switch("nf", True),
         HERE,
     ]
+
+
+def test_a_knock_with_a_duration_ends_before_the_next_step():
+    made = protocol({"step": "knock", "impulse": 0.1, "duration": 0.01}, mark())
+    assert carried_out(made, 100) == [(0, Strike(0.1, 10_000_000)), (10, Release()), (10, HERE)]
+    assert made.done
 
 
 def test_repeats_are_unrolled():

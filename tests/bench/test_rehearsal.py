@@ -148,7 +148,7 @@ def test_a_protocol_that_repeats_itself_forever_is_prepared_as_far_as_is_chosen(
         forever = again | {"steps": again["steps"] + steps}
         experiment, _ = begun(Scene.from_json(json.dumps(raw | {"protocol": [forever]})), {}, 10**9)
         PreparedRigs(experiment)
-        assert len(experiment.runner._prepared) == count  # one for the safe state of each
+        assert len(experiment.runner.variants.kept) == count  # one for the safe state of each
 
 
 def test_nothing_is_left_to_import_or_compile():

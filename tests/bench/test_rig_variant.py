@@ -16,7 +16,7 @@ from rig.bench.playback import Playback
 from rig.bench.rebuild import Rebuild
 from rig.bench.rig_variant import Build, Wanted
 from rig.bench.runner import PlantRunner
-from rig.bench.simulate import simulate
+from rig.bench.simulate import Recorded, simulate
 from rig.bench.verify import verify
 from rig.errors import SceneError
 from rig.motion.motion import Motion
@@ -57,7 +57,7 @@ def test_a_command_state_does_not_disturb_the_motion(scene, actuator):
     driven, other = PlantRunner(scene), PlantRunner(scene)
     carried(driven, 400), carried(other, 400)
     assert driven.lacking([actuator]) == (actuator,)
-    driven.take(driven.variant(Wanted(driven=(actuator,))))
+    driven.take(driven.variants.build(Wanted(driven=(actuator,))))
     assert driven.lacking([actuator]) == ()
     driven.apply(actuator, driven.values[actuator])
     found, known = carried(driven, 200), carried(other, 200)
@@ -70,7 +70,7 @@ def test_a_command_state_does_not_disturb_the_motion(scene, actuator):
 def test_a_driven_actuator_is_a_state_and_no_new_matrix(monkeypatch):
     runner = PlantRunner(shorn("belt"))
     exchange = Exchange(runner, MS, 50, Journal(MS, lambda: runner.tick))
-    runner.take(runner.variant(Wanted(driven=("load.force",))))
+    runner.take(runner.variants.build(Wanted(driven=("load.force",))))
     exchange.admit("mine", ["load.force"], MS)
     monkeypatch.setattr(Motion, "replace", None)  # whoever builds the rig again fails
     force = runner.outputs.index("normal_force")
@@ -87,11 +87,11 @@ def test_a_variant_that_was_built_apart_gives_the_bits_of_one_built_at_its_tick(
         runner = PlantRunner(shorn("belt"))
         carried(runner, 100)
         wanted = Wanted({"friction.mu_static": 0.45}, ("load.force",))
-        build = Build(lambda s=runner, w=wanted: s.variant(w), apart) if apart else None
+        build = Build(lambda s=runner, w=wanted: s.variants.build(w), apart) if apart else None
         carried(runner, 60)  # meets mode sets that a variant begun before does not have
         while build is not None and not build.done:
             pass
-        runner.take(build.result() if build else runner.variant(wanted))
+        runner.take(build.result() if build else runner.variants.build(wanted))
         runner.apply("load.force", 15.0)
         found.append(carried(runner, 500))
     assert found[0].tobytes() == found[1].tobytes()
@@ -104,7 +104,7 @@ def test_what_cannot_be_built_is_told_and_changes_nothing():
         (Wanted({"friction.mu_static": -1.0, "body.mass": -2.0}), "(?s)mu_static.*mass|mass.*mu_static"),
         (Wanted({"friction.nothing": 1.0}), "is not a parameter"),
     ]:
-        build = Build(lambda w=wanted: runner.variant(w), apart=True)
+        build = Build(lambda w=wanted: runner.variants.build(w), apart=True)
         while not build.done:
             pass
         with pytest.raises(SceneError, match=told):
@@ -126,7 +126,7 @@ def test_a_value_that_is_refused_is_told_with_what_is_allowed(changes, told):
     """In the same words as on the command line."""
     runner = PlantRunner(shorn("belt"))
     with pytest.raises(SceneError) as refused:
-        runner.variant(Wanted(changes))
+        runner.variants.build(Wanted(changes))
     assert told in str(refused.value)
     assert len(str(refused.value)) < 200
 
@@ -138,7 +138,7 @@ def test_an_admission_is_simulated_again_to_the_bit():
     admitted = {"tick": 40, "kind": "admitted", "data": told}
     ticks = np.arange(50, 900, dtype=np.int64)
     commands = Commands(ticks, ticks, np.zeros_like(ticks), 20.0 + 5.0 * np.sin(0.02 * ticks)[:, None])
-    one, other = (simulate(scene, {}, 10**9, {"mine": commands}, events=[admitted]) for _ in range(2))
+    one, other = (simulate(scene, {}, 10**9, Recorded({"mine": commands}, [admitted])) for _ in range(2))
     assert one.signals["normal_force"][60] == commands.values[9]
     for name, known in one.signals.items():
         assert known.tobytes() == other.signals[name].tobytes()
@@ -160,7 +160,7 @@ def test_a_recording_holds_in_which_controllers_came_and_went(tmp_path):
     for name, width, first, last in (("watcher", 0, 30, 400), ("mine", 1, 50, 150), ("yours", 1, 210, 400)):
         ticks = np.arange(first, last, dtype=np.int64)
         commands[name] = Commands(ticks, ticks, np.zeros_like(ticks), np.full((ticks.size, width), 22.0))
-    run = simulate(shorn("belt"), {}, 5 * 10**8, commands, events=events)
+    run = simulate(shorn("belt"), {}, 5 * 10**8, Recorded(commands, events))
     assert {name: one.tick.size for name, one in run.commands.items()} == {"watcher": 370, "mine": 100, "yours": 190}
     save(run, tmp_path / "run.mcap")
     found = verify(tmp_path / "run.mcap")
@@ -178,7 +178,7 @@ def test_a_recording_holds_in_which_a_name_drives_another_actuator_in_its_second
     events = [{"tick": tick, "kind": kind, "data": data} for tick, kind, data in outside]
     ticks = np.arange(50, 400, dtype=np.int64)
     commands = {"mine": Commands(ticks, ticks, np.zeros_like(ticks), np.where(ticks < 200, 22.0, 0.08)[:, None])}
-    run = simulate(shorn("belt"), {}, 5 * 10**8, commands, events=events)
+    run = simulate(shorn("belt"), {}, 5 * 10**8, Recorded(commands, events))
     assert run.commands["mine"].tick.size == 350
     save(run, tmp_path / "run.mcap")
     found = verify(tmp_path / "run.mcap")
@@ -191,7 +191,7 @@ class Slow:
 
     def __init__(self, runner, monkeypatch):
         self.built, self._go = [], threading.Semaphore(0)
-        made = runner.variant
+        made = runner.variants.build
 
         def variant(wanted, after=None):
             if threading.current_thread() is not threading.main_thread():
@@ -199,14 +199,14 @@ class Slow:
                 self.built.append(dict(wanted.parameters))
             return made(wanted, after)
 
-        monkeypatch.setattr(runner, "variant", variant)
+        monkeypatch.setattr(runner.variants, "build", variant)
 
-    def finish(self, refit):
+    def finish(self, rebuild):
         self._go.release()
         end = time.monotonic() + 20.0
-        while not refit.done and time.monotonic() < end:
+        while not rebuild.done and time.monotonic() < end:
             time.sleep(0.001)
-        assert refit.done
+        assert rebuild.done
 
 
 def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_others_at_once(monkeypatch):
@@ -214,9 +214,9 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     journal = Journal(MS, lambda: runner.tick)
     exchange = Exchange(runner, MS, 50, journal)
     drives = ["shunt.resistance", "load.force"]
-    runner.take(runner.variant(Wanted(driven=("load.force",))))
+    runner.take(runner.variants.build(Wanted(driven=("load.force",))))
     line = exchange.admit("mine", drives, MS)
-    exchange.refit, slow = Rebuild(runner, journal, Builds(runner)), Slow(runner, monkeypatch)
+    exchange.rebuild, slow = Rebuild(runner, journal, Builds(runner)), Slow(runner, monkeypatch)
     monkeypatch.setattr("rig.bench.rebuild.PAUSE_S", 0.0)
     before = runner.values["shunt.resistance"]
     force, in_force = runner.outputs.index("normal_force"), []
@@ -232,10 +232,10 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     for tick in range(5):
         frame(tick, (before + 10.0 * (tick + 1), 20.0 + tick))
     assert in_force == [(before, 20.0 + tick) for tick in range(5)]  # the load follows at once
-    slow.finish(exchange.refit)
+    slow.finish(exchange.rebuild)
     frame(5)  # the rig that was asked for first is there; the newest value is being built
     assert in_force[-1] == (before + 10.0, 24.0)
-    slow.finish(exchange.refit)
+    slow.finish(exchange.rebuild)
     frame(6)
     frame(7)
     assert in_force[-2:] == [(before + 50.0, 24.0)] * 2
@@ -245,7 +245,7 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     recorded = line.commands()  # what took effect, and when, is simulated again to the bit
     again = PlantRunner(shorn("belt_shunt"))
     other = Playback(again, MS, 50, Journal(MS, lambda: again.tick))
-    again.take(again.variant(Wanted(driven=("load.force",))))
+    again.take(again.variants.build(Wanted(driven=("load.force",))))
     other.admit("mine", drives, MS)
     other.play({"mine": recorded})
     for _ in range(8):
@@ -259,16 +259,16 @@ def test_a_value_without_a_rig_is_told_and_not_taken(monkeypatch):
     journal = Journal(MS, lambda: runner.tick)
     exchange = Exchange(runner, MS, 50, journal)
     line = exchange.admit("mine", ["shunt.resistance"], MS)
-    exchange.refit, before = Rebuild(runner, journal, Builds(runner)), runner.values["shunt.resistance"]
+    exchange.rebuild, before = Rebuild(runner, journal, Builds(runner)), runner.values["shunt.resistance"]
 
     def refused(wanted, after=None):
         raise SceneError("shunt.resistance", ["cannot be had"])
 
-    monkeypatch.setattr(runner, "variant", refused)
+    monkeypatch.setattr(runner.variants, "build", refused)
     for tick in range(3):
         exchange.receive("mine", tick, (before + 1.0,))
         exchange.take_over()
-        while exchange.refit._build is not None and not exchange.refit.done:
+        while exchange.rebuild.building:
             time.sleep(0.001)
         runner.frame()
         assert line.values == (before,)
@@ -282,7 +282,7 @@ def test_commands_of_a_controller_whose_admission_was_not_recorded_end_in_words(
     ticks = np.arange(50, 90, dtype=np.int64)
     commands = Commands(ticks, ticks, np.zeros_like(ticks), np.full((40, 1), 25.0))
     told = {"by": "operator", "controller": "mine", "drives": ["load.force"], "period_ns": MS}
-    run = simulate(scene, {}, 10**8, {"mine": commands}, events=[{"tick": 40, "kind": "admitted", "data": told}])
+    run = simulate(scene, {}, 10**8, Recorded({"mine": commands}, [{"tick": 40, "kind": "admitted", "data": told}]))
     save(replace(run, events=[event for event in run.events if event["kind"] != "admitted"]), tmp_path / "late.mcap")
     found = verify(tmp_path / "late.mcap")
     assert not found.passed

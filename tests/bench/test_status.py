@@ -45,7 +45,7 @@ def summary():
         "ticks": 1001,
         "seconds": 1.001,
         "wall_seconds": 1.002,
-        "timing": timing.told(),
+        "timing": timing.to_json(),
         "waiting": {"spin_ns": 0, "why": "spinning gains nothing"},
         "scheduling": "",
         "memory": "memory is not locked: the limit memlock is 8192 kB; it must be unlimited",
@@ -77,7 +77,7 @@ def test_the_summary_says_verdict_worst_lateness_cause_losses_and_what_next(summ
         "time from step to command 0.12 / 0.30 / 0.90 ms (p50, p99, worst)",
         "controller nf left at t = 0.500 s",
         "the viewer ended with code 2",
-        "rig verify run.mcap | rig replay run.mcap",
+        "rig report run.mcap | rig verify run.mcap | rig replay run.mcap",
     ):
         assert said in text
 

@@ -39,7 +39,7 @@ def test_quantiles_are_right_to_five_per_cent(values, share):
 def test_an_empty_spread_says_nothing():
     spread = Spread()
     spread.add(np.array([], np.int64))
-    assert spread.told() == {"mean": 0.0, "p50": 0.0, "p95": 0.0, "p99": 0.0, "max": 0.0}
+    assert spread.to_json() == {"mean": 0.0, "p50": 0.0, "p95": 0.0, "p99": 0.0, "max": 0.0}
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_pieces_of_several_frames_are_judged_by_their_own_length():
     assert (timing.late, found.word) == (20, "DEGRADED")
     assert found.reasons[0] == "2.00% of 1000 pieces of 20 frames late by more than one piece"
     assert found.reasons[1] == "worst 25 ms at piece 990, wake"
-    assert timing.told()["each"] == 20
+    assert timing.to_json()["each"] == 20
 
 
 def test_what_the_host_took_is_told():
@@ -69,7 +69,7 @@ def test_what_the_host_took_is_told():
     assert not any("host" in reason for reason in timing.verdict(0.01, 0.05).reasons)
     timing.stolen_share = 0.25
     assert "the host of this machine took 25.0% of its processors' time" in timing.verdict(0.01, 0.05).reasons
-    assert timing.told()["stolen_share"] == 0.25
+    assert timing.to_json()["stolen_share"] == 0.25
 
 
 def test_exactly_one_frame_late_is_not_late():
@@ -144,7 +144,7 @@ def test_folding_often_or_once_counts_the_same():
         if rng.random() < 0.2:
             often.fold()
     often.fold()
-    assert once.told() == often.told()
+    assert once.to_json() == often.to_json()
 
 
 def test_interruptions_are_seen():

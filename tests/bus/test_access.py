@@ -11,7 +11,7 @@ import zenoh
 from rig import bus
 from rig.bus import access, address, encode, messages
 from rig.bus.arrivals import HEADER
-from rig.bus.link import _configuration
+from rig.bus.link import configuration
 from rig.errors import BusError
 
 
@@ -30,7 +30,7 @@ def raw(user, password=None):
             password = (access.folder("guarded") / user).read_text()
         login = {"transport/auth/usrpwd/user": user, "transport/auth/usrpwd/password": password}
     login["connect/timeout_ms"] = 1000
-    return zenoh.open(_configuration("client", None, address.find("guarded").endpoint, **login))
+    return zenoh.open(configuration("client", None, address.find("guarded").endpoint, **login))
 
 
 @pytest.mark.parametrize("login", [(None, None), ("nf", "guess"), ("nobody", "guess")])
@@ -77,7 +77,7 @@ def test_only_its_own_user_speaks_for_a_controller(plant):
         assert [message and list(message.said.values) for message in found] == [[2.0], None]
         assert acts.counts["act/nf"].received == 1
         assert rest.get() is None
-        assert plant.door.told() == {"guest-1 on act/nf: not its own topic": 1}
+        assert plant.door.refusals() == {"guest-1 on act/nf: not its own topic": 1}
         assert watch.wait_for("controller", "nf", 3.0)
         assert watch.present == {("plant", "plant"), ("controller", "nf")}
 
@@ -91,7 +91,7 @@ def test_a_guest_is_here_under_one_name(plant):
         while plant.door.total < 499 and time.monotonic() < deadline:
             watch.poll(0.1)
         assert len(watch.present) == 2
-        assert plant.door.told() == {"guest-1: a second name": 499}
+        assert plant.door.refusals() == {"guest-1: a second name": 499}
     while len(watch.present) > 1 and time.monotonic() < deadline:
         watch.poll(0.1)
     assert watch.present == {("plant", "plant")}
@@ -230,7 +230,7 @@ def test_a_guest_that_speaks_first_on_a_topic_locks_nobody_out(plant):
             found.setdefault(message.user, []).append(message.topic)
         assert found["guest-1"] == ["act/mine"]
         assert len(found["guest-5"]) == 16
-        assert all(told.endswith("too many topics") for told in plant.door.told())
+        assert all(told.endswith("too many topics") for told in plant.door.refusals())
 
 
 def test_the_plant_plays_the_part_of_a_controller_and_nobody_else_can(plant):

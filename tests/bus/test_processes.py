@@ -151,7 +151,7 @@ def test_messages_of_another_version_are_refused(runs, monkeypatch):
         monkeypatch.undo()
         publisher.put(b"", 0)
         assert heard.get(1.0) is None
-        assert one.door.told() == {"plant on step: another version": 1}
+        assert one.door.refusals() == {"plant on step: another version": 1}
         assert "same installation" in str(one.door.last)
     monkeypatch.setattr(messages, "FINGERPRINT", "00000000")
     with bus.host("new"), pytest.raises(BusError, match="belongs to another installation"):

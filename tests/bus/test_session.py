@@ -9,7 +9,7 @@ from twin import Twin
 
 from rig.bus import encode, messages
 from rig.bus.arrivals import Arrived, Count
-from rig.bus.batch import LONGEST
+from rig.bus.batch import EVERY, LONGEST
 from rig.bus.run_setup import Setup, fetch
 from rig.errors import BusError
 
@@ -314,7 +314,7 @@ def test_who_hears_everything_gets_the_loop_once_and_as_it_was_said(wire):
     }  # fmt: skip
 
 
-def test_a_batch_is_sent_when_it_is_old_or_long(wire):
+def test_a_batch_is_sent_when_it_is_flushed_or_old(wire):
     seen = ready(wire)
     one = wire.join()
     heard = one.subscribe("meas/*")
@@ -322,15 +322,17 @@ def test_a_batch_is_sent_when_it_is_old_or_long(wire):
     assert seen()
     laser = wire.plant.publisher("meas/laser")
     laser.put(b"", 0)
-    time.sleep(0.03)
     laser.put(b"", 1)
+    assert heard.get(0.02) is None
+    wire.plant.flush()
     assert [m.seq for m in gather(heard, 2)] == [0, 1]
-    laser.put(b"", 2)
-    laser.put(encode.block(0, 0, 1, np.zeros(LONGEST // 8)), 3)
-    assert [m.seq for m in gather(heard, 2)] == [2, 3]
+    time.sleep(0.03)
+    for k in range(2, EVERY + 2):
+        laser.put(b"", k)
+    assert [m.seq for m in gather(heard, EVERY)] == list(range(2, EVERY + 2))
 
 
-def test_a_batch_that_is_long_is_sent_at_once_with_what_was_collected_for_it(wire):
+def test_a_long_batch_is_sent_in_pieces_with_what_was_collected_for_it(wire):
     seen = ready(wire)
     one = wire.join()
     heard = one.subscribe("meas/*", "applied/*")
@@ -339,11 +341,14 @@ def test_a_batch_that_is_long_is_sent_at_once_with_what_was_collected_for_it(wir
     laser, collected = wire.plant.publisher("meas/laser"), wire.plant.publisher("applied/one")
     wire.plant.before_batches(lambda: collected.put(b"", 7))
     laser.put(b"", 0)
-    assert heard.get(0.05) is None
-    laser.put(encode.block(0, 0, 1, np.zeros(LONGEST // 8)), 1)
-    assert [(m.topic, m.seq) for m in gather(heard, 3)] == [("meas/laser", 0), ("meas/laser", 1), ("applied/one", 0)]
+    assert heard.get(0.02) is None
+    block = encode.block(0, 0, 1, np.zeros(LONGEST // 8))
+    for k in (1, 2, 3):
+        laser.put_later(k, bytes, block)
     wire.plant.publisher("event/plant").put(messages.event(5, 0, "plant", "mark", "after that"), 5)
-    assert [(m.topic, m.seq) for m in gather(heard, 1)] == [("applied/one", 1)]
+    found = gather(heard, 5)
+    assert [(m.topic, m.seq) for m in found] == [*(("meas/laser", k) for k in range(4)), ("applied/one", 0)]
+    assert [len(m.payload) for m in found] == [0, *3 * [len(block)], 0]
 
 
 def test_of_a_lost_batch_each_message_is_counted(runs):

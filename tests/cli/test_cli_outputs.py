@@ -11,14 +11,11 @@ import numpy as np
 import pytest
 
 import rig as laboratory
-from rig.cli import analysis, cost, logs, processes, runs, scenes, torture
 from rig.cli import app as program
 from rig.errors import OutputError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
 from rig.record.writer import claim
-
-ROOMS = (cost, logs, processes, runs, scenes, analysis, torture)
 
 
 @pytest.fixture
@@ -59,9 +56,20 @@ FILES = [
     ("run", "belt", "--figure"),
     ("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure"),
     ("explain", "belt", "--measure", "--figure"),
-    ("sound", "log.mcap", "--channel", "s", "--out"),
-    ("sound", "log.mcap", "--channel", "s", "--figure"),
+    ("sound", "log.mcap", "--signal", "s", "--out"),
+    ("sound", "log.mcap", "--signal", "s", "--figure"),
+    ("amplitude", "log.mcap", "--figure"),
+    ("cycle", "belt", "--figure"),
+    ("identify", "lever_kinetic_friction", "--figure"),
+    ("diff", "log.mcap", "log.mcap", "--figure"),
+    ("hysteresis", "log.mcap", "--figure"),
+    ("spectrum", "log.mcap", "--figure"),
+    ("pressure", "log.mcap", "--figure"),
+    ("portrait", "log.mcap", "--figure"),
+    ("response", "log.mcap", "--input", "x", "--output", "s", "--figure"),
     ("recover", "cut.mcap", "--out"),
+    ("export", "log.mcap", "--to", "mat", "--out"),
+    ("report", "log.mcap", "--out"),
     ("record", "--wait", "0.1", "--out"),
     ("view", "--wait", "0.1", "--save"),
 ]
@@ -81,6 +89,14 @@ def test_a_file_is_not_overwritten(rig, tmp_path, monkeypatch, command):
     assert {path.name for path in tmp_path.iterdir()} == {"mine.png", "log.mcap", "cut.mcap"}
 
 
+@pytest.mark.parametrize(("option", "suffix"), [("--save", ".rrd"), ("--foxglove", ".json")])
+def test_a_view_has_the_name_of_its_format(rig, log, tmp_path, option, suffix):
+    code, err = rig("view", log, option, tmp_path / "view.txt")
+    assert code == 2
+    assert f"must end in {suffix}" in err
+    assert not (tmp_path / "view.txt").exists()
+
+
 @pytest.mark.parametrize(
     ("command", "name"),
     [
@@ -97,13 +113,22 @@ def test_a_folder_is_not_overwritten(rig, tmp_path, command, name):
     assert (tmp_path / name).read_text() == "mine"
 
 
+def test_the_former_name_of_an_option_works_and_tells_the_new_one(rig, log, tmp_path):
+    assert rig("sound", log, "--signal", "s", "--out", tmp_path / "a.wav") == (0, "")
+    assert rig("sound", log, "--channel", "s", "--out", tmp_path / "b.wav") == (0, "--channel is now called --signal\n")
+    assert (tmp_path / "a.wav").read_bytes() == (tmp_path / "b.wav").read_bytes()
+    code, err = rig("sound", log, "--channel", "s", "--signal", "t")
+    assert code == 2
+    assert "--channel s and --signal t: --channel is the former name of --signal; give one of them" in err
+
+
 def test_force_replaces_and_a_name_that_is_free_needs_none(rig, log, tmp_path):
     wav = tmp_path / "new" / "heard.wav"
-    assert rig("sound", log, "--channel", "s", "--out", wav)[0] == 0
+    assert rig("sound", log, "--signal", "s", "--out", wav)[0] == 0
     first = wav.read_bytes()
-    assert rig("sound", log, "--channel", "s", "--out", wav)[0] == 2
+    assert rig("sound", log, "--signal", "s", "--out", wav)[0] == 2
     wav.write_text("mine")
-    assert rig("sound", log, "--channel", "s", "--out", wav, "--force")[0] == 0
+    assert rig("sound", log, "--signal", "s", "--out", wav, "--force")[0] == 0
     assert wav.read_bytes() == first
 
 
@@ -145,6 +170,11 @@ def test_places_that_cannot_be_written_are_told_before_anything_is_computed(rig,
         assert "no_such_scene" not in err
 
 
+def test_every_command_that_draws_is_among_those_of_these_tests():
+    draws = {name for name, one in program.program.commands.items() if any("--figure" in p.opts for p in one.params)}
+    assert draws == {command[0] for command in FILES if command[-1] == "--figure"}
+
+
 @pytest.mark.usefixtures("log")
 @pytest.mark.parametrize("command", [c for c in FILES if c[-1] == "--figure"], ids=lambda command: command[0])
 @pytest.mark.parametrize("name", ["nos", "a.txt", "a.mcap", ".png"])
@@ -172,8 +202,8 @@ def test_two_options_do_not_name_one_file(rig, tmp_path, there):
 
 
 READERS = [
-    ("sound", "log.mcap", "--channel", "s", "--out", "log.mcap"),
-    ("sound", "log.mcap", "--channel", "s", "--figure", "link.png"),
+    ("sound", "log.mcap", "--signal", "s", "--out", "log.mcap"),
+    ("sound", "log.mcap", "--signal", "s", "--figure", "link.png"),
     ("simulate", "belt.png", "--out", "belt.png"),
     ("simulate", "belt.png", "--figure", "belt.png"),
     ("run", "belt.png", "--out", "belt.png"),
@@ -298,11 +328,10 @@ def test_a_simulation_beyond_a_limit_ends_with_4_and_is_recorded(rig, tmp_path):
 
 def test_every_command_that_writes_files_takes_force():
     writers = {}
-    for room in ROOMS:
-        for function, _ in room.COMMANDS.values():
-            hints = typing.get_type_hints(function, vars(room) | {"Scene": object, "Run": object})
-            if any("Path" in str(hints.get(name)) for name in ("out", "figure", "save")):
-                writers[function] = "force" in inspect.signature(function).parameters
+    for function, _ in (entry for commands in program.PANELS.values() for entry in commands.values()):
+        hints = typing.get_type_hints(function, function.__globals__ | {"Scene": object, "Run": object})
+        if any("Path" in str(hints.get(name)) for name in ("out", "figure", "save")):
+            writers[function] = "force" in inspect.signature(function).parameters
     assert len(writers) >= 10
     assert [function.__name__ for function, forced in writers.items() if not forced] == []
 
@@ -312,7 +341,7 @@ def test_every_command_that_writes_files_takes_force():
     [
         (("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "a.png"), "rig.analysis.sweep_figure.draw"),
         (("explain", "belt", "--measure", "--figure", "a.png"), "rig.qualify.effects_figure.draw"),
-        (("sound", "log.mcap", "--channel", "s", "--figure", "a.png"), "rig.analysis.sound.figure.draw"),
+        (("sound", "log.mcap", "--signal", "s", "--figure", "a.png"), "rig.analysis.sound.figure.draw"),
         (("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--runs", "near"), "rig.analysis.map.figure.draw"),
         (
             ("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--y", "load.force=10:20:2", "--eigenvalues"),

@@ -42,7 +42,7 @@ def test_a_new_scene_replaces_no_file_unless_forced(rig, tmp_path, monkeypatch):
     assert (tmp_path / "mine.toml").read_text() == "# mine"
     assert rig("new", "mine", "--based-on", "belt", "--force")[0] == 0
     code, _, err = rig("new", "mine", "--based-on", "mine.toml", "--force")
-    assert (code, err) == (2, "mine: is the scene to start from; name another file\n")
+    assert (code, err) == (2, "mine: is a scene that the new one would be based on; name another file\n")
     assert scenes.load("mine.toml").plant == "belt"
 
 
@@ -82,3 +82,37 @@ def test_the_list_tells_what_a_scene_is_based_on(rig):
     cards = {card["name"]: card for card in json.loads(rig("list", "--json")[1])}
     assert cards["belt"]["based_on"] is None
     assert {card["based_on"] for card in cards.values()} <= {None, *cards}
+
+
+def test_a_new_scene_never_replaces_what_it_would_be_based_on(rig, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "base.toml").write_text('based_on = "belt"\n')
+    (tmp_path / "sub" / "middle.toml").write_text('based_on = "../base.toml"\n')
+    for name in ("base", "sub/middle"):
+        code, _, err = rig("new", name, "--based-on", "sub/middle.toml", "--force")
+        assert (code, err) == (2, f"{name}: is a scene that the new one would be based on; name another file\n")
+    assert (tmp_path / "base.toml").read_text() == 'based_on = "belt"\n'
+
+
+def test_a_new_scene_has_a_name_that_the_commands_find(rig, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = rig("new", ".toml", "--based-on", "belt")
+    assert (code, err) == (2, ".toml: names no file; expected NAME or NAME.toml\n")
+    code, out, _ = rig("new", "mein rig", "--based-on", "belt")
+    assert code == 0
+    assert "rig explain 'mein rig.toml' | rig simulate 'mein rig.toml'\n" in out
+    assert "rig explain 'mein rig.toml' --all" in rig("explain", "mein rig.toml")[1]
+
+
+def test_a_link_is_migrated_where_it_leads_and_a_folder_keeps_nothing_else(rig, tmp_path, monkeypatch):
+    monkeypatch.setattr(migration, "STEPS", ((Rename("load.weight", "force"),),))
+    (tmp_path / "real.toml").write_text('based_on = "belt"\n[load]\nweight = "30 N"\n')
+    (tmp_path / "real.toml").chmod(0o640)
+    (tmp_path / "link.toml").symlink_to("real.toml")
+    code, out, _ = rig("migrate", tmp_path / "link.toml")
+    assert code == 0, out
+    assert (tmp_path / "link.toml").is_symlink()
+    assert (tmp_path / "real.toml").read_text() == 'format = 2\nbased_on = "belt"\n[load]\nforce = "30 N"\n'
+    assert (tmp_path / "real.toml").stat().st_mode & 0o777 == 0o640
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link.toml", "real.toml"]

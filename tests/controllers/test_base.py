@@ -1,7 +1,7 @@
 import pytest
 
 from rig import controllers
-from rig.controllers.blocks.base import Controller, hears, parameters, retune
+from rig.controllers.blocks.base import Controller, gets_every_sample, parameters, retune
 from rig.controllers.normal_force import NormalForce
 from rig.errors import UsageError
 
@@ -33,7 +33,7 @@ def test_every_kind_is_a_controller(controller):
     assert isinstance(controller, Controller)
     assert controller.period_ns == 1_000_000
     _, commands = controller.update(
-        controller.start(), 0, tuple((0.0,) if hears(controller) else 0.0 for _ in controller.reads)
+        controller.start(), 0, tuple((0.0,) if gets_every_sample(controller) else 0.0 for _ in controller.reads)
     )
     assert len(commands) == len(controller.drives)
 
@@ -65,7 +65,7 @@ def test_a_faulty_change_names_every_fault_and_changes_nothing():
     with pytest.raises(UsageError) as told:
         retune(old, {"gain": "5 kg", "gian": 3, "period": "2 ms", "highest": -1, "enable_at": "3 s"})
     text = str(told.value)
-    assert "gain: is '5 kg'; expected a unit of N*s/m" in text
+    assert "gain: is '5 kg'; expected a unit that converts to N*s/m" in text
     assert "gian: no such parameter; near: gain" in text
     assert "period: is fixed while the rig runs" in text
     assert "highest:" in text

@@ -93,7 +93,7 @@ def test_a_controller_that_keeps_no_numbers_can_be_tuned(tmp_path):
 @pytest.mark.parametrize(
     ("kept", "fault"),
     [
-        ("pass", "keeps no section"),
+        ("pass", "has no attribute section"),
         ("self.section, self.load = section, section.load; made.append(1); 1 / (2 - len(made))", "ZeroDivisionError"),
         ("self.section = section; made.append(1); self.drives = ('load.force',) * len(made)", "are fixed"),
     ],

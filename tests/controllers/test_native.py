@@ -36,9 +36,9 @@ def compared(controller, count=1500, size=0.05):
     native, agreed, t_ns = Native(controller, state), 0, period
     for k in range(count):
         values = tuple(size * draw.gauss(0.0, 1.0) for _ in controller.reads)
-        assert native.take(controller, state)
+        assert native.resume(controller, state)
         state, command = controller.update(state, t_ns, values)
-        agreed += native.agrees(t_ns, values, command, state)
+        agreed += native.reproduces(t_ns, values, command, state)
         t_ns += 4 * period if k % 100 == 99 else period  # a sample may be missing
     return agreed
 
@@ -53,9 +53,9 @@ def test_it_goes_on_as_a_retuned_controller():
     state, _ = old.update(old.start(), 0, (0.01,))
     native, new = Native(old, state), retune(old, {"gain": 50.0, "enable_at": 0.0})
     for controller in (old, new, old):
-        assert native.take(controller, state)
+        assert native.resume(controller, state)
         after, command = controller.update(state, 10**7, (0.02,))
-        assert native.agrees(10**7, (0.02,), command, after)
+        assert native.reproduces(10**7, (0.02,), command, after)
 
 
 def test_it_does_not_go_on_as_one_whose_text_is_another():
@@ -63,8 +63,8 @@ def test_it_does_not_go_on_as_one_whose_text_is_another():
     state, _ = old.update(old.start(), 0, (0.01,))
     native = Native(old, state)
     observing = of_scene("belt_normal_force_displacement")  # the same class, with an observer where there was none
-    assert not native.take(observing, observing.update(observing.start(), 0, (0.01,))[0])
-    assert not native.take(old, ((1.0, 2.0, 3.0), 0, 0.0, 0.0))  # nor from a state that is laid out in another way
+    assert not native.resume(observing, observing.update(observing.start(), 0, (0.01,))[0])
+    assert not native.resume(old, ((1.0, 2.0, 3.0), 0, 0.0, 0.0))  # nor from a state that is laid out in another way
 
 
 class Plain:
@@ -226,8 +226,8 @@ def divides(self, state, t_ns, values):
 def test_it_declines_where_python_would_raise_or_a_value_is_not_finite(values):
     controller = variant(update=divides)
     native = Native(controller, Kept())
-    assert native.take(controller, Kept())
+    assert native.resume(controller, Kept())
     before = native.memory.tobytes()
-    assert not native.agrees(0, values, (0.0,), Kept())
+    assert not native.reproduces(0, values, (0.0,), Kept())
     assert native.memory.tobytes() == before
-    assert native.agrees(0, (1.0, 4.0), (0.25,), Kept())
+    assert native.reproduces(0, (1.0, 4.0), (0.25,), Kept())

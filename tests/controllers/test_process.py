@@ -112,7 +112,7 @@ def test_each_step_is_answered_with_its_tick_and_the_very_numbers_of_a_run_in_on
 def test_a_refusal_repeats_only_the_begin_of_what_is_long(body, told):
     with at_work() as plant:
         with pytest.raises(UsageError, match=re.escape(told)) as refused:
-            plant.worker.asked(body)
+            plant.worker.answer_request(body)
         assert len(str(refused.value)) < 700
 
 
@@ -146,10 +146,10 @@ def test_a_controller_that_wants_every_sample_gets_those_of_its_sensor():
     for tick in range(20):
         fresh, v = np.array([3, 50]), np.sin(np.arange(50.0) + tick)
         step = encode.step(tick, tick * FRAME, [0.3, v[-1]], fresh, {0: np.zeros(3), 1: v})
-        worker.take(messages.decode("step", step))
+        worker.answer_step(messages.decode("step", step))
         loop.answer(tick * FRAME, (v.tolist(),))
         assert worker.loop.state == loop.state
-    worker.take(messages.decode("step", encode.step(20, 20 * FRAME, [0.3, 0.0], np.ones(2, dtype=np.int64))))
+    worker.answer_step(messages.decode("step", encode.step(20, 20 * FRAME, [0.3, 0.0], np.ones(2, dtype=np.int64))))
     assert worker.loop.held == 1  # a step that does not bring them
 
 
@@ -186,6 +186,21 @@ def test_parameters_are_read_and_set_while_it_works():
         event = plant.event()
         assert (event.kind, event.source, event.tick) == ("parameter", "feedback", 7)
         assert json.loads(event.data)["set"] == {"gain": "0.3 N*s/mm", "lowest": "1 N"}
+
+
+def test_what_it_begins_with_is_told_at_its_first_step_once():
+    hub = Twin()
+    plant = Plant(hub.open("plant", "plant"))
+    with hub.open("controller", "feedback") as mine:
+        worker = process.Worker(mine, described(), process.made(described(), "feedback"), {"gain": "300 N*s/m"})
+        for tick in (41, 42):
+            plant.send(tick, 0.05)
+            worker.answer_step(worker.steps.get(1.0).said)
+            assert list(plant.answer().values) == pytest.approx([5.0])
+        event = plant.event()
+        assert (event.kind, event.tick, event.t_ns) == ("parameter", 41, 41 * FRAME)
+        assert json.loads(event.data) == {"set": {"gain": "300 N*s/m"}, "after_tick": 40}
+        assert plant.events.get(0.0) is None
 
 
 @pytest.mark.parametrize(

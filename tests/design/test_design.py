@@ -81,7 +81,7 @@ def test_a_controller_states_its_own_numbers_or_gets_none(monkeypatch):
             load = rig.actuator("load.force")
             return {"unit": load.unit, "load": load.value, "none": rig.actuator("drive.torque"), "m": rig.inertia}
 
-    monkeypatch.setattr(controllers, "made_by", lambda section: section.made)
+    monkeypatch.setattr(controllers, "controller_class", lambda section: section.made)
     found = design.numbers(scene(a=SimpleNamespace(made=Asks), b=SimpleNamespace(made=object)), rig(RADIUS))
     assert found == {"a": {"unit": "N", "load": 20.0, "none": None, "m": pytest.approx(5.0)}, "b": {}}
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.simulate import simulate
+from rig.bench.simulate import Recorded, simulate
 from rig.errors import SceneError
 from rig.scenes import shipped
 
@@ -80,7 +80,7 @@ def test_a_protocol_runs_through_the_coils_of_a_bank(tmp_path):
     assert changes[-4:] == pytest.approx([4e-3, 10e-3, 16e-3, 22e-3], abs=1.1e-3)
     assert coil[-1] == 5
     assert abs(run.energy["error"]) < 1e-9
-    again = simulate(scene, {}, scene.duration_ns, run.commands, events=run.events)
+    again = simulate(scene, {}, scene.duration_ns, Recorded(run.commands, run.events))
     assert again.signals["velocity"].tobytes() == run.signals["velocity"].tobytes()
 
 

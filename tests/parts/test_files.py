@@ -3,14 +3,21 @@
 import inspect
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 import rig as lab
+from rig.analysis.recorded.series import drive, vibration
 from rig.errors import SceneError
+from rig.record.roles import portrait_pair
 from rig.scenes.scene import Scene
 from rig.scenes.variants import absent, dropped, without
+from rig.view import curves
+from rig.view.channels import Channels
+from rig.view.run_figure import draw
 
 
 def rewritten(file, *changes):
@@ -78,6 +85,71 @@ def test_the_scene_as_json_carries_source_and_hash_and_no_path(folder):
     assert parts[0]["source"] == (folder / "example_plant.py").read_text()
     assert Scene.from_json(text) == scene
     assert "parts" not in json.loads(lab.load("belt").to_json())
+
+
+def channels(scene):
+    """Plots, portrait and conversions of a scene."""
+    assembly, sensors = scene.assemble(), {name: one.unit for name, one in scene.sensors.items()}
+    return Channels((scene, assembly), {name: output.unit for name, output in assembly.outputs.items()}, sensors)
+
+
+def test_plots_portrait_and_conversions_come_from_the_files_of_plant_and_sensor(folder):
+    file = folder / "example_plant.py"
+    rewritten(
+        file, ('"displacement"', '"reach"'), ('"surface_speed"', '"band_speed"'),
+        ("OnBelt()", 'OnBelt(along="reach", surface="band_speed")'),
+    )  # fmt: skip
+    scene = lab.load(folder / "scene.toml")
+    found = channels(scene)
+    assert [(panel.title, panel.outputs, panel.sensors) for panel in found.panels] == [
+        ("velocity [m/s]", ("velocity", "band_speed"), ("vibrometer",)),
+        ("forces [N]", ("friction_force", "normal_force", "buffer_force"), ()),
+        ("displacement [m]", ("reach",), ()),
+        ("table velocity [m/s]", ("table_velocity",), ("geophone",)),
+        ("slip speed [m/s]", ("slip_speed",), ()),
+    ]
+    assert found.portrait == ("reach", "velocity")
+    assert found.drives == {"band_speed"}
+    assert found.measured["geophone"] == ("table_velocity", pytest.approx(1.0 / 28.0))
+    run = lab.simulate(scene, 0.1)
+    [(name, _, v)] = curves.measured(run, curves.channels_of(run), "table_velocity")
+    assert name == "geophone"
+    assert drive(run) == "truth/band_speed"
+    assert portrait_pair(run) == ("reach", "velocity")
+    assert vibration(replace(run, measurements={})) == "truth/velocity"
+    assert v == pytest.approx(run.measurements["geophone"].v / 28.0, rel=1e-14)
+
+    rewritten(file, ("\"m/s\", Plot())", '"m/s", role="velocity")'), ('"reach": Output({"x": 1.0}, "m")',
+              '"reach": Output({"x": 1.0}, "m", Plot("way", 1), "displacement")'))  # fmt: skip
+    other = channels(lab.load(folder / "scene.toml"))
+    assert other.portrait == ("reach", "table_velocity")
+    assert other.panels[0][:2] == ("way [m]", ("reach",))
+    assert other.panels[1][:2] == ("velocity [m/s]", ("velocity", "table_velocity", "slip_speed", "band_speed"))
+    rewritten(
+        folder / "example_sensor.py",
+        ("    def flawed", "    @property\n    def conversion(self):\n        return None\n\n    def flawed"),
+    )
+    assert "geophone" not in channels(lab.load(folder / "scene.toml")).measured
+
+
+def test_a_plant_draws_a_figure_of_its_own_from_its_file(folder):
+    text = (
+        'FIGURE = Own(":compose", ("table_velocity",))\n\n\ndef compose(figure, run):\n'
+        '    figure.add_axes((0, 0, 1, 1)).set_facecolor("black")\n'
+    )
+    rewritten(
+        folder / "example_plant.py",
+        ("import OnBelt, Plot", "import OnBelt, Own, Plot"),
+        ("PICTURES", f"{text}\n\nPICTURES"),
+    )
+    dark = []
+    for name in ("own", "common"):
+        if name == "common":
+            rewritten(folder / "example_plant.py", ('("table_velocity",)', '("not_there",)'))
+        draw(lab.simulate(lab.load(folder / "scene.toml"), 0.1), folder / f"{name}.png")
+        dark.append(float(imread(folder / f"{name}.png")[..., :3].mean()))
+    assert dark[0] < 0.05
+    assert dark[1] > 0.5
 
 
 def test_two_versions_of_a_file_are_open_at_once(folder):
@@ -148,6 +220,15 @@ def test_all_faults_are_told_at_once(folder):
     assert "(scene.toml, line" in told
 
 
+@pytest.mark.parametrize("part", ["plant", "sensor"])
+def test_a_file_named_without_its_suffix_is_told(folder, part):
+    rewritten(folder / "scene.toml", (f"./example_{part}.py", f"./example_{part}"))
+    assert f'= "./example_{part}": unknown; ' in faults(folder)
+    assert "; the name of a file ends in .py" in faults(folder)
+    rewritten(folder / "scene.toml", (f"./example_{part}", f"example_{part}"))
+    assert "ends in .py" not in faults(folder)
+
+
 def test_names_that_cannot_be_are_refused(folder):
     rewritten(folder / "scene.toml", ("[buffer]", "[model_fields]"))
     assert "model_fields: no effect can have this name" in faults(folder)
@@ -175,6 +256,29 @@ def test_commands_that_look_at_a_scene(rig, folder, command):
     assert code == 0, err
     assert "buffer" in out
     assert json.loads(out)
+
+
+def test_linear_analyses_of_a_scene_with_parts(folder):
+    scene = lab.load(folder / "scene.toml")
+    plant = lab.state_space(scene)
+    rates = np.linalg.eigvals(plant.A)
+    stiffness = scene.parameters.buffer.stiffness
+    swept = lab.sweep(scene, "buffer.stiffness", [stiffness, 2.0 * stiffness])
+    assert np.sort_complex(swept.rates[0]) == pytest.approx(np.sort_complex(rates), rel=1e-9)
+    with pytest.raises(SceneError, match=r"example_controller\.py is no linear feedback"):
+        lab.loop(scene, "two_levels")
+
+
+def test_a_cut_recording_with_parts_is_recovered(rig, folder):
+    scene, log = folder / "scene.toml", folder / "whole.mcap"
+    assert rig("simulate", scene, "--duration", "1", "--out", log)[0] == 0
+    cut = folder / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[: -log.stat().st_size // 3])
+    code, out, _ = rig("recover", cut)
+    assert (code, "it breaks off after" in out) == (1, True)
+    found = lab.open(folder / "cut.recovered.mcap", trust=True)
+    assert list(found.measurements) == ["vibrometer", "geophone"]
+    assert 0.0 < found.time[-1] < 1.0
 
 
 def test_hard_cases_of_a_scene_with_parts(rig, folder, monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 
 import rig as lab
 from rig import controllers, effects, plants, sensors
-from rig.errors import Untrusted
+from rig.errors import SceneError, Untrusted
 from rig.parts import Room
 from rig.scenes.scene import Scene
 
@@ -22,7 +22,7 @@ def installed(folder, tmp_path_factory, monkeypatch):
     package.mkdir()
     info.mkdir()
     (package / "__init__.py").write_text("")
-    lines = []
+    lines = ["[friction_rig.plants]", "belt = toys.plant"]
     for kind, group in GROUPS.items():
         (package / f"{kind}.py").write_text((folder / f"example_{kind}.py").read_text())
         lines += [f"[friction_rig.{group}]", f"toy_{kind} = toys.{kind}"]
@@ -71,9 +71,40 @@ def test_they_are_listed_and_known(rig, installed):
     code, out, _ = rig("list")
     assert code == 0
     assert "toy_sensor" in out
-    assert "toys 1.0" in out
+    assert "installed: toy_plant (plants) of toys 1.0\n" in out
+    assert "installed: belt (plants) of toys 1.0, hidden by the shipped part of this name\n" in out
+    assert lab.load("belt").plant == "belt"
+    assert not [name for name in sys.modules if name.partition(".")[0] == "toys"]
     installed.write_text(installed.read_text().replace("toy_plant", "toy_plnt"))
     assert "did you mean toy_plant?" in rig("explain", installed)[2]
+
+
+def test_two_packages_with_parts_of_one_name(rig, installed, tmp_path_factory, monkeypatch):
+    """`rig list` warns, and a scene that names the part is refused."""
+    recorded = lab.load(installed).to_json()
+    site = tmp_path_factory.mktemp("other")
+    info = site / "knockoff-2.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: knockoff\nVersion: 2.0\n")
+    (info / "entry_points.txt").write_text(
+        "".join(f"[friction_rig.{g}]\ntoy_{k} = knockoff\n" for k, g in GROUPS.items())
+    )
+    monkeypatch.syspath_prepend(str(site))
+    for room in (plants.PLANTS, effects.EFFECTS, sensors.KINDS, controllers.KINDS):
+        vars(room).pop("installed", None)
+        for kind in GROUPS:
+            vars(room)["_made"].pop(f"toy_{kind}", None)
+    code, out, err = rig("list")
+    assert code == 0
+    assert "installed: toy_plant (plants) of toys 1.0\n" in out
+    assert "installed: toy_plant (plants) of knockoff 2.0\n" in out
+    assert err.count("uninstall all but one") == 4
+    assert "belt" not in err  # a shipped part comes first, whoever has that name too
+    with pytest.raises(SceneError) as caught:
+        lab.load(installed)
+    assert "plant: several packages have installed a part toy_plant: knockoff 2.0 and toys 1.0" in str(caught.value)
+    with pytest.raises(Untrusted):  # which of them is meant is unknown, also for a recording
+        Scene.from_json(recorded)
 
 
 def test_a_module_in_the_folder_is_a_part(tmp_path, monkeypatch):

@@ -1,10 +1,14 @@
 """A live run of parts from files: each process gets what it needs, and strangers who join run no code unasked."""
 
+import json
+import sys
+import time
+
 import pytest
 
 from rig import controllers
 from rig.errors import Untrusted
-from rig.record.reader import head
+from rig.record.recorded_setup import head, setup_of
 
 
 def test_a_live_run_with_parts_and_who_joins_it(rig, runs, folder, strangers, monkeypatch):
@@ -15,7 +19,7 @@ def test_a_live_run_with_parts_and_who_joins_it(rig, runs, folder, strangers, mo
     assert code == 0, out + err
     assert "two_levels: 300 commands" in out
     strangers()
-    setup = head(log).setup()
+    setup = setup_of(head(log))
     with pytest.raises(Untrusted, match=r"example_controller\.py"):
         controllers.restored(setup.controllers["two_levels"])
     code, _, err = rig("replay", log, "--into", "two_levels", "--pace", "max")
@@ -43,3 +47,37 @@ def test_a_plain_class_is_a_controller_of_a_scene(rig, folder):
     code, _, err = rig("explain", folder / "scene.toml", "-p", "controllers.two_levels.period=1 ms")
     assert code == 2
     assert "it works every 2 ms (Controller.period_ns), not every 1 ms" in err
+
+
+def test_who_joins_from_another_terminal_is_asked_for_trust(rig, runs, script, folder, strangers, tmp_path):
+    command = "import sys; from rig.cli import app; app.run(sys.argv[1:])"
+    plant = script(command, "plant", folder / "scene.toml", "--lockstep", "--duration", "0.3", "--wait", "20")
+    shown = tmp_path / "shown.rrd"
+    code, _, err = rig("view", "--save", shown, "--wait", "20")
+    assert code == 2
+    assert "example_plant.py (SHA-256" in err
+    assert "--trust" in err
+    assert not shown.exists()
+    code, _, err = rig("control", "two_levels", "--wait", "5")
+    assert code == 2
+    assert "example_controller.py (SHA-256" in err
+    assert "example_plant.py" not in err  # the controller is all that it would run
+    assert not [name for name in sys.modules if name.startswith("rig_part_")]
+    viewer = script(command, "view", "--save", shown, "--trust")
+    while not (shown.exists() and shown.stat().st_size):  # it has joined and shows the rig
+        assert viewer.poll() is None, viewer.stderr.read()
+        time.sleep(0.05)
+    code, _, err = rig("control", "two_levels", "--trust", "--wait", "5")
+    assert code == 0, err
+    assert "300 updates" in err
+    assert plant.wait(10) == 0
+    assert viewer.wait(10) == 0
+    assert shown.stat().st_size > 10_000
+
+
+def test_a_map_of_parts_from_files(rig, folder, monkeypatch):
+    """Its worker processes run the parts that this one trusts."""
+    monkeypatch.chdir(folder)
+    code, out, err = rig("map", folder / "scene.toml", "--x", "drive.speed=0.01:0.05:2", "--json")
+    assert code == 0, out + err
+    assert json.loads(out)

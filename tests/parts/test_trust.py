@@ -7,7 +7,8 @@ from hashlib import sha256
 import pytest
 
 import rig as lab
-from rig.errors import PartError, Untrusted
+from rig.analysis.recorded.series import drive, vibration
+from rig.errors import PartError, SceneError, Untrusted
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
@@ -37,6 +38,9 @@ def test_without_trust_there_are_data_and_no_code_runs(log):
     assert len(run.measurements["geophone"].v) == 301
     assert run.signals["velocity"].size
     assert run.events
+    assert vibration(run) == "meas/vibrometer"
+    with pytest.raises(Untrusted, match=r"example_plant\.py"):
+        drive(run)
     with pytest.raises(Untrusted) as told:
         Scene.from_json(run.scene)
     for kind in ("plant", "effect", "sensor", "controller"):
@@ -46,6 +50,7 @@ def test_without_trust_there_are_data_and_no_code_runs(log):
 
 def test_with_trust_everything_works(log):
     run = lab.open(log, trust=True)
+    assert drive(run) == "truth/surface_speed"
     assert Scene.from_json(run.scene).assemble().title == "block on a soft table"
 
 
@@ -103,3 +108,63 @@ def test_trust_is_a_matter_of_the_text(log, strangers):
     with pytest.raises(Untrusted, match=r"example_plant\.py") as told:
         Scene.from_json(json.dumps(raw))
     assert "example_sensor.py" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [
+        ("format", 99, "recorded by a newer version, whose scene files have format 98"),
+        ("format", "1", 'format = "1": expected a whole number, at least 1'),
+        ("format", 0, "format = 0: expected a whole number, at least 1"),
+        ("format", True, "format = true: expected a whole number, at least 1"),
+        ("format", None, "format = null: expected a whole number, at least 1"),
+        ("plant", "nope", "'nope' is missing, or not known to this version"),
+        ("clock", None, "is damaged, or of another version of friction-rig"),
+        ("sensors", {"v": {}}, "'kind' is missing, or not known to this version"),
+        ("sensors", [1], "is damaged, or of another version of friction-rig"),
+        ("protocol", [{"step": "fly"}], "is damaged, or of another version of friction-rig"),
+        ("origins", None, "is damaged, or of another version of friction-rig"),
+    ],
+)
+def test_a_recorded_scene_that_is_none_is_told(log, key, value, told):
+    run = lab.open(log, trust=True)
+    with pytest.raises(SceneError) as caught:
+        Scene.from_json(json.dumps(json.loads(run.scene) | {key: value}))
+    assert told in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "[" * 100_000, "null", '"x"'])
+def test_a_text_that_is_no_scene_is_told(text):
+    with pytest.raises(SceneError, match="the recorded scene"):
+        Scene.from_json(text)
+
+
+@pytest.mark.parametrize("command", ["verify", "hysteresis", "amplitude", "explain", "spectrum"])
+def test_commands_tell_of_a_recorded_scene_that_is_none(rig, log, tmp_path, command):
+    """A parameter that this version does not know, as of another version of the part."""
+
+    def change(raw):
+        raw["parameters"]["block"]["colour"] = 1.0
+
+    path = tampered(log, tmp_path / "other.mcap", change)
+    options = ["--trust"] if command != "explain" else []
+    code, _, err = rig(command, path, *options, *(["--signal", "geophone"] if command == "spectrum" else []))
+    assert "Traceback" not in err
+    if command == "verify":
+        assert code == 2
+        assert "the recorded scene:" in err
+        assert "block.colour: Extra inputs are not permitted" in err
+
+
+def test_a_report_without_trust_says_what_it_does_not_show(rig, log, strangers):
+    page = log.with_suffix(".html")
+    assert rig("report", log)[0] == 0
+    told = page.read_text(encoding="utf-8")
+    assert "The run was not drawn" in told
+    assert "--trust" in told
+    assert "<img" not in told
+    strangers()
+    assert rig("report", log, "--trust", "--force")[0] == 0
+    told = page.read_text(encoding="utf-8")
+    assert "The run was not drawn" not in told
+    assert "<img" in told

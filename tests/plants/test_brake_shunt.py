@@ -103,7 +103,9 @@ def test_the_static_limit_is_that_of_the_brake():
     free = system("open", mu=0.0)
     expected = ORACLE["static"]
     assert stack.kappa == pytest.approx(expected["kappa"], rel=1e-12)
-    assert shunt_limits.stiffness_seen(free, stack) == pytest.approx(expected["k_struct_seen_by_piezo_SC"], rel=1e-12)
+    assert shunt_limits.stiffness_between_ends(free, stack) == pytest.approx(
+        expected["k_struct_seen_by_piezo_SC"], rel=1e-12
+    )
     assert shunt_limits.static_limit(free, stack) == pytest.approx(expected["delta_static_limit"], rel=1e-12)
 
 

@@ -61,6 +61,6 @@ def test_a_turn_of_squeal_closes_its_books_and_builds_nothing_on_the_way():
 def test_both_positions_of_a_switch_are_prepared_in_every_sector():
     brake = rig.load("brake_shunt", ROUND).assemble().system()
     key = sliding_key(brake)
-    prepared = [brake.modes(one) for one in brake.turn(key)]
+    prepared = [brake.modes(one) for one in brake.keys_of_turn(key)]
     assert len(prepared) == (9 + 1) * COUNT
     assert {tuple(switches) for *_, switches in prepared} == {(0,), (1,)}

@@ -101,7 +101,7 @@ def test_a_decay_of_zero_is_refused():
 @pytest.mark.parametrize(
     ("section", "given", "told"),
     [
-        (Coulomb, {"law": "coulomb", "mu_static": 0.2, "mu_kinetic": 0.25}, "would stick at once"),
+        (Coulomb, {"law": "coulomb", "mu_static": 0.2, "mu_kinetic": 0.25}, "would stick again immediately"),
         (Falling, {"law": "falling", "mu_zero": 0.1, "slope": 0.8, "mu_floor": 0.2}, "mu_floor 0.2 is above mu_zero"),
         (Table, {"law": "table", "speeds": (0.0, 0.1), "values": (0.4,)}, "at least 2"),
         (Table, {"law": "table", "speeds": (0.0, 0.1, 0.2), "values": (0.4, 0.3)}, "3 speeds and 2 values"),

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from rig.plants.structures import model_store
-from rig.plants.structures.model_store import kept
+from rig.plants.structures.model_store import stored_or_built
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def model(built):
                 raise ValueError("is damaged")
             return content
 
-        return kept(key, make, bytes, read)
+        return stored_or_built(key, make, bytes, read)
 
     return build
 

@@ -19,7 +19,7 @@ from rig.scenes.explain import explain
         ({"film.across": 3}, "across 3 is odd: take 4, or 2"),
         ({"film.opens": False}, "only points that open can travel"),
         ({"drive.lag": 0.1}, "drive.lag is not known to a slider on a film"),
-        ({"foam": None}, "nothing else holds the plate against its load"),
+        ({"foam": None}, "[slider] needs [foam], which carries the load of the slider"),
         ({"clock.method": "exact"}, "use kick"),
         ({"clock.rk4_step": "4e-6 s"}, "kick is unstable"),
     ],

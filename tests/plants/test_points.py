@@ -9,7 +9,7 @@ from scipy.integrate import dblquad
 
 import rig
 from rig.errors import SceneError
-from rig.plants.points import HALF_WAVES, _shapes
+from rig.plants.points import HALF_WAVES, shapes
 from rig.solve.state_codes import OPEN, SLIP_PLUS
 from rig.stability.linearisation import sliding_key, steady
 
@@ -24,7 +24,7 @@ def test_modes_are_of_mass_one(scene):
     plate = scene.parameters.plate
     for i, j in ((0, 0), (3, 3), (9, 9), (0, 5), (2, 7)):
         value, _ = dblquad(
-            lambda y, x, i=i, j=j: plate.mass * _shapes(plate, x, y)[0][f"q{i}"] * _shapes(plate, x, y)[0][f"q{j}"],
+            lambda y, x, i=i, j=j: plate.mass * shapes(plate, x, y)[0][f"q{i}"] * shapes(plate, x, y)[0][f"q{j}"],
             0.0, 1.0, 0.0, 1.0, epsabs=1e-8,
         )  # fmt: skip
         assert value == pytest.approx(float(i == j), abs=1e-6)
@@ -32,8 +32,8 @@ def test_modes_are_of_mass_one(scene):
 
 def test_turns_are_the_slopes_of_the_shapes(scene):
     plate, h = scene.parameters.plate, 1e-6
-    low, high = _shapes(plate, 0.3 - h, 0.4)[0], _shapes(plate, 0.3 + h, 0.4)[0]
-    for name, turn in _shapes(plate, 0.3, 0.4)[1].items():
+    low, high = shapes(plate, 0.3 - h, 0.4)[0], shapes(plate, 0.3 + h, 0.4)[0]
+    for name, turn in shapes(plate, 0.3, 0.4)[1].items():
         assert (high[name] - low[name]) / (2.0 * h * plate.length) == pytest.approx(turn, rel=1e-6, abs=1e-6)
 
 
@@ -49,8 +49,8 @@ def test_on_its_points_it_stands_and_vibrates_as_the_matrices_say(scene):
     """K + k (phi + mu l phi') phi^T, sums over the points; the static deflection carries the preload."""
     p = scene.parameters
     at = [((i + 0.5) / 6, (j + 0.5) / 4) for i in range(6) for j in range(4)]
-    phi = np.array([list(_shapes(p.plate, x, y)[0].values()) for x, y in at]).T
-    push = phi + p.friction.mu * p.contact.lever * np.array([list(_shapes(p.plate, x, y)[1].values()) for x, y in at]).T
+    phi = np.array([list(shapes(p.plate, x, y)[0].values()) for x, y in at]).T
+    push = phi + p.friction.mu * p.contact.lever * np.array([list(shapes(p.plate, x, y)[1].values()) for x, y in at]).T
     omega = 2.0 * math.pi * np.linspace(1e3, 12e3, 10)
     K = np.diag(omega**2) + p.contact.stiffness * push @ phi.T
     A = np.block([[np.zeros((10, 10)), np.eye(10)], [-K, -np.diag(2.0 * p.plate.damping_ratio * omega)]])

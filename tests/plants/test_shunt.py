@@ -338,7 +338,7 @@ def test_the_static_limit_is_that_of_the_structure():
     ("changes", "told"),
     [
         (shunt(delta=-1.0), "leaves the loop without capacitance"),
-        (shunt(delta=0.0, saturation=12.0), "delta 0 means that there is none"),
+        (shunt(delta=0.0, saturation=12.0), "with delta 0 there is no capacitor"),
         (shunt(resistance=0.0, saturation=12.0), "saturation needs a resistance"),
         ({"piezo": "none"}, "needs a stack"),
         ({"piezo.d33": 1e-9}, "either coupling"),

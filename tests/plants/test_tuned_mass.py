@@ -175,10 +175,13 @@ def test_jamming_is_told_before_the_run():
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"tuned_mass.mass": "0 kg"}, 'tuned_mass.mass = "0 kg": a tuned mass of 0 kg is none: leave [tuned_mass] out'),
+        (
+            {"tuned_mass.mass": "0 kg"},
+            'tuned_mass.mass = "0 kg": a tuned mass of 0 kg has no effect: leave [tuned_mass] out',
+        ),
         ({"tuned_mass.mass": "-1 kg"}, "must be at least 0 kg"),
         ({"tuned_mass.damping": 1.0}, "damping and damping_ratio are both given"),
-        ({"tuned_mass.angle": "1 m"}, "expected a unit of rad"),
+        ({"tuned_mass.angle": "1 m"}, "expected a unit that converts to rad"),
         ({"tuned_mass.damping_ratio": -0.1}, "must be at least 0"),
     ],
 )

@@ -97,7 +97,7 @@ def test_rounds_are_repeated_while_the_noise_is_coarse():
 def test_a_change_has_a_unit_and_is_a_share_of_the_larger_value():
     one = Change("amplitude displacement", "m", 2e-3, 6e-3, 2.0 / 3.0)
     assert one.text() == "amplitude displacement 0.002 m, without it 0.006 m (67 %)"
-    assert not Change("rms velocity", "m/s", 1.0, 2.0, 0.5, floor=0.4).told
+    assert not Change("rms velocity", "m/s", 1.0, 2.0, 0.5, floor=0.4).significant
     assert Change("frequency", "Hz", 3.0, None, 1.0).text() == "frequency 3 Hz only with it"
 
 
@@ -157,7 +157,7 @@ def test_an_irregular_motion_differs_from_itself_and_that_much_is_no_change(monk
     other = problem(bare(rig.load("belt", {"body.mass": "6 kg"})))
     found, _ = changed(own.replace(one, kind="vibration"), own.replace(other, kind="vibration"))
     assert max(c.size for c in found) > 0.0
-    assert not any(c.told for c in found)
+    assert not any(c.significant for c in found)
     assert "irregular" in Paired("mass", changes=found).change()
 
 

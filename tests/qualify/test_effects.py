@@ -10,14 +10,14 @@ import rig
 from rig.analysis.kernel_shapes import VARIANTS, shape_of
 from rig.bench.audit import VisitedState, share
 from rig.errors import RigError
-from rig.model.method import METHODS, seen
+from rig.model.method import METHODS, as_integrated
 from rig.model.mode_sets import ModeSets
 from rig.plants import PLANTS
 from rig.qualify.benchmarks import absent_effect as twin
 from rig.scenes import names
 from rig.scenes.shipped import card
 from rig.scenes.variants import absent, added, dropped, given, without
-from rig.stability.report import mode_sets
+from rig.stability.examined_mode_sets import mode_sets
 
 NONE = {
     "dither": {"amplitude": 0.0},
@@ -29,8 +29,9 @@ NONE = {
 }
 """The values at which an effect is none. Others have none: a bent disc is in place of a stiff one, an amplifier that
 gives no voltage is a short circuit, a lag of no time is no state."""
-PLANT_SCENES = {card(name)["plant"]: name for name in reversed(names())}
-CASES = [(plant, name) for plant in PLANT_SCENES for name in names() if card(name)["plant"] == plant]
+PLANT_OF = {name: card(name)["plant"] for name in names()}
+PLANT_SCENES = {PLANT_OF[name]: name for name in reversed(names())}
+CASES = [(plant, name) for plant in PLANT_SCENES for name in names() if PLANT_OF[name] == plant]
 
 
 def variants(scene):
@@ -108,7 +109,7 @@ def test_an_effect_of_size_zero_is_none(scene):
 def test_the_kernel_has_no_instruction_for_what_is_absent():
     """Products are all that kernels have code for; without them it is that of a source that never knew of them."""
     kinds = twin.kinds(twin.slipping())
-    own, bare = (twin.instructions(one, *kinds) for one in twin.leaves())
+    own, bare = (twin.instructions(one, *kinds) for one in twin.compiled_loops())
     assert len(own) > 100
     assert own == bare
 
@@ -124,7 +125,7 @@ def test_variants_of_the_kernels_are_few_and_known():
                     known = shape_of(system, method)
                     assert known in VARIANTS
                     try:
-                        taken = seen(system, method, 1e-3)
+                        taken = as_integrated(system, method, 1e-3)
                     except ValueError:  # the method refuses it
                         continue
                     kinds.add(numba.typeof(ModeSets(taken, 1e-3, [], kicks=int(known.kicks)).tables))

@@ -15,11 +15,12 @@ from twin import Twin
 
 from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
-from rig.errors import BusError, LogError, UsageError
+from rig.errors import BusError, LogError, OutputError, UsageError
 from rig.record import mcap_file, reader, writer
 from rig.record.byte_scan import walk
 from rig.record.compare import compare
 from rig.record.message_scan import Scan
+from rig.record.recorded_setup import setup_of
 from rig.record.recover import recover
 from rig.record.replay import replay
 from rig.record.save_run import save
@@ -91,7 +92,7 @@ def test_one_wrong_byte_costs_less_than_a_twentieth(logs, tmp_path):
             if before.whole:
                 assert not scan.whole, place
                 assert scan.missing == len(given) - len(kept), place
-            assert scan.setup() == before.setup(), place
+            assert setup_of(scan) == setup_of(before), place
 
 
 def test_every_single_byte_is_covered_by_a_checksum(tmp_path):
@@ -240,7 +241,7 @@ def test_recover_replaces_neither_its_source_nor_what_is_there(logs, tmp_path):
             with pytest.raises(UsageError, match="is the damaged file itself"):
                 recover(cut, target, replace)
     for target in (None, tmp_path / "other.mcap"):
-        with pytest.raises(LogError, match="it exists; name another file, or add --force"):
+        with pytest.raises(UsageError, match="it exists; name another file, or add --force"):
             recover(cut, target)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == there
     recover(cut, tmp_path / "other.mcap", replace=True)
@@ -252,7 +253,7 @@ def test_a_target_of_the_longest_name_is_written_and_one_beyond_is_told(logs, tm
     cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
     recover(cut, longest)
     assert walked(longest)[0].sealed
-    with pytest.raises(LogError, match="cannot be written: File name too long"):
+    with pytest.raises(OutputError, match="cannot be written: File name too long"):
         recover(cut, tmp_path / f"{'x' * 300}.mcap")
     assert set(tmp_path.iterdir()) == {cut, longest}
 
@@ -263,7 +264,7 @@ def test_a_draft_that_cannot_be_made_leaves_no_empty_target(logs, tmp_path, monk
 
     (tmp_path / "c.mcap").write_bytes((logs / "saved.mcap").read_bytes()[:-500])
     monkeypatch.setattr("tempfile.mkstemp", refused)
-    with pytest.raises(LogError, match="Permission denied"):
+    with pytest.raises(OutputError, match="Permission denied"):
         recover(tmp_path / "c.mcap")
     assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
 
@@ -275,7 +276,7 @@ def test_recover_writes_through_a_link(logs, tmp_path, there):
     link.symlink_to(file)
     if there:
         file.write_text("mine")
-        with pytest.raises(LogError, match="it exists"):
+        with pytest.raises(UsageError, match="it exists"):
             recover(cut, link)
     recover(cut, link, replace=there)
     assert link.is_symlink()
@@ -283,7 +284,7 @@ def test_recover_writes_through_a_link(logs, tmp_path, there):
     assert set(tmp_path.iterdir()) == {cut, link, file}
     loop = tmp_path / "loop.mcap"
     loop.symlink_to(loop)
-    with pytest.raises(LogError, match="cannot be written"):
+    with pytest.raises(OutputError, match="cannot be written"):
         recover(cut, loop)
 
 
@@ -295,7 +296,7 @@ def test_a_recovery_that_fails_leaves_nothing_behind(logs, tmp_path, monkeypatch
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(mcap_file.Writer, "finish", full)
-    with pytest.raises(LogError, match="No space left on device"):
+    with pytest.raises(OutputError, match="No space left on device"):
         recover(cut)
     assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
 
@@ -395,6 +396,19 @@ def test_a_wrong_kind_of_a_chunk_costs_nothing_and_is_told_where_it_is(logs, tmp
         assert [(one.begin, one.what) for one in scan.skipped] == [(start, "the frame of a chunk")]
 
 
+def test_a_cut_is_after_the_last_sample_that_is_there(rig, tmp_path):
+    """A saved recording holds samples in blocks of 0.25 s, whose messages have the time of their first sample."""
+    whole, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
+    assert rig("simulate", "pendulum", "--duration", "1", "--out", whole)[0] == 0
+    for size in (20_000, 60_000):
+        cut.write_bytes(whole.read_bytes()[:size])
+        found = reader.open(cut)
+        ends = [1e-9 * samples.t_ns[-1] for samples in found.measurements.values() if samples.t_ns.size]
+        end = max(0.0, *ends, *found.time[-1:])
+        assert end > 0.2
+        assert f"it breaks off after t = {end:.3f} s" in found.damage
+
+
 def test_every_command_that_reads_a_cut_file_says_so(rig, logs, tmp_path):
     whole = (logs / "killed.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
@@ -413,7 +427,7 @@ def test_a_disk_that_is_full_at_any_moment_leaves_what_was_written(tmp_path):
         path = tmp_path / "full.mcap"
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
         try:
-            with pytest.raises(LogError, match=r"full\.mcap cannot be written: File too large") as told:
+            with pytest.raises(OutputError, match=r"full\.mcap cannot be written: File too large") as told:
                 record(path, 60)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -25,7 +25,7 @@ def forget(monkeypatch):
 
     def take():
         monkeypatch.setattr(model_store, "_offered", type(model_store._offered)())
-        monkeypatch.setattr(plate, "_reduced", model_store.remembered(plate_model.build))
+        monkeypatch.setattr(plate, "_reduced", model_store.cached(plate_model.build))
 
     return take
 

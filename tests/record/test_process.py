@@ -13,7 +13,10 @@ from rig.bus import encode, messages
 from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
 from rig.record import reader
-from rig.record.recorder import _Recorder
+from rig.record.curves import derived
+from rig.record.message_scan import Scan
+from rig.record.recorder import Recording
+from rig.record.sender_lives import SenderLives
 
 RECORDER = """
 import json, sys
@@ -76,7 +79,8 @@ class Plant:
         data = json.dumps({"late": 3, "energy": {"supplied": 2.0}})
         now = self.frame * 1_000_000
         self.put("total/plant", self.session.totals(), now)
-        answer = self.totals.get(3.0)
+        while "total/plant" not in (answer := self.totals.get(3.0)).said.heard_topic:
+            pass  # it catches up
         event = messages.TYPES["Event"](t_ns=now, source="plant", kind="verdict", text="VALID", data=data)
         self.put("event/plant", event.SerializeToString(), now)
         self.session.close()
@@ -96,7 +100,7 @@ def test_two_seconds_of_traffic_are_in_the_file_as_they_were_sent(plant, script,
     plant.advance(2000)
     told = plant.finish()
     account = json.loads(recorder.communicate(timeout=10)[0])
-    found = [record for record in reader.Scan(path) if record.topic not in ("plot", "total/recorder")]
+    found = [record for record in Scan(path) if not derived(record.topic)]
     for topic in {topic for topic, _, _ in plant.sent}:
         sent = [(payload, t_ns) for name, payload, t_ns in plant.sent if name == topic]
         assert [(r.payload, r.t_ns) for r in found if r.topic == topic] == sent, topic
@@ -113,7 +117,7 @@ def test_two_seconds_of_traffic_are_in_the_file_as_they_were_sent(plant, script,
     assert np.array_equal(run.measurements["laser"].v, np.arange(20_000.0))
     assert np.array_equal(run.commands["feedback"].tick, np.arange(2000))
     assert [e["kind"] for e in run.events] == ["verdict"]
-    logged = [r.log_ns for r in reader.Scan(path)]
+    logged = [r.log_ns for r in Scan(path) if not derived(r.topic)]
     assert logged == sorted(logged)
 
 
@@ -200,30 +204,28 @@ def test_the_total_of_a_sender_that_left_is_not_applied_to_the_next_one(plant, s
     assert account["untold"] == []  # nobody came after the one that was killed
 
 
-def accounted(tmp_path, *said):
-    """What a recorder tells of these messages of one sender: (topic, number), and how much it sent as (topic, sent)."""
-    recorder = _Recorder(None, SimpleNamespace(counts={}), None, None)
+def accounted(*said):
+    """The account of these messages of one sender: (topic, number), and how much it sent as (topic, sent)."""
+    lives = SenderLives()
     for topic, what in said:
         if topic == "total":
             told = SimpleNamespace(sent_topic=[f"{one}/mine" for one in (*what, "total")], sent=[*what.values(), 0])
             message = Message("total/mine", b"", 0, 0, said=told)
-            recorder._follow(message)
-            recorder._compare(message)
+            lives.follow(message)
+            lives.compare(message)
             continue
-        recorder._follow(Message(f"{topic}/mine", b"", what, 0))
-    recorder._session = SimpleNamespace(run="run", door=SimpleNamespace(told=dict))
-    recorder._writer = SimpleNamespace(path=tmp_path, messages=0, last_ns=0)
-    return recorder._account("")
+        lives.follow(Message(f"{topic}/mine", b"", what, 0))
+    return Recording("run.mcap", "run", "", tail=lives.tails(), untold=sorted(lives.untold))
 
 
 def acts(*numbers):
     return [("act", number) for number in range(*numbers)]
 
 
-def test_what_is_lost_at_the_end_of_a_sender_stays_counted(tmp_path):
+def test_what_is_lost_at_the_end_of_a_sender_stays_counted():
     """Of ten commands the last two are lost, as the sender tells; the next one of its name sends three."""
     lives = [*acts(8), ("total", {"act": 10}), *acts(3), ("total", {"act": 3})]
-    account = accounted(tmp_path, *lives)
+    account = accounted(*lives)
     assert (account.tail, account.untold) == ({"act/mine": 2}, [])
 
 
@@ -237,9 +239,9 @@ def test_what_is_lost_at_the_end_of_a_sender_stays_counted(tmp_path):
         ([*acts(40), *acts(5), ("event", 0), ("total", {"act": 7, "event": 1})], {"act/mine": 2}),
     ],
 )
-def test_a_second_life_of_which_a_whole_topic_is_lost_is_counted_from_its_first_message(tmp_path, said, tail):
+def test_a_second_life_of_which_a_whole_topic_is_lost_is_counted_from_its_first_message(said, tail):
     """The first life was killed: how much of its end is missing is unknown, and told to be."""
-    account = accounted(tmp_path, *said)
+    account = accounted(*said)
     assert account.tail == tail
     assert account.untold == ["mine"]
     assert not account.complete
@@ -288,7 +290,7 @@ from rig import bus
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 with bus.host(scene="belt") as me:
-    told = Setup(me.run, "{}", 1_000_000, 1_000_000, {"velocity": "m/s"}, {"laser": ("m/s", 1_000_000)})
+    told = Setup(me.run, "{}", 1_000_000, 1_000_000, {}, {"laser": ("m/s", 1_000_000)})
     scene, watch = me.serve("scene", lambda body: told.to_json()), me.watch()
     me.announce()
     while ("recorder", "recorder") not in watch.present:

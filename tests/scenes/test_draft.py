@@ -32,3 +32,18 @@ def test_odd_names_do_not_break_it(tmp_path):
     base = scenes.load(tmp_path / 'a "b" ü\nc.toml')
     (tmp_path / "mine.toml").write_text(draft(base, 'a "b" ü\nc.toml', "m\nine.toml"))
     assert scenes.load(tmp_path / "mine.toml").digest == base.digest
+
+
+def test_notes_of_several_lines_stay_comments(tmp_path):
+    text = 'based_on = "belt"\ntitle = "x\\u007f"\n[load]\nforce = ["30 N", "chosen", """one\n[body]\nmass = 3"""]\n'
+    (tmp_path / "base.toml").write_text(text)
+    base = scenes.load(tmp_path / "base.toml")
+    (tmp_path / "mine.toml").write_text(draft(base, "base.toml", "mine.toml"))
+    assert scenes.load(tmp_path / "mine.toml").digest == base.digest
+
+
+def test_values_without_an_origin_are_listed_too(tmp_path):
+    (tmp_path / "base.toml").write_text('based_on = "belt"\n[load]\nforce = "30 N"\nlag = "2 ms"\n')
+    text = draft(scenes.load(tmp_path / "base.toml"), "base.toml", "mine.toml")
+    assert '# force = "30 N" # 0 to 100000 N; not stated\n' in text
+    assert '# lag = "0.002 s"' in text

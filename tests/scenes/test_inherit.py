@@ -129,10 +129,10 @@ def test_every_fault_says_which_file_and_line_its_value_is_from(write):
     assert faults(path, {"seed": -1, "body.mass": "5 m"}) == [
         "drive.lag: is not in the base, so it cannot be taken away (base.toml, line 6)",
         "seed = -1: expected a whole number, at least 0 (given with -p)",
-        'body.mass = "5 m": expected a unit of kg (given with -p)',
+        'body.mass = "5 m": expected a unit that converts to kg (given with -p)',
         "drive.sped: unknown key; did you mean drive.speed? (base.toml, line 5)",
         'load.force = "-3 N": must be at least 0 N (base.toml, line 3)',
-        "friction.mu_static: is missing; expected a number (mine.toml, line 2)",
+        "friction.mu_static: is missing; expected a number (mine.toml, line 3)",
         "sensors.laser.rate = 0: must be at least 1 Hz (mine.toml, line 5)",
     ]
 
@@ -166,6 +166,45 @@ def test_a_base_that_cannot_be_had_is_told(write, text, told):
     write("broken.toml", "a = 3\nb==3")
     write("circle.toml", 'based_on = "mine.toml"')
     assert faults(write("mine.toml", text)) == [told]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('body = "none"', "body: is missing; expected a table with mass, stiffness (mine.toml, line 2)"),
+        (
+            'sensors.lasr = "none"',
+            "sensors.lasr: is not in the base, so it cannot be taken away; did you mean sensors.laser? "
+            "(mine.toml, line 2)",
+        ),
+        ('[[load]]\nforce = "3 N"', 'load = [{"force": "3 N"}]: expected a table (mine.toml, line 2)'),
+        ("[protocol]\nstep = 'hold'", "protocol: expected a list (mine.toml, line 2)"),
+    ],
+)
+def test_faults_of_values_that_are_no_more_have_a_line(write, text, told):
+    assert faults(write("mine.toml", f'based_on = "belt"\n{text}\n')) == [told]
+
+
+def test_nothing_can_be_taken_away_where_there_is_no_base(write):
+    text = 'plant = "belt"\n[drive]\nspeed = "1 m/s"\nlag = "none"\n'
+    assert "drive.lag: is not in the base, so it cannot be taken away (mine.toml, line 4)" in faults(
+        write("mine.toml", text)
+    )
+
+
+def test_what_is_taken_away_has_no_origin(write):
+    mine = scenes.load(write("mine.toml", 'based_on = "belt"\n[sensors]\nlaser = ["none", "chosen", "too slow"]\n'))
+    assert "laser" not in mine.sensors
+    assert not [key for key in mine.origins if key.startswith("sensors.laser")]
+
+
+def test_a_base_below_a_table_is_told_where_it_belongs(write):
+    told = faults(write("mine.toml", '[load]\nforce = "30 N"\nbased_on = "belt"\n'))
+    assert "load.based_on: put based_on above the first table of the file (mine.toml, line 3)" in told
+
+
+def test_a_base_whose_name_is_none_of_a_file(write):
+    assert "the name contains a zero byte" in faults(write("mine.toml", r'based_on = "a\u0000.toml"'))[0]
 
 
 def test_a_chain_has_an_end(write):

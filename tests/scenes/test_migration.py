@@ -104,7 +104,8 @@ def test_a_newer_format_is_refused_with_what_to_do(tmp_path):
 def test_what_is_no_format_is_refused(tmp_path, given):
     path = tmp_path / "mine.toml"
     path.write_text(f'format = {given}\nbased_on = "belt"')
-    with pytest.raises(SceneError, match=r"format = .*: expected a whole number from 1 to 1 \(mine\.toml, line 1\)"):
+    told = rf"a whole number; this version reads scene files up to format {migration.newest()} \(mine\.toml, line 1\)"
+    with pytest.raises(SceneError, match=told):
         scenes.load(path)
 
 
@@ -150,3 +151,30 @@ def test_a_recorded_scene_of_a_newer_format_is_refused(monkeypatch):
         text = scenes.load("belt").to_json()
     with pytest.raises(SceneError, match=r"newer version, whose scene files have format 3; this one reads format 1"):
         scenes.Scene.from_json(text)
+
+
+@pytest.mark.parametrize("order", [("weight", "press"), ("press", "weight")])
+def test_a_key_by_both_names_is_told_and_nothing_is_rewritten(tmp_path, renamed, order):
+    """One of the two values would be lost, and the file would have a key twice."""
+    path = tmp_path / "mine.toml"
+    lines = "".join(f'{name} = "{value} N"\n' for name, value in zip(order, (30, 40), strict=True))
+    path.write_text(f'based_on = "belt"\n[load]\n{lines}')
+    told = rf"load\.{order[0]} and load\.{order[1]} are one key since format 3; remove one of them"
+    with pytest.raises(SceneError, match=rf"{told} \(mine\.toml\)"):
+        scenes.load(path)
+    with pytest.raises(ValueError, match=told):
+        migration.rewritten(path.read_text())
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("format = +1\n", "format = 3\n"),
+        ('"format"\t=\t1 # mine\n', '"format"\t=\t3 # mine\n'),
+        ('about = """\nformat = 1\n"""\n', 'format = 3\nabout = """\nformat = 1\n"""\n'),
+        ("[load]\nformat = 1\n", "format = 3\n[load]\nformat = 1\n"),
+        ("\r\n", "format = 3\r\n\r\n"),
+    ],
+)
+def test_only_the_format_of_the_file_is_rewritten(renamed, old, new):
+    assert migration.rewritten(old) == (new, [])

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rig
-from rig.analysis.recorded.series import places
 from rig.bus import encode, messages
-from rig.motion import motion
+from rig.motion import memory
+from rig.record.even_times import places
 from rig.record.reader import open as read
-from rig.record.replay import _Remade
+from rig.record.rebuilt_traffic import RebuiltTraffic
 from rig.record.save_run import save
 from rig.sensors import KINDS
 from rig.sensors.chain.instants import Instants, common_step
@@ -121,14 +121,14 @@ def test_times_of_a_recording_are_exact(tmp_path):
         assert t_ns.tolist() == [instant(rate, k) for k in range(len(t_ns))]
         np.testing.assert_array_equal(again.measurements[name].t_ns, t_ns)
         np.testing.assert_array_equal(again.measurements[name].v, v)
-    told = [r for r in _Remade(again, frozenset()) if r.topic == "meas/vibrometer"]
+    told = [r for r in RebuiltTraffic(again, list(again.signals), frozenset()) if r.topic == "meas/vibrometer"]
     remade = [messages.times(messages.decode(r.topic, r.payload)) for r in told]
     np.testing.assert_array_equal(np.concatenate(remade), run.measurements["vibrometer"].t_ns)
 
 
 def test_a_frame_with_many_segments_gets_the_room_it_needs(monkeypatch):
     plain = rig.simulate("belt", 1.0)
-    monkeypatch.setattr(motion, "SEGMENTS", 8)
+    monkeypatch.setattr(memory, "SEGMENTS", 8)
     tight = rig.simulate("belt", 1.0)
     for name, (t_ns, v) in plain.measurements.items():
         np.testing.assert_array_equal(tight.measurements[name].t_ns, t_ns)

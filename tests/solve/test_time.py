@@ -17,7 +17,7 @@ def test_event_times_after_a_hundred_thousand_seconds(rigs):
     motion = Motion(rigs.p1(c=0.0, **p), 20_000_000, "exact", longest=50_000, with_energy=False)
     for _ in range(100):
         motion.advance(50_000)
-    assert motion.tick * motion.how.step_ns == 100_000 * 1_000_000_000
+    assert motion.tick * motion.integration.step_ns == 100_000 * 1_000_000_000
     last = [e for e in motion.events()[-40:] if e.what == "contact releases +"][-1]
     assert last.tick > 4_999_980
     n = round((last.tick * 0.02 - 0.08) / period)

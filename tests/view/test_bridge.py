@@ -12,8 +12,9 @@ import numpy as np
 import psutil
 import pytest
 
-from rig.errors import LogError, UsageError
+from rig.errors import OutputError, UsageError
 from rig.view import feed, viewer
+from rig.view.channels import PALETTE
 from rig.view.process import Bridge, Sender
 
 SECONDS = 2
@@ -71,6 +72,8 @@ def test_the_file_holds_what_was_said(shown, stage):
     assert times(rows["/command/nf"]) == list(range(0, SECONDS * 1_000_000_000, 1_000_000))
     assert values(rows["/health/energy_error"], "Scalars:scalars")[0] == pytest.approx(-12.0, abs=1e-5)
     assert [row["SeriesLines:names"] for row in static["/plant/surface_speed"]] == [["surface speed"]]
+    packed = int(PALETTE[1][1:] + "ff", 16)  # the second output of its plot
+    assert [row["SeriesLines:colors"] for row in static["/plant/surface_speed"]] == [[packed]]
     assert values(rows["/event/plant"], "TextLog:text") == [
         "step: hold for 2 s", "connected: nf is connected", "verdict: VALID",
     ]  # fmt: skip
@@ -188,7 +191,7 @@ def test_a_file_that_cannot_be_written_is_told(plant, hub, tmp_path):
     bridge = Bridge(hub.open("viewer", "viewer"))
     (tmp_path / "file").write_text("")
     with (
-        pytest.raises(LogError, match=r"run\.rrd cannot be written: "),
+        pytest.raises(OutputError, match=r"run\.rrd cannot be written: "),
         viewer.sink("viewed", bridge.drawing, live=True, save=tmp_path / "file" / "run.rrd"),
     ):
         pass
@@ -286,6 +289,7 @@ def test_a_page_that_anybody_here_can_open_is_announced_as_such(script):
     shown.communicate(timeout=20)
 
 
+@pytest.mark.alone
 def test_a_killed_plant_ends_the_bridge_with_a_whole_file(script, contents, tmp_path):
     plant, bridge = script(HUB), script(BRIDGE, tmp_path / "run.rrd")
     assert plant.stdout.readline() == "half a second\n"

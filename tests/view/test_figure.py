@@ -13,7 +13,7 @@ import rig
 from rig.record.run import Commands, Run, Samples
 from rig.scenes import shipped
 from rig.view import contact, timeline
-from rig.view.curves import thinned
+from rig.view.curves import channels_of, thinned
 from rig.view.run_figure import draw
 
 NOTHING = Samples(np.empty(0, np.int64), np.empty(0))
@@ -150,7 +150,21 @@ def test_a_surface_far_faster_than_the_body_does_not_flatten_its_curve(run):
     slow = replace(run, signals={**run.signals, "surface_speed": np.full(run.time.size, 20.0)})
     for one, below in ((run, True), (slow, False)):
         axes = Figure().subplots()
-        run_figure.velocity(axes, one)
-        drawn = [line.get_label() for line in axes.get_lines()]
+        channels = channels_of(one)
+        run_figure.draw_panel(axes, one, channels, channels.panel_of("velocity"))
+        drawn = {line.get_label(): line.get_color() for line in axes.get_lines()}
         assert ("surface speed" in drawn) is below
+        assert drawn["velocity"] == channels.colours["velocity"]
         assert axes.get_ylim()[1] < 1.0
+
+
+def test_a_window_of_a_longer_run_fills_the_figure(run):
+    first = int(np.searchsorted(run.time, 0.6 * run.time[-1]))
+    window = replace(
+        run,
+        time=run.time[first:],
+        signals={name: v[first:] for name, v in run.signals.items()},
+        mode=run.mode[first:],
+    )
+    limits = {axes.get_xlim() for axes in window.plot().axes[:3]}
+    assert limits == {(window.time[0], window.time[-1])}

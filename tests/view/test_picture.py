@@ -14,7 +14,6 @@ from rig.view import contact
 from rig.view.base import Scale, scale_of
 from rig.view.belt import Belt
 from rig.view.blueprint import blueprint
-from rig.view.channels import channels, plots
 from rig.view.drawing import Drawing
 from rig.view.picture import picture_of
 
@@ -173,12 +172,12 @@ def test_the_brake_is_drawn_under_a_stroboscope():
 
 def test_a_disc_of_a_brake_is_drawn_as_its_contacts_feel_it():
     """One that bends has no coordinates z and phi; for a rigid one the contacts tell just those."""
-    from rig.view.brake import _disc
+    from rig.view.brake import disc_at_contacts
 
     rigid = rig.load("brake").assemble().system()
     vector = np.random.default_rng(1).normal(size=len(rigid.coordinates)) + 0j
     own = [vector[rigid.names.index(f"disc.{axis}")] for axis in ("z", "phi")]
-    assert _disc(rigid, vector) == pytest.approx(own, rel=1e-12)
+    assert disc_at_contacts(rigid, vector) == pytest.approx(own, rel=1e-12)
     scene = rig.load("brake_disc_modes")
     bent = drawn(scene).motion
     assert bent.omega / (2.0 * math.pi) == pytest.approx(rig.modes(scene).sliding.modes[0].frequency, rel=1e-9)
@@ -221,6 +220,22 @@ def test_a_plant_declares_pictures_of_outputs_that_it_has(plant):
         assert any(found >= set(one.outputs) for found in told), one
 
 
+@pytest.mark.parametrize("plant", PLANTS.shipped)
+def test_a_batch_of_states_between_two_frames_of_the_picture_draws_nothing_of_it(plant):
+    scene = next(scene for scene in map(rig.load, names()) if scene.plant == plant)
+    units = outputs(scene)
+    drawing = Drawing(scene.to_json(), units, {})
+
+    def states(*t_ns):
+        signals = {name: np.zeros(len(t_ns)) for name in units}
+        found = drawing.states(np.array(t_ns), signals, np.zeros(len(t_ns), np.int64))
+        return {one.path for one in found if one.path.startswith(("rig/", "film/"))}
+
+    assert bool(states(0, 1_000_000)) is (drawing.picture is not None)
+    assert states(2_000_000, 3_000_000) == set()
+    assert bool(states(40_000_000)) is (drawing.picture is not None)
+
+
 def test_a_body_on_a_belt_is_drawn_along_across_and_turned_by_the_outputs_that_are_declared():
     said = OnBelt(along="place", up="rise", turn="roll", surface="band", friction="pull", normal="press")
     picture = Belt(Scale(10.0, 5.0), said)
@@ -249,18 +264,6 @@ def test_modes_have_names_for_each_state_of_the_contact():
     assert [contact.NAMES[i] for i in modes.indices(np.tile(keys, 3))] == [*names] * 3
 
 
-def test_a_strain_is_laid_over_the_force_that_it_means_and_a_stranger_gets_a_plot_of_its_own():
-    scene = rig.load("pendulum")
-    text = scene.to_json()
-    sensors = {"vibrometer": "m/s", "strain_gauge": "1", "normal_force": "N", "microphone": "Pa"}
-    placed = channels(text, outputs(scene), sensors)
-    assert placed["strain_gauge"] == ("friction_force", pytest.approx(5e4))
-    titles = {plot.title: plot for plot in plots(text, outputs(scene), sensors)}
-    assert titles["forces [N]"].sensors == ("strain_gauge", "normal_force")
-    assert titles["microphone [Pa]"].sensors == ("microphone",)
-    assert {name for plot in titles.values() for name in plot.outputs} == set(outputs(scene))
-
-
 @pytest.mark.parametrize("live", [True, False])
 @pytest.mark.parametrize(
     "name",
@@ -284,4 +287,4 @@ def test_every_rig_has_a_window(name, live):
     told = outputs(rig.load(name)) if name else {"velocity": "m/s"}
     drawing = Drawing(scene, told, {})
     assert (drawing.picture is None) == (name is None)
-    blueprint(drawing, plots(scene, told, {}), live)
+    blueprint(drawing, live)

@@ -10,13 +10,12 @@ import rig
 from rig.bus import encode, messages
 from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
-from rig.plants import plate as plant
+from rig.plants.structures import film_slider
 from rig.record import pressure_instants
 from rig.record.film_points import Points, listed, numbered, points_of
 from rig.record.run import Run
 from rig.view import pressure_colours
 from rig.view.blueprint import blueprint
-from rig.view.channels import plots
 from rig.view.drawing import Drawing
 from rig.view.feed import Feed
 from rig.view.run_figure import draw
@@ -66,7 +65,7 @@ def column(columns, path, component):
 
 def test_pressures_are_where_the_film_has_its_points(scene, run):
     points, film = Points.of(scene), scene.assemble().film
-    at = plant.places(scene.parameters.film_points, film)
+    at = film_slider.places(scene.parameters.film_points, film)
     assert list(at) == list(points.names)
     x, y = np.meshgrid(points.x, points.y, indexing="ij")
     order = list(at.values())
@@ -99,7 +98,7 @@ def test_open_is_white_and_a_light_touch_is_dark():
 
 
 def test_instants_that_tell_most_are_found_after_the_load_is_on(run):
-    found = {instant.why: run.time[instant.sample] for instant in pressure_instants.telling(run)}
+    found = {instant.why: run.time[instant.sample] for instant in pressure_instants.characteristic(run)}
     opening = run.time[pressure_instants.first_open(run)]
     assert opening == pytest.approx(run.time[(run.time >= 0.3) & (run.signals["contact_fraction"] < 1.0)][0])
     assert found["first opening"] == opening
@@ -117,7 +116,7 @@ def test_samples_that_a_recording_lost_are_no_openings(run):
     fraction[200] = openings[200] = np.nan
     part = replace(run, time=run.time[quiet], signals={"contact_fraction": fraction, "openings": openings})
     assert pressure_instants.first_open(part) is None
-    assert {instant.why for instant in pressure_instants.telling(part)} == {"all in contact"}
+    assert {instant.why for instant in pressure_instants.characteristic(part)} == {"all in contact"}
 
 
 def test_the_slider_travels_as_it_does_and_its_motion_is_magnified(scene, run, units):
@@ -146,8 +145,8 @@ def test_the_plate_has_a_window(changes, live):
     drawing = Drawing(scene.to_json(), told, {"accelerometer": "m/s^2"})
     assert drawing.picture is not None
     assert not drawing.worded
-    found = plots(drawing.scene, told, drawing.sensors)
-    blueprint(drawing, found, live)
+    found = drawing.channels.panels
+    blueprint(drawing, live)
     if drawing.points:
         titles = ["acceleration [m/s^2]", "contact fraction [1]", "pressure centre [m]", "forces [N]"]
         assert [plot.title for plot in found[:4]] == titles
@@ -193,9 +192,9 @@ def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
 
 
 def test_a_figure_of_a_live_run_says_that_its_outputs_are_thinned(run, tmp_path):
-    from rig.view.plate_figure import _thin
+    from rig.view.plate_figure import thinning
 
-    assert _thin(run) == ""
+    assert thinning(run) == ""
     live = replace(run, step_ns=10_000)
-    assert _thin(live) == "outputs: 1000 per second; faster vibration appears as aliases"
+    assert thinning(live) == "outputs: 1000 per second; faster vibration appears as aliases"
     draw(live, tmp_path / "run.png")

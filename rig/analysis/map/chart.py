@@ -79,25 +79,25 @@ class Map:
 
     def axes(self) -> tuple[Array, Array]:
         """Values of x and of y (nan if there is no y axis) in the units for output."""
-        return self.job.x.told, self.job.y.told if self.job.y else np.array([np.nan])
+        return self.job.x.shown_values, self.job.y.shown_values if self.job.y else np.array([np.nan])
 
     def text(self) -> str:
         """Return the report as text."""
         job, x = self.job, self.job.x
         settings = job.settings
-        span = f"{x.key} from {x.tell(x.values[0])} to {x.tell(x.values[-1])}, {len(x.values)} values"
+        span = f"{x.key} from {x.text(x.values[0])} to {x.text(x.values[-1])}, {len(x.values)} values"
         if job.y is not None:
             y = job.y
-            span += f"; {y.key} from {y.tell(y.values[0])} to {y.tell(y.values[-1])}, {len(y.values)} values"
+            span += f"; {y.key} from {y.text(y.values[0])} to {y.text(y.values[-1])}, {len(y.values)} values"
         lines = [f"{job.scene.name}: {span}", f"  runs: {', '.join(settings.runs)}; output {settings.output}", ""]
         counts = np.bincount(self.regions.ravel(), minlength=len(REGIONS))
         lines += columns([(REGIONS[r], MEANING[r], f"{counts[r]} points") for r in (1, 2, 3, 4, 0) if counts[r]], "<<>")
         if "near" in settings.runs:
             both = ~np.isnan(self.growth)
             wrong = self.disagreement
-            told = f"  near starts and eigenvalues disagree at {wrong.sum()} of {both.sum()} points"
+            text = f"  near starts and eigenvalues disagree at {wrong.sum()} of {both.sum()} points"
             worst = f"; largest growth rate there {np.abs(self.growth[wrong]).max():.2g} 1/s" if wrong.any() else ""
-            lines += ["", told + worst]
+            lines += ["", text + worst]
         lines += self._stopped()
         lines += ["", *self._boundaries()]
         return "\n".join(lines)
@@ -108,7 +108,7 @@ class Map:
         if not len(where):
             return []
         (row, column), x, y = where[0].tolist(), self.job.x, self.job.y
-        at = f"{x.key} = {x.tell(x.values[column])}" + (f", {y.key} = {y.tell(y.values[row])}" if y else "")
+        at = f"{x.key} = {x.text(x.values[column])}" + (f", {y.key} = {y.text(y.values[row])}" if y else "")
         why = next(text for text in self.why[:, row, column].tolist() if text)
         count = self.regions.size
         return ["", f"  a run had to stop at {len(where)} of {count} points; first at {at}: {why}"]
@@ -120,16 +120,16 @@ class Map:
         rows = range(len(self.onsets))
         chosen = sorted({round(r) for r in np.linspace(0, rows[-1], min(_ROWS, len(rows)))})
         for row in chosen:
-            onset = ", ".join(x.tell(v) for v in self.onsets[row]) or "-"
+            onset = ", ".join(x.text(v) for v in self.onsets[row]) or "-"
             ends = (self._end(end[row]) for end in self.ends)
-            table.append((y.tell(y.values[row]) if y else "", onset, *ends))
+            table.append((y.text(y.values[row]) if y else "", onset, *ends))
         yield from columns(table if y else [row[1:] for row in table], "<" * len(table[0][bool(not y) :]))
         if len(chosen) < len(rows):
             yield f"  and {len(rows) - len(chosen)} more rows"
 
     def _end(self, end: Array) -> str:
         x = self.job.x
-        return "-" if np.isnan(end[0]) else f"{end[0] / x.scale:.6g} to {x.tell(end[1])}"
+        return "-" if np.isnan(end[0]) else f"{end[0] / x.scale:.6g} to {x.text(end[1])}"
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; boundaries in SI."""

@@ -12,7 +12,7 @@ from rig.analysis.regions import along
 from rig.errors import NumericsError, SceneError, Singular
 
 
-def compute(job: Job, units: Sequence[int], said: Callable[[int], object] | None = None) -> dict[int, Arrays]:
+def compute(job: Job, units: Sequence[int], finished: Callable[[int], object] | None = None) -> dict[int, Arrays]:
     """Compute the units of one batch, by number: a pure function of the job. `said` gets the number of each finished
     unit.
     """
@@ -27,7 +27,7 @@ def compute(job: Job, units: Sequence[int], said: Callable[[int], object] | None
             try:
                 found[number] = Row(Track(job.at(unit.row), job.x, job.settings), unit.first, unit.last).run()
             except (NumericsError, Singular) as error:
-                raise SceneError(job.told(unit), [str(error)]) from None
-        if said is not None:
-            said(number)
+                raise SceneError(job.text(unit), [str(error)]) from None
+        if finished is not None:
+            finished(number)
     return found

@@ -77,9 +77,9 @@ class Boundary:
         for i, frequency in enumerate(x.values):
             low, high = self.simulated[i] / y.scale
             deviation = self.deviation[i]
-            told = f"{100.0 * deviation:+.2f} %" if np.isfinite(deviation) else ""
+            text = f"{100.0 * deviation:+.2f} %" if np.isfinite(deviation) else ""
             theory = (f"{found[i] / y.scale:.6g}" for found in (self.leading, self.averaged))
-            rows.append((x.tell(frequency), *theory, f"{low:.6g} to {high:.6g}", told))
+            rows.append((x.text(frequency), *theory, f"{low:.6g} to {high:.6g}", text))
         lines += columns(rows, "<>>>>")
         lines += ["", f"  amplitudes in {y.shown}; 0: stable from the smallest on, inf: not even at the largest"]
         return "\n".join(lines)

@@ -92,7 +92,7 @@ def _legend(axes: Axes, labels: dict[int, str]) -> None:
 
 
 def _bifurcation(figure: Figure, found: Map) -> None:
-    x = found.job.x.told
+    x = found.job.x.shown_values
     panels = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1.2, 1.0))
     settings, unit = found.job.settings, found.unit
     top, middle, bottom = panels
@@ -128,15 +128,19 @@ def _bifurcation(figure: Figure, found: Map) -> None:
 def _dither(axes: Axes, found: Boundary) -> None:
     x, y = found.job.x, found.job.y
     assert y is not None
-    edge = np.clip(found.averaged / y.scale, y.told[0], y.told[-1])
-    axes.fill_between(x.told, y.told[0], edge, color=COLOURS[3], lw=0)
-    axes.fill_between(x.told, edge, y.told[-1], color=COLOURS[1], lw=0)
+    edge = np.clip(found.averaged / y.scale, y.shown_values[0], y.shown_values[-1])
+    axes.fill_between(x.shown_values, y.shown_values[0], edge, color=COLOURS[3], lw=0)
+    axes.fill_between(x.shown_values, edge, y.shown_values[-1], color=COLOURS[1], lw=0)
     seen = np.isfinite(found.simulated).all(axis=1)
     middle, half = found.simulated[seen].mean(axis=1), 0.5 * np.diff(found.simulated[seen], axis=1).ravel()
-    axes.plot(x.told, np.where(np.isinf(found.averaged), np.nan, found.averaged) / y.scale, "k", label="averaged")
-    axes.plot(x.told, np.where(np.isinf(found.leading), np.nan, found.leading) / y.scale, "k:", label="leading order")
+    axes.plot(
+        x.shown_values, np.where(np.isinf(found.averaged), np.nan, found.averaged) / y.scale, "k", label="averaged"
+    )
+    axes.plot(
+        x.shown_values, np.where(np.isinf(found.leading), np.nan, found.leading) / y.scale, "k:", label="leading order"
+    )
     axes.errorbar(
-        x.told[seen], middle / y.scale, half / y.scale, fmt="o", ms=4, color=_RUNS["up"][0], label="simulated"
+        x.shown_values[seen], middle / y.scale, half / y.scale, fmt="o", ms=4, color=_RUNS["up"][0], label="simulated"
     )
     axes.set(xlabel=x.label, ylabel=y.label)
     axes.margins(0.0)

@@ -108,11 +108,11 @@ class Job:
         """Return the scene of a row. Raises SceneError if the scene refuses its value."""
         return self.y.at(self.scene, self.y.values[row]) if self.y and not self.dithered else self.scene
 
-    def told(self, unit: Unit) -> str:
+    def text(self, unit: Unit) -> str:
         """Return the part of the map that a unit covers, as text."""
         x, y = self.x, self.y
-        ends = f"{x.key} from {x.tell(x.values[unit.first])} to {x.tell(x.values[unit.last - 1])}"
-        return ends + (f", {y.key} = {y.tell(y.values[unit.row])}" if y else "")
+        ends = f"{x.key} from {x.text(x.values[unit.first])} to {x.text(x.values[unit.last - 1])}"
+        return ends + (f", {y.key} = {y.text(y.values[unit.row])}" if y else "")
 
     @cached_property
     def digest(self) -> str:
@@ -171,6 +171,6 @@ def checked(job: Job) -> Job:
                 x.at(job.at(row), value)
             except SceneError as error:
                 assert y is not None
-                corner = f"{x.key} = {x.tell(value)}, {y.key} = {y.tell(y.values[row])}"
+                corner = f"{x.key} = {x.text(value)}, {y.key} = {y.text(y.values[row])}"
                 raise SceneError(corner, error.faults) from None
     return job

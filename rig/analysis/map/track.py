@@ -25,7 +25,8 @@ from rig.errors import NumericsError, Singular
 from rig.model.assembly import Assembly
 from rig.model.method import chosen
 from rig.model.system import System
-from rig.motion.motion import Motion, Saved
+from rig.motion.memory import Saved
+from rig.motion.motion import Motion
 from rig.quantities import Section
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene

@@ -17,7 +17,7 @@ from rig.analysis.map.job import Arrays, Job
 from rig.analysis.map.store import Store
 from rig.analysis.map.track import Track
 from rig.child_process import Child, end
-from rig.errors import WorkerError
+from rig.errors import ExitCode, WorkerError
 
 _ROUNDS = 8  # batches for each worker: a small number at the end keeps the other workers idle only briefly
 _MOST = 16  # units in a batch: the most that an interruption loses
@@ -69,12 +69,12 @@ def _together(store: Store, workers: int, progress: Callable[[int], object]) -> 
     try:
         while any(child.code is None for child in crew):
             time.sleep(_LOOK)
-            done += sum(line == _DONE for child in crew for line in child.said())
+            done += sum(line == _DONE for child in crew for line in child.new_lines())
             progress(done)
             lost = [child for child in crew if child.code]
             if lost:
                 raise WorkerError(
-                    f"{'; '.join(child.told for child in lost)}. Finished results are kept in {store.folder}"
+                    f"{'; '.join(child.ending for child in lost)}. Finished results are kept in {store.folder}"
                 )
     finally:
         end(crew, 0.0)
@@ -91,7 +91,7 @@ def main() -> None:
             if store.claim(batch):
                 store.save(compute(job, batch, lambda _: sys.stdout.write(f"{_DONE}\n") and sys.stdout.flush()))
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(ExitCode.INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -1,32 +1,51 @@
-"""Analyses of recordings of any rig: sensors and plant outputs, evenly sampled, with their gaps reported.
+"""Analyses of recordings of any rig: sensors, plant outputs and commands, evenly sampled, with their gaps reported.
 
-series       one signal of a recording, on an even grid, missing samples as NaN
+series       one channel of a recording, on an even grid, missing samples as NaN
+alignment    channels of different rates on one grid
 branches     where a drive speed rises and where it falls
 windows      moving RMS and mean
 hysteresis   moving RMS of a vibration over the drive speed, up and down
 spectrum     power spectral density and spectrogram
 orders       the same over the angle of a disc or the travel of a belt
 pressure     maps of the pressure of a film at chosen instants
-figure       pictures of these
+averages     averaged spectra of two channels
+pulses       pulses of an input, as of a hammer
+resonances   natural frequency and damping of the peaks of a response
+response     frequency response and coherence between two channels
+portrait     phase portrait and Poincare section
+comparison   two recordings side by side: scenes, signals, physical measures
+figure, channel_figures, comparison_figure   pictures of these
 """
 
 from __future__ import annotations
 
+from rig.analysis.recorded.comparison import Compared, compare
 from rig.analysis.recorded.hysteresis import Hysteresis, hysteresis
 from rig.analysis.recorded.orders import Orders, orders
+from rig.analysis.recorded.portrait import Portrait, Section, portrait
 from rig.analysis.recorded.pressure import Pressure, pressure
+from rig.analysis.recorded.resonances import Resonance
+from rig.analysis.recorded.response import Response, response
 from rig.analysis.recorded.series import Series, series
 from rig.analysis.recorded.spectrum import Spectrum, spectrum
 
 __all__ = [
+    "Compared",
     "Hysteresis",
     "Orders",
+    "Portrait",
     "Pressure",
+    "Resonance",
+    "Response",
+    "Section",
     "Series",
     "Spectrum",
+    "compare",
     "hysteresis",
     "orders",
+    "portrait",
     "pressure",
+    "response",
     "series",
     "spectrum",
 ]

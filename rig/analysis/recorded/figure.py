@@ -54,12 +54,12 @@ def draw_hysteresis(found: Hysteresis, path: Path) -> None:
     with sheet(path, f"{found.scene}: {found.name} over {found.over}", (12.0, 8.0)) as figure:
         loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
         rms.sharex(speed)
-        told = set()
+        labelled = set()
         for curve in found.curves:
             way, colour = ("rising", _UP) if curve.branch.rises else ("falling", _DOWN)
             label = f"{found.over} {way}"
-            loop.plot(*thinned(curve.speed, curve.rms), color=colour, label=None if label in told else label)
-            told.add(label)
+            loop.plot(*thinned(curve.speed, curve.rms), color=colour, label=None if label in labelled else label)
+            labelled.add(label)
             for axes, values in ((rms, curve.rms), (speed, curve.speed)):
                 axes.plot(*thinned(curve.t, values), color=colour)
             if math.isfinite(curve.stick):

@@ -131,12 +131,12 @@ class Hysteresis:
         stick = {True: "last stick", False: "first stick"}
         for curve in self.curves:
             branch = curve.branch
-            told = ""
+            stuck = ""
             if self.modes or self.events:
                 at = f"at {curve.stick:.5g} {over}" if math.isfinite(curve.stick) else "none"
-                told = f", {stick[branch.rises]} {at}"
+                stuck = f", {stick[branch.rises]} {at}"
             way = f"run-{'up' if branch.rises else 'down'} {branch.begin:.5g} to {branch.end:.5g} s"
-            lines.append(f"  {way}, {branch.first:.5g} to {branch.last:.5g} {over}{told}")
+            lines.append(f"  {way}, {branch.first:.5g} to {branch.last:.5g} {over}{stuck}")
         if not self.modes and not self.events:
             lines.append("  contact states were not recorded: stick is unknown")
         else:
@@ -245,10 +245,12 @@ def _found(run: Run, signal: Series, speed: Series, turned: list[Branch], length
         times = np.concatenate([run.time[sticks] if sticks is not None else [], ends if branch.rises else begins])
         stick = _stick(times, branch, fine_t, fine_v)
         curves.append(Curve(branch, t[here], mean[here], rms[here], stick))
-    told = tuple(filter(None, (signal.told(), replace(speed, note="").told())))  # a speed is slow: it has no aliasing
+    aliasing = tuple(
+        filter(None, (signal.notes(), replace(speed, note="").notes()))
+    )  # a speed is slow: it has no aliasing
     return Hysteresis(
         scene_name(run), signal.name, signal.unit, speed.name, speed.unit, window, hertz, tuple(curves),
-        0.0 if sticks is None else float(np.median(np.diff(run.time))), met, told, lost,
+        0.0 if sticks is None else float(np.median(np.diff(run.time))), met, aliasing, lost,
     )  # fmt: skip
 
 

@@ -24,7 +24,6 @@ from rig.analysis.recorded.spectrum import (
     Density,
     Line,
     Map,
-    bridge,
     gaps_told,
     peaks,
     short_time,
@@ -32,6 +31,7 @@ from rig.analysis.recorded.spectrum import (
     welch,
 )
 from rig.errors import UsageError
+from rig.record.even_times import bridge
 from rig.record.run import Reals, Run
 
 DRIVE = "drive"
@@ -141,7 +141,7 @@ def orders(run: Run, name: str = "", over: str = DRIVE, first: float = 0.0, last
     if faults:
         raise UsageError("\n".join(faults))
     signal = found["signal"]
-    v, bridged = bridge(signal)
+    v, bridged = bridge(signal.v)
     t, place, speed = _turned(found["orders"])
     begin, end = _stretch(signal, v, t, speed)
     per = _TURNS[found["orders"].unit][2]
@@ -157,7 +157,7 @@ def orders(run: Run, name: str = "", over: str = DRIVE, first: float = 0.0, last
     return Orders(
         scene_name(run), signal.name, signal.unit, found["orders"].name, per, float(times[0]), float(times[-1]),
         slowest, fastest, top, count * step, density, peaks(density), short * step,
-        Map(at, made.f[kept], made.s[kept]), bridged, signal.told(),
+        Map(at, made.f[kept], made.s[kept]), bridged, signal.notes(),
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from rig.analysis.recorded.series import scene_name
 from rig.analysis.text_table import columns
 from rig.errors import UsageError
 from rig.record.film_points import Points, points_of
-from rig.record.pressure_instants import Instant, telling
+from rig.record.pressure_instants import Instant, characteristic
 from rig.record.run import Reals, Run
 
 MOST = 20
@@ -98,7 +98,7 @@ def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
     if points is None or not set(points.names) <= set(run.signals):
         raise UsageError(f"{scene_name(run)}: this recording has no film whose points open; rig pressure reads runs of "
                          f"the plant plate with a slider and film.opens = true, as of the scene plate")  # fmt: skip
-    found = _asked(run, at) if at else telling(run)
+    found = _asked(run, at) if at else characteristic(run)
     rows = [instant.sample for instant in found]
     names = (*points.names, "contact_fraction", "pressure_centre_x", "pressure_centre_y", "normal_force")
     picked = {name: run.signals[name][rows] for name in names}

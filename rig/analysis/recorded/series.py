@@ -1,25 +1,30 @@
-"""One signal of a recording on an even grid of times. Samples that were lost or dropped out are NaN and counted."""
+"""One channel of a recording on an even grid of times: a measurement, a plant output, or the commands to an actuator.
+
+Samples that were lost or dropped out are NaN and counted.
+"""
 
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from rig.errors import UsageError
+from rig.errors import Untrusted, UsageError
 from rig.plants import plate
+from rig.record.commands import commanded, held, unit_of
+from rig.record.even_times import gaps, increasing, places
 from rig.record.film_points import listed, read
-from rig.record.run import Integers, Reals, Run, Samples
+from rig.record.names import MEASURED, TRUE, signals, unknown
+from rig.record.roles import drives
+from rig.record.run import Reals, Run, Samples
 from rig.scenes.scene import Scene
 
-MEASURED, TRUE = "meas/", "truth/"
-"""Prefix of a name that a sensor and a plant output share: it selects the output."""
 _VIBRATION = ("m/s^2", "m/s", "Pa", "m")
 """Units of a vibration, the most informative first."""
 _WHOLE = 0.99
 """Share of the plant's steps: an output with fewer recorded steps counts as decimated."""
-_DRIVES = ("disc_speed", "surface_speed")
 
 
 @dataclass(frozen=True)
@@ -54,100 +59,103 @@ class Series:
     @property
     def gaps(self) -> list[tuple[int, int]]:
         """The gaps: index of the first missing sample and of the sample after the last one."""
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], ~np.isfinite(self.v), [False]))))
-        return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+        return gaps(self.v)
 
-    def told(self) -> str:
+    def notes(self) -> str:
         """Return the missing samples and the note, in words; "" if there is neither."""
         if not self.missing:
             return self.note
         longest = max(b - a for a, b in self.gaps)
-        gaps = (
+        lost = (
             f"{self.missing} of {self.v.size} samples of {self.name} are missing, in {len(self.gaps)} gaps; "
             f"the longest takes {longest / self.rate:.3g} s"
         )
-        return "; ".join(filter(None, (gaps, self.note)))
-
-
-def places(t_ns: Integers) -> Integers:
-    """Return the index of each sample from its time [ns], the first being 0; samples may be missing, times are
-    rounded.
-    """
-    gaps = np.diff(t_ns)
-    if not gaps.size:
-        return np.zeros(t_ns.size, np.int64)
-    period = gaps[gaps < 1.5 * gaps.min()].mean()
-    return np.concatenate([[0], np.cumsum(np.rint(gaps / period))]).astype(np.int64)
+        return "; ".join(filter(None, (lost, self.note)))
 
 
 def known(run: Run) -> dict[str, str]:
-    """Return name and unit of every sensor and plant output of a recording."""
-    found = {name: run.units.get(MEASURED + name, "") for name in run.measurements}
-    return found | {TRUE * (name in found) + name: run.units.get(name, "") for name in run.signals}
+    """Return name and unit of every sensor, plant output and commanded actuator of a recording."""
+    return signals(run) | {name: unit_of(run, name) for name in commanded(run)}
 
 
 def vibration(run: Run) -> str:
     """Return the default signal: a sensor of a vibration if there is one, else an output. Raises UsageError without
     any.
     """
-    drives = {name for name, reads in _reads(run).items() if reads in _DRIVES}
+    driven = []
+    with suppress(Untrusted):
+        driven = drives(run)
+    others = {*driven, *(name for name, reads in _reads(run).items() if reads in driven)}
     for prefix, names in ((MEASURED, run.measurements), (TRUE, run.signals)):
         units = {name: run.units.get(name if prefix == TRUE else prefix + name, "") for name in names}
         for unit in _VIBRATION:
-            fitting = [name for name in units if units[name] == unit and name not in drives and name not in _DRIVES]
+            fitting = [name for name in units if units[name] == unit and name not in others]
             if fitting:
                 return prefix + fitting[0]
     raise UsageError(f"no signal of this recording is a vibration ({', '.join(_VIBRATION)}); name one: {_listed(run)}")
 
 
 def drive(run: Run) -> str:
-    """Return the output that holds the speed of the drive. Raises UsageError for a recording without one."""
-    found = next((TRUE + name for name in _DRIVES if name in run.signals), "")
-    if not found:
-        raise UsageError(f"this recording has no {' or '.join(_DRIVES)}; name the signal: {_listed(run)}")
-    return found
+    """Return the output that holds the speed of the drive.
+
+    Raises UsageError for a recording without one, or without its scene, and Untrusted as `drives` does.
+    """
+    if found := drives(run):
+        return TRUE + found[0]
+    lost = "" if run.scene else " (the recording has lost its scene)"
+    raise UsageError(f"no output is known to be the speed of a drive{lost}; name one: {_listed(run)}")
 
 
 def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) -> Series:
-    """Return signal `name` of `run` from `first` to `last` [s]: a sensor, or an output of the plant.
+    """Return channel `name` of `run` from `first` to `last` [s]: a sensor, an output of the plant, or an actuator.
 
-    If both have that name, the sensor is returned; `truth/NAME` selects the output. Raises UsageError for an unknown
-    name and for less than two samples.
+    If a sensor and an output have that name, the sensor is returned; `truth/NAME` selects the output. An actuator is
+    the command of a controller in force at every frame. Raises UsageError for an unknown name and for less than two
+    samples.
     """
-    plain, samples = _samples(run, name)
+    plain, samples, unit = _samples(run, name)
     t = samples.t_ns * 1e-9
     here = (t >= first) & (t <= last)
     t_ns, v = samples.t_ns[here], np.where(np.isfinite(samples.v[here]), samples.v[here], np.nan)
     if t_ns.size < 2 or not np.isfinite(v).any():
-        raise UsageError(f"{plain}: {np.isfinite(v).sum()} samples from {first:g} s to {last:g} s; "
+        end = f"{last:g} s" if last < np.inf else "the end"
+        number = int(np.isfinite(v).sum())
+        raise UsageError(f"{plain}: {number} sample{'s' * (number != 1)} from {first:g} s to {end}; "
                          f"the recording ends at {run.time[-1] if run.time.size else 0.0:g} s")  # fmt: skip
+    if not increasing(t_ns):
+        raise UsageError(f"{plain}: its times do not increase")
     at = places(t_ns)
     grid = np.full(int(at[-1]) + 1, np.nan)
     grid[at] = v
     rate = 1e9 * int(at[-1]) / int(t_ns[-1] - t_ns[0])
-    output = name.startswith(TRUE) or plain not in run.measurements
+    output = plain in run.signals and (name.startswith(TRUE) or plain not in run.measurements)
     note = ""
     if output and rate * run.step_ns * 1e-9 < _WHOLE:
         note = (f"{plain} is an output of the plant, recorded at {rate:.4g} Hz and not filtered: vibration above "
                 f"{0.5 * rate:.4g} Hz is aliased; a sensor keeps all of its samples")  # fmt: skip
     else:
         note = _folded(run, plain, output, rate)
-    return Series(
-        plain, run.units.get(plain if output else MEASURED + plain, ""), rate, float(t_ns[0] * 1e-9), grid, note
-    )
+    return Series(plain, unit, rate, float(t_ns[0] * 1e-9), grid, note)
 
 
-def _samples(run: Run, name: str) -> tuple[str, Samples]:
+def same(run: Run, one: str, other: str) -> bool:
+    """Return whether two names of `run` are one channel: a sensor may share its name with an output. Raises UsageError
+    for an unknown name.
+    """
+    return one == other or _samples(run, one)[1].v is _samples(run, other)[1].v
+
+
+def _samples(run: Run, name: str) -> tuple[str, Samples, str]:
+    """Name without prefix, samples and unit of a channel."""
     plain = name.removeprefix(MEASURED).removeprefix(TRUE)
     if plain in run.measurements and not name.startswith(TRUE):
-        return plain, run.measurements[plain]
+        return plain, run.measurements[plain], run.units.get(MEASURED + plain, "")
     if plain in run.signals and not name.startswith(MEASURED):
-        return plain, Samples(np.rint(run.time * 1e9).astype(np.int64), run.signals[plain])
-    from difflib import get_close_matches
-
-    near = get_close_matches(name, known(run), 3, 0.5)
-    hint = f"did you mean {', '.join(near)}? " if near else ""
-    raise UsageError(f"no {name!r} in this recording: {hint}known: {_listed(run)}")
+        samples = Samples(np.rint(run.time * 1e9).astype(np.int64), run.signals[plain])
+        return plain, samples, run.units.get(plain, "")
+    if name in commanded(run):
+        return name, held(run, name), unit_of(run, name)
+    raise unknown(name, known(run))
 
 
 def _folded(run: Run, name: str, output: bool, rate: float) -> str:

@@ -19,11 +19,11 @@ from rig.analysis.recorded.series import Series, scene_name, series, squared, vi
 from rig.analysis.recorded.windows import slowest
 from rig.analysis.text_table import columns
 from rig.errors import UsageError
+from rig.record.even_times import BRIDGED, bridge
 from rig.record.run import Reals, Run
 
 FEWEST = 32
 """Samples in a window."""
-_BRIDGED = 4  # samples: the longest gap that a line bridges
 _OF_DENSITY, _OF_MAP = 8, 80  # default number of windows in the recording
 _PERIODS = 5.0
 """Smallest number of periods of the slowest strong vibration in a default window of the spectrogram."""
@@ -140,40 +140,34 @@ def spectrum(
         hertz = slowest(found)
         periods = math.ceil(_PERIODS * found.rate / hertz) if hertz else 0
         short = min(max(found.v.size // _OF_MAP, periods, FEWEST), count)
-    v, bridged = bridge(found)
+    v, bridged = bridge(found.v)
     density = welch(v, found.rate, count)
     if not density.windows:
         raise UsageError(
-            f"{found.name}: every window of {count / found.rate:.4g} s has gaps; {found.told()}. Take a shorter window "
-            "or another range of time"
+            f"{found.name}: every window of {count / found.rate:.4g} s has gaps; {found.notes()}. Take a shorter "
+            "window or another range of time"
         )
     return Spectrum(
         scene_name(run), found.name, found.unit, found.rate, found.start, found.seconds, count / found.rate, density,
-        peaks(density), short / found.rate, short_time(v, found.rate, short, found.start), bridged, found.told(),
+        peaks(density), short / found.rate, short_time(v, found.rate, short, found.start), bridged, found.notes(),
     )  # fmt: skip
 
 
 def length(found: Series, window: float | None) -> int:
     """Return the samples of a window of `window` [s], or of the default window. Raises UsageError."""
+    if found.v.size < FEWEST:
+        raise UsageError(
+            f"{found.name}: {found.v.size} samples at {found.rate:g} Hz; a spectrum needs at least {FEWEST}. Take a "
+            "longer range of time or a faster channel"
+        )
     if window is None:
-        return min(max(found.v.size // _OF_DENSITY, FEWEST), found.v.size)
+        return max(found.v.size // _OF_DENSITY, FEWEST)
     if not FEWEST / found.rate * (1.0 - 1e-9) <= window <= found.seconds * (1.0 + 1e-9):
         raise UsageError(
             f"window {window:g} s: must be {FEWEST / found.rate:g} s ({FEWEST} samples of {found.name} at "
             f"{found.rate:g} Hz) to {found.seconds:g} s (the recording)"
         )
     return min(round(window * found.rate), found.v.size)
-
-
-def bridge(found: Series) -> tuple[Reals, int]:
-    """Interpolate short gaps linearly; return the samples and the number of interpolated ones."""
-    v, bridged = found.v.copy(), 0
-    known = np.flatnonzero(np.isfinite(v))
-    for a, b in found.gaps:
-        if b - a <= _BRIDGED and 0 < a and b < v.size:
-            v[a:b] = np.interp(np.arange(a, b), known, found.v[known])
-            bridged += b - a
-    return v, bridged
 
 
 def welch(v: Reals, rate: float, count: int) -> Density:
@@ -254,5 +248,5 @@ def gaps_told(gaps: str, bridged: int, left_out: int) -> Iterator[str]:
     if gaps:
         yield f"  {gaps}"
     if bridged or left_out:
-        yield (f"  {bridged} of them are bridged by lines over gaps of up to {_BRIDGED} samples; "
+        yield (f"  {bridged} of them are bridged by lines over gaps of up to {BRIDGED} samples; "
                f"{left_out} windows with longer gaps are left out")  # fmt: skip

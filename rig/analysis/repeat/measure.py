@@ -16,8 +16,9 @@ import numpy as np
 
 from rig.analysis.amplitude import index
 from rig.analysis.recorded.series import series, vibration
-from rig.analysis.recorded.spectrum import bridge, welch
+from rig.analysis.recorded.spectrum import welch
 from rig.errors import UsageError
+from rig.record.even_times import bridge
 from rig.record.run import Run
 from rig.record.statistics import OPENINGS, first_opening, statistics, whole_signals
 
@@ -86,5 +87,5 @@ def _density(run: Run, begin: float) -> tuple[str, str, tuple[float, ...], tuple
         return "", "", (), ()
     if found.v.size < _WINDOWS * _WINDOW:
         return "", "", (), ()
-    density = welch(bridge(found)[0], found.rate, _WINDOW)
+    density = welch(bridge(found.v)[0], found.rate, _WINDOW)
     return found.name, found.unit, tuple(density.f.tolist()), tuple(density.s.tolist())

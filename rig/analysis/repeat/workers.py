@@ -13,7 +13,7 @@ from pathlib import Path
 from rig.analysis.repeat.measure import Seen, measure
 from rig.bench.simulate import simulate
 from rig.child_process import Child, end
-from rig.errors import WorkerError
+from rig.errors import ExitCode, WorkerError
 from rig.scenes.scene import Scene
 
 _LOOK = 0.05  # s
@@ -65,7 +65,7 @@ def work(
         while any(child.code is None for child in children) and not (why := stop()):
             time.sleep(_LOOK)
             progress(1 + len(list(folder.glob("*.seen"))), total)
-            if lost := [child.told for child in children if child.code]:
+            if lost := [child.ending for child in children if child.code]:
                 raise WorkerError("; ".join(lost))
     finally:
         end(children, 0.0)
@@ -89,7 +89,7 @@ def main() -> None:
             draft.write_text(json.dumps(job.run(seed).to_json()))
             draft.replace(folder / f"{seed}.seen")
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(ExitCode.INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
-"""The sound at a microphone: level, spectrum and squeals, as numbers, a picture and a WAV file.
+"""The sound at a microphone: level, spectrum and squeals, as numbers and a picture.
 
 hearing    level, short-time spectrum, squeals
-wav        an audio file
 figure     a picture
 """
 

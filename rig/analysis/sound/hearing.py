@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.recorded.series import places, scene_name
+from rig.analysis.recorded.series import scene_name
 from rig.errors import UsageError
+from rig.record.even_times import increasing, places
 from rig.record.run import Run
 
 Reals = NDArray[np.float64]
@@ -146,6 +147,8 @@ def hear(run: Run, channel: str = "") -> Sound:
     channel = channel or _microphone(run)
     unit = _unit(run, channel)
     t_ns, raw = run.measurements[channel]
+    if not increasing(t_ns):
+        raise UsageError(f"{channel}: its times do not increase")
     at = places(t_ns)
     rate = 1e9 * int(at[-1]) / int(t_ns[-1] - t_ns[0]) if t_ns.size > 1 else 0.0
     length = round(WINDOW * rate)
@@ -185,11 +188,11 @@ def _microphone(run: Run) -> str:
     if found:
         return found[0]
     others = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
-    told = ", ".join(f"{name} [{unit}]" for name, unit in others.items()) or "none"
+    sensors = ", ".join(f"{name} [{unit}]" for name, unit in others.items()) or "none"
     near = next((name for name, unit in others.items() if unit in REFERENCE), "")
-    instead = f", or listen to another sensor: --channel {near}" if near else ""
+    instead = f", or listen to another sensor: --signal {near}" if near else ""
     raise UsageError(
-        f"no sensor of this recording reads sound pressure [Pa]; its sensors: {told}. "
+        f"no sensor of this recording reads sound pressure [Pa]; its sensors: {sensors}. "
         f"Give the scene a microphone ([sensors.microphone]){instead}"
     )
 

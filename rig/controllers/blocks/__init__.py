@@ -1,7 +1,8 @@
-"""What controllers are built from.
+"""Building blocks of controllers.
 
-base       what a controller is; change of parameters while it works
-velocity   the velocity fed back: measured or observed, filtered, predicted
+base       the protocol of controllers; change of parameters during a run
+design     the design step and the linear form of a controller
+velocity   the velocity for a feedback: measured or observed, filtered, predicted
 observer   a Kalman observer as plain arithmetic
 resonator  a narrow band of a signal: amplitude, phase, frequency
 feedback   feedback of a velocity to one actuator

@@ -1,17 +1,17 @@
-"""What a controller is: a pure object that turns measurements into commands, and nothing else.
+"""The protocol of controllers: a pure object that computes commands from measurements.
 
-A controller holds numbers only. Its state goes in and comes out of `update`, so that the same object serves a sweep
-in one process, a process of its own on the bus, a replay and a property test:
+A controller contains only numbers. `update` takes its state and returns the next one, so the same object works in a
+sweep in one process, in its own process on the bus, in a replay and in a property test:
 
     state, commands = controller.update(state, t_ns, values)
 
-`values` [unit of each sensor] come in the order of `reads`, commands [unit of each actuator] go out in the order of
-`drives`, t_ns is simulated time. Values are finite: `loop.Loop`, which runs a controller, sees to that.
+`values` [unit of each sensor] are in the order of `reads`, commands [unit of each actuator] in the order of `drives`;
+t_ns is simulated time. Values are finite, which `loop.Loop` ensures.
 
-A controller with `every_sample = True` gets, in place of the latest sample of each sensor, all that were published in
-the last frame, as a tuple; its period is one frame. A sensor at 50 kHz is heard so by a loop at 1 kHz.
+A controller with `every_sample = True` gets a tuple of all samples of each sensor published in the last frame, instead
+of the latest one; its period is one frame. In this way a loop at 1 kHz reads a sensor at 50 kHz.
 
-A controller whose class takes `(section, numbers)` and keeps the section can be retuned while it works.
+A controller whose class takes `(section, numbers)` and stores the section can be retuned during a run.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ State = Any
 
 @runtime_checkable
 class Controller(Protocol):
-    """State in, state out; reads sensors, drives actuators, every `period_ns` of simulated time."""
+    """A controller that reads sensors and drives actuators every `period_ns` of simulated time."""
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """Names of the sensors read."""
+        """Names of the sensors that it reads."""
 
     @property
     def drives(self) -> tuple[str, ...]:
-        """Names of the actuators driven."""
+        """Names of the actuators that it drives."""
 
     @property
     def period_ns(self) -> int:
@@ -52,7 +52,7 @@ class Controller(Protocol):
         """The state before the first update."""
 
     def update(self, state: State, t_ns: int, values: Values) -> tuple[State, Values]:
-        """State and commands after the measurements of time t_ns; `state` itself is not changed."""
+        """Next state, and commands for the measurements of time t_ns [ns]; `state` itself is not changed."""
 
 
 C = TypeVar("C", bound=Controller)
@@ -70,9 +70,9 @@ ForcePerSpeed = quantity("N*s/m")
 
 
 class ControllerSection(Section):
-    """What every controller of a scene states: its period, the delay that the stand adds to its loop, where it works.
+    """The keys of every controller of a scene: period, additional delay of its loop, process in which it works.
 
-    where     works in a live run: "process", one of its own, over the bus, or "plant", that of the plant [chosen]
+    where     process in a live run: "process" (its own, over the bus) or "plant" (the process of the plant) [chosen]
     """
 
     fixed: ClassVar[frozenset[str]] = frozenset({"kind", "period", "delay", "where"})
@@ -83,13 +83,13 @@ class ControllerSection(Section):
 
 
 def retune(controller: C, changes: Mapping[str, object]) -> C:
-    """The same controller with other parameters: all of `changes` or, with a UsageError, none of them.
+    """The same controller with all of `changes` to its parameters. Raises UsageError with the faults of all changes.
 
-    The state of the old controller fits the new one, so the loop goes on without a bump of its own making.
+    The new controller continues from the state of the old one.
     """
     section = getattr(controller, "section", None)
     if not isinstance(section, Section):
-        raise UsageError(f"{type(controller).__name__} has no parameters to tune: it keeps no section")
+        raise UsageError(f"{type(controller).__name__} has no parameters to tune: it has no attribute section")
     known = type(section).model_fields
     fixed: frozenset[str] = getattr(section, "fixed", frozenset())
     faults = [f"{key:.80}: no such parameter{_near(key, known)}" for key in changes if key not in known]
@@ -103,19 +103,19 @@ def retune(controller: C, changes: Mapping[str, object]) -> C:
     return type(controller)(changed, getattr(controller, "numbers", {}))  # type: ignore[call-arg]
 
 
-def hears(controller: Controller | type) -> bool:
-    """Whether a controller gets every sample of its sensors."""
+def gets_every_sample(controller: Controller | type) -> bool:
+    """Whether a controller gets every sample of its sensors, not only the latest one of a frame."""
     return bool(getattr(controller, "every_sample", False))
 
 
 def parameters(controller: Controller) -> dict[str, Any]:
-    """The parameters of a controller, as plain values; none where it keeps no section."""
+    """The parameters of a controller as plain values; empty if it has no section."""
     section = getattr(controller, "section", None)
     return section.model_dump() if isinstance(section, Section) else {}
 
 
 def tunable(controller: Controller) -> dict[str, str]:
-    """The parameters that `retune` can change -> their units."""
+    """Parameters that `retune` can change -> their units."""
     section = getattr(controller, "section", None)
     if not isinstance(section, Section):
         return {}
@@ -124,7 +124,7 @@ def tunable(controller: Controller) -> dict[str, str]:
 
 
 def explain(error: ValidationError) -> list[str]:
-    """One line for each fault of a section: key, what is wrong."""
+    """One line for each fault of a section: key, fault, given value."""
     lines = []
     for fault in error.errors(include_url=False):
         key = ".".join(str(part) for part in fault["loc"]) or "the parameters"

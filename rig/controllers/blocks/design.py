@@ -1,11 +1,11 @@
-"""The design step and the linear form of a controller: what its class may declare, and what it may ask of the rig.
+"""The design step and the linear form of a controller: optional methods of its class, and the rig that they get.
 
     @staticmethod
     def design(rig: Rig, section: ...) -> dict[str, Any]: ...      its numbers, as plain JSON values
-    def linear(self) -> Linear: ...                                its arithmetic, where that is linear within limits
+    def linear(self) -> Linear: ...                                its arithmetic, if that is linear within limits
 
-A class without `design` gets no numbers; one without `linear` has no margins. `design` raises ValueError, "key: what is
-wrong", for a rig that this controller cannot work on.
+A class without `design` gets no numbers; `rig modes` reports no margins for one without `linear`. `design` raises
+ValueError ("key: fault") for a rig on which the controller cannot work.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Actuator(NamedTuple):
-    """The unit of an actuator, and its value at the start."""
+    """An actuator: its unit, and its value at the start."""
 
     unit: str
     value: float
@@ -30,8 +30,8 @@ class Actuator(NamedTuple):
 class Linear(NamedTuple):
     """A controller as a linear map: `step(states, sample) -> (next states, command)`, without its nominal command.
 
-    `states`: how many numbers; all are zero at rest. `gain`: the parameter that the command is proportional to; "" for
-    a controller that has none.
+    `states`: number of states; all are zero at rest. `gain`: name of the parameter to which the command is
+    proportional; "" if there is none.
     """
 
     states: int
@@ -40,14 +40,17 @@ class Linear(NamedTuple):
 
 
 class Feedback(Controller, Protocol):
-    """A controller that has a linear form."""
+    """A controller with a linear form."""
 
     def linear(self) -> Linear:
         """See `Linear`."""
 
 
 class Rig(Protocol):
-    """What the design step may ask of a rig (rig.design.asked). SI throughout; a fault is a ValueError."""
+    """The quantities of a rig for the design step (rig.design.design_rig), in SI units.
+
+    Its methods raise ValueError ("key: fault") if the rig does not have the quantity.
+    """
 
     @property
     def frequency(self) -> float:
@@ -55,17 +58,17 @@ class Rig(Protocol):
 
     @property
     def inertia(self) -> float:
-        """Mass that the contact feels along the friction force [kg]."""
+        """Effective mass at the contact along the friction force [kg]."""
 
     @property
     def surface_speed(self) -> float:
-        """Speed of the surface at the start, without dither [m/s]."""
+        """Surface speed at the start, without dither [m/s]."""
 
     def read_scale(self, sensor: str) -> float:
         """Contact velocity per unit of a sensor that measures a velocity."""
 
     def speed_scale(self, sensor: str) -> float:
-        """Speed of the surface per unit of a sensor that follows the drive."""
+        """Surface speed per unit of a sensor that follows the drive."""
 
     def sample_period(self, sensor: str) -> float:
         """Time between two samples [s]."""
@@ -74,37 +77,42 @@ class Rig(Protocol):
         """The Kalman observer of a section's sensor for the contact velocity (controllers.blocks.observer)."""
 
     def commands_load(self, actuator: str) -> dict[str, float]:
-        """`nominal`: the normal force at the start [N]; `drive_scale`: the command per unit of it."""
+        """Numbers `nominal`: normal force at the start [N]; `drive_scale`: the command per unit of it."""
 
     def commands_surface(self, actuator: str) -> dict[str, float]:
-        """`nominal`: the speed of the surface at the start [m/s]; `drive_scale`: the command per unit of it."""
+        """Numbers `nominal`: surface speed at the start [m/s]; `drive_scale`: the command per unit of it."""
 
     def actuator(self, name: str) -> Actuator | None:
-        """An actuator; None where the rig has none of this name."""
+        """The actuator `name`; None if the rig has none of this name."""
 
     def value(self, key: str) -> Any:
-        """The value of a key of the plant, `piezo.capacitance`, in SI; None where the scene has none."""
+        """The value of a key of the plant, for example `piezo.capacitance`, in SI; None if the scene has none."""
 
     def pushed_by(self, state: str) -> bool:
-        """Whether a state of the rig, `dither.sin`, is a force on the structure."""
+        """Whether a state of the rig, for example `dither.sin`, is a force on the structure."""
 
     def frequencies(self) -> list[float]:
-        """Of the vibrations about steady sliding [Hz], rising."""
+        """Frequencies [Hz] of the vibration modes about steady sliding, ascending."""
 
     def modes(
         self, sensor: str, drive: str, delay: float, low: float, high: float
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Eigenvalues [1/s] of the vibrations between two frequencies [Hz], and of each its residue.
+        """Eigenvalues [1/s] and residues [mode] of the vibration modes between two frequencies [Hz].
 
-        The residue is what the sensor reads of the mode per unit of the command, through lags, instrument and `delay`.
+        The residue is the amplitude of the mode in the sensor per unit of the command, including lags, instrument and
+        `delay` [s].
         """
 
     def closed(self, controller: Feedback, sensor: str, delay: float) -> tuple[float, float]:
-        """Largest growth rate [1/s] and its frequency [Hz] with the loop of a linear controller closed."""
+        """Largest growth rate [1/s] and its frequency [Hz] of the closed loop with a linear controller."""
 
 
-def heard(rig: Rig, section: Any) -> dict[str, Any]:
-    """`sample_period` [s] of the sensor that a controller hears sample by sample."""
+def sampling_numbers(rig: Rig, section: Any) -> dict[str, Any]:
+    """The number `sample_period` [s] for a controller that gets every sample of its sensor.
+
+    Raises ValueError for a sensor that is slower than the controller, or with less than twice the sample rate of the
+    controller's frequency.
+    """
     period = rig.sample_period(section.sensor)
     if period > section.period * 1e-9:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Feedback of a velocity to an actuator: u = nominal + direction gain v, within limits, from a stated time on."""
+"""Proportional feedback of a velocity to an actuator: u = nominal + direction gain v, within limits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rig.errors import UsageError
 
 
 class FeedbackSection(VelocitySection):
-    """Numbers of a proportional feedback; the units of gain, nominal and limits are those of the subclass."""
+    """Parameters of a proportional feedback; the subclass states the units of gain, nominal value and limits."""
 
     gain: float
     nominal: float | None
@@ -32,7 +32,7 @@ class FeedbackSection(VelocitySection):
 
 
 class VelocityFeedback:
-    """State in, state out; the state is that of the velocity path, since the law itself remembers nothing."""
+    """A proportional feedback of a velocity. Its state is that of the velocity path."""
 
     direction: ClassVar[float]
 
@@ -62,11 +62,11 @@ class VelocityFeedback:
         return Linear(self.path.states, step, gain="gain")
 
     def start(self) -> PathState:
-        """Before the first sample."""
+        """The state before the first sample."""
         return self.path.start()
 
     def update(self, state: PathState, t_ns: int, values: Values) -> tuple[PathState, Values]:
-        """The path's new state and the command [unit of the drive]."""
+        """Next state of the velocity path, and the command [unit of the drive]."""
         state, v = self.path.update(state, t_ns, values[0])
         u = self.nominal + self.slope * v if t_ns >= self.enable_ns else self.nominal
         return state, (self.low if u < self.low else self.high if u > self.high else u,)

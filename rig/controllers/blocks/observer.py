@@ -4,9 +4,9 @@
     velocity  v(t + ahead) = c_v exp(A ahead) z+
     advance   z = F z+
 
-z [n] is [positions, velocities, unknown forces]; F [n, n], C [n], L [n], A [n, n], c_v [n] are numbers from the
-design step, which knows the structure and no friction law: friction is the unknown force, a random walk.
-Three states (one oscillator) and four (and the zero of an accelerometer) are written out: three times as fast.
+z [n] is [positions, velocities, unknown forces]; F [n, n], C [n], L [n], A [n, n], c_v [n] are numbers from the design
+step. It uses the structure but no friction law: friction is the unknown force, a random walk. The code for three states
+(one oscillator) and for four (with the zero of an accelerometer) is unrolled, which is three times as fast.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ KEYS = ("transition", "output", "gain", "model", "velocity", "rest")
 
 
 class Observer:
-    """The observer of `numbers`, predicting `ahead` seconds beyond each sample."""
+    """The observer with `numbers` of the design step; it predicts the velocity `ahead` [s] after each sample."""
 
     def __init__(self, numbers: Numbers, ahead: float = 0.0) -> None:
         missing = [key for key in KEYS if key not in numbers]
@@ -45,11 +45,11 @@ class Observer:
         self.update = {3: self._update3, 4: self._update4}.get(n, self._update)
 
     def _start(self, y: float) -> Vector:
-        """The state of a rig that rests where the first sample says."""
+        """The state of a rig at rest at the position of the first sample."""
         return tuple([r * y for r in self.rest])
 
     def skip(self, z: Vector, periods: int) -> Vector:
-        """The state after `periods` without a sample."""
+        """The state after `periods` periods without a sample."""
         for _ in range(periods):
             z = tuple([_dot(row, z) for row in self._free])
         return z
@@ -85,7 +85,7 @@ class Observer:
 
 
 def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Vector:
-    """The row `row exp(matrix time)`: Taylor series of a part of the time, squared up to the whole."""
+    """The row `row exp(matrix time)`, by scaling and squaring of a Taylor series; time in s."""
     a = np.asarray(matrix, dtype=float) * time
     doublings = max(0, int(np.ceil(np.log2(max(np.abs(a).sum(axis=1).max(), 1e-300)))) + 1)
     a /= 2.0**doublings
@@ -100,6 +100,6 @@ def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Vector:
 
 def _dot(a: Vector, b: Vector) -> float:
     total = 0.0
-    for x, y in zip(a, b):  # `sum` rounds another way in newer Pythons
+    for x, y in zip(a, b):  # `sum` rounds differently in newer Python versions
         total += x * y
     return total

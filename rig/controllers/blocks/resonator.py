@@ -1,9 +1,10 @@
-"""A narrow band of a measured signal as one turning number: amplitude, phase and frequency at every sample.
+"""A narrow band of a measurement as one rotating complex number: amplitude, phase and frequency at every sample.
 
     z <- p z + 2 (1 - |p|) y       p = exp((-w_b + i w_0) T)
 
-A complex pole at the centre w_0, half as wide as `bandwidth` to either side. For y = a cos(w_0 t + phi) it settles on
-z = a exp(i (w_0 t + phi)): |z| is the amplitude without the ripple of a rectifier, and how fast z turns the frequency.
+A complex pole at the centre frequency w_0 with half of `bandwidth` to either side. For y = a cos(w_0 t + phi) it
+settles on z = a exp(i (w_0 t + phi)): |z| is the amplitude without the ripple of a rectifier, and the angular velocity
+of z is the frequency.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections.abc import Sequence
 
 
 class Resonator:
-    """Centre and bandwidth (-3 dB, both sides together) [Hz] at sample period `period` [s]. The state is one number."""
+    """A band-pass with centre and bandwidth (-3 dB, both sides) [Hz] at `period` [s]. The state is one number z."""
 
     __slots__ = ("gain", "period", "pole")
 
@@ -24,7 +25,7 @@ class Resonator:
         self.gain = 2.0 * (1.0 - abs(self.pole))
 
     def run(self, z: complex, samples: Sequence[float]) -> tuple[complex, float, complex]:
-        """After many samples: the state, its mean square, and the sum of z_k conj(z_k-1), which turns by w T."""
+        """State after `samples`, mean of |z|^2, and sum of z_k conj(z_k-1), whose angle is w T."""
         pole, gain = self.pole, self.gain
         square, turned = 0.0, 0j
         for y in samples:

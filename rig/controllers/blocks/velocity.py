@@ -1,12 +1,12 @@
-"""The velocity that a feedback acts on: measured or observed, filtered, and predicted over the delay of its loop.
+"""The velocity for a feedback: measured or observed, filtered, and predicted over the delay of its loop.
 
     measured   v = scale y
     observed   v = observer of a displacement, an angle or an acceleration, predicted by the model
     filter     s += (1 - exp(-2 pi f T)) (v - s)                                       first-order low-pass
     predicted  v(t + tau) = p s(t) + r l(t)       with the lagging copy  l += b (s - l),  b = 1 - exp(-w T)
 
-p and r make the prediction exact for an oscillation of frequency w: p + r H(w) = exp(i w tau), where H is the response
-of the lagging copy, a quarter of a period behind in its quadrature. One state, and no more noise than sqrt(2).
+p and r make the prediction exact for an oscillation of frequency w: p + r H(w) = exp(i w tau), where H is the frequency
+response of the lagging copy. The prediction has one state and amplifies noise at most by sqrt(2).
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from rig.errors import UsageError
 from rig.quantities import Second
 
 PathState = tuple[Vector, int, float, float]
-GAP = 1000  # periods without an update that an observer bridges; beyond, it starts anew
+GAP = 1000  # longest gap that an observer bridges [periods]; after a longer one it starts again
 
 
 class VelocitySection(ControllerSection):
-    """Where the velocity comes from, for a controller that feeds it back."""
+    """Parameters of the velocity path of a feedback controller."""
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "velocity", "unknown_force", "drive"}
 
@@ -41,7 +41,7 @@ class VelocitySection(ControllerSection):
 
 
 def designed(rig: Rig, section: VelocitySection) -> dict[str, Any]:
-    """Numbers of a path: `frequency`, and its `observer` or the `read_scale` of its sensor."""
+    """Numbers of a velocity path: `frequency` [Hz], and its `observer` or the `read_scale` of its sensor."""
     found: dict[str, Any] = {"frequency": rig.frequency}
     if section.velocity == "observed":
         found["observer"] = rig.observer(section)
@@ -51,7 +51,7 @@ def designed(rig: Rig, section: VelocitySection) -> dict[str, Any]:
 
 
 class VelocityPath:
-    """From one sensor to the velocity `compensation` seconds ahead."""
+    """The path from one sensor to the velocity predicted by `compensation` [s]."""
 
     def __init__(self, section: VelocitySection, numbers: Numbers) -> None:
         self.period_ns = section.period
@@ -61,7 +61,7 @@ class VelocityPath:
         ahead = section.compensation
         if section.velocity == "observed":
             if "observer" not in numbers:
-                raise UsageError("velocity = 'observed' needs an observer from the design step; there is none here")
+                raise UsageError("velocity = 'observed' needs an observer from the design step, and it gave none")
             self.observer = Observer(numbers["observer"], ahead)
             ahead = 0.0
         self.smoothing = 1.0 if section.filter is None else -math.expm1(-2.0 * math.pi * section.filter * period)
@@ -73,11 +73,11 @@ class VelocityPath:
             raise UsageError("compensation: needs the frequency of the oscillation to predict a measured velocity")
 
     def start(self) -> PathState:
-        """Before the first sample."""
+        """The state before the first sample."""
         return (), -1, 0.0, 0.0
 
     def update(self, state: PathState, t_ns: int, y: float) -> tuple[PathState, float]:
-        """New state and velocity [m/s] from the sample y of time t_ns."""
+        """Next state, and velocity [m/s] from the sample y of time t_ns [ns]."""
         z, expected, smooth, lag = state
         if self.observer is None:
             v = self.scale * y
@@ -94,17 +94,17 @@ class VelocityPath:
 
     @property
     def states(self) -> int:
-        """Numbers that `linear` carries along."""
+        """Number of states of `linear`."""
         return (0 if self.observer is None else len(self.observer.start(0.0))) + 2
 
     def linear(self, xi: Sequence[float], y: float) -> tuple[Sequence[float], float]:
-        """`update` over numbers: the states after a sample, and the velocity."""
+        """The linear form of `update`: the states after a sample, and the velocity."""
         (z, _, smooth, lag), v = self.update((tuple(xi[:-2]), 0, xi[-2], xi[-1]), 0, y)
         return [*z, smooth, lag], v
 
 
 def lead(w: float, period: float, ahead: float) -> tuple[float, float, float]:
-    """Constants b, p, r of the prediction of an oscillation of w [rad/s] by `ahead` [s]."""
+    """Constants b, p, r of the prediction by `ahead` [s] of an oscillation of w [rad/s], sampled every `period` [s]."""
     b = -math.expm1(-w * period)
     response = b / (1.0 - (1.0 - b) * cmath.exp(-1j * w * period))
     r = math.sin(w * ahead) / response.imag if ahead else 0.0

@@ -1,8 +1,8 @@
-"""What runs a controller.
+"""The code that runs controllers.
 
-loop       a controller at work: state, command in force, values that are no numbers
-process    a process of its own
-service    its events and parameters on the bus
+loop       a controller in operation: state, command in force, handling of values that are not finite
+process    a controller in its own process
+service    events and parameters of a controller on the bus
 file       a user's own controller from a file
-native     a controller whose `update` is compiled: `translate` and `body` turn it into text for a compiler
+native     a controller with compiled `update`; `translate` and `body` write its source text for the compiler
 """

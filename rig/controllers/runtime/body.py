@@ -1,6 +1,6 @@
-"""The body of one method or function as text for a compiler: numbers by their place, calls by names, no object.
+"""Translates the body of one method or function for the compiler: numbers by index, calls by name, without objects.
 
-What there is no translation for raises Untranslatable. Conditions that are known when translating are decided.
+Raises Untranslatable for code without a translation. Conditions that are known during the translation are resolved.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _REFUSED = (
 
 
 class Untranslatable(Exception):
-    """What there is no translation for."""
+    """The code has no translation."""
 
 
 class Whole(Protocol):
@@ -36,20 +36,20 @@ class Whole(Protocol):
     names: dict[str, Any]
 
     def look(self, path: Path) -> Any:
-        """What a path leads to, of which the text now depends."""
+        """The object at a path, on which the text then depends."""
 
     def place(self, path: Path, size: int) -> int:
-        """The first word of a number."""
+        """The index of the first word of the number at a path."""
 
     def function(self, function: Any, owner: Path | None) -> str:
-        """The name of a function that is translated; of a method of what is at `owner`."""
+        """The name of a translated function, or of a method of the object at `owner`."""
 
     def object(self, path: Path) -> Any:
-        """What a path leads to."""
+        """The object at a path."""
 
 
 class Body(ast.NodeTransformer):
-    """The text of one function: what it reads of its object by words, what it calls by names."""
+    """The text of one function: it reads attributes of its object as words and calls functions by name."""
 
     def __init__(self, whole: Whole, function: FunctionType, own: str, owner: Path, stores: Counter[str]) -> None:
         """`stores`: arguments and local names, and how often each gets a value."""
@@ -62,12 +62,12 @@ class Body(ast.NodeTransformer):
         self.bound: list[dict[str, ast.expr]] = []
 
     def statement(self, node: ast.stmt) -> list[ast.stmt]:
-        """What becomes of a statement."""
+        """The translation of a statement."""
         made = self.visit(node)
         return [] if made is None else made if isinstance(made, list) else [made]
 
     def generic_visit(self, node: ast.AST) -> ast.AST:
-        """Everything that needs no word of its own."""
+        """Nodes without a special translation."""
         if isinstance(node, _REFUSED):
             raise Untranslatable(f"{type(node).__name__} (line {getattr(node, 'lineno', 0)})")
         return super().generic_visit(node)
@@ -82,7 +82,7 @@ class Body(ast.NodeTransformer):
         return None
 
     def value(self, path: Path) -> ast.expr:
-        """An expression for what is at a path."""
+        """An expression for the value at a path."""
         value = self.whole.look(path)
         if value is None or isinstance(value, str):
             return ast.Constant(value)
@@ -136,7 +136,7 @@ class Body(ast.NodeTransformer):
         return node
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
-        """A method of a part of the object, a function of the module; what makes a tuple is written out."""
+        """A call of a method or of a function of the module; a call that makes a tuple becomes its entries."""
         if isinstance(node.func, ast.Name) and node.func.id == "tuple" and len(node.args) == 1:
             if isinstance(node.args[0], ast.ListComp | ast.GeneratorExp):
                 return self.visit(node.args[0])  # type: ignore[no-any-return]
@@ -160,7 +160,7 @@ class Body(ast.NodeTransformer):
         return ast.Call(ast.Name(name, ast.Load()), given, [])
 
     def plain_call(self, node: ast.Call) -> ast.AST:
-        """A call of what needs no translation; a record gets all its fields in their order."""
+        """A call that needs no translation; a record gets all its fields in order."""
         name = node.func.id if isinstance(node.func, ast.Name) else ""
         if name == "len" and isinstance(node.args[0], ast.Name) and node.args[0].id == self.values:
             return ast.Constant(len(self.whole.look(("reads",))))
@@ -176,7 +176,7 @@ class Body(ast.NodeTransformer):
         return made
 
     def visit_ListComp(self, node: ast.ListComp | ast.GeneratorExp) -> ast.AST:
-        """A tuple of as many entries as what it runs over has, of which one length must be known."""
+        """A comprehension as a tuple of its entries; the length of one of the iterated tuples must be known."""
         (over,) = node.generators if len(node.generators) == 1 else (None,)
         if over is None or over.ifs or over.is_async:
             raise Untranslatable("a comprehension with conditions")
@@ -203,11 +203,11 @@ class Body(ast.NodeTransformer):
         return ast.Tuple(entries, ast.Load())
 
     def visit_GeneratorExp(self, node: ast.GeneratorExp) -> ast.AST:
-        """The same."""
+        """A generator expression, translated as a list comprehension."""
         return self.visit_ListComp(node)
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST | None:
-        """A local name for a part of the object is that path from here on."""
+        """An assignment; a local name for a part of the object represents that path afterwards."""
         target, value = node.targets[0], node.value
         if len(node.targets) == 1 and isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
             pairs = list(zip(target.elts, value.elts, strict=True))
@@ -222,11 +222,11 @@ class Body(ast.NodeTransformer):
             return None
         stored = {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
         if stored & self.objects.keys():
-            raise Untranslatable(f"{', '.join(stored)} is used anew")
+            raise Untranslatable(f"{', '.join(stored)} is assigned again")
         return self.generic_visit(node)
 
     def part(self, target: ast.expr, value: ast.expr) -> bool:
-        """Whether a name is given to a part of the object that is no number."""
+        """Whether the assignment names a part of the object that is not a number."""
         path = self.path(value)
         if path is None or not isinstance(target, ast.Name):
             return False
@@ -239,29 +239,29 @@ class Body(ast.NodeTransformer):
         return True
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST | None:
-        """Without its annotation."""
+        """An annotated assignment, without its annotation."""
         if node.value is None:
             return None
         return self.visit(ast.copy_location(ast.Assign([node.target], node.value), node))  # type: ignore[no-any-return]
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
-        """No docstring."""
+        """An expression statement; docstrings are dropped."""
         return None if isinstance(node.value, ast.Constant) else self.generic_visit(node)
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        """No powers."""
+        """A binary operation; powers have no translation."""
         if isinstance(node.op, ast.Pow | ast.MatMult):
             raise Untranslatable("a power")
         return self.generic_visit(node)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
-        """No powers."""
+        """An augmented assignment; powers have no translation."""
         if isinstance(node.op, ast.Pow | ast.MatMult):
             raise Untranslatable("a power")
         return self.generic_visit(node)
 
     def visit_Compare(self, node: ast.Compare) -> ast.AST:
-        """What is known when translating, such as `self.observer is None`, is decided."""
+        """A comparison; one that is known during the translation, such as `self.observer is None`, is resolved."""
         left, right = node.left, node.comparators[0]
         if len(node.ops) == 1 and isinstance(node.ops[0], ast.Is | ast.IsNot):
             path = self.path(left)
@@ -275,14 +275,14 @@ class Body(ast.NodeTransformer):
         return made
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.AST:
-        """`not` of what is known."""
+        """A unary operation; `not` of a known condition is resolved."""
         made = self.generic_visit(node)
         if isinstance(made, ast.UnaryOp) and isinstance(made.op, ast.Not) and isinstance(made.operand, ast.Constant):
             return ast.Constant(not made.operand.value)
         return made
 
     def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
-        """Only what is left of a condition that is known."""
+        """A condition; of a known one only the branch that is taken."""
         test = self.visit(node.test)
         if isinstance(test, ast.Constant):
             return [made for one in (node.body if test.value else node.orelse) for made in self.statement(one)]
@@ -290,7 +290,7 @@ class Body(ast.NodeTransformer):
         return ast.If(test, body or [ast.Pass()], other)
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
-        """The same in an expression."""
+        """A conditional expression; of a known condition only the value that is taken."""
         test = self.visit(node.test)
         if isinstance(test, ast.Constant):
             return self.visit(node.body if test.value else node.orelse)  # type: ignore[no-any-return]

@@ -8,7 +8,8 @@
         def start(self): ...
         def update(self, state, t_ns, values): ...
 
-The file is checked before it is let near a rig: by one update on zeros, and with Parameters by a retune and another.
+The file is checked before it runs with a rig: by one update with zeros, and with Parameters by a retune and a second
+update.
 """
 
 from __future__ import annotations
@@ -16,46 +17,45 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from rig.controllers import build, class_of, module_of, parameters_of
-from rig.controllers.blocks.base import Controller, hears
+from rig.controllers.blocks.base import Controller, Numbers, explain, gets_every_sample
 from rig.controllers.runtime.loop import Loop
-from rig.errors import UsageError
-from rig.parts import Code, told, trust
+from rig.errors import PartError, UsageError
+from rig.parts import Code, calling, trust
 from rig.quantities import Section, brief
 
 
 def load_file(path: str | Path) -> Controller:
-    """The controller of a file. Raises UsageError with the line or the part that is wrong."""
+    """Load the controller of a file. Raises UsageError with the line or the attribute that is wrong."""
     path = Path(path)
     code = Code.read(path)
     trust([code])
     module = code.module(path)
     make, parameters = class_of(module), parameters_of(module)
     try:
-        controller = make() if parameters is None else make(parameters(), {})
-        faults = _faults(controller) or ([] if parameters is None else _untunable(controller))
-    except Exception as error:
-        raise UsageError(told(error) or f"{path}: {type(error).__name__}: {error}") from error
+        with calling(module, ValidationError):
+            controller = make() if parameters is None else make(parameters(), {})
+            faults = _faults(controller) or ([] if parameters is None else _untunable(controller))
+    except ValidationError as error:  # without a scene, every parameter has its default
+        faults = [f"{error.title}.{line}" for line in explain(error)]
     if faults:
         raise UsageError("\n".join(f"{path}: {fault}" for fault in faults))
     return controller  # type: ignore[no-any-return]
 
 
-def refused(section: Section) -> list[str]:
-    """What keeps a controller from elsewhere, that a scene's section describes, from working, a line each.
-
-    One that has a design step is not tried, because it needs numbers.
-    """
-    if hasattr(module_of(section), "design"):
-        return []
+def section_faults(section: Section, numbers: Numbers) -> list[str]:
+    """The faults of a foreign controller that a scene's section describes, one line each; empty if it works."""
     try:
-        return _faults(build(section, {}))
-    except Exception as error:
-        return [told(error) or f"{type(error).__name__}: {error}"]
+        with calling(module_of(section)):
+            return _faults(build(section, numbers))
+    except PartError as error:
+        return [str(error)]
 
 
 def _faults(controller: Any) -> list[str]:
-    """What keeps an object from being a controller."""
+    """The faults of an object that should be a controller, one line each."""
     names = [n for n in ("reads", "drives", "period_ns", "start", "update") if not hasattr(controller, n)]
     if names:
         return [f"Controller has no {name}" for name in names]
@@ -82,14 +82,14 @@ def _faults(controller: Any) -> list[str]:
 
 
 def _zeros(controller: Controller) -> Any:
-    zero = (0.0,) if hears(controller) else 0.0
+    zero = (0.0,) if gets_every_sample(controller) else 0.0
     return tuple(zero for _ in controller.reads)
 
 
 def _untunable(controller: Controller) -> list[str]:
-    """What keeps a controller with Parameters from being retuned."""
+    """The faults of a controller with Parameters that cannot be retuned, one line each."""
     if not isinstance(getattr(controller, "section", None), Section):
-        return ["Controller keeps no section, so its Parameters could not be tuned: self.section = section in __init__"]
+        return ["Controller has no attribute section, so its Parameters cannot be tuned; set self.section in __init__"]
     loop = Loop(controller)
     loop.answer(0, _zeros(controller))
     try:

@@ -1,7 +1,7 @@
-"""A controller at work: its state, the command in force, and what happens to values that are no numbers.
+"""A controller in operation: its state, the command in force, and the handling of values that are not finite.
 
-The plant's own process and a controller's process both run controllers through this class, so that a run in one
-process and a run over the bus treat a missing sample or a faulty controller alike, to the last bit.
+The plant's process and a controller's process both run controllers with this class. Therefore a run in one process and
+a run over the bus handle a missing sample or a faulty controller in the same way, to the last bit.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
-from rig.controllers.blocks.base import Controller, State, Values, hears, retune
+from rig.controllers.blocks.base import Controller, State, Values, gets_every_sample, retune
 from rig.errors import UsageError
 from rig.quantities import brief
 
@@ -26,28 +26,28 @@ def _miscounted(controller: Controller, command: Values) -> UsageError:
 
 
 class Loop:
-    """One controller with its state. `command` is the last good answer, () before the first."""
+    """One controller with its state. `command` is the last finite answer, () before the first."""
 
-    __slots__ = ("command", "controller", "heard", "hears", "held", "refused", "state", "updates")
+    __slots__ = ("command", "controller", "every_sample", "held", "last_input", "refused", "state", "updates")
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
-        self.hears = hears(controller)
+        self.every_sample = gets_every_sample(controller)
         self.state: State = controller.start()
         self.command: Values = ()
-        self.heard: tuple[int, Any] | None = None  # time [ns] and values of the last update
+        self.last_input: tuple[int, Any] | None = None  # time [ns] and values of the last update
         self.updates = 0
-        self.held = 0  # ticks without an update, because a value was not finite
-        self.refused = 0  # answers of the controller that were not finite: not sent, state started afresh
+        self.held = 0  # number of ticks without an update, because a value was not finite
+        self.refused = 0  # number of answers that were not finite: not sent, and the controller started again
 
     def due(self, t_ns: int) -> bool:
         """Whether an update falls on simulated time t_ns."""
         return t_ns % self.controller.period_ns == 0
 
     def answer(self, t_ns: int, values: Any) -> Values:
-        """The command after the measurements of t_ns: a new one, or the last one where there is nothing to go by."""
-        # Who simulates waits for this at every tick: what is nearly always so is asked first, without a call of ours.
-        if not (all(map(_finite, values)) if self.hears else isfinite(sum(values)) or _finite(values)):
+        """The command after the measurements of t_ns [ns]: a new one, or the last one if a value is not finite."""
+        # A simulation calls this at every tick: the usual case is checked first, without a function call.
+        if not (all(map(_finite, values)) if self.every_sample else isfinite(sum(values)) or _finite(values)):
             self.held += 1
             return self.command
         controller = self.controller
@@ -59,37 +59,38 @@ class Loop:
             self.state = controller.start()
             return self.command
         self.updates += 1
-        self.heard, self.state, self.command = (t_ns, values), state, command
+        self.last_input, self.state, self.command = (t_ns, values), state, command
         return command
 
-    def went_on(self, updates: int, t_ns: int, values: Values, state: State, command: Values) -> None:
-        """It was asked elsewhere so many times, at last at t_ns, and has come to `state`."""
+    def adopt(self, updates: int, t_ns: int, values: Values, state: State, command: Values) -> None:
+        """Adopt the result of updates elsewhere: their number, time and values of the last one, state, command."""
         self.updates += updates
-        self.heard, self.state, self.command = (t_ns, values), state, command
+        self.last_input, self.state, self.command = (t_ns, values), state, command
 
     def retune(self, changes: Mapping[str, object]) -> None:
-        """Change parameters between two ticks; all or, with a UsageError, none. The state stays.
+        """Change parameters between two ticks, all or none; the state stays.
 
-        The changed controller is first tried on the last values. Whatever it breaks is a refusal: it goes on unchanged.
+        The changed controller is first tried with the last values. Raises UsageError if this fails; the controller then
+        continues unchanged.
         """
         old = self.controller
         try:
             tried = retune(old, changes)
             if (tried.reads, tried.drives, tried.period_ns) != (old.reads, old.drives, old.period_ns):
-                raise UsageError("what it reads and drives, and its period, are fixed while the rig runs")
-            if self.heard is not None:
-                _, command = tried.update(self.state, *self.heard)
+                raise UsageError("its sensors, actuators and period are fixed during a run")
+            if self.last_input is not None:
+                _, command = tried.update(self.state, *self.last_input)
                 if len(command) != len(tried.drives):
                     raise _miscounted(tried, command)
-            self.controller = retune(old, changes)  # another one: what was tried may have kept something
+            self.controller = retune(old, changes)  # a new object: the tried one may have stored something
         except UsageError:
             raise
         except Exception as fault:
-            told = ", ".join(f"{key} = {value!s:.80}" for key, value in changes.items())
+            given = ", ".join(f"{key} = {value!s:.80}" for key, value in changes.items())
             raise UsageError(
-                f"{type(old).__name__} cannot be retuned to {told or 'what it is'}: {type(fault).__name__}: {fault}"
+                f"{type(old).__name__} cannot be retuned to {given or 'its values'}: {type(fault).__name__}: {fault}"
             ) from fault
 
     def counters(self) -> dict[str, int]:
-        """Updates made, ticks held, answers refused."""
+        """Numbers of updates, of ticks with a held command, and of refused answers."""
         return {"updates": self.updates, "held": self.held, "refused": self.refused}

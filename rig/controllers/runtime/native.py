@@ -1,8 +1,8 @@
-"""A controller whose `update` is compiled: the same answers, to the last bit, without Python.
+"""A controller with compiled `update`: the same answers as in Python, to the last bit.
 
-What can be translated (`translate`) is compiled without leave to fuse or to reorder, so that it rounds as
-Python does. Where Python would have raised, or a value is not finite, it declines, and nothing has changed: who asked
-then asks the controller itself. Before it is trusted it has to give the answers that the controller has given.
+The translation (`translate`) is compiled without fused or reordered operations, so it rounds as Python does. If Python
+would raise an exception, or a value is not finite, the compiled code declines and changes nothing; the caller then
+calls the controller itself. Before the compiled code is used, it has to reproduce answers of the controller.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ import numpy as np
 from numba import typeof as _typeof
 from numba import types
 
-from rig.controllers.blocks.base import Controller, State, Values, hears
+from rig.controllers.blocks.base import Controller, State, Values, gets_every_sample
 from rig.controllers.runtime.body import Untranslatable
 from rig.controllers.runtime.translate import Translated, fact, found, translate, words
 from rig.kernel import announce_compiling, as_python, called_by_address
 
 typeof: Any = _typeof
-_MADE: dict[Any, Any] = {}
-"""What was compiled in this process, None where it failed: (update function, facts, type of the state) -> code."""
+_COMPILED: dict[Any, Any] = {}
+"""Code compiled in this process: (update function, facts, type of the state) -> code, or None if compiling failed."""
 
 
 class Native:
-    """The compiled `update` of a controller that is in `state`. Raises Untranslatable.
+    """The compiled `update` of a controller in `state`. Raises Untranslatable if there is no translation.
 
-    `address` is that of `answer(line, t_ns, heard, command, memory)`, a function of C: 1, or 0 where it declines.
-    `memory`: address of what it keeps, which are the controller's words and its state.
+    `address`: address of the C function `answer(line, t_ns, heard, command, memory)`; it returns 0 if it declines.
+    `memory`: address of the controller's words and its state.
     """
 
     def __init__(self, controller: Controller, state: State) -> None:
-        if hears(controller):
-            raise Untranslatable("it hears every sample")
+        if gets_every_sample(controller):
+            raise Untranslatable("it gets every sample of its sensors")
         self._shape = _Shape(state)
-        self._paths, self._facts, self._code = _made(controller, state, self._shape)
+        self._paths, self._facts, self._code = _compiled_code(controller, state, self._shape)
         self._first = len(words(controller, self._paths))
         self.memory = np.zeros(max(self._first + self._shape.size, 1))
         self._whole = self.memory.view(np.int64)
@@ -45,28 +45,28 @@ class Native:
         self._controller: Controller | None = None
         self._call = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 5)(self.address)
 
-    def take(self, controller: Controller, state: State) -> bool:
-        """Go on as this controller, which may have been retuned, from this state; False if the text does not hold."""
+    def resume(self, controller: Controller, state: State) -> bool:
+        """Continue as this controller (it may have been retuned) from this state; False if the code does not fit it."""
         if controller is not self._controller:
-            if not all(_holds(controller, path, told) for path, told in self._facts):
+            if not all(_holds(controller, path, expected) for path, expected in self._facts):
                 return False
             self._controller = controller
-            self._lay(words(controller, self._paths), 0)
+            self._write_words(words(controller, self._paths), 0)
         if not self._shape.fits(state):
             return False
-        self._lay(_leaves(state), self._first)
+        self._write_words(_state_words(state), self._first)
         return True
 
-    def _lay(self, values: Iterable[float | int], first: int) -> None:
+    def _write_words(self, values: Iterable[float | int], first: int) -> None:
         for at, value in enumerate(values, first):
             (self._whole if isinstance(value, int) else self.memory)[at] = value
 
     def state(self) -> State:
-        """The state that it has come to."""
+        """The present state."""
         return self._shape.built(self.memory, self._whole, self._first)
 
-    def agrees(self, t_ns: int, values: Sequence[float], command: Values, state: State) -> bool:
-        """Whether it comes from `values` to this command and state, to the last bit."""
+    def reproduces(self, t_ns: int, values: Sequence[float], command: Values, state: State) -> bool:
+        """Whether an update with `values` gives this command and state, to the last bit."""
         heard, answer = np.array(values, dtype=np.float64), np.zeros(len(command))
         answers = self._call(0, t_ns, heard.ctypes.data, answer.ctypes.data, self.memory.ctypes.data)
         given = np.array(command, dtype=np.float64)
@@ -74,15 +74,15 @@ class Native:
 
 
 class _Shape:
-    """How a state is laid out in words."""
+    """The layout of a state in words."""
 
     def __init__(self, state: State) -> None:
         self._like = state
-        self.size = sum(1 for _ in _leaves(state))
+        self.size = sum(1 for _ in _state_words(state))
 
     def fits(self, state: State) -> bool:
-        """Whether a state is laid out so."""
-        return _alike(self._like, state)
+        """Whether a state has this layout."""
+        return _equal(self._like, state)
 
     def built(self, real: Any, whole: Any, first: int) -> State:
         """The state in the words from `first` on."""
@@ -100,7 +100,7 @@ class _Shape:
         return one(self._like)
 
     def read(self, first: int, names: dict[str, Any]) -> str:
-        """The same as an expression of `_r` and `_i`; `names`: classes that it speaks of."""
+        """The state as an expression of `_r` and `_i`; adds the classes in it to `names`."""
         at = iter(range(first, first + self.size))
 
         def one(like: Any) -> str:
@@ -120,7 +120,7 @@ class _Shape:
 
         return one(self._like)
 
-    def leaves(self, name: str) -> Iterator[tuple[str, bool]]:
+    def words(self, name: str) -> Iterator[tuple[str, bool]]:
         """Expressions of all words of the state called `name`, and whether each is a number."""
 
         def one(like: Any, text: str) -> Iterator[tuple[str, bool]]:
@@ -136,10 +136,10 @@ class _Shape:
         return one(self._like, name)
 
 
-def _leaves(state: State) -> Iterator[float | int]:
+def _state_words(state: State) -> Iterator[float | int]:
     if isinstance(state, tuple):
         for entry in state:
-            yield from _leaves(entry)
+            yield from _state_words(entry)
     elif isinstance(state, complex):
         yield from (state.real, state.imag)
     elif isinstance(state, int | float):
@@ -148,17 +148,17 @@ def _leaves(state: State) -> Iterator[float | int]:
         raise Untranslatable(f"its state holds a {type(state).__name__}")
 
 
-def _alike(a: State, b: State) -> bool:
+def _equal(a: State, b: State) -> bool:
     if type(a) is not type(b):
         return False
-    return not isinstance(a, tuple) or (len(a) == len(b) and all(map(_alike, a, b)))
+    return not isinstance(a, tuple) or (len(a) == len(b) and all(map(_equal, a, b)))
 
 
-def _made(controller: Any, state: State, shape: _Shape) -> tuple[Any, Any, Any]:
-    """Paths of its words, facts that it depends on, compiled code."""
+def _compiled_code(controller: Any, state: State, shape: _Shape) -> tuple[Any, Any, Any]:
+    """Paths of the words, facts on which the code depends, compiled code."""
     key = type(controller).update, typeof(state)
-    for paths, facts, code in _MADE.setdefault(key, []):
-        if all(_holds(controller, path, told) for path, told in facts):
+    for paths, facts, code in _COMPILED.setdefault(key, []):
+        if all(_holds(controller, path, expected) for path, expected in facts):
             if code is None:
                 raise Untranslatable("it could not be compiled before")
             return paths, facts, code
@@ -167,15 +167,15 @@ def _made(controller: Any, state: State, shape: _Shape) -> tuple[Any, Any, Any]:
         with announce_compiling(f"controllers of class {type(controller).__name__}"):
             code = _compiled(controller, translated, state, shape)
     except Exception as error:
-        _MADE[key].append((translated.paths, translated.facts, None))
+        _COMPILED[key].append((translated.paths, translated.facts, None))
         raise Untranslatable(str(error).partition("\n")[0]) from error
-    _MADE[key].append((translated.paths, translated.facts, code))
+    _COMPILED[key].append((translated.paths, translated.facts, code))
     return translated.paths, translated.facts, code
 
 
-def _holds(controller: Any, path: tuple[str, ...], told: Any) -> bool:
+def _holds(controller: Any, path: tuple[str, ...], expected: Any) -> bool:
     try:
-        return bool(fact(found(controller, path)) == told)
+        return bool(fact(found(controller, path)) == expected)
     except (AttributeError, IndexError):
         return False
 
@@ -202,7 +202,7 @@ def _compiled(controller: Any, translated: Translated, state: State, shape: _Sha
 
 
 def _wrapped(controller: Any, translated: Translated, shape: _Shape, first: int, names: dict[str, Any]) -> str:
-    """The text of `answer`: what is heard and remembered in, what is answered and remembered out, if it can be used."""
+    """The source text of `answer`: it reads measurements and state, and writes command and state if both are finite."""
     from numba import carray  # type: ignore[attr-defined]
 
     reads, drives = len(controller.reads), len(controller.drives)
@@ -223,7 +223,7 @@ def _wrapped(controller: Any, translated: Translated, shape: _Shape, first: int,
         "    return 0",
         "state, given = made",
     ]
-    words_out = list(shape.leaves("state"))
+    words_out = list(shape.words("state"))
     for text in [f"isnan({text})" for text, real in words_out if real] + [
         f"not isfinite(given[{k}])" for k in range(drives)
     ]:

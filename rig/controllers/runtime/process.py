@@ -1,12 +1,12 @@
-"""A controller as a process of its own: it answers the plant's steps, and ends when the plant ends.
+"""A controller in its own process: it answers the plant's steps, and ends when the plant ends.
 
-    step      due for its period: update, answer; the same step again: the same answer again
-    param     {"get": [keys]} or {"set": {key: value}}: checked, applied as a whole between two steps, told as an event;
-            {"list": true}: what can be set, with its units
-    alive     declared when everything above stands; without a plant this process ends within a second
+    step      update and answer if its period is due; a repeated step gets the same answer again
+    param     {"get": [keys]} or {"set": {key: value}}: checked, applied as a whole between two steps, reported as an
+              event; {"list": true}: the parameters that can be set, with units
+    alive     declared when the topics above are ready; without a plant this process ends within a second
 
-A controller that the scene does not know (a user's own file) first asks the plant to be let in, naming what it reads
-and drives; the plant refuses what somebody else already drives.
+A controller that is not in the scene (a user's own file) first requests admission from the plant and states what it
+reads and drives; the plant refuses actuators that another controller drives.
 """
 
 from __future__ import annotations
@@ -30,26 +30,35 @@ from rig.controllers.runtime.file import load_file
 from rig.controllers.runtime.loop import Loop
 from rig.controllers.runtime.service import Service
 from rig.errors import BusError, RigError, UsageError
-from rig.parts import told, trust_scene
+from rig.parts import foreign_fault, trust_scene
 from rig.pinned_memory import locked
 from rig.placement import anywhere, placed
 from rig.process import as_process, stopping
 from rig.scheduling import CONTROLLER, ahead, come_first
 
 LONG_NS, LONG_ANSWERS = 300_000, 20
-"""A controller of which so many answers in a row take longer leaves the core of the bus: others wait for that core."""
+"""A controller with this number of successive answers above this time [ns] leaves the processor core of the bus."""
 UNHEARD = (math.nan,)
 ADMITTED = 60.0
-"""Longest wait [s] to be let in: the plant may have to build, or to compile, what the controller drives."""
-PATIENCE = 0.1  # s without a step, after which this process looks whether the plant still lives
+"""Longest wait [s] for admission: the plant may have to build or compile matrices for the controller's actuators."""
+PATIENCE = 0.1  # s without a step after which this process checks whether the plant is alive
 
 
 class Worker(Service):
-    """One controller on one session."""
+    """One controller with its session on the bus. It begins with `changes` of its parameters."""
 
-    def __init__(self, session: Session, described: run_setup.Setup, controller: Controller) -> None:
+    def __init__(
+        self,
+        session: Session,
+        described: run_setup.Setup,
+        controller: Controller,
+        changes: Mapping[str, object] | None = None,
+    ) -> None:
         super().__init__(session, Loop(controller))
         self.answered = b""
+        self._begins_with = changes
+        if changes:
+            self.loop.retune(changes)
         self._long = 0
         sensors = list(described.sensors)
         missing = [name for name in controller.reads if name not in sensors]
@@ -60,12 +69,12 @@ class Worker(Service):
         self.act = session.publisher(f"act/{session.name}")
         self.plant = session.watch("plant/*")
         if session.name not in described.controllers:
-            wanted = {"reads": controller.reads, "drives": controller.drives, "hears": self.loop.hears}
+            wanted = {"reads": controller.reads, "drives": controller.drives, "hears": self.loop.every_sample}
             body = {"do": "admit", "controller": session.name, "period_ns": controller.period_ns, **wanted}
             session.ask("cmd/plant", body, timeout=ADMITTED)
 
     def follow(self, stopped: Callable[[], bool]) -> None:
-        """Answer steps until the plant leaves or `stopped`."""
+        """Answer steps until the plant leaves or `stopped()`. Raises BusError without a plant."""
         if not self._plant_lives(3.0):
             raise BusError(f"run {self.session.run} has no plant")
         self.session.announce()
@@ -73,11 +82,11 @@ class Worker(Service):
             while not stopped():
                 message = self.steps.get(timeout=PATIENCE)
                 if message is not None:
-                    self.take(message.said)
+                    self.answer_step(message.said)
                 elif not self._plant_lives(0.0) and self.session.ended:
                     break
                 else:
-                    self._tell_refused()
+                    self._publish_refused()
                 self.server.poll()
         except Exception as error:
             self.failed(error)
@@ -85,15 +94,20 @@ class Worker(Service):
         finally:
             self.leave()
 
-    def take(self, step: Any) -> None:
-        """Answer one step: by an update if it is new and due, by the same answer if it is the last one again."""
+    def answer_step(self, step: Any) -> None:
+        """Answer one step: with an update if it is new and due; a repeated step gets the same answer."""
         if step.tick == self.tick and self.answered:
             self.act.put(self.answered, step.t_ns)
         if step.tick <= self.tick:
             return
         self.tick, self.t_ns, self.answered = step.tick, step.t_ns, b""
+        if self._begins_with:
+            self.changed(self._begins_with, step.tick - 1)
+            self._begins_with = None
         if self.loop.due(step.t_ns):
-            values = self._heard(step) if self.loop.hears else tuple([step.values[i] for i in self.columns])
+            values = (
+                self._new_samples(step) if self.loop.every_sample else tuple([step.values[i] for i in self.columns])
+            )
             first, begin = self.loop.held == 0, time.perf_counter_ns()
             self.answered = encode.act(step.tick, step.t_ns, self.loop.answer(step.t_ns, values))
             self.act.put(self.answered, step.t_ns)
@@ -103,8 +117,8 @@ class Worker(Service):
             if first and self.loop.held:
                 self.held()
 
-    def _heard(self, step: Any) -> Samples:
-        """The new samples of the sensors that are read; no number for one that the step does not bring."""
+    def _new_samples(self, step: Any) -> Samples:
+        """The new samples of the sensors that are read; NaN for a sensor that the step does not contain."""
         brought, first = {}, 0
         for place in step.heard:
             brought[place] = tuple(step.samples[first : first + step.fresh[place]])
@@ -112,13 +126,13 @@ class Worker(Service):
         return tuple([brought.get(place, UNHEARD) for place in self.columns])
 
     def fell_back(self) -> None:
-        """Say that real-time scheduling has ended for this process."""
-        self.tell("scheduling", f"{self.session.name} left no pause for 0.2 s: real-time scheduling fell back", {})
+        """Publish that this process has lost real-time scheduling."""
+        self.publish("scheduling", f"{self.session.name} left no pause for 0.2 s: real-time scheduling fell back", {})
 
-    def _tell_refused(self) -> None:
-        """Say what was refused since; only while nothing is to be done."""
+    def _publish_refused(self) -> None:
+        """Publish new refusals; called only while no step is due."""
         if news := self.session.door.news():
-            self.tell("refused", "; ".join(news), {"refused": self.session.door.told()})
+            self.publish("refused", "; ".join(news), {"refused": self.session.door.refusals()})
 
     def _plant_lives(self, timeout: float) -> bool:
         self.plant.poll(0.0)
@@ -128,7 +142,7 @@ class Worker(Service):
 
 
 def made(described: run_setup.Setup, name: str, file: Path | None = None) -> Controller:
-    """The controller of the scene called `name`, or the one in a user's own file."""
+    """The controller `name` of the scene, or the one in a user's own file. Raises UsageError for an unknown name."""
     if file is not None:
         return load_file(file)
     if name not in described.controllers:
@@ -148,8 +162,8 @@ def run(
 ) -> None:
     """Run the controller `what`, a name in the scene or a Python file, in a live run (the newest by default).
 
-    `trust`: run the code of parts from files that the run carries. Returns when the plant ends or on a signal to stop;
-    raises RigError when it cannot begin or the controller fails.
+    `trust`: run the code of foreign parts of the run. Returns when the plant ends or on a signal to stop; raises
+    RigError if it cannot begin or the controller fails.
     """
     come_first()
     file = Path(what) if what.endswith(".py") else None
@@ -158,9 +172,7 @@ def run(
         described = run_setup.fetch(session, wait)
         if trust:
             trust_scene(described.scene)
-        worker = Worker(session, described, made(described, name, file))
-        if changes:
-            worker.loop.retune(changes)
+        worker = Worker(session, described, made(described, name, file), changes)
         drives, reads = ", ".join(worker.loop.controller.drives), ", ".join(worker.loop.controller.reads)
         say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")
         gc.collect()
@@ -177,7 +189,7 @@ def run(
         except RigError:
             raise
         except Exception as error:  # of the user's own code
-            where = told(error) or traceback.format_exc()
+            where = foreign_fault(error) or traceback.format_exc()
             raise UsageError(f"{name} failed at tick {worker.tick}: {where}") from error
         finally:
             gc.enable()

@@ -1,4 +1,4 @@
-"""What a controller says on the bus beside its commands, and the answers on its topic of parameters."""
+"""Events of a controller on the bus, and the answers to requests for its parameters."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from rig.errors import UsageError
 
 
 class Service:
-    """The events and parameters of the controller at work in `loop`. `tick`, `t_ns`: of the last step it has heard."""
+    """Events and parameters of the controller in `loop`. `tick`, `t_ns`: those of the last step that it received."""
 
     def __init__(self, session: Session, loop: Loop) -> None:
         self.session, self.loop = session, loop
         self.tick, self.t_ns = -1, 0
         self.events = session.publisher(f"event/{session.name}")
-        self.server = session.serve(f"param/{session.name}", self.asked)
+        self.server = session.serve(f"param/{session.name}", self.answer_request)
 
-    def asked(self, body: dict[str, Any]) -> dict[str, Any]:
-        """Get or set parameters; a set is whole or not at all, and in force from the next step on."""
+    def answer_request(self, body: dict[str, Any]) -> dict[str, Any]:
+        """Get or set parameters; a set is applied as a whole or refused, and takes effect at the next step."""
         everything, keys, changes = param_request(body)
         if everything:
             units, now = tunable(self.loop.controller), parameters(self.loop.controller)
@@ -37,15 +37,19 @@ class Service:
             try:
                 self.loop.retune(changes)
             except UsageError as fault:
-                self.tell("refused", f"{self.session.name} keeps its parameters: {fault}", {})
+                self.publish("refused", f"{self.session.name} keeps its parameters: {fault}", {})
                 raise
-            text = ", ".join(f"{key} = {value!s:.80}" for key, value in changes.items())
-            self.tell("parameter", text, {"set": changes, "after_tick": self.tick})
+            self.changed(changes, self.tick)
             values = parameters(self.loop.controller)
         return {"values": {key: values[key] for key in keys or values}, "counters": self.loop.counters()}
 
-    def tell(self, kind: str, text: str, data: Mapping[str, object]) -> None:
-        """Say what happened."""
+    def changed(self, changes: Mapping[str, object], after_tick: int) -> None:
+        """Publish that parameters have changed after this tick."""
+        text = ", ".join(f"{key} = {value!s:.80}" for key, value in changes.items())
+        self.publish("parameter", text, {"set": dict(changes), "after_tick": after_tick})
+
+    def publish(self, kind: str, text: str, data: Mapping[str, object]) -> None:
+        """Publish an event."""
         event = messages.TYPES["Event"](
             t_ns=self.t_ns,
             tick=max(self.tick, 0),
@@ -57,14 +61,14 @@ class Service:
         self.events.put(event.SerializeToString(), self.t_ns)
 
     def held(self) -> None:
-        """Say that a value was missing."""
-        self.tell("held", f"a sample that {self.session.name} reads is missing or no number", {})
+        """Publish that a value was missing or not finite."""
+        self.publish("held", f"a sample that {self.session.name} reads is missing or not a finite number", {})
 
     def failed(self, error: Exception) -> None:
-        """Say that the controller has raised `error`, which is being handled."""
-        self.tell("fault", f"{type(error).__name__}: {error}", {"trace": traceback.format_exc()})
+        """Publish that the controller has raised `error`, with its traceback."""
+        self.publish("fault", f"{type(error).__name__}: {error}", {"trace": traceback.format_exc()})
 
     def leave(self) -> None:
-        """The last words: what was counted."""
-        self.tell("left", f"{self.session.name} has left", self.loop.counters())
+        """Publish the final counters and the total of messages."""
+        self.publish("left", f"{self.session.name} has left", self.loop.counters())
         self.session.publisher(f"total/{self.session.name}").put(self.session.totals(), self.t_ns)

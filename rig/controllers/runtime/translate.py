@@ -1,11 +1,11 @@
-"""The `update` of a controller as plain functions of numbers, for a compiler that knows no objects.
+"""Translates the `update` of a controller to plain functions of numbers, for a compiler without objects.
 
-What `update` reads of its controller becomes words of one array: whole numbers and numbers, read by `words` whenever
-they may have changed. What its text depends on, such as the length of a tuple, a path that is None, which method a name
-stands for, are `facts`: the text holds for every controller with equal facts. Methods and functions that it calls come
-along. `Untranslatable` says what there is no translation for; nothing is lost then but speed.
+Attributes of the controller become words of one array, integers and floating-point numbers; `words` reads them whenever
+they may have changed. Properties on which the text depends, such as the length of a tuple, a path that is None or the
+method of a name, are `facts`: the text is valid for every controller with equal facts. Called methods and functions are
+translated too. `Untranslatable` states what has no translation; the controller then runs in Python, only slower.
 
-Left out on purpose is what a compiler would round another way: powers, `sum` (compensated in newer Pythons), `hypot`.
+Operations that a compiler rounds differently are not translated: powers, `sum` (compensated in newer Python), `hypot`.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from rig.controllers.runtime.body import Body, Path, Untranslatable
 
 
 class Translated(NamedTuple):
-    """Functions, those that are called before those that call them: name -> text; the last is `update`.
+    """Translated functions: name -> text, called ones before their callers; the last is `update`.
 
-    Each takes `_r` and `_i`, the words as numbers and as whole numbers, before its own arguments. `names`: what else
-    the texts speak of. `paths`: where the words come from, in their order; `facts`: what the texts depend on.
+    Each takes `_r` and `_i`, the words as floating-point numbers and as integers, before its own arguments. `names`:
+    other objects in the texts. `paths`: origins of the words, in order. `facts`: properties that the texts depend on.
     """
 
     functions: dict[str, str]
@@ -35,14 +35,14 @@ class Translated(NamedTuple):
 
 
 def found(root: Any, path: Path) -> Any:
-    """What a path leads to."""
+    """The object at a path."""
     for name in path:
         root = root[int(name)] if name.isdigit() else getattr(root, name)
     return root
 
 
 def fact(value: Any) -> Any:
-    """What a text may depend on of a value."""
+    """The property of a value on which a text may depend."""
     if isinstance(value, MethodType):
         return value.__func__
     if isinstance(value, tuple):
@@ -51,7 +51,7 @@ def fact(value: Any) -> Any:
 
 
 def words(root: Any, paths: Sequence[Path]) -> list[float | int]:
-    """The words that a controller has now."""
+    """The present words of a controller."""
     values: list[float | int] = []
     for path in paths:
         value = found(root, path)
@@ -60,7 +60,7 @@ def words(root: Any, paths: Sequence[Path]) -> list[float | int]:
 
 
 def translate(controller: Any) -> Translated:
-    """The `update` of a controller. Raises Untranslatable."""
+    """Translate the `update` of a controller. Raises Untranslatable."""
     return _Translation(controller).whole()
 
 
@@ -75,12 +75,12 @@ class _Translation:
         self._known: dict[tuple[Any, Path], str] = {}
 
     def whole(self) -> Translated:
-        """All of it."""
+        """The whole translation."""
         self.function(self.look(("update",)).__func__, ())
         return Translated(self.functions, self.names, tuple(self._places), tuple(self.facts.items()))
 
     def look(self, path: Path) -> Any:
-        """What a path leads to, of which the text now depends."""
+        """The object at a path, on which the text then depends."""
         try:
             value = found(self.root, path)
         except Exception as error:
@@ -89,18 +89,18 @@ class _Translation:
         return value
 
     def object(self, path: Path) -> Any:
-        """What a path leads to."""
+        """The object at a path."""
         return found(self.root, path)
 
     def place(self, path: Path, size: int) -> int:
-        """The first word of a number."""
+        """The index of the first word of the number at a path."""
         if path not in self._places:
             self._places[path] = self._count
             self._count += size
         return self._places[path]
 
     def function(self, function: Callable[..., Any], owner: Path | None) -> str:
-        """The name of a function that is translated; of a method of what is at `owner`."""
+        """The name of a translated function, or of a method of the object at `owner`."""
         key = function, () if owner is None else owner
         if key in self._known:
             return self._known[key]
@@ -120,8 +120,8 @@ class _Translation:
         own = "" if owner is None else arguments.pop(0)
         body = Body(self, function, own, owner or (), Counter([*arguments, *_assigned(tree)]))
         lines = [line for statement in tree.body for line in body.statement(statement)]
-        told = ast.Module([*lines, ast.Return(ast.Constant(None))] if not lines else lines, [])
-        text = ast.unparse(ast.fix_missing_locations(told))
+        module = ast.Module([*lines, ast.Return(ast.Constant(None))] if not lines else lines, [])
+        text = ast.unparse(ast.fix_missing_locations(module))
         self.functions[name] = f"def {name}({', '.join(['_r', '_i', *arguments])}):\n{textwrap.indent(text, '    ')}\n"
         return name
 

@@ -1,11 +1,11 @@
-"""A brake disc that bends: free vibration modes of an annular plate in place of a rigid body's axial motion and tilt.
+"""A bending brake disc: modes of a free annular plate replace the axial motion and the tilt of a rigid disc.
 
     u_z = w(theta) = sum R(r) (C cos l theta + S sin l theta),   u_x = x - b dw / (r dtheta),   theta = a / r
 
-for the point a along the circle on which the pads rub, b off the middle plane: what z - a phi and x + b phi are of a
-rigid disc. The springs that hold that one's middle along z and phi stand for its bending and have no place here. At
-the speeds of a braking disc (l Omega of a few rad/s) what turning does to a pair of modes is far below its damping
-and left out.
+for the point at the distance a along the circle on which the pads rub and b from the middle plane. For a rigid disc
+these are z - a phi and x + b phi. The springs of a rigid disc along z and phi represent bending and are not used here.
+At the speeds of a braking disc (l Omega of a few rad/s) the effect of the rotation on a pair of modes is far below its
+damping and is neglected.
 Source: rig.effects.disc_modes; slope as in Liu and Ouyang, Meccanica 55 (2020), section 3; derived.
 """
 
@@ -19,7 +19,7 @@ from rig.plants.structures.multibody import Body
 
 
 class Bending(Body):
-    """The disc: its mass along x, its points; bends as `disc` does at `radius`."""
+    """A bending disc: its mass along x, its points; deflection of `disc` at `radius` [m]."""
 
     disc: Disc
     radius: float
@@ -41,8 +41,8 @@ class Bending(Body):
                 row[part] = deflection * (shape if direction == "z" else -b * slope if direction == "x" else -slope)
         return row
 
-    def holds(self, point: str, direction: str) -> bool:
-        """See `Body.holds`."""
+    def acts_on(self, point: str, direction: str) -> bool:
+        """See `Body.acts_on`."""
         return bool(point) or direction == "x"
 
 

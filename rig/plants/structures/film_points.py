@@ -1,4 +1,4 @@
-"""The points of a film of contact as its plant tells them: where they lie, and which output is the pressure of each."""
+"""The points of a contact film: their positions, and the output with the pressure of each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FilmPoints:
-    """`along` x `across` equal areas of a slider of `length` x `width` [m]."""
+    """The points of a film: `along` x `across` equal areas of a slider of `length` x `width` [m]."""
 
     length: float
     width: float
@@ -23,17 +23,17 @@ class FilmPoints:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The outputs of their pressures, those of one line across after another, from the rear."""
+        """Names of the pressure outputs, in order of the lines across the slider from the rear."""
         return tuple(f"pressure_{i}_{j}" for i in range(1, self.along + 1) for j in range(1, self.across + 1))
 
     @property
     def x(self) -> Array:
-        """Of the points from the slider's middle, along the travel [m]."""
+        """Positions [m] of the points along the travel, from the slider's middle."""
         return ((np.arange(self.along) + 0.5) / self.along - 0.5) * self.length
 
     @property
     def y(self) -> Array:
-        """Of the points from the slider's middle, across [m]."""
+        """Positions [m] of the points across the travel, from the slider's middle."""
         return ((np.arange(self.across) + 0.5) / self.across - 0.5) * self.width
 
     def maps(self, signals: Mapping[str, Array]) -> Array:

@@ -32,10 +32,10 @@ LOST = (
     "or a Poisson's ratio is too close to 0.5: bring values that lie far apart closer together"
 )
 _SAME = 1e-9
-"""Frequencies that differ by less, relatively, count as equal: their modes stand in the order of the classes."""
+"""Frequencies that differ by less, relatively, count as equal: their modes are in the order of the classes."""
 _ROUNDED = 1e-6  # most that rounding may change the square of a frequency by, relatively
 _UNKNOWNS = 16  # least number of unknowns for a mode
-_SPARE = 4  # modes that a class is asked for beyond its share
+_SPARE = 4  # additional modes that are computed for a class beyond its share
 _REFINED = 3  # each reduces the error of what modes leave out by shift / (lowest omega left out)^2
 
 
@@ -201,7 +201,7 @@ def _signed(vectors: Array) -> Array:
 
 
 def left_out(structure: Structure, found: Modes, load: Array) -> Array:
-    """Static displacement [unknown] under `load` [unknown] N, without what the modes give of it.
+    """Static displacement [unknown] under `load` [unknown] N, without the part that the modes contain.
 
     `load` is symmetric about both middles. On a free structure it is the elastic displacement under the load and the
     inertia forces that balance it.

@@ -1,10 +1,10 @@
-"""Reduced models of structures: what takes seconds to build is built once, and a recording keeps it.
+"""The store of reduced models of structures: a model takes seconds to build, is built once, and is part of a recording.
 
-A file holds one model, is named by the hash of all that the model depends on, and is read as it was written or not at
-all: whoever reads it checks it. `RIG_MODELS` moves the folder.
+A file contains one model. Its name is the hash of everything that the model depends on. The reader checks the content.
+The environment variable `RIG_MODELS` sets the folder.
 
-A rig that is simulated again takes the model of its recording, whatever this machine would build: the recording offers
-the bytes (`offer`), and its scene names them by digest while its rig is assembled (`given`).
+A re-simulation uses the model of the recording, whatever this machine would build: the recording offers the bytes
+(`offer`), and its scene names them by digest while the rig is assembled (`using`).
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 LIMIT = 1 << 26
-"""Bytes that all models may take; those that were not used for longest make room. # chosen"""
-_REMEMBERED = 4  # results, of each plant
+"""Largest size of all models together [bytes]; the least recently used ones are deleted beyond it [chosen]."""
+_CACHED = 4  # results, of each plant
 _log = logging.getLogger("rig")
-_told: set[Path] = set()  # folders that this process has said it cannot write
+_reported: set[Path] = set()  # folders that this process has reported as not writable
 _offered: OrderedDict[str, bytes] = OrderedDict()  # digest -> model, the latest last
 _given: ContextVar[Mapping[str, str] | None] = ContextVar("given", default=None)
 _taken: ContextVar[dict[str, bytes] | None] = ContextVar("taken", default=None)
 
 
 def root() -> Path:
-    """Folder that holds the models."""
+    """The folder of the models."""
     chosen = os.environ.get("RIG_MODELS")
     return Path(chosen) if chosen else platformdirs.user_cache_path("friction-rig") / "models"
 
 
 def digest(content: bytes) -> str:
-    """Name of a model by what it is (32 hex digits)."""
+    """The digest of the content of a model (32 hex digits)."""
     return hashlib.sha256(content).hexdigest()[:32]
 
 
 def offer(content: bytes) -> str:
-    """Have a model at hand in this process for whoever names its digest, which is returned."""
+    """Make a model available in this process by its digest; returns the digest."""
     name = digest(content)
     _offered[name] = content
     _offered.move_to_end(name)
@@ -60,8 +60,8 @@ def offer(content: bytes) -> str:
 
 
 @contextmanager
-def given(models: Mapping[str, str]) -> Iterator[None]:
-    """Within it, `kept` takes these models (what they are of -> digest) where they are at hand."""
+def using(models: Mapping[str, str]) -> Iterator[None]:
+    """Context in which `stored_or_built` uses these models (subject -> digest) if they were offered."""
     before = _given.set(models)
     try:
         yield
@@ -70,8 +70,8 @@ def given(models: Mapping[str, str]) -> Iterator[None]:
 
 
 @contextmanager
-def gathered() -> Iterator[dict[str, bytes]]:
-    """The models that `kept` gives within it: what each is of -> the model as bytes."""
+def collected() -> Iterator[dict[str, bytes]]:
+    """Context that collects the models that `stored_or_built` returns in it: subject -> model as bytes."""
     found: dict[str, bytes] = {}
     before = _taken.set(found)
     try:
@@ -80,12 +80,14 @@ def gathered() -> Iterator[dict[str, bytes]]:
         _taken.reset(before)
 
 
-def kept(key: str, build: Callable[[], T], write: Callable[[T], bytes], read: Callable[[bytes], T], of: str = "") -> T:
-    """The model of `key`, from its file or from `build`; `of`: what it is a model of, whoever built it.
+def stored_or_built(
+    key: str, build: Callable[[], T], write: Callable[[T], bytes], read: Callable[[bytes], T], of: str = ""
+) -> T:
+    """The model of `key`, from its file or from `build`. `of`: its subject, the same on every machine.
 
-    A model of the same thing that is `given` and offered comes first. `read` raises ValueError for what `write` did not
-    make: such a file is built and written anew. Two processes that build one model at once write the same file, each as
-    a whole. A folder that cannot be written is no fault.
+    A model of the same subject that is `using` and offered has priority. `read` raises ValueError for content that
+    `write` did not produce; the model is then built and written again. Two processes that build one model at the same
+    time write the same file atomically. A folder that is not writable is reported once and is no error.
     """
     path = root() / key
     offered = _offered.get((_given.get() or {}).get(of, ""))
@@ -103,10 +105,10 @@ def kept(key: str, build: Callable[[], T], write: Callable[[T], bytes], read: Ca
     try:
         _keep(path, content)
     except OSError as fault:
-        if path.parent not in _told:
-            _told.add(path.parent)
+        if path.parent not in _reported:
+            _reported.add(path.parent)
             _log.warning(
-                "models cannot be kept in %s (%s): the next start builds them again, which takes seconds; "
+                "models cannot be stored in %s (%s): the next start builds them again, which takes seconds; "
                 "make room, or set RIG_MODELS to another folder",
                 path.parent,
                 fault.strerror,
@@ -114,20 +116,20 @@ def kept(key: str, build: Callable[[], T], write: Callable[[T], bytes], read: Ca
     return _take(of, content, made)
 
 
-def remembered(build: Callable[P, T]) -> Callable[P, T]:
-    """`build` with its latest results remembered, each for the models that were given when it was called.
+def cached(build: Callable[P, T]) -> Callable[P, T]:
+    """`build` with a cache of its latest results, each valid for the models that were given at the call.
 
-    `build` takes arguments by place that can be hashed, and makes its models by `kept`.
+    `build` takes hashable positional arguments and obtains its models from `stored_or_built`.
     """
     known: OrderedDict[Any, tuple[T, dict[str, bytes]]] = OrderedDict()
 
     def call(*args: P.args, **_: P.kwargs) -> T:
         here = tuple(sorted(pair for pair in (_given.get() or {}).items() if pair[1] in _offered))
         if (entry := known.get((args, here))) is None:
-            with gathered() as models:
+            with collected() as models:
                 entry = build(*args), models  # type: ignore[call-arg]
             known[args, here] = entry
-            if len(known) > _REMEMBERED:
+            if len(known) > _CACHED:
                 known.popitem(last=False)
         for of, content in entry[1].items():
             _take(of, content, None)
@@ -137,7 +139,7 @@ def remembered(build: Callable[P, T]) -> Callable[P, T]:
 
 
 def _take(of: str, content: bytes, model: T) -> T:
-    """`model`; whoever gathers models gets its bytes."""
+    """Return `model`, and pass its bytes to the active `collected` contexts."""
     taken = _taken.get()
     if taken is not None:
         taken[of] = content
@@ -145,7 +147,7 @@ def _take(of: str, content: bytes, model: T) -> T:
 
 
 def _keep(path: Path, content: bytes) -> None:
-    """Write a file as a whole; the oldest others make room."""
+    """Write a file atomically and delete the least recently used ones beyond `LIMIT`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}")
     try:

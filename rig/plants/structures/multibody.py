@@ -1,12 +1,12 @@
 """Rigid bodies in a plane, joined by springs: three degrees of freedom each, geometry by named points.
 
-A body moves by x, z and turns by phi; what its point (a along x, b along z) moves by is
+The coordinates of a body are x, z and the rotation phi; its point (a along x, b along z) moves by
 
     u_x = x + b phi,   u_z = z - a phi
 
-A spring of stiffness k between two points, or between a point and the ground, along x or z (or between two turns) adds
-k b b^T, b = motion of its first point less that of its second.
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c (the model's kind; rows derived).
+A spring of stiffness k between two points, or between a point and the ground, along x or z (or between two rotations)
+adds k b b^T, where b is the motion of its first point minus that of its second.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c (kind of model; rows derived here).
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ from rig.quantities import (
 GROUND = "ground"
 Place: Any = quantity("m")
 Point = Annotated[tuple[Place, Place], Unit("m")]
-"""(along x, along z) from the centre of mass."""
+"""Position (along x, along z) [m] from the centre of mass."""
 
 
 class Body(Section):
-    """Mass, moment of inertia about the centre of mass, and points by name."""
+    """A rigid body: mass, moment of inertia about the centre of mass, points by name."""
 
     mass: Kilogram
     inertia: KilogramSquareMetre
     points: dict[str, Point] = Field(default_factory=dict)
 
     def coordinates(self, name: str) -> dict[str, tuple[float, float]]:
-        """Its coordinates as body `name`, each with inertia and with a stiffness of its own."""
+        """The coordinates of the body `name` -> (inertia, additional stiffness)."""
         parts = (("x", self.mass), ("z", self.mass), ("phi", self.inertia))
         return {f"{name}.{axis}": (inertia, 0.0) for axis, inertia in parts}
 
     def row(self, name: str, a: float, b: float, direction: str) -> Row:
-        """The motion of its point (a, b) along a direction, over its coordinates."""
+        """The motion of the point (a, b) [m] along a direction, as a row over the coordinates."""
         if direction == "phi":
             return {f"{name}.phi": 1.0}
         arm = b if direction == "x" else -a
         return {f"{name}.{direction}": 1.0} | ({f"{name}.phi": arm} if arm else {})
 
-    def holds(self, point: str, direction: str) -> bool:
-        """Whether a spring to that point along that direction has something to hold."""
+    def acts_on(self, point: str, direction: str) -> bool:
+        """Whether a spring at this point along this direction acts on a coordinate."""
         return True
 
 
@@ -67,7 +67,7 @@ class Straight(Section):
 
 
 class Torsion(Section):
-    """A spring between the turns of two bodies."""
+    """A spring between the rotations of two bodies."""
 
     direction: Literal["phi"]
     stiffness: NewtonMetrePerRadian
@@ -80,7 +80,7 @@ Bodies = Mapping[str, Body]
 
 
 def motion(bodies: Bodies, place: str, direction: str) -> Row:
-    """The motion of "body.point" along x or z, or the turn of its body (phi), as a row; the ground has none."""
+    """The motion of "body.point" along x or z, or the rotation of its body (phi), as a row; empty for the ground."""
     if place == GROUND:
         return {}
     body, _, point = place.partition(".")
@@ -88,22 +88,22 @@ def motion(bodies: Bodies, place: str, direction: str) -> Row:
     return bodies[body].row(body, a, b, direction)
 
 
-def apart(bodies: Bodies, first: str, second: str, direction: str) -> Row:
-    """The motion of one place less that of another."""
+def relative_motion(bodies: Bodies, first: str, second: str, direction: str) -> Row:
+    """The motion of `first` minus that of `second`, as a row."""
     row = motion(bodies, first, direction)
     for name, value in motion(bodies, second, direction).items():
         row[name] = row.get(name, 0.0) - value
     return row
 
 
-def held(bodies: Bodies, spring: Any) -> bool:
-    """Whether both ends of a spring have something to hold."""
+def both_ends_act(bodies: Bodies, spring: Any) -> bool:
+    """Whether both ends of a spring act on a coordinate or on the ground."""
     ends = [place.partition(".") for place in (spring.first, spring.second) if place != GROUND]
-    return all(bodies[body].holds(point, spring.direction) for body, _, point in ends)
+    return all(bodies[body].acts_on(point, spring.direction) for body, _, point in ends)
 
 
-def unknown(bodies: Bodies, place: str) -> str:
-    """What is wrong with a place; "" where it is known."""
+def place_fault(bodies: Bodies, place: str) -> str:
+    """The fault of a place "body.point" as text; "" for a known one."""
     body, _, point = place.partition(".")
     if place == GROUND:
         return ""
@@ -115,14 +115,14 @@ def unknown(bodies: Bodies, place: str) -> str:
     return ""
 
 
-def adrift(
+def place_faults(
     bodies: Bodies, springs: Mapping[str, Any], joined: Mapping[str, tuple[str, str]]
 ) -> Iterator[tuple[str, str]]:
-    """(key, what is wrong) for every spring or contact (`joined`) whose places are unknown."""
+    """Pairs (key, fault) for every spring or contact (`joined`) with an unknown place."""
     ends = {f"springs.{name}": (spring.first, spring.second) for name, spring in springs.items()}
     for key, (first, second) in [*ends.items(), *joined.items()]:
         for place in (first, second):
-            wrong = unknown(bodies, place)
+            wrong = place_fault(bodies, place)
             if wrong:
                 yield key, wrong
         if first == second:

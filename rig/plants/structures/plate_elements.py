@@ -1,6 +1,6 @@
 """A plate on a layer of foam as an elastic structure of finite elements.
 
-The foam is held at its lower face. Without foam the plate is free: the first six modes are rigid, with a frequency of
+The lower face of the foam is fixed. Without foam the plate is free: the first six modes are rigid, with a frequency of
 zero, and `modes` counts them.
 Source: sizes and materials of "A new mechanism for friction-induced vibration and noise", section 3.2.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from rig.plants.structures.plate_surface import Array, Surface, element_at
-from rig.quantities import KilogramPerCubicMetre, Pascal, PoissonRatio, PositiveMetre, Ratio, Section, SomeMetre
+from rig.quantities import KilogramPerCubicMetre, NonNegativeMetre, Pascal, PoissonRatio, PositiveMetre, Ratio, Section
 
 if TYPE_CHECKING:
     from rig.plants.structures.hexahedra import Structure
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 Elements = Annotated[int, Ge(1), Le(64)]
 Count = Annotated[int, Ge(1), Le(200)]
 LARGEST = 60_000
-"""Unknowns of a structure that is built in less than a minute, in 2 GB."""
+"""Largest number of unknowns; building such a structure takes less than a minute and 2 GB."""
 
 
 class Plate(Section):
-    """The plate; how many modes are taken, and the damping ratio of the highest: the others' follow the frequency."""
+    """The plate; number of modes; damping ratio of the highest mode, those of the others in proportion to frequency."""
 
     length: PositiveMetre
     width: PositiveMetre
@@ -42,18 +42,18 @@ class Plate(Section):
 
 
 class Foam(Section):
-    """The layer under the plate, as large as the plate or `overhang` larger on all four sides."""
+    """The layer under the plate, as large as the plate or larger by `overhang` [m] on all four sides."""
 
     thickness: PositiveMetre
     young: Pascal
     density: KilogramPerCubicMetre
     poisson: PoissonRatio
-    overhang: SomeMetre = 0.0
+    overhang: NonNegativeMetre = 0.0
     elements_through: Elements = 2
 
 
 def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> Surface:
-    """The structure at the plate's top face, for a slider whose `footprint` is so long and wide [m]; takes seconds.
+    """Compute the structure at the plate's top face for a slider's `footprint` (length, width) [m]; takes seconds.
 
     Raises ValueError for more elements than `LARGEST` allows, too few for the modes, or values so far apart that the
     result is lost in rounding.
@@ -64,7 +64,7 @@ def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> 
             f"the elements of plate and foam have {unknowns} unknowns; at most {LARGEST} are allowed: "
             f"lower elements_along, elements_across or elements_through, or foam.overhang"
         )
-    from rig.plants.structures import hexahedra  # it imports a second's worth of scipy
+    from rig.plants.structures import hexahedra  # its import of scipy takes a second
 
     length, width = footprint
     structure, first = _structure(plate, foam)
@@ -97,7 +97,7 @@ def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> 
 
 
 def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, int]]:
-    """The elements, and how many of them lie before the plate along x and y."""
+    """The structure of elements, and the numbers of elements before the plate along x and y."""
     from rig.plants.structures import hexahedra
     from rig.plants.structures.hexahedra import Material, Part
 
@@ -124,13 +124,13 @@ def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, i
 
 
 def _beside(plate: Plate, foam: Foam) -> tuple[int, int]:
-    """Elements of the overhang on one side, along x and y: no longer than those of the plate."""
+    """Numbers of elements of the overhang on one side along x and y; they are not longer than those of the plate."""
     a, b = plate.length / plate.elements_along, plate.width / plate.elements_across
     return math.ceil(foam.overhang / a - 1e-9), math.ceil(foam.overhang / b - 1e-9)
 
 
 def _unknowns(plate: Plate, foam: Foam | None) -> int:
-    """Of the structure, without those that are held."""
+    """Number of unknowns of the structure without fixed ones."""
     face = (2 * plate.elements_along + 1) * (2 * plate.elements_across + 1)
     if foam is None:
         return 3 * face * (2 * plate.elements_through + 1)
@@ -140,7 +140,7 @@ def _unknowns(plate: Plate, foam: Foam | None) -> int:
 
 
 def _widened(lines: Array, by: float, elements: int) -> Array:
-    """Boundaries with as many `elements` more at either end, over a width of `by` [m]."""
+    """Boundaries `lines` [m] with `elements` more at both ends over a width of `by` [m]."""
     more = np.linspace(0.0, by, elements + 1)
     return np.concatenate([lines[0] - more[:0:-1], lines, lines[-1] + more[1:]])
 

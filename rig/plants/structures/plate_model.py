@@ -5,10 +5,10 @@
 x runs along the plate from its rear edge, y across it from its middle, z upwards. A slider lies on the plate and moves
 along x, with its middle at y = 0: from position 0, where both rear edges meet, to where both front edges meet. The foam
 is held at its lower face. Without foam the plate is free: the first six modes are rigid, with a frequency of zero, and
-`modes` counts them. Who wants only elastic modes drops these six.
+`modes` counts them.
 
-The modes leave out some of the static deflection. `residual` is what they leave out of the mean deflection of the
-footprint at mid-travel under uniform pressure, per pressure. It acts in series with the film between slider and plate.
+The modes lack a part of the static deflection. `residual` is this part of the mean deflection of the footprint at
+mid-travel under uniform pressure, per pressure. It acts in series with the film between slider and plate.
 Source: plate and foam of "A new mechanism for friction-induced vibration and noise", section 3.2; `residual`: derived.
 """
 
@@ -33,12 +33,12 @@ __all__ = ["Foam", "Grid", "Plate", "Reduced", "Surface", "build"]
 _HERE = Path(__file__).parent
 _SOURCES = ("hexahedra.py", "plate_elements.py", "plate_surface.py")
 LARGEST_PITCH = 0.5e-3
-"""Between two places at which shapes are kept [m]. # chosen"""
+"""Largest distance between two positions at which shapes are stored [m] [chosen]."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Contact points at the middles of `along` times `across` equal cells of the slider's footprint [m]."""
+    """The contact points: centres of `along` times `across` equal cells of the slider's footprint [m]."""
 
     length: float
     width: float
@@ -47,7 +47,7 @@ class Grid:
 
     @property
     def lines(self) -> Array:
-        """Places of the rows across the plate, y [m]."""
+        """Positions y [m] of the lines of points along the plate."""
         return ((np.arange(self.across) + 0.5) / self.across - 0.5) * self.width
 
     @property
@@ -63,11 +63,11 @@ class Grid:
 
 @dataclass(frozen=True)
 class Reduced:
-    """The structure for contact points that ride with the slider.
+    """The structure for contact points that move with the slider.
 
-    `shapes` [mode, 3 (x, y, z), line, place] kg^-0.5: at the contact grid's lines along the plate, at places `pitch`
-    [m] apart. With the slider at position n `pitch`, point i along is at place n + i `stride`. In between, shapes
-    are interpolated linearly. `probe` [mode, 3] kg^-0.5: at `point`, x and y [m].
+    `shapes` [mode, 3 (x, y, z), line, position] kg^-0.5: on the contact grid's lines along the plate, at positions with
+    the distance `pitch` [m]. With the slider at n `pitch`, point i along is at position n + i `stride`. In between,
+    shapes are interpolated linearly. `probe` [mode, 3] kg^-0.5: shapes at `point`, x and y [m].
     """
 
     surface: Surface
@@ -78,12 +78,12 @@ class Reduced:
 
     @property
     def frequencies(self) -> Array:
-        """Of the modes, ascending [Hz]."""
+        """Frequencies [Hz] of the modes, ascending."""
         return self.surface.frequencies
 
     @property
     def residual(self) -> float:
-        """What the modes leave out, in series with the film [m/Pa]."""
+        """Mean deflection per pressure that the modes lack [m/Pa]; it acts in series with the film."""
         return self.surface.residual
 
     @property
@@ -103,7 +103,7 @@ class Reduced:
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Self:
-        """What `to_bytes` wrote. Raises ValueError for anything else."""
+        """Read what `to_bytes` wrote. Raises ValueError for other content."""
         head, body = unframed(content)
         try:
             grid = Grid(float(head["length"]), float(head["width"]), int(head["along"]), int(head["across"]))
@@ -116,7 +116,7 @@ class Reduced:
 
     @classmethod
     def of(cls, surface: Surface, grid: Grid, point: tuple[float, float]) -> Self:
-        """The model from what is known of the plate's surface. Raises ValueError for a point beside the plate."""
+        """The model of the plate with this surface. Raises ValueError for a point beside the plate."""
         travel = surface.x[-1] - surface.x[0] - grid.length
         count = math.ceil(travel / grid.pitch - 1e-9) + 1 + (grid.along - 1) * grid.stride
         places = 0.5 * grid.length / grid.along + np.arange(count) * grid.pitch  # the last may be beside the plate
@@ -136,7 +136,7 @@ def build(plate: Plate, foam: Foam | None, grid: Grid, point: tuple[float, float
         if slider > most:
             raise ValueError(f"slider.{name} is {slider:g} m; it must be at most plate.{name}, {most:g} m")
     of = _given(plate, foam, grid)
-    surface = model_store.kept(
+    surface = model_store.stored_or_built(
         f"{_key(of)}.plate",
         build=lambda: plate_elements.surface(plate, foam, (grid.length, grid.width)),
         write=Surface.to_bytes,
@@ -147,7 +147,7 @@ def build(plate: Plate, foam: Foam | None, grid: Grid, point: tuple[float, float
 
 
 def _given(plate: Plate, foam: Foam | None, grid: Grid) -> dict[str, Any]:
-    """The numbers that the surface depends on."""
+    """The values that the surface depends on."""
     return {
         "plate": plate.model_dump(exclude={"damping_ratio"}),
         "foam": foam and foam.model_dump(),
@@ -164,5 +164,5 @@ def _key(given: dict[str, Any]) -> str:
     return _hash(given | built)
 
 
-def _hash(told: dict[str, Any]) -> str:
-    return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:32]
+def _hash(values: dict[str, Any]) -> str:
+    return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:32]

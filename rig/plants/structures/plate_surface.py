@@ -1,4 +1,4 @@
-"""What the structure of a plate is for whatever lies on it: frequencies and mode shapes at the plate's top face.
+"""The structure of a plate at its top face: frequencies, mode shapes and static compliance.
 
 x runs along the plate from its rear edge, y across it from its middle, z upwards.
 """
@@ -20,11 +20,11 @@ _SUM = hashlib.sha256().digest_size
 
 @dataclass(frozen=True)
 class Surface:
-    """The structure as seen at the plate's top face.
+    """The structure at the plate's top face.
 
-    `frequencies` [mode] Hz, ascending. `x`, `y`: places of the nodes [m], two for each element and one more. `shapes`
-    [mode, 3 (x, y, z), y, x] kg^-0.5, of mass one. `compliance` [m/Pa]: mean deflection of the slider's footprint at
-    mid-travel under uniform pressure on it; `residual` [m/Pa]: how much of it the modes leave out.
+    `frequencies` [mode] Hz, ascending. `x`, `y`: positions of the nodes [m], two per element and one more. `shapes`
+    [mode, 3 (x, y, z), y, x] kg^-0.5, for unit modal mass. `compliance` [m/Pa]: mean deflection of the slider's
+    footprint at mid-travel under uniform pressure on it; `residual` [m/Pa]: the part of it that the modes lack.
     """
 
     frequencies: Array
@@ -35,9 +35,9 @@ class Surface:
     residual: float
 
     def at(self, x: Array, y: Array) -> Array:
-        """Shapes [mode, 3, y, x] kg^-0.5 at all pairs of the places `x` [m] and `y` [m].
+        """Shapes [mode, 3, y, x] kg^-0.5 at all pairs of the positions `x` [m] and `y` [m].
 
-        Raises ValueError for places beside the plate.
+        Raises ValueError for positions beside the plate.
         """
         for name, places, nodes in (("x", x, self.x), ("y", y, self.y)):
             beyond = places[(places < nodes[0]) | (places > nodes[-1])]
@@ -46,7 +46,7 @@ class Surface:
         return self.continued(x, y)
 
     def continued(self, x: Array, y: Array) -> Array:
-        """The same, where places beside the plate have the polynomial of the element at its edge."""
+        """Shapes as `at`; positions beside the plate use the polynomial of the element at its edge."""
         along = _interpolated(self.shapes, self.x, x)
         return _interpolated(along.swapaxes(2, 3), self.y, y).swapaxes(2, 3)
 
@@ -59,7 +59,7 @@ class Surface:
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Self:
-        """What `to_bytes` wrote. Raises ValueError for anything else."""
+        """Read what `to_bytes` wrote. Raises ValueError for other content."""
         head, body = unframed(content)
         try:
             modes, x, y = (int(head[name]) for name in ("modes", "x", "y"))
@@ -75,17 +75,17 @@ class Surface:
 
 
 def framed(head: dict[str, Any], body: bytes) -> bytes:
-    """`head` as a line of JSON, and `body`, between a line that tells the format and a checksum."""
+    """Bytes of a model: a line with the format, `head` as a line of JSON, `body`, a checksum."""
     whole = _MAGIC + json.dumps(head, sort_keys=True).encode() + b"\n" + body
     return whole + hashlib.sha256(whole).digest()
 
 
 def unframed(content: bytes) -> tuple[dict[str, Any], bytes]:
-    """What `framed` was given. Raises ValueError for anything else."""
-    whole, told = content[:-_SUM], content[-_SUM:]
+    """The head and the body that `framed` was called with. Raises ValueError for other content."""
+    whole, stated = content[:-_SUM], content[-_SUM:]
     if not whole.startswith(_MAGIC):
         raise ValueError("is no plate model of this version")
-    if hashlib.sha256(whole).digest() != told:
+    if hashlib.sha256(whole).digest() != stated:
         raise ValueError("is damaged: its checksum does not agree")
     line, _, body = whole[len(_MAGIC) :].partition(b"\n")
     try:
@@ -106,6 +106,6 @@ def element_at(nodes: Array, places: Array) -> tuple[NDArray[np.int64], Array]:
 
 
 def _interpolated(values: Array, nodes: Array, places: Array) -> Array:
-    """`values` [..., node] at each place [..., place]; no library's product of matrices: the same bits everywhere."""
+    """`values` [..., node] at each position; without a library's matrix product, for the same bits on every machine."""
     first, weights = element_at(nodes, places)
     return weights[0] * values[..., first] + weights[1] * values[..., first + 1] + weights[2] * values[..., first + 2]  # type: ignore[no-any-return]

@@ -1,7 +1,7 @@
-"""Power series of two small angles, cut off at a degree: how the geometry of a rig is taken to a stated order.
+"""Truncated power series of two small angles, for the geometry of a rig up to a stated order.
 
-A series is an array c[i, j] of the coefficients of phi^i theta^j; of shape (n + 1, n + 1) it holds every term of degree
-up to n and leaves out what is beyond.
+A series is an array c[i, j] of the coefficients of phi^i theta^j. Its shape is (n + 1, n + 1); it contains all terms up
+to degree n.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ _ROUNDING = 1e-13
 
 
 def constant(value: float, degree: int) -> Array:
-    """The series of a number."""
+    """The series of a constant."""
     out = np.zeros((degree + 1, degree + 1))
     out[0, 0] = value
     return out
 
 
 def sine(axis: int, degree: int) -> Array:
-    """Sine of the angle number `axis`."""
+    """The series of the sine of angle `axis` (0: phi, 1: theta)."""
     return _along(axis, [(-1.0) ** (k // 2) / factorial(k) if k % 2 else 0.0 for k in range(degree + 1)])
 
 
 def versine(axis: int, degree: int) -> Array:
-    """One less the cosine of the angle number `axis`."""
+    """The series of one minus the cosine of angle `axis`."""
     return _along(axis, [-((-1.0) ** (k // 2)) / factorial(k) if k and not k % 2 else 0.0 for k in range(degree + 1)])
 
 
@@ -39,7 +39,7 @@ def _along(axis: int, coefficients: list[float]) -> Array:
 
 
 def times(a: Array, b: Array) -> Array:
-    """Product of two series of the same shape."""
+    """The product of two series of the same shape, truncated to this shape."""
     n = len(a)
     parts = np.zeros((n, n, n, n))
     for i, j in np.argwhere(a):
@@ -48,14 +48,14 @@ def times(a: Array, b: Array) -> Array:
 
 
 def total(parts: Array) -> Array:
-    """Sum over the first axis; what is left of terms that cancel is rounding, and is nothing."""
+    """The sum of series [series, i, j]; rounding errors of terms that cancel are set to zero."""
     out = parts.sum(axis=0)
     out[np.abs(out) <= _ROUNDING * np.abs(parts).sum(axis=0)] = 0.0
     return np.asarray(out)
 
 
 def root(a: Array) -> Array:
-    """Square root of a series whose constant is above zero, by the binomial series."""
+    """The square root of a series with a positive constant term, by the binomial series."""
     rest = a / a[0, 0]
     rest[0, 0] = 0.0
     factor, power = 1.0, constant(1.0, len(a) - 1)
@@ -67,7 +67,7 @@ def root(a: Array) -> Array:
 
 
 def cut(a: Array, degree: int, room: int | None = None) -> Array:
-    """The series without the terms above `degree`, in room for those up to `room`."""
+    """The series without terms above `degree`, in an array for terms up to `room` (default: `degree`)."""
     room = len(a) - 1 if room is None else room
     out = np.zeros((room + 1, room + 1))
     n = min(len(a), room + 1)
@@ -78,7 +78,7 @@ def cut(a: Array, degree: int, room: int | None = None) -> Array:
 
 
 def slope(a: Array, axis: int) -> Array:
-    """Derivative with respect to the angle number `axis`."""
+    """The derivative with respect to angle `axis`."""
     powers = np.arange(len(a), dtype=np.float64)
     out = np.zeros_like(a)
     if axis == 0:

@@ -9,5 +9,6 @@ disc           the slider on a flexible disc with seven modes: real-time factor 
 one_contact    rigs of one contact: real-time factor
 maps           a map of 100 x 100 points: its time, and the gain by a second core
 loop           the paced loop over the bus: round trip, ages, losses
+pages          pictures per second, their delay and the timing verdict of a run that eleven pages of rig web watch
 against        the speed of this version over that of another (one_version runs one of them)
 """

@@ -1,8 +1,8 @@
 """`make bench`: measures every number of docs/benchmarks.md on this machine.
 
-`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone. `--loop SECONDS` measures the loop
-over the bus alone, with a paced run of that length. `--against COMMIT` only compares the speed with that of another
-version of the sources.
+`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone, `--pages` only the pages of `rig web`.
+`--loop SECONDS` measures the loop over the bus alone, with a paced run of that length. `--against COMMIT` only compares
+the speed with that of another version of the sources.
 """
 
 from __future__ import annotations
@@ -14,7 +14,19 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import BusError, UsageError
-from rig.qualify.benchmarks import absent_effect, against, disc, kernels, loop, maps, one_contact, twins, whole_runs
+from rig.qualify.benchmarks import (
+    absent_effect,
+    against,
+    disc,
+    kernels,
+    loop,
+    maps,
+    one_contact,
+    pages,
+    recording,
+    twins,
+    whole_runs,
+)
 from rig.record.provenance import provenance
 
 FLOORS = {
@@ -36,12 +48,15 @@ FLOORS = {
     "step_to_command_ms": 0.5,
     "lockstep": 1.3,
     "paced": 1.0,
+    "recorder": 1.0,
     "disc": 20.0,
     "tip": 500.0,
     "tip_waves": 10.0,
     "tip_beam": 20.0,
     "four_dof": 5000.0,
     "map": 0.85,
+    "pictures": 20.0,
+    "picture_delay": 0.3,
 }
 
 
@@ -108,7 +123,22 @@ def main() -> int:
         say(f"  {paced['verdict']}: {timing['late_share']:.2%} of the frames late; "
             f"the host took {timing['stolen_share']:.2%} of the processors")  # fmt: skip
 
-    def told() -> int:
+    def watched() -> None:
+        say(f"\nrig web: {pages.PAGES} pages without a browser, one in Chromium, on a paced run at 1 kHz")
+        found["pages"] = seen = pages.pages(10.0 if quick else 30.0)
+        if seen["verdict"] != "VALID":
+            missed.append("a run that is watched is VALID")
+        say(f"  {seen['verdict']}: {'; '.join(seen['reasons'])}")
+        for name in ("sockets", "browser"):
+            if (one := seen[name]) is None:
+                say("  Chromium is not installed: not measured in a browser")
+                continue
+            rate = judged(f"pictures per second, {name}", one["rate"], "pictures")
+            delay = judged(f"delay of pictures, {name}", one["p99"], "picture_delay", at_most=True)
+            say(f"  {name}: {one['rate']:.1f} pictures/s {rate}; delay at most {one['p50']:.3f} s (p50), "
+                f"{one['p99']:.3f} s (p99) {delay}")  # fmt: skip
+
+    def finish() -> int:
         if "--json" in sys.argv:
             Path(sys.argv[sys.argv.index("--json") + 1]).write_text(json.dumps(found, indent=1, default=str))
         if missed:
@@ -125,13 +155,16 @@ def main() -> int:
             say(str(error))
             return 2
         missed += against.missed(speeds)
-        return told()
+        return finish()
     if "--map" in sys.argv:
         mapped()
-        return told()
+        return finish()
+    if "--pages" in sys.argv:
+        watched()
+        return finish()
     if "--loop" in sys.argv:
         looped(float(sys.argv[sys.argv.index("--loop") + 1]))
-        return told()
+        return finish()
     say("\nreal-time factor of the pendulum, 1 ms samples, over event-time error (of a period)")
     found["precision"] = rows = kernels.precision()
     for row in rows:
@@ -178,7 +211,7 @@ def main() -> int:
     say("  a further second of a run, alternating, processor time:")
     found["marginal"] = further = whole_runs.marginal(2 if quick else 5)
     for name, rtf in further.items():
-        say(f"  {whole_runs.CASES[name].told}: {rtf:.3g} x real time {judged(name, rtf, name)}")
+        say(f"  {whole_runs.CASES[name].title}: {rtf:.3g} x real time {judged(name, rtf, name)}")
     found["start"] = s = whole_runs.start(3 if quick else 7)
     say(f"  new process, 10 s simulated: {s['wall']:.2f} s wall (worst {s['worst']:.2f}) "
         f"{judged('start', s['wall'], 'start', at_most=True)}")  # fmt: skip
@@ -193,11 +226,21 @@ def main() -> int:
     say("\nrigs of one contact, kernel without energy balance, alternating, processor time")
     found["rubbing"] = quick_ones = one_contact.speed(5 if quick else 10)
     for name, rtf in quick_ones.items():
-        say(f"  {one_contact.CASES[name].told}: {rtf:.3g} x real time {judged(name, rtf, name)}")
+        say(f"  {one_contact.CASES[name].title}: {rtf:.3g} x real time {judged(name, rtf, name)}")
+
+    say("\nrecorder: 10 sensors at 100 kHz in blocks, 8 outputs at 1 kHz")
+    found["recording"] = kept = recording.recording(3.0 if quick else 20.0)
+    verdict = judged("recorder", kept["recorder"], "recorder", at_most=True)
+    if kept["lost"]:
+        missed.append("recorder lost nothing")
+    say(f"  {kept['recorder']:.2f} of a core {verdict}, {kept['messages']} messages, {kept['lost']} lost, "
+        f"{kept['bytes'] / 1e6:.1f} MB")  # fmt: skip
+    say(f"  on the publishing thread: {kept['mean_us']:.0f} us of a frame (mean), {kept['p99_us']:.0f} us (p99)")
 
     looped(10.0 if quick else 60.0)
+    watched()
     mapped()
-    return told()
+    return finish()
 
 
 if __name__ == "__main__":

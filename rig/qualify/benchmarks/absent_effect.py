@@ -39,7 +39,7 @@ def repeated(shape, t, w, state, log, seg, plan, ticks):
 """
 
 
-def leaves() -> tuple[Any, Any]:
+def compiled_loops() -> tuple[Any, Any]:
     """Return a loop over `rate` as a compiled function (rig.solve.specialised), and its twin."""
     rate: Any = forces.rate
     source = textwrap.dedent(inspect.getsource(rate.py_func))
@@ -77,10 +77,10 @@ def kinds(motion: Motion) -> tuple[Any, ...]:
     return shape, *(typed(Loan(part)) for part in parts), typed(1)
 
 
-def instructions(leaf: Any, *kinds: Any) -> list[str]:
+def instructions(loop: Any, *kinds: Any) -> list[str]:
     """Return the machine instructions for arguments of these types, without symbol names."""
-    leaf.compile(kinds)
-    [text] = leaf.inspect_asm().values()
+    loop.compile(kinds)
+    [text] = loop.inspect_asm().values()
     lines = [line.split("#")[0].strip() for line in text.partition("cpython")[0].splitlines()]
     return [_SYMBOL.sub("*", line) for line in lines if line and line[0] != "." and line[-1] != ":"]
 
@@ -94,11 +94,11 @@ def _run(address, tables, loan, times):  # type: ignore[no-untyped-def]
 def cost() -> dict[str, float]:
     """Measure ns per call of both, alternating, best of rounds, and their ratio."""
     motion = slipping()
-    pair, run = leaves(), entry(_run, 0, motion.mode_sets.handle, motion.loan, 1)
+    pair, run = compiled_loops(), entry(_run, 0, motion.mode_sets.handle, motion.loan, 1)
     addresses = []
-    for leaf in pair:
-        leaf.compile(kinds(motion))
-        found = leaf.overloads[kinds(motion)]
+    for loop in pair:
+        loop.compile(kinds(motion))
+        found = loop.overloads[kinds(motion)]
         addresses.append(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
     best = [np.inf, np.inf]
     for one in addresses:

@@ -71,13 +71,13 @@ def compared(commit: str, say: Callable[[str], object], rounds: int = ROUNDS) ->
         times, same = [], True
         for k in range(rounds):
             order = versions if k % 2 else versions[::-1]
-            told = {version: version.round(case) for version in order}
-            (ours, at), (theirs, other) = (told[version] for version in versions)
+            measured = {version: version.round(case) for version in order}
+            (ours, at), (theirs, other) = (measured[version] for version in versions)
             times.append((ours, theirs))
             same = same and at == other
         for version in versions:
             version.end()
-        found[case] = _told(times, same)
+        found[case] = _comparison(times, same)
         say(_line(case, found[case]))
     return found
 
@@ -106,7 +106,7 @@ def _git(*arguments: str) -> bytes:
         raise UsageError(f"--against: {error.stderr.decode().strip()}") from None
 
 
-def _told(times: list[tuple[float, float]], same: bool) -> dict[str, Any]:
+def _comparison(times: list[tuple[float, float]], same: bool) -> dict[str, Any]:
     ours, theirs = (statistics.median(column) for column in zip(*times))
     known = max(ours, theirs) < float("inf")
     speed = statistics.median(b / a for a, b in times) if known else float("nan")

@@ -14,7 +14,7 @@ from rig.scenes.loader import load
 class Case(NamedTuple):
     """A scene with `changes`, simulated for `seconds` at a time with its default method."""
 
-    told: str
+    title: str
     scene: str
     changes: Mapping[str, Any]
     seconds: float

@@ -27,7 +27,7 @@ SQUEAL = {
 class Case(NamedTuple):
     """Runs of `short` and `long` seconds; their difference excludes the cost of start and end."""
 
-    told: str
+    title: str
     scene: str
     changes: Mapping[str, Any]
     short: float

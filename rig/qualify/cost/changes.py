@@ -13,7 +13,7 @@ from rig.qualify.cost.settings import of
 _NUDGE = 1e-9  # relative change of a start that reveals an irregular motion
 _LEAST_NUDGE = 1e-12
 _LEAST = 1e-9  # share of a measure that no run resolves
-_TOLD = 2.0  # a change counts above this multiple of the difference between two runs of an irregular motion
+_SIGNIFICANT = 2.0  # a change counts above this multiple of the difference between two runs of an irregular motion
 _UNITS = {
     "period": "s",
     "energy per cycle": "J",
@@ -41,9 +41,9 @@ class Change:
     floor: float = 0.0
 
     @property
-    def told(self) -> bool:
+    def significant(self) -> bool:
         """Whether the change is significant: neither zero nor the irregularity of the motion itself."""
-        return self.size > _TOLD * self.floor
+        return self.size > _SIGNIFICANT * self.floor
 
     def text(self) -> str:
         """Return the report as text."""
@@ -57,7 +57,7 @@ class Change:
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
-        return {**vars(self), "told": self.told}
+        return {**vars(self), "told": self.significant}
 
 
 def _percent(size: float) -> str:

@@ -29,7 +29,7 @@ def chosen(
     no setting meets both.
     """
     pick = recommended(table(scene, say, root, report).rows, WORST, accuracy, budget)
-    say(pick.told(WORST))
+    say(pick.text(WORST))
     return pick.setting.applied(scene)
 
 

@@ -110,8 +110,8 @@ def draw(found: Sequence[Delayed], table: Table, path: Path) -> None:
         for one in found:
             for (label, colour, line), points in zip(styles, (one.delays, one.periods)):
                 times, away = zip(*points)
-                told = f"{label}, {one.controller}" if len(found) > 1 else label
-                axes.plot(times, [max(v, LEAST) for v in away], line, color=colour, marker=".", label=told)
+                name = f"{label}, {one.controller}" if len(found) > 1 else label
+                axes.plot(times, [max(v, LEAST) for v in away], line, color=colour, marker=".", label=name)
             delay, period, error = one.own
             axes.plot(
                 max(delay, period), error, "*", ms=14, color="black", label=f"{one.controller} as the scene has it"

@@ -74,8 +74,8 @@ class Paired:
     @property
     def worst(self) -> Change | None:
         """The largest significant change; None if there is none."""
-        told = [one for one in self.changes if one.told]
-        return max(told, key=lambda one: one.size, default=None)
+        significant = [one for one in self.changes if one.significant]
+        return max(significant, key=lambda one: one.size, default=None)
 
     @property
     def measurable(self) -> bool:
@@ -83,7 +83,7 @@ class Paired:
         return self.noise <= _BUSY * self.whole
 
     @property
-    def told(self) -> Spread:
+    def shown_cost(self) -> Spread:
         """The cost in a figure: zero if it is not measurable."""
         return self.tick if self.measurable else Spread(0.0, 0.0, 0.0)
 
@@ -103,16 +103,16 @@ class Paired:
             return f"cannot be {'left out alone' if self.on else 'added'}: {self.fault}"
         worst = self.worst
         if worst is not None:
-            said = worst.text()
+            text = worst.text()
         elif not self.changes:
-            said = "" if self.note else "nothing moves with or without it, so that nothing can be compared"
+            text = "" if self.note else "nothing moves with or without it, so that nothing can be compared"
         elif any(one.size > 0.0 for one in self.changes):
-            said = "no significant change: the motion is irregular, and two runs of it differ as much"
+            text = "no significant change: the motion is irregular, and two runs of it differ as much"
         else:
-            said = "nothing"
-        said = "; ".join(filter(None, (said, self.note)))
+            text = "nothing"
+        text = "; ".join(filter(None, (text, self.note)))
         if self.closed is None:
-            return "; ".join(filter(None, (self.switch and f"{self.switch}, measured closed", said)))
+            return "; ".join(filter(None, (self.switch and f"{self.switch}, measured closed", text)))
         return f"{self.switch}; measured closed: {self.closed.cost()}, {self.closed.change()}"
 
     def to_json(self) -> dict[str, Any]:
@@ -191,20 +191,20 @@ def compared(
     except NumericsError as error:
         yield from (Paired(name, note=f"the plant with it stops: {error.what}") for name in others)
         return
-    told: dict[str, Paired] = {}
+    pairs: dict[str, Paired] = {}
     for name, scene in others.items():
         try:
             one = problem(scene, values)
             changes, note = changed(whole, one)
-            told[name] = Paired(name, whole.system.n - one.system.n, changes=changes, note=note)
+            pairs[name] = Paired(name, whole.system.n - one.system.n, changes=changes, note=note)
             setting = of(one.scene, one.system)
             contenders[name] = Contender(one, setting, one.later(setting))
         except NumericsError as error:
-            told[name] = replace(told.get(name, Paired(name)), note=f"without it the plant stops: {error.what}")
+            pairs[name] = replace(pairs.get(name, Paired(name)), note=f"without it the plant stops: {error.what}")
         except RigError as error:
-            told[name] = Paired(name, fault=str(error).partition("\n")[0])
+            pairs[name] = Paired(name, fault=str(error).partition("\n")[0])
     ticks = timed(contenders, rounds, say)
-    for name, one_of in told.items():
+    for name, one_of in pairs.items():
         yield replace(one_of, **cost_of(ticks, name)) if name in ticks else one_of
 
 

@@ -73,9 +73,11 @@ def sheet(title: str, machine: dict[str, str], path: Path) -> Iterator[Figure]:
         FigureCanvasAgg(figure)
         yield figure
         m = machine
-        told = f"{m['processor']}, {m['cores']} cores\nPython {m['python']}, numba {m['numba']}, {m['date'][:10]}"
+        machine_text = (
+            f"{m['processor']}, {m['cores']} cores\nPython {m['python']}, numba {m['numba']}, {m['date'][:10]}"
+        )
         figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
-        figure.text(0.99, 0.015, told, ha="right", va="bottom", fontsize=8.5, color="#666666")
+        figure.text(0.99, 0.015, machine_text, ha="right", va="bottom", fontsize=8.5, color="#666666")
         put(figure, path)
 
 
@@ -137,11 +139,11 @@ def _curves(axes: Axes, found: Table, metric: str, at: At, spread: Sequence[tupl
     axes.set_ylim(min(max(0.2 * min([floor, *shown]), LEAST), 0.1 * top), top)
 
 
-def _second(axes: Axes, told: Callable[[float], float], label: str) -> None:
+def _second(axes: Axes, converted: Callable[[float], float], label: str) -> None:
     """Draw a second horizontal axis on top: the same values in another unit."""
     top = axes.twiny()
     low, high = axes.get_xlim()
-    top.set(xscale="log", xlim=(told(low), told(high)), xlabel=label)
+    top.set(xscale="log", xlim=(converted(low), converted(high)), xlabel=label)
     top.grid(visible=False)
     for one in (axes, top):
         one.xaxis.set_major_formatter("{x:g}")

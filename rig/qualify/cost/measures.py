@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rig.analysis.orbit import Orbit
 from rig.analysis.output_polynomials import Dense
 from rig.errors import NumericsError
-from rig.motion.motion import Event
+from rig.motion.memory import Event
 from rig.qualify.cost.problem import ROUNDS, Problem, lift
 from rig.qualify.cost.settings import Setting
 

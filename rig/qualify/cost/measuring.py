@@ -42,7 +42,7 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
     folder = None if root is None else folder_of(scene, root)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    able = eligible(asked.system, scene.step_ns)
+    able = eligible(asked.system)
     rate = fastest(asked.system)
     methods = [method for method, why in able.items() if not why]
     settings = [setting for method in methods for setting in ladder(method, scene, rate)]
@@ -75,8 +75,8 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
     for setting in settings:
         seen, truth = observe(asked, setting), truths.of(setting.method)
         fault = seen.fault or (truth.seen.fault and f"no reference: {truth.setting} stops, {truth.seen.fault}")
-        told = {} if fault else errors(asked, seen, truth.seen)
-        found.rows.append(Row(setting, told, truths.floor, _unknown(), math.nan, seen.steps, fault))
+        by_metric = {} if fault else errors(asked, seen, truth.seen)
+        found.rows.append(Row(setting, by_metric, truths.floor, _unknown(), math.nan, seen.steps, fault))
         step()
     found.orders = orders(found.rows, asked.seconds)
     if folder is not None:
@@ -110,9 +110,9 @@ def timed(
             contenders[i] = Contender(asked, rows[i].setting, x)
         except NumericsError as error:
             found[i] = replace(rows[i], fault=error.what)
-    for i, told in zip(contenders, timing.measured(list(contenders.values()), rounds, step)):
-        if isinstance(told, str):
-            found[i] = replace(rows[i], fault=told)
+    for i, result in zip(contenders, timing.measured(list(contenders.values()), rounds, step)):
+        if isinstance(result, str):
+            found[i] = replace(rows[i], fault=result)
         else:
-            found[i] = replace(rows[i], cost=told, share=told.p99.value * 1e-3)
+            found[i] = replace(rows[i], cost=result, share=result.p99.value * 1e-3)
     return found

@@ -2,7 +2,8 @@
 
 A setting is on the Pareto front if no other setting is both cheaper and has a smaller error. The recommended setting is
 the cheapest at p99 of those that meet the target error and the budget. Costs up to a tenth higher count as equal, and
-among these the setting with the smallest error is taken.
+among these the setting with the smallest error is taken, of equal errors the one with the finest tolerance: frames may
+have cut the steps of all of them to the same length.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from rig.errors import UsageError
 from rig.qualify.cost.table import WORST, Row
 
 SAME = 1.1  # ratio of costs that count as equal
-_TOLD = 2.0  # an error below this multiple of the difference between the references is not resolved
+_RESOLVED = 2.0  # an error below this multiple of the difference between the references is not resolved
 
 
 def front(rows: Sequence[Row], metric: str) -> list[Row]:
@@ -41,9 +42,11 @@ def recommended(rows: Sequence[Row], metric: str, target: float | None, budget: 
         raise UsageError(_why(able, fitting, metric, target, budget))
     if target is None:
         best = min(row.error(metric) for row in enough)
-        enough = [row for row in enough if row.error(metric) <= max(best, _TOLD * row.floor(metric))]
+        enough = [row for row in enough if row.error(metric) <= max(best, _RESOLVED * row.floor(metric))]
     least = min(row.p99 for row in enough)
-    return min((row for row in enough if row.p99 <= SAME * least), key=lambda row: row.error(metric))
+    return min(
+        (row for row in enough if row.p99 <= SAME * least), key=lambda row: (row.error(metric), row.setting.tolerance)
+    )
 
 
 def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None, budget: float | None) -> str:
@@ -57,7 +60,7 @@ def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None,
     within = "" if budget is None else f" within {_percent(budget)} of a frame"
     name = best.worst if metric == WORST else metric
     error, floor = best.error(metric), best.floor(name)
-    if error <= _TOLD * floor:
+    if error <= _RESOLVED * floor:
         return (
             f"no setting provably reaches a relative error of {target:.0e}{within}: the references agree only to "
             f"{floor:.0e} in {name}, and the error of {best.setting} is as small"

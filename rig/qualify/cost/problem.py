@@ -32,9 +32,9 @@ from rig.analysis.orbit import Orbit
 from rig.analysis.repetition import all_round, repeating, turn_of
 from rig.bench.rig_variant import with_values
 from rig.bench.runner import PlantRunner
-from rig.model.assembly import Assembly
+from rig.model.assembly import Assembly, portrait
 from rig.model.system import System
-from rig.motion.motion import Event
+from rig.motion.memory import Event
 from rig.qualify.cost.settings import Setting, of
 from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
@@ -83,8 +83,8 @@ class Problem:
     @property
     def quantities(self) -> list[str]:
         """Names of the compared outputs."""
-        outputs = list(self.assembly.outputs)
-        first = "displacement" if "displacement" in outputs else outputs[0]
+        outputs = self.assembly.outputs
+        first, _ = portrait(outputs) or (next(iter(outputs)), "")
         read = [name for section in self.scene.sensors.values() for name in [section.reads] if name in outputs]
         return list(dict.fromkeys([first, *read]))
 
@@ -126,8 +126,8 @@ def _tolerant(scene: Scene) -> Scene:
 
 def digest(scene: Scene) -> str:
     """Return a hash (16 hex digits) of everything that a cost table depends on, except the machine."""
-    told = json.loads(Setting("exact", 1e-7, 100_000).applied(scene).to_json())
-    kept = {key: told[key] for key in told.keys() - {"name", "title", "about", "origins"}}
+    raw = json.loads(Setting("exact", 1e-7, 100_000).applied(scene).to_json())
+    kept = {key: raw[key] for key in raw.keys() - {"name", "title", "about", "origins"}}
     text = json.dumps(kept, sort_keys=True) + kernel.source_key() + _own_sources()
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

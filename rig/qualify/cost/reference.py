@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rig.motion.motion import SEGMENTS
+from rig.motion.memory import SEGMENTS
 from rig.qualify.cost.measures import Seen, errors, observe
 from rig.qualify.cost.problem import Problem
 from rig.qualify.cost.settings import TIGHTEST, Setting, ladder

@@ -14,19 +14,19 @@ COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95
 def lines(found: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
     """Return the rows of the table as text."""
     best = front(found.rows, metric)
-    told = []
+    rows = []
     for row in found.rows:
         method, _, dial = str(row.setting).partition(" at ")
         if row.fault:
-            told.append((method, dial, row.fault, *[""] * 7))
+            rows.append((method, dial, row.fault, *[""] * 7))
             continue
         cost, mark = row.cost, "front" if row in best else ""
         p99 = f"{cost.p99.low:.3g} .. {cost.p99.high:.3g}"
         of = row.worst if metric == "worst" else metric
         mark = "recommended" if row is pick else mark
-        told.append((method, dial, f"{row.error(metric):.1e}", of, f"{cost.p50.value:.3g}", f"{cost.p99.value:.3g}",
+        rows.append((method, dial, f"{row.error(metric):.1e}", of, f"{cost.p50.value:.3g}", f"{cost.p99.value:.3g}",
                      p99, f"{row.share:.2%}", _times(cost.factor.value), mark))  # fmt: skip
-    return told
+    return rows
 
 
 def _times(factor: float) -> str:

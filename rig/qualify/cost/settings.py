@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from rig.model import kick_tables
-from rig.model.method import METHODS, chosen
+from rig.model.method import METHODS, as_integrated, chosen
 from rig.model.singular import assembled
 from rig.model.system import System
-from rig.motion.motion import SEGMENTS, Motion
+from rig.motion.memory import SEGMENTS
 from rig.scenes.scene import Scene
-from rig.stability.report import RK4_LIMIT, mode_sets
+from rig.stability.examined_mode_sets import mode_sets
+from rig.stability.step_limits import RK4_LIMIT
 
 TIGHTEST = 1e-12  # tolerance
 THEORY = {"dopri5": 5, "rk4": 4, "kick": 2}  # order of the error in the step
@@ -66,24 +67,24 @@ def _with_dial(method: str, tolerance: float, step_ns: int) -> Setting:
     )
 
 
-def eligible(system: System, step_ns: int) -> dict[str, str]:
+def eligible(system: System) -> dict[str, str]:
     """Return for every method of the rig why it cannot be used for this system, "" if it can."""
     found = {}
     for method in METHODS:
         if method == "smooth":
-            found[method] = "never sticks: a comparison, which rig torture shows failing"
+            found[method] = "never sticks: for comparison only, rig torture shows its errors"
         elif method == "kick":
             found[method] = kick_tables.refusal(system)
         else:
-            found[method] = _refused(system, step_ns, method)
+            found[method] = _refused(system, method)
     if system.linear and not found.get("exact", "exact"):
         found["dopri5"] = "every mode set is linear: dopri5 would use the exact propagator"
     return found
 
 
-def _refused(system: System, step_ns: int, method: str) -> str:
+def _refused(system: System, method: str) -> str:
     try:
-        Motion(system, step_ns, method, with_energy=False)
+        as_integrated(system, method, 0.0)
     except ValueError as error:
         return str(error)
     return ""

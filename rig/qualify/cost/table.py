@@ -54,7 +54,7 @@ class Row:
         """Return the smallest resolved error of a measure, or of the worst one."""
         return max(self.floors.values(), default=0.0) if metric == WORST else self.floors.get(metric, 0.0)
 
-    def told(self, metric: str) -> str:
+    def text(self, metric: str) -> str:
         """Return error and cost of this setting in words."""
         name = self.worst if metric == WORST else metric
         return f"{self.setting}: {name} error {self.error(metric):.0e}, {self.share:.2%} of a frame at p99"

@@ -118,11 +118,11 @@ class Contender:
         )
 
 
-def spread(rounds: Array, told: Callable[[Array], float]) -> Spread:
-    """Return `told` of the rounds with its interval, by resampling the rounds."""
+def spread(rounds: Array, statistic: Callable[[Array], float]) -> Spread:
+    """Return `statistic` of the rounds with its interval, by resampling the rounds."""
     draws = np.random.default_rng(0).integers(len(rounds), size=(_DRAWS, len(rounds)))
-    found = [told(_quiet(rounds[draw])) for draw in draws]
-    return Spread(told(_quiet(rounds)), *np.quantile(found, (0.025, 0.975)).tolist())
+    found = [statistic(_quiet(rounds[draw])) for draw in draws]
+    return Spread(statistic(_quiet(rounds)), *np.quantile(found, (0.025, 0.975)).tolist())
 
 
 def _quiet(rounds: Array) -> Array:
@@ -143,4 +143,4 @@ def measured(contenders: Sequence[Contender], rounds: int, report: Callable[[], 
                 except NumericsError as error:
                     faults[i] = error.what
                 report()
-    return [fault or one.cost(told) for one, told, fault in zip(contenders, found, faults)]
+    return [fault or one.cost(times) for one, times, fault in zip(contenders, found, faults)]

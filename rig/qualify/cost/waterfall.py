@@ -24,7 +24,7 @@ def write(found: Sequence[Paired], path: Path) -> None:
             head = [one.name, how, one.states, *one.to_json()["tick"].values(), one.to_json()["noise"]]
             note = one.fault or one.note
             for c in one.changes:
-                out.writerow([*head, c.measure, c.unit, c.whole, c.less, c.size, c.told, note])
+                out.writerow([*head, c.measure, c.unit, c.whole, c.less, c.size, c.significant, note])
             if not one.changes:
                 out.writerow([*head, *[""] * 6, note])
 
@@ -44,18 +44,21 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
     with sheet(f"{table.title}: what its effects cost", table.machine, path) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         places = range(len(shown) + 1)
-        ticks = [one.told for one in shown]
+        ticks = [one.shown_cost for one in shown]
         whole = shown[0].whole
         rest = max(whole - sum(max(tick.value, 0.0) for tick in ticks), 0.0)
         begin = rest
         left.barh(0, rest, color="#9aa5b1")
         for place, one in zip(places[1:], shown):
-            left.barh(place, one.told.value, left=begin, color="#1d4f91")
-            spread = [[max(one.told.value - one.told.low, 0.0)], [max(one.told.high - one.told.value, 0.0)]]
-            left.errorbar(begin + one.told.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
-            begin += one.told.value
+            left.barh(place, one.shown_cost.value, left=begin, color="#1d4f91")
+            spread = [
+                [max(one.shown_cost.value - one.shown_cost.low, 0.0)],
+                [max(one.shown_cost.high - one.shown_cost.value, 0.0)],
+            ]
+            left.errorbar(begin + one.shown_cost.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
+            begin += one.shown_cost.value
             for change in one.changes:
-                if change.told:
+                if change.significant:
                     right.plot(change.size, place, "o", ms=5, color="#c03a76", alpha=0.7)
             worst = one.worst
             if worst is not None:

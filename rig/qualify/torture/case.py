@@ -142,5 +142,7 @@ def load(name: str) -> Case:
     if name.endswith(".toml"):
         return read(Path(name))
     if name not in names():
-        raise UsageError(f"there is no case {name!r}; {faults.near(name, names(), 'the table of rig torture')}")
+        like = faults.close(name, names())
+        hint = f"did you mean {' or '.join(like)}?" if like else f"known: {', '.join(names())}"
+        raise UsageError(f"there is no case {name!r}; {hint}")
     return read(FOLDER / f"{name}.toml")

@@ -15,7 +15,8 @@ from rig.model.assembly import Output
 from rig.qualify.torture.case import Case
 from rig.qualify.torture.rigs import RIGS
 from rig.quantities import Section
-from rig.scenes.scene import Clock, Scene
+from rig.scenes.clock import Clock
+from rig.scenes.scene import Scene
 
 
 @dataclass(frozen=True)

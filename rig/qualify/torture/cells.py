@@ -8,7 +8,7 @@ from typing import Any
 
 from rig.analysis.kernel_shapes import Shape, prepare, shape
 from rig.errors import NumericsError, RigError, SceneError, UsageError
-from rig.model.method import chosen, seen
+from rig.model.method import as_integrated, chosen
 from rig.qualify.torture import case as cases
 from rig.qualify.torture import rk4_without_events
 from rig.qualify.torture.case import Case
@@ -64,7 +64,7 @@ def matrix(names: Iterable[str], quick: bool, report: Callable[[str], object] | 
     """
     say = report or (lambda _: None)
     chosen_cases = [one for name in names for one in cases.each(cases.load(name), quick)]
-    prepare((scene for case in chosen_cases for scene in _kernels(case, quick)), report)
+    prepare((scene for case in chosen_cases for scene in kernel_scenes(case, quick)), report)
     found: list[Cell] = []
     for case in chosen_cases:
         say(case.name)
@@ -78,15 +78,15 @@ def needed() -> Iterator[Watched]:
         case = cases.load(name)
         if case.quick:
             for one in cases.each(case, True):
-                yield from _kernels(one, True)
+                yield from kernel_scenes(one, True)
 
 
-def _kernels(case: Case, quick: bool) -> Iterator[Watched]:
+def kernel_scenes(case: Case, quick: bool) -> Iterator[Watched]:
     """The scenes of a case that are not refused."""
     for _, scene in _planned(case, quick):
         system = scene.assemble().system()
         try:
-            seen(system, chosen(scene.clock.method, system), scene.clock.smoothing)
+            as_integrated(system, chosen(scene.clock.method, system), scene.clock.smoothing)
         except ValueError:
             continue
         yield scene
@@ -144,18 +144,18 @@ def _named(case: Case) -> CellResult:
     expect = case.expect
     scene = watched(case, "auto", case.steps[0])
     system = scene.assemble().system()
-    told = [
+    errors = [
         one for one in stability_report(system, chosen("auto", system), scene.step_ns * 1e-9) if one.level == "error"
     ]
-    if not told:
+    if not errors:
         return red("missed event", "this is physically unstable, and the stability report does not say so")
-    for one in told:
+    for one in errors:
         named = expect.refused or ("jam" if expect.jams else "")
         right = named in one.what if named else abs(one.number / (expect.growth or 1.0) - 1.0) < NEAR
         if right:
             return CellResult("green", "", f"named: {one.what}")
     wanted = expect.refused or ("jamming" if expect.jams else f"a growth of {expect.growth:g} 1/s")
-    return red("refused", f"{told[0].what}; expected {wanted}")
+    return red("refused", f"{errors[0].what}; expected {wanted}")
 
 
 def _stops(case: Case, until: int, seconds: float) -> CellResult:
@@ -184,8 +184,8 @@ def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, Ce
         return None, red("refused", _line(error))
     if case.expect.events is not None and until == case.duration and found.count != case.expect.events:
         few = found.count < case.expect.events
-        told = f"the reference has {found.count} events; {case.expect.source} gives {case.expect.events}"
-        return found, red("missed event" if few else "chatter", told)
+        text = f"the reference has {found.count} events; {case.expect.source} gives {case.expect.events}"
+        return found, red("missed event" if few else "chatter", text)
     return found, None
 
 
@@ -209,7 +209,7 @@ def _cell(
                 if method in COMPARED
                 else Trial(case, scene, until, seconds).run()
             )
-            found_is = judge(case, found, _told(reference, method), until * 1e-9, scene.step_ns * 1e-9)
+            found_is = judge(case, found, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
             spent = found.seconds
             counts = {"events": found.count, "ticks": found.ticks, "opened": found.opened, "trials": found.trials}
             counts |= {"energy": found.energy, "stuck": found.stuck}
@@ -224,7 +224,7 @@ def _cell(
     return Cell(case.name, method, scene.step_ns * 1e-9, default, found_is, spent, counts)
 
 
-def _told(reference: Found | None, method: str) -> Found | None:
+def _as_reported(reference: Found | None, method: str) -> Found | None:
     """The reference reduced to what a method reports: under kick, contacts open and close without an event."""
     if reference is None or method != "kick":
         return reference

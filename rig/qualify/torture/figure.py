@@ -10,7 +10,7 @@ from rig.qualify.torture.cells import METHODS, Cell
 from rig.view.save_figure import put
 
 COLOURS = {"green": "#bfe0cb", "amber": "#f6dfae", "red": "#e59c90"}
-TOLD = "Steps are side by side, the coarsest first. Blank: not run (it is the default, or not in the quick matrix)."
+NOTE = "Steps are side by side, the coarsest first. Blank: not run (it is the default, or not in the quick matrix)."
 _STYLE: dict[str, Any] = {"font.size": 9.0, "axes.titlelocation": "left"}
 _ROW, _COLUMN, _NAMES, _ABOVE, _BELOW = 0.24, 1.2, 2.75, 1.0, 0.55  # inches
 
@@ -48,9 +48,9 @@ def draw(cells: Sequence[Cell], path: Path, machine: str) -> None:
             spine.set_visible(False)
         bad = sum(not cell.good for cell in cells)
         few = "one cell of the default is" if bad == 1 else f"{bad} cells of the default are"
-        told = f"{few} not green" if bad else "the default is green everywhere"
-        figure.text(0.02, 1.0 - 0.25 / size[1], f"Hard cases by methods: {told}", fontsize=12, fontweight="bold")
-        figure.text(0.02, 1.0 - 0.45 / size[1], TOLD, fontsize=8, color="0.3")
+        counted = f"{few} not green" if bad else "the default is green everywhere"
+        figure.text(0.02, 1.0 - 0.25 / size[1], f"Hard cases by methods: {counted}", fontsize=12, fontweight="bold")
+        figure.text(0.02, 1.0 - 0.45 / size[1], NOTE, fontsize=8, color="0.3")
         figure.text(0.02, 0.15 / size[1], machine, fontsize=7.5, color="0.4")
         put(figure, path)
 

@@ -31,7 +31,7 @@ class Found:
     creep: float = 0.0
     not_finite: int = 0
     energy: float = 0.0
-    ridden: bool = False
+    with_film: bool = False
     """The rig is a film of points: the residual of its energy balance falls with the square of the step."""
     pace: float = 1.0
     """Pace of the clock that the scene states."""

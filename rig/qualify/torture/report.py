@@ -16,8 +16,8 @@ def keep(cells: Sequence[Cell], folder: Path, quick: bool) -> None:
     """Write matrix.json, matrix.png, matrix.svg and junit.xml into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     machine = provenance(0, ())
-    told = {"quick": quick, "machine": machine, "cells": [cell.to_json() for cell in cells]}
-    (folder / "matrix.json").write_text(json.dumps(told, indent=1, ensure_ascii=False, default=str))
+    matrix = {"quick": quick, "machine": machine, "cells": [cell.to_json() for cell in cells]}
+    (folder / "matrix.json").write_text(json.dumps(matrix, indent=1, ensure_ascii=False, default=str))
     junit(cells, folder / "junit.xml")
     line = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
     for ending in ("png", "svg"):
@@ -39,12 +39,12 @@ def junit(cells: Sequence[Cell], path: Path) -> None:
             time=f"{cell.seconds:.3f}",
         )
         result = cell.result
-        told = f"{result.colour}: {result.reason}"
+        verdict = f"{result.colour}: {result.reason}"
         if not cell.good:
             failures += 1
-            ElementTree.SubElement(one, "failure", message=told).text = result.told
+            ElementTree.SubElement(one, "failure", message=verdict).text = result.told
         elif result.colour != "green":
             skipped += 1
-            ElementTree.SubElement(one, "skipped", message=f"{told}: {result.told}")
+            ElementTree.SubElement(one, "skipped", message=f"{verdict}: {result.told}")
     suite.attrib |= {"tests": str(len(cells)), "failures": str(failures), "skipped": str(skipped)}
     ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)

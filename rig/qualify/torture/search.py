@@ -79,11 +79,11 @@ def write(case: Case, values: dict[str, float], cell: Cell, folder: Path) -> Pat
     number = 1
     while (path := folder / f"{case.name}_{number}.toml").exists():
         number += 1
-    told = cell.result
+    result = cell.result
     apart = {"name", "box", "expect", "acts", "set", "quick_duration"}
     raw = case.model_dump(mode="json", exclude_defaults=True, exclude=apart)
     raw |= {"title": f"{case.title}, found by random search", "quick": True}
-    raw["about"] = f"{told.colour}, {told.reason}: {told.told}. {case.about}".strip()
+    raw["about"] = f"{result.colour}, {result.reason}: {result.told}. {case.about}".strip()
     lines = _lines(raw)
     lines += ["", "[set]", *(f"{json.dumps(key)} = {_toml(value)}" for key, value in (case.set | values).items())]
     for act in case.acts:

@@ -26,7 +26,7 @@ Reason = Literal[
     "overrun",
     "cost",
 ]
-SMOOTH, WITH_EVENTS, RIDDEN = 1e-9, 1e-6, 1e-2
+SMOOTH, WITH_EVENTS, WITH_FILM = 1e-9, 1e-6, 1e-2
 """Largest residual of the energy balance, relative to its largest term; the last for a film of points."""
 ROUND = 1e-9
 """Relative size below which forces, powers and the slip of a stuck contact count as rounding."""
@@ -43,20 +43,20 @@ class CellResult:
     told: str = ""
 
 
-def red(reason: Reason, told: str) -> CellResult:
+def red(reason: Reason, text: str) -> CellResult:
     """Return a failure."""
-    return CellResult("red", reason, told)
+    return CellResult("red", reason, text)
 
 
-def amber(reason: Reason, told: str) -> CellResult:
+def amber(reason: Reason, text: str) -> CellResult:
     """Return neither success nor failure: no result, or an expensive one."""
-    return CellResult("amber", reason, told)
+    return CellResult("amber", reason, text)
 
 
 def stopped(error: NumericsError) -> CellResult:
     """Return the result of a run that the numerics had to stop."""
-    told = str(error).splitlines()[0]
-    where = f"at {error.time:.6g} s: {told}"
+    text = str(error).splitlines()[0]
+    where = f"at {error.time:.6g} s: {text}"
     if isinstance(error, Chatter):
         return red("chatter", where)
     if isinstance(error, Jammed):
@@ -85,7 +85,7 @@ def _numbers(found: Found) -> CellResult | None:
 
 
 def _energy(case: Case, found: Found) -> CellResult | None:
-    bound = RIDDEN if found.ridden else WITH_EVENTS if found.count or case.acts else SMOOTH
+    bound = WITH_FILM if found.with_film else WITH_EVENTS if found.count or case.acts else SMOOTH
     if found.energy > bound:
         return red("energy", f"residual of the energy balance {found.energy:.2g}, allowed {bound:g}")
     if found.negative_power > ROUND:
@@ -135,8 +135,8 @@ def _events(found: Found, reference: Found | None) -> CellResult | None:
     if reference is None:
         return None
     if found.count != reference.count:
-        told = f"{found.count} events, the reference has {reference.count}"
-        return red("missed event" if found.count < reference.count else "chatter", told)
+        text = f"{found.count} events, the reference has {reference.count}"
+        return red("missed event" if found.count < reference.count else "chatter", text)
     for number, (ours, theirs) in enumerate(zip(found.events, reference.events), 1):
         if ours[1] != theirs[1] and not _tie(found, reference, number - 1):
             return red("order lost", f"event {number} is {ours[1]!r}, that of the reference {theirs[1]!r}")

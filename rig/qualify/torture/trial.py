@@ -68,7 +68,7 @@ class Trial:
         """Set the columns of the outputs that the invariants check."""
         at = {name: i for i, name in enumerate(self.runner.outputs)}
         self._changes = cache(self._between)
-        self.found.ridden = (film := self.motion.system.film) is not None
+        self.found.with_film = (film := self.motion.system.film) is not None
         self._patches, self._normals, self._opens, self._of = [], [], [], []
         if film is not None:
             return
@@ -101,7 +101,7 @@ class Trial:
             found.stuck_now = self._sticks(self.motion.key)
             found.ended = dict(zip(self.runner.outputs, self.runner.output_values().tolist()))
         if self._exchange is not None:
-            self._tell_commands()
+            self._note_commands()
         if found.held:
             found.notes.append(f"a contact that cannot open pulls by {found.held:.3g} N")
         return found
@@ -147,14 +147,14 @@ class Trial:
             self._exchange = Exchange(self.runner, self._step, 1 << 40, journal)
             drives = tuple(self.runner.inputs) if act.target == "*" else (act.target,)
             self._exchange.admit("wild", drives, act.every)
-        drives = self._exchange.lines["wild"].drives
+        drives = self._exchange.queues["wild"].drives
         self._exchange.receive("wild", self.runner.tick, (float(act.values[turn]),) * len(drives))
         self._exchange.take_over()
 
-    def _tell_commands(self) -> None:
+    def _note_commands(self) -> None:
         assert self._exchange is not None
-        told = {k: v for k, v in self._exchange.counters()["wild"].items() if v and k in ("not_finite", "clamped")}
-        self.found.notes.append("commands: " + ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in told.items()))
+        counts = {k: v for k, v in self._exchange.counters()["wild"].items() if v and k in ("not_finite", "clamped")}
+        self.found.notes.append("commands: " + ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in counts.items()))
 
     def _pause(self, length_ns: int) -> None:
         """Pace a second of frames by a clock that jumps after the first of them."""
@@ -232,8 +232,8 @@ class Trial:
         if before == after:
             return ()
         words = (self.motion.system.describe(key).split(", ") for key in (before, after))
-        old, new = (set(said) for said in words)
-        return tuple(sorted(new - old)) or tuple(sorted(f"no longer {said}" for said in old - new))
+        old, new = (set(states) for states in words)
+        return tuple(sorted(new - old)) or tuple(sorted(f"no longer {states}" for states in old - new))
 
     def _sticks(self, key: int) -> bool:
         """Whether every contact sticks; an open one does not."""
@@ -266,7 +266,7 @@ class Trial:
         for k, opens in enumerate(self._opens):
             if opens:
                 found.pulling = max(found.pulling, -float(N[:, k].min()) / max(float(np.abs(forces).max()), 1e-30))
-        if self.motion.how.method == "smooth":
+        if self.motion.integration.method == "smooth":
             found.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
         for p, (force, slip) in enumerate(self._patches):
             T, w, load = values[:, force], values[:, slip], N[:, self._of[p]].sum(axis=1)

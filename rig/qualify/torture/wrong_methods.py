@@ -88,7 +88,7 @@ def _clipped(free: _Free, step: float) -> Step:
     return on
 
 
-@np.errstate(over="ignore", invalid="ignore")  # it may run away, and is told so
+@np.errstate(over="ignore", invalid="ignore")  # the motion may diverge; the result states it
 def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
     """Simulate the case by one of these methods. Raises UsageError if the method cannot treat the rig, OutOfTime."""
     if case.acts:

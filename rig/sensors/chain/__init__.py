@@ -1,7 +1,7 @@
-"""From a physical quantity to samples: what all instruments declare, and what runs them.
+"""From a physical quantity to samples: the base class of all instruments, and the object that runs them.
 
-instrument  what all instruments declare      front_end  the one description each compiles to
-filters     transfer functions, modal form    streams    random numbers, drawn ahead
-bank        all instruments of a scene        instants   when samples are taken
-units       quantities that only instruments have
+instrument  base class of all instruments     front_end  the common description of all instruments
+filters     transfer functions, modal form    streams    random numbers, drawn in advance
+bank        all instruments of a scene        instants   the sample instants
+units       types of quantities that only instruments have
 """

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +19,20 @@ from rig.sensors.chain.instants import SECOND, Integers, common_step
 from rig.sensors.chain.instrument import Instrument
 from rig.sensors.chain.streams import Stream
 from rig.solve.pole_response import COLUMNS, POLE, RESIDUE, STATE
-from rig.solve.sampling import FRONT, NOW, SHORT, Rack, advance, prepare
+from rig.solve.sampling import FRONT, NOW, SHORT, SensorRack, advance, prepare
 from rig.solve.segments import DEGREE, Segments
 
-_CHUNK = 1024  # random numbers drawn and samples kept at a time, at least
-_FRAMES = 64  # and for so many frames
+_CHUNK = 1024  # least number of random numbers drawn and of samples stored at a time
+_FRAMES = 64  # least number of frames for which they suffice
 
 
 class Bank:
-    """The instruments of a scene over the plant's outputs.
+    """The instruments of a scene, which measure the plant's outputs.
 
-    `latest[i]` is the last published sample of instrument i (NaN before `start`), `fresh[i]` how many were published in
-    the last frame, `samples(i)` these, `times(i)` when. `columns` names the signals of `Segments` in order. `rack` is
-    what the kernels work on; where they find the bank `short`, it must be filled up before the next frame.
+    `latest[i]` is the last published sample of instrument i (NaN before `start`), `fresh[i]` the number of samples
+    published in the last frame, `samples(i)` their values, `times(i)` their times. `columns`: names of the outputs in
+    `Segments`, in order. `rack`: the record that the kernels read and write; if they find the bank `short`, it must be
+    filled before the next frame. Raises SceneError for instruments that read an unknown output or one of another unit.
     """
 
     def __init__(self, sensors: Mapping[str, Instrument], columns: Sequence[str], frame_ns: int, seed: int) -> None:
@@ -62,7 +64,7 @@ class Bank:
         self._most = most
         self._clock = np.zeros(2, dtype=np.int64)
         self.rack = Loan(
-            Rack(
+            SensorRack(
                 self._fronts,
                 self._poles,
                 self.latest,
@@ -82,11 +84,11 @@ class Bank:
 
     @staticmethod
     def needs(sensors: Mapping[str, Instrument]) -> tuple[str, ...]:
-        """The plant outputs that are read, each once."""
+        """Names of the plant outputs that the sensors read, each once."""
         return tuple(dict.fromkeys(s.reads for s in sensors.values()))
 
     def start(self, values: NDArray[np.float64]) -> None:
-        """Settle on the constant input `values` [columns] and publish the sample at t = 0. Begins the run anew."""
+        """Begin a run: settle on the constant input `values` [column] and publish the sample at t = 0."""
         self.latest[:] = np.nan
         self._streams = [Stream(self._seed, name) for name in self.names]
         row = 0
@@ -96,7 +98,7 @@ class Bank:
             row = self._settle(i, row, end, y, before)
         prepare(self.rack)
         self.fill(everything=True)
-        # A delayed sample was taken before t = 0: run the frames before it on the constant input.
+        # A delayed sample was taken before t = 0: run the frames before t = 0 with the constant input.
         coef = np.zeros((1, len(values), DEGREE + 1))
         coef[0, :, 0] = values
         whole = Segments(np.ones(1, dtype=np.int64), np.zeros(1), np.array([1e-9 * self._frame]), coef)
@@ -105,7 +107,7 @@ class Bank:
             self.advance(whole)
 
     def advance(self, segments: Segments) -> None:
-        """Run one frame; `latest`, `fresh` and `samples` then hold what it published."""
+        """Run one frame; afterwards `latest`, `fresh` and `samples` contain the samples published in it."""
         if self.short:
             self.fill()
         if self._run is None:
@@ -114,47 +116,105 @@ class Bank:
 
     @property
     def short(self) -> bool:
-        """Whether the bank must be filled up before the next frame."""
+        """Whether the bank must be filled before the next frame."""
         return bool(self._clock[SHORT])
 
     def samples(self, i: int) -> NDArray[np.float64]:
-        """Samples that instrument i published in the last frame: a view, good until the bank is filled up."""
+        """Samples [sample] that instrument i published in the last frame: a view, valid until the bank is filled."""
         kept = self._fronts["kept"][i]
         return self._samples[i, kept - self.fresh[i] : kept]
 
     def since(self, i: int, number: int) -> NDArray[np.float64]:
-        """Samples of instrument i from sample `number` on: a view. The last one of all is always kept."""
+        """Samples [sample] of instrument i from sample `number` on: a view. The last sample is always stored."""
         kept, published = int(self._fronts["kept"][i]), int(self._fronts["published"][i])
         return self._samples[i, number - published + kept : kept]
 
     def shown(self, i: int, t_ns: Sequence[int]) -> list[float]:
-        """What `latest[i]` was at instants [ns] since the bank was filled up."""
+        """The values that `latest[i]` had at instants [ns] since the bank was filled."""
         last = self.instants[i].until(np.array(t_ns)) - 1
         return self.since(i, int(last[0]))[last - last[0]].tolist()  # type: ignore[no-any-return]
 
     def published(self, i: int, t_ns: Sequence[int]) -> list[list[float]]:
-        """What `samples(i)` was at instants [ns], one frame after another, since the bank was filled up."""
+        """The values that `samples(i)` had at instants [ns], one per frame in order, since the bank was filled."""
         behind = self.instants[i].until(np.array([t_ns[0] - self._frame, *t_ns]))
         kept = self.since(i, int(behind[0])).tolist()
         ends = (behind - behind[0]).tolist()
         return [kept[first:last] for first, last in pairwise(ends)]
 
     def first(self, i: int) -> int:
-        """The number of the first of them, counted from 0."""
+        """The number of the first sample of `samples(i)`, counted from 0."""
         return int(self._fronts["published"][i] - self.fresh[i])
 
     def times(self, i: int) -> Integers:
-        """When they were published [ns]."""
+        """The times [ns] at which `samples(i)` were published."""
         first = self.first(i)
         return self.instants[i].at(np.arange(first, first + int(self.fresh[i])))
 
+    def checkpoint(self) -> dict[str, NDArray[Any]]:
+        """What `resume` needs, by name; nothing here changes."""
+        used = [
+            (stream.drawn[0] - len(noise) + s["drawn"], stream.drawn[1] - len(gaps) + s["gap"])
+            for stream, noise, gaps, s in zip(self._streams, self._noise, self._gaps, self._fronts)
+        ]
+        return {
+            "fronts": self._fronts.copy().view(np.uint8).reshape(len(self.names), -1),
+            "poles": self._poles.copy(),
+            "waiting": self.rack.content.queue.copy(),
+            "past": self._past.copy(),
+            "used": np.array(used, dtype=np.int64).reshape(-1, 2),
+        }
+
+    def play(self, recorded: Sequence[tuple[Integers, NDArray[np.float64]]], t_ns: int) -> None:
+        """Publish samples of a recording (times, values of each instrument) up to `t_ns` instead of measuring.
+
+        Until `resume` the instruments have no state. At most `playable` frames at a time.
+        """
+        self.fill()
+        for i, (instants, (_, values)) in enumerate(zip(self.instants, recorded)):
+            s = self._fronts[i]
+            before, last = instants.until(np.array([t_ns - self._frame, t_ns])).tolist()
+            new = values[s["published"] : last]
+            self._samples[i, s["kept"] : s["kept"] + len(new)] = new
+            s["kept"] += len(new)
+            s["published"], self.fresh[i] = last, last - before
+            if len(new):
+                self.latest[i] = new[-1]
+
+    @property
+    def playable(self) -> int:
+        """Number of frames that `play` can take at once."""
+        return min(((self._samples.shape[1] - 1) // most for most in self._most), default=_CHUNK)
+
+    def resume(self, found: Mapping[str, NDArray[Any]], t_ns: int) -> None:
+        """Continue from the `checkpoint` of a bank of the same instruments, at `t_ns`, up to which `play` has played.
+
+        Raises ValueError for a checkpoint of other instruments.
+        """
+        fronts = found["fronts"].copy().view(FRONT).reshape(-1)
+        if (fronts["published"] != self._fronts["published"]).any():
+            raise ValueError("other numbers of samples were published")
+        fronts["kept"] = self._fronts["kept"]
+        self._fronts[:] = fronts
+        for array, name in ((self._poles, "poles"), (self.rack.content.queue, "waiting"), (self._past, "past")):
+            if found[name].shape != array.shape:
+                raise ValueError(f"{name} has the shape {found[name].shape}, not {array.shape}")
+            array[:] = found[name]
+        self._clock[NOW] = t_ns
+        self._streams = [Stream(self._seed, name) for name in self.names]
+        for stream, end, (numbers, gaps) in zip(self._streams, self._ends, found["used"].tolist()):
+            if end.noise > 0.0:
+                stream.skip(numbers)
+            if end.dropout_rate > 0.0:
+                stream.gaps(gaps, end.dropout_rate, end.dropout_shortest, end.dropout_longest)
+        self._draw(everything=True)
+
     def counters(self) -> dict[str, dict[str, int]]:
-        """Per instrument: samples clipped, dropped out, and lost to the slew limit since the start."""
+        """Numbers of samples of each instrument that were clipped, dropped out or lost to the slew limit so far."""
         kept = ("clipped", "dropped_out", "slew_lost")
         return {name: {key: int(self._fronts[key][i]) for key in kept} for i, name in enumerate(self.names)}
 
     def _settle(self, i: int, row: int, end: FrontEnd, y: float, before: int) -> int:
-        """Put instrument i to rest on the input y, `before` [ns] ahead of t = 0; returns the next free row of poles."""
+        """Set instrument i to rest at the input y, `before` [ns] ahead of t = 0; returns the next free row of poles."""
         s = self._fronts[i]
         self._fronts[i] = np.zeros((), dtype=FRONT)
         s["column"] = self._columns.index(self._sections[i].reads)
@@ -186,12 +246,17 @@ class Bank:
         return row
 
     def fill(self, everything: bool = False) -> None:
-        """Draw random numbers for what is used up, and forget all samples but the last of each instrument."""
+        """Replace used random numbers by new ones, and drop all samples but the last of each instrument."""
+        for i, s in enumerate(self._fronts):
+            if s["kept"] > 1:
+                self._samples[i, 0], s["kept"] = self._samples[i, s["kept"] - 1], 1
+        self._draw(everything)
+
+    def _draw(self, everything: bool) -> None:
+        """Replace used random numbers, or all of them, by new ones."""
         self._clock[SHORT] = 0
         for i, (end, stream) in enumerate(zip(self._ends, self._streams)):
             s = self._fronts[i]
-            if s["kept"] > 1:
-                self._samples[i, 0], s["kept"] = self._samples[i, s["kept"] - 1], 1
             if end.noise > 0.0:
                 used = self._noise.shape[1] if everything else int(s["drawn"])
                 left = self._noise.shape[1] - used
@@ -207,7 +272,7 @@ class Bank:
 
 
 def _check(sensors: Mapping[str, Instrument], columns: Sequence[str]) -> None:
-    """Raise SceneError with every instrument that cannot run."""
+    """Raise SceneError with the faults of all instruments that cannot run."""
     faults = []
     for name, s in sensors.items():
         if s.reads not in columns:

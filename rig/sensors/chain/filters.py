@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Modal(NamedTuple):
-    """A transfer function; `direct` is what passes at once."""
+    """A transfer function in modal form; `direct`: the part that passes without delay."""
 
     poles: tuple[complex, ...] = ()
     residues: tuple[complex, ...] = ()
@@ -15,14 +15,14 @@ class Modal(NamedTuple):
 
 
 PASS = Modal(direct=1.0)
-"""No filter: what a corner at infinity leaves."""
+"""No filter: the limit of a corner frequency at infinity."""
 
 
 def modal(zeros: tuple[complex, ...], poles: tuple[complex, ...], gain: float) -> Modal:
     """Poles and residues of  H(s) = gain prod(s - z) / prod(s - p).
 
-    Poles must be distinct. `poles` lists each real pole once and one of each complex pair, the one with positive
-    imaginary part; the residue of such a pole already stands for the pair: its part of H is r/(s-p) + r*/(s-p*).
+    Poles must be distinct. `poles` contains each real pole and, of each complex pair, the pole with positive imaginary
+    part; such a pole contributes r/(s-p) + r*/(s-p*) to H, where r is its residue.
     """
     full = [p for pole in poles for p in ({pole, pole.conjugate()} if pole.imag else {pole})]
     residues = []
@@ -75,7 +75,7 @@ def bessel(frequency: float) -> Modal:
 def resonance(frequency: float, quality: float, highpass: float) -> Modal:
     """High-pass of first order at `highpass` [Hz] before a resonance:  s/(s + w_h)  w^2/(s^2 + w s/quality + w^2).
 
-    A high-pass at 0 is none, nor is a resonance at infinity.
+    With `highpass` 0 there is no high-pass, with an infinite `frequency` no resonance.
     """
     if highpass == 0.0:
         return second_order(frequency, quality)

@@ -1,21 +1,26 @@
-"""The one description that every instrument compiles to; what `sampling` runs."""
+"""The common description of all instruments, which rig.solve.sampling runs."""
 
 from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+from rig.quantities import brief
 from rig.sensors.chain.instants import Instants
+
+_POSITIVE = ("noise", "resolution", "dropout_rate", "dropout_shortest", "dropout_longest")
+_NUMBERS = ("direct", "gain", "offset", "slope", "warmth", "fade", "rise", *_POSITIVE)
 
 
 @dataclass(frozen=True)
 class FrontEnd:
-    """y = Q{ sat[ gain H(s) x e^{-s delay} + offset + drift + noise ] }, sampled at `instants`, then drop-outs.
+    """A front end: y = Q{ sat[ gain H(s) x e^{-s delay} + offset + drift + noise ] } at `instants`, then drop-outs.
 
-    H(s) = direct + sum_i residues_i / (s - poles_i), where a pole with positive imaginary part stands for its pair.
-    `echoes` are (share, seconds later): the same again, to the nearest sample, of H x alone.
-    With `averages`, H is instead the mean over the sample period that ends at the sample instant.
+    H(s) = direct + sum_i residues_i / (s - poles_i), where a pole with positive imaginary part represents its pair.
+    `echoes`: pairs (share, delay [s]) of added copies of H x; the delay is rounded to the nearest sample.
+    With `averages`, H is the mean over the sample period that ends at the sample instant.
     Drift in t [s]:  slope t + warmth (e^{-fade t} - e^{-rise t}).  The defaults are a perfect instrument.
     """
 
@@ -47,8 +52,25 @@ class FrontEnd:
         """Time between two samples [ns]."""
         return self.instants.period_ns
 
+    def faults(self) -> Iterator[str]:
+        """What keeps it from being run, a line each: numbers that are not finite, poles that do not decay."""
+        for name in _NUMBERS:
+            value = getattr(self, name)
+            if not isinstance(value, int | float) or not math.isfinite(value):
+                yield f"{name} is {brief(value)}; expected a finite number"
+            elif name in _POSITIVE and value < 0.0:
+                yield f"{name} is {value:g}; expected at least 0"
+        if len(self.poles) != len(self.residues):
+            yield f"there are {len(self.poles)} poles and {len(self.residues)} residues; expected as many of both"
+        for name in ("poles", "residues"):
+            for value in getattr(self, name):
+                if not isinstance(value, int | float | complex) or not cmath.isfinite(value):
+                    yield f"{name} contain {brief(value)}; expected finite numbers"
+                elif name == "poles" and value.real >= 0.0:
+                    yield f"a pole is {value:g}; expected a negative real part, so that it decays"
+
     def response(self, s: complex) -> complex:
-        """What becomes of a vibration exp(s t), within all limits."""
+        """The complex response to exp(s t), without saturation and other limits."""
         if self.averages:
             turn = s * 1e-9 * self.period_ns
             found = (1.0 - cmath.exp(-turn)) / turn

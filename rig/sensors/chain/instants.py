@@ -1,4 +1,4 @@
-"""When an instrument samples: sample k at round(k / rate), in whole nanoseconds, exactly and for ever."""
+"""The sample instants of an instrument: sample k at round(k / rate) in whole nanoseconds, without accumulated error."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ Integers = NDArray[np.int64]
 
 
 class Instants(NamedTuple):
-    """`samples` in `seconds`, whole numbers without a common divisor. Sample k is at k seconds / samples.
+    """Sample instants: `samples` per `seconds`, whole numbers without a common divisor.
 
-    Rounded to the nearest whole nanosecond, to the even one of two; no error adds up, since every instant is computed
-    from k alone.
+    Sample k is at k seconds / samples, rounded to the nearest whole nanosecond (a tie to the even one). No error
+    accumulates, because every instant is computed from k alone.
     """
 
     samples: int
@@ -29,7 +29,7 @@ class Instants(NamedTuple):
 
     @classmethod
     def of(cls, rate: float) -> Instants:
-        """The instants of a rate [Hz]: as a ratio of whole numbers below 2^31, so to about 1e-15 of itself.
+        """The instants of a rate [Hz], as a ratio of whole numbers below 2^31 (relative error about 1e-15).
 
         A rate whose period is within 1e-6 ns of a whole number of nanoseconds has this period.
         """
@@ -52,7 +52,7 @@ class Instants(NamedTuple):
 
     @property
     def whole(self) -> tuple[int, int]:
-        """Whole nanoseconds of a period, and what is left, in parts of a nanosecond of which `samples` are one."""
+        """Whole nanoseconds of a period, and the rest in units of 1 / `samples` nanoseconds."""
         return divmod(SECOND * self.seconds, self.samples)
 
     def fit(self, period_ns: int) -> bool:
@@ -60,7 +60,7 @@ class Instants(NamedTuple):
         return period_ns * self.samples % (SECOND * self.seconds) == 0
 
     def at(self, numbers: int | Integers) -> Integers:
-        """The instants [ns] of samples `numbers`, as the kernels find them (rig.solve.sampling.instant)."""
+        """The instants [ns] of samples `numbers`, as the kernels compute them (rig.solve.sampling.instant)."""
         period, rest = self.whole
         if not rest:
             return np.asarray(numbers, dtype=np.int64) * period
@@ -71,12 +71,12 @@ class Instants(NamedTuple):
         return np.asarray(cycles * (SECOND * self.seconds) + down + up, dtype=np.int64)
 
     def instant(self, number: int) -> int:
-        """The instant [ns] of one sample, as `at` finds it, in a twentieth of the time."""
+        """The instant [ns] of one sample; the same as `at`, 20 times as fast."""
         down, part = divmod(number * SECOND * self.seconds, self.samples)
         return down + (2 * part > self.samples or (2 * part == self.samples and down % 2 == 1))
 
     def count(self, t_ns: int) -> int:
-        """How many samples there are from t = 0 up to one instant [ns], this included, as `until` finds it."""
+        """Number of samples from t = 0 up to and including one instant [ns]; the same as `until`, faster."""
         number = max(t_ns * self.samples // (SECOND * self.seconds), 0)  # within one of the last
         while number and self.instant(number) > t_ns:
             number -= 1
@@ -85,7 +85,7 @@ class Instants(NamedTuple):
         return number
 
     def until(self, t_ns: Integers) -> Integers:
-        """How many samples there are from t = 0 up to instants [ns], these included; none before t = 0."""
+        """Numbers of samples from t = 0 up to and including each instant [ns]; 0 before t = 0."""
         t = np.asarray(t_ns, dtype=np.int64)
         k = np.floor(t / self.period_ns).astype(np.int64)
         k = np.where(self.at(k) > t, k - 1, k)
@@ -94,9 +94,9 @@ class Instants(NamedTuple):
 
 
 def common_step(frame_ns: int, instants: Iterable[Instants]) -> int:
-    """The integrator's step [ns]: it meets the frame, and the samples of every sensor with a whole number in a frame.
+    """The integrator's step [ns]: it divides the frame and the period of every sensor with whole samples per frame.
 
-    Others are sampled inside of steps, and so is what would make the step shorter than `FINEST_STEP`.
+    Other sensors are sampled within steps, and so are those that would need a step shorter than `FINEST_STEP`.
     """
     step, finest = frame_ns, min(FINEST_STEP, frame_ns)
     for period in sorted({one.whole[0] for one in instants if one.even}, reverse=True):

@@ -1,4 +1,4 @@
-"""What all instruments declare: what they read, how often, how late, and what an ideal one is free of."""
+"""The base class of all instruments: what they read, sample rate, delay, and the flaws that an ideal one lacks."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from rig.sensors.chain.units import Delay, GainError, Rate
 
 
 class Instrument(Section):
-    """An instrument on the rig. Subclasses add their numbers and compile to a `FrontEnd`.
+    """An instrument on the rig. Subclasses add their parameters and return a `FrontEnd`.
 
     rate     1 kHz [calibrated]: the rate of the loop; 25 and 100 Hz are those of a slow acquisition card
              [public: LabJack U12, at most 25 Hz in a command/response loop]. Any rate from 1 Hz to 100 kHz: sample k is
              taken at k / rate, to the nearest nanosecond
-    delay    0 [calibrated]: transport and conversion beside the lag of the filter
+    delay    0 [calibrated]: transport and conversion in addition to the lag of the filter
     gain_error, offset   0 [calibrated]: a specimen after calibration
 
-    With `ideal`, a flaw that is not stated is absent: it takes its value from `perfect`. A stated flaw holds, with the
-    defaults of the keys that are `part_of` it; one of these keys without its flaw is a fault.
+    With `ideal`, a flaw that is not stated is absent: it takes its value from `perfect`. A stated flaw applies, with
+    the defaults of the keys that are `part_of` it; one of these keys without its flaw raises ValueError.
     """
 
     delivers: ClassVar[str]  # unit of the measurement
     accepts: ClassVar[str]  # unit of what is read
     perfect: ClassVar[dict[str, Any]] = {"delay": 0, "gain_error": 0.0, "offset": 0.0}  # flaw -> value without it
-    part_of: ClassVar[dict[str, str]] = {}  # key -> the flaw that it describes further
+    part_of: ClassVar[dict[str, str]] = {}  # key -> the flaw of which it is a detail
 
     reads: str = Field(min_length=1)
     rate: Rate = 1000.0
@@ -42,13 +42,13 @@ class Instrument(Section):
         stated = self.model_fields_set
         alone = [(key, flaw) for key, flaw in self.part_of.items() if key in stated and flaw not in stated]
         if self.ideal and alone:
-            told = "; ".join(f"{key} describes {flaw}, which is not stated" for key, flaw in alone)
-            raise ValueError(f"ideal = true: {told}. State it too, or leave out {', '.join(key for key, _ in alone)}")
+            text = "; ".join(f"{key} describes {flaw}, which is not stated" for key, flaw in alone)
+            raise ValueError(f"ideal = true: {text}. State it too, or leave out {', '.join(key for key, _ in alone)}")
         return self
 
     @model_serializer(mode="wrap")
     def _as_stated(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without the flaws that an ideal instrument does not have, so that it is read back as it was."""
+        """The fields without the flaws that an ideal instrument lacks, so that reading them gives an equal one."""
         absent = (self.perfect.keys() | self.part_of.keys()) - self.model_fields_set if self.ideal else set()
         return {key: value for key, value in plain(self).items() if key not in absent}
 
@@ -64,7 +64,7 @@ class Instrument(Section):
 
     @property
     def instants(self) -> Instants:
-        """When it samples."""
+        """The sample instants."""
         return Instants.of(self.rate)
 
     @property
@@ -74,8 +74,13 @@ class Instrument(Section):
 
     @property
     def sensitivity(self) -> float:
-        """Output per input of a perfect specimen."""
+        """Output per input of a specimen without gain error."""
         return 1.0
+
+    @property
+    def conversion(self) -> float | None:
+        """Factor from a measurement to the quantity that it reads; None if it is not proportional to this quantity."""
+        return 1.0 / self.sensitivity if self.sensitivity else None
 
     @property
     def gain(self) -> float:
@@ -87,7 +92,7 @@ class Instrument(Section):
         """The front end with all its flaws."""
 
     def front_end(self) -> FrontEnd:
-        """What the bank runs: all flaws, or with `ideal` those that are stated."""
+        """The front end that the bank runs: with all flaws, or with `ideal` only with those that are stated."""
         if not self.ideal:
             return self.flawed()
         absent = {key: value for key, value in self.perfect.items() if key not in self.model_fields_set}

@@ -1,4 +1,4 @@
-"""Quantities that only instruments have: rates, noise densities, sensitivities."""
+"""Types of quantities that only instruments have: rates, noise densities, sensitivities."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rig.quantities import PositiveMetre, Unit, duration, quantity
 Rate = quantity("Hz", Ge(1.0), Le(100e3))
 Delay = duration(0, 100_000_000_000)
 GainError = quantity("1", Gt(-1.0))
-Quality = quantity("1", Ge(0.55))  # of a second-order filter: at 1/2 its poles meet and have no modal form
+Quality = quantity("1", Ge(0.55))  # of a second-order filter; the double pole at 1/2 has no modal form
 PerSecond = quantity("1/s", Ge(0.0))
 Kelvin = quantity("K")
 

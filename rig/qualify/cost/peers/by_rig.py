@@ -17,7 +17,7 @@ def settings(scene: Scene) -> Iterator[Setting]:
     """Yield every setting of every method."""
     system = scene.assemble().system()
     rate = fastest(system)
-    for method, why in eligible(system, STEP_NS).items():
+    for method, why in eligible(system).items():
         if not why:
             yield from ladder(method, scene, rate)
 

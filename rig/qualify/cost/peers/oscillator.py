@@ -49,8 +49,8 @@ class Oscillator:
         speed = p.drive.speed  # type: ignore[attr-defined]
         faults += ["a start that is not stuck"] * (start.velocity != speed)
         if faults:
-            told = ", ".join(faults)
-            raise UsageError(f"--peers: {scene.name} has {told}; peers are given a mass on a belt with Coulomb or "
+            reasons = ", ".join(faults)
+            raise UsageError(f"--peers: {scene.name} has {reasons}; peers are given a mass on a belt with Coulomb or "
                              "Stribeck friction, constant load and speed, stuck at the start")  # fmt: skip
         kinetic, scale = (f.mu_kinetic, 0.0) if law == "coulomb" else (f.mu_dynamic, f.speed_scale)
         seconds = min((scene.duration_ns or 4_000_000_000) * 1e-9, 4.0)

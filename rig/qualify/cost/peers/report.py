@@ -17,17 +17,17 @@ _COLOURS = ("#1d4f91", "#2a9d77", "#7a5fb0", "#d1802f", "#c03a76", "#5a5a5a")
 def lines(found: Sequence[Entry], target: float) -> list[tuple[str, ...]]:
     """Return for each solver the fastest setting that meets `target`."""
     best = cheapest(found, target)
-    told: list[tuple[str, ...]] = []
+    rows: list[tuple[str, ...]] = []
     for one in best:
         if math.isnan(one.factor):
-            told.append((one.peer, "", "", "", "", one.fault))
+            rows.append((one.peer, "", "", "", "", one.fault))
             continue
         short = "" if one.error <= target else f"does not reach {target:g}"
         ratio = f"{best[0].factor / one.factor:.0f}" if one.peer != OURS and not short else ""
         error = f"{one.error:.1e}" if math.isfinite(one.error) else "changes missed or invented"
         note = "; ".join(part for part in (short, one.fault) if part)
-        told.append((one.peer, one.setting, error, f"{one.factor:.3g}", ratio, note))
-    return told
+        rows.append((one.peer, one.setting, error, f"{one.factor:.3g}", ratio, note))
+    return rows
 
 
 def write(found: Sequence[Entry], path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a controller's design step may ask of a rig, `controllers.blocks.design.Rig`, answered from its matrices."""
+"""The quantities of a rig for the design step of a controller (`controllers.blocks.design.Rig`), from its matrices."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from rig.design.sampled import sampled
 Complex = NDArray[np.complex128]
 
 
-class Asked:
-    """The rig of a `Designer`; see `controllers.blocks.design.Rig`, which says what each answer is."""
+class DesignRig:
+    """The rig of a `Designer`. The protocol `controllers.blocks.design.Rig` describes each method."""
 
     def __init__(self, designer: Designer) -> None:
         self._designer = designer
         self.read_scale, self.speed_scale = designer.read_scale, designer.speed_scale
 
     @cached_property
-    def _motions(self) -> modal.Motions:
-        return modal.motions(self._designer)
+    def _vibration_modes(self) -> modal.VibrationModes:
+        return modal.vibration_modes(self._designer)
 
     @property
     def frequency(self) -> float:
@@ -80,11 +80,11 @@ class Asked:
 
     def frequencies(self) -> list[float]:
         """See `Rig.frequencies`."""
-        return sorted(float(v.imag) / (2.0 * math.pi) for v in self._motions.values if v.imag > 0.0)
+        return sorted(float(v.imag) / (2.0 * math.pi) for v in self._vibration_modes.values if v.imag > 0.0)
 
     def modes(self, sensor: str, drive: str, delay: float, low: float, high: float) -> tuple[Complex, Complex]:
         """See `Rig.modes`."""
-        found = self._motions
+        found = self._vibration_modes
         hertz = found.values.imag / (2.0 * math.pi)
         near = (low < hertz) & (hertz < high) & (found.values.imag > 0.0)
         values, end = found.values[near], self._designer.sensors[sensor].front_end()
@@ -95,7 +95,7 @@ class Asked:
     def closed(self, controller: Feedback, sensor: str, delay: float) -> tuple[float, float]:
         """See `Rig.closed`."""
         designer, section = self._designer, self._designer.sensors[sensor]
-        plant = linear(designer.assembly, self._motions.rig)
+        plant = linear(designer.assembly, self._vibration_modes.rig)
         model = sampled(plant, controller, section.reads, section.front_end(), round(delay * 1e9))
         z = np.linalg.eigvals(model.closed())
         worst = z[np.argmax(np.abs(z))]

@@ -1,0 +1,54 @@
+"""Amplitudes of a recording as a picture: one plot for each sensor, one bar for each stage of the run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rig.analysis.amplitude import Row
+from rig.view.run_figure import STYLE
+from rig.view.save_figure import put
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_COLUMNS = 3
+_BAR = "#0072b2"
+
+
+def draw(rows: Sequence[Row], scene: str, path: Path | str) -> None:
+    """Draw the rows of `rig.analysis.amplitude.measured` into the file `path` (PNG, SVG or PDF by its suffix).
+
+    `scene`: name in the title. Raises rig.errors.OutputError if the file cannot be written.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sensors = list(dict.fromkeys(row.sensor for row in rows))
+    columns = min(len(sensors), _COLUMNS) or 1
+    lines = math.ceil(len(sensors) / columns) or 1
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=(4.4 * columns, 1.0 + 3.2 * lines), dpi=125, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        figure.suptitle(f"{scene}: amplitude in each stage (half of peak to valley) and frequency", ha="center")
+        for i, sensor in enumerate(sensors):
+            _bars(figure.add_subplot(lines, columns, i + 1), [row for row in rows if row.sensor == sensor])
+        put(figure, path)
+
+
+def _bars(axes: Axes, rows: Sequence[Row]) -> None:
+    first = rows[0]
+    places = range(len(rows))
+    bars = axes.bar(places, [row.found.half for row in rows], color=_BAR, width=0.6)
+    labels = [f"{row.found.frequency:.4g} Hz" if row.found.cycles else "no cycle" for row in rows]
+    axes.bar_label(bars, labels, fontsize=8, padding=2)
+    axes.margins(y=0.15)
+    axes.set_xticks(places, [row.stage for row in rows], rotation=20 if len(rows) > 3 else 0, fontsize=8)
+    axes.set_ylabel(f"{first.sensor.replace('_', ' ')} [{first.unit}]")
+    axes.grid(axis="x", visible=False)
+    axes.set_axisbelow(True)

@@ -1,0 +1,296 @@
+"""Two recordings side by side: values of their scenes, their signals, and physical measures of these.
+
+Signals are compared by `rig.record.compare` at the instants that both recordings have. Measures are computed over the
+common time span. If one recording has all instants of the other, measures too are those of the common instants:
+
+mean, RMS (about the mean)        amplitude (half), period, growth rate: of the cycles (rig.analysis.amplitude)
+stick share: of the instants with a recorded contact state       contact events per second
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rig.analysis.amplitude import growth, index
+from rig.analysis.text_table import columns
+from rig.analysis.three_stages import stuck
+from rig.errors import RigError, UsageError
+from rig.record.compare import Comparison, Difference, Series, series_of
+from rig.record.compare import compare as compare_signals
+from rig.record.run import Run
+from rig.record.statistics import whole_signals
+
+_PLAIN = ("format", "name", "title", "about", "origins", "models", "parts")
+"""Parts of a recorded scene on which no result depends, or which only describe where values came from."""
+_OPERATOR = "operator"
+_LISTED = 20
+"""Most values of the scenes that the text lists."""
+_RMS, _GROWTH = "RMS", "growth rate"
+_STILL = 1e-12
+"""An RMS below this share of the largest value is the rounding error of a constant. # chosen"""
+_STEADY = 0.01
+"""A vibration whose size changes by less than this share over the time span has no growth rate to compare. # chosen"""
+
+
+class Value(NamedTuple):
+    """A value of the scenes that differs, as text; "" where a scene does not have it."""
+
+    key: str
+    first: str
+    second: str
+
+
+class Measure(NamedTuple):
+    """One measure of one channel in both recordings; NaN where a recording does not have it."""
+
+    channel: str
+    name: str
+    unit: str
+    first: float
+    second: float
+    zero: float = 0.0
+    """Size up to which the value counts as zero."""
+
+    @property
+    def percent(self) -> float:
+        """The difference in percent of the first recording; NaN where that is zero."""
+        return 100.0 * (self.second - self.first) / abs(self.first) if abs(self.first) > self.zero else math.nan
+
+    @property
+    def same(self) -> bool:
+        """Whether both values are equal, both are zero, or neither recording has one."""
+        neither = math.isnan(self.first) and math.isnan(self.second)
+        return self.first == self.second or neither or max(abs(self.first), abs(self.second)) <= self.zero
+
+
+@dataclass(frozen=True)
+class Compared:
+    """The comparison of two recordings over a time span [s]; `tolerance`: a share of the range of each signal."""
+
+    begin: float
+    end: float
+    tolerance: float
+    values: tuple[Value, ...]
+    actions: tuple[str, ...]
+    """What operators did in only one of the runs."""
+    signals: Comparison
+    measures: tuple[Measure, ...]
+    notes: tuple[str, ...] = ()
+    """Damage of the recordings."""
+
+    @property
+    def agree(self) -> bool:
+        """Whether all signals are equal at the common instants, or within the tolerance."""
+        return self.signals.agree or self.signals.within(self.tolerance)
+
+    def outcome(self, one: Difference) -> str:
+        """The outcome of one signal: equal, within tolerance, differs; other length if only the time span differs."""
+        if one.beyond and one.deviation <= self.tolerance:
+            return "other length"
+        return "equal" if one.equal else "within tolerance" if one.within(self.tolerance) else "differs"
+
+    def to_json(self) -> dict[str, Any]:
+        """The comparison as plain values."""
+        return {
+            "agree": self.agree,
+            "identical": self.signals.identical,
+            "compared": self.signals.compared,
+            "from": self.begin,
+            "to": self.end,
+            "tolerance": self.tolerance,
+            "scene": [one._asdict() for one in self.values],
+            "actions": list(self.actions),
+            "signals": [{**vars(one), "outcome": self.outcome(one)} for one in self.signals.signals],
+            "missing": list(self.signals.missing),
+            "measures": [{**one._asdict(), "percent": one.percent} for one in self.measures],
+            "notes": list(self.notes),
+        }
+
+    def text(self) -> str:
+        """The comparison as text."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        found = self.signals
+        if found.identical:
+            yield f"identical: {found.compared} numbers, bit by bit"
+        elif self.agree:
+            how = "bit by bit" if found.agree else f"to {self.tolerance:g} of the range of each signal"
+            yield f"agree at all common instants: {found.compared} numbers, {how}"
+        else:
+            yield f"differ; {found.compared} numbers compared at common instants"
+        yield from self.notes
+        if self.values:
+            yield "scene"
+            yield from columns((("value (SI)", "A", "B"), *self.values[:_LISTED]), "<<<")
+            if len(self.values) > _LISTED:
+                yield f"  and {len(self.values) - _LISTED} more; --json lists all"
+        if self.actions:
+            yield "done by operators in one of the runs only"
+            yield from (f"  {one}" for one in self.actions)
+        if not found.identical:
+            yield "signals"
+            yield from columns(self._signals(), "<<<<")
+        for name in found.missing:
+            yield f"{name} is in only one of the two recordings"
+        other = [one for one in self.measures if not one.same]
+        if other:
+            yield f"measures from {self.begin:g} s to {self.end:g} s that differ"
+            rows = [
+                (one.channel, one.name, _number(one.first), _number(one.second), one.unit, _percent(one.percent))
+                for one in other
+            ]
+            yield from columns((("signal", "measure", "A", "B", "unit", "B - A"), *rows), "<<>><>")
+        if self.measures and len(other) < len(self.measures):
+            yield f"{len(self.measures) - len(other)} measures are equal"
+
+    def _signals(self) -> Iterator[tuple[str, str, str, str]]:
+        yield "signal", "outcome", "largest deviation", "first difference"
+        for one in self.signals.signals:
+            worst = f"{one.deviation:.3g} of the range, t = {one.worst:.6g} s" if one.differing else ""
+            first = f"t = {one.time:.9g} s: {one.first!r} and {one.second!r}" if one.differing else ""
+            if any(one.alone):
+                first = "; ".join(
+                    filter(None, (first, f"samples in one only: {one.alone[0]} in A, {one.alone[1]} in B"))
+                )
+            yield one.topic, self.outcome(one), worst, first
+
+
+def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, tolerance: float = 0.0) -> Compared:
+    """Compare two runs from `begin` to `end` [s]; `tolerance`: allowed deviation as a share of a signal's range.
+
+    Raises UsageError for a tolerance that is negative and for runs without a common time span.
+    """
+    if not 0.0 <= tolerance < math.inf:
+        raise UsageError(f"tolerance {tolerance:g}: must be at least 0, a share of the range, e.g. 1e-6")
+    spans = [(float(run.time[0]), float(run.time[-1])) for run in (first, second) if run.time.size]
+    low, high = max([begin, *(a for a, _ in spans)]), min([end, *(b for _, b in spans)])
+    if len(spans) < 2 or low > high:
+        outputs = [f"{run.time[0]:g} to {run.time[-1]:g} s" if run.time.size else "none" for run in (first, second)]
+        asked = f" from {begin:g} s on" if end == math.inf else f" from {begin:g} s to {end:g} s"
+        raise UsageError(
+            f"the two recordings have no outputs at common times{asked}: A has {outputs[0]}, B {outputs[1]}"
+        )
+    return Compared(
+        low,
+        high,
+        tolerance,
+        tuple(_values(first, second)),
+        tuple(_actions(first, second)),
+        compare_signals(first, second, begin, end),
+        tuple(_measures(first, second, low, high)),
+        tuple(f"{which}: {note}" for which, run in (("A", first), ("B", second)) for note in run.notes),
+    )
+
+
+def _values(first: Run, second: Run) -> Iterator[Value]:
+    one, two = (_flat(run) for run in (first, second))
+    for key in dict.fromkeys([*one, *two]):
+        a, b = one.get(key, ""), two.get(key, "")
+        if a != b:
+            yield Value(key, a, b)
+
+
+def _flat(run: Run) -> dict[str, str]:
+    """Dotted key -> value as text, of a recorded scene; empty if it is lost."""
+    found: dict[str, str] = {}
+
+    def walk(value: Any, key: str) -> None:
+        if isinstance(value, dict):
+            for name, inner in value.items():
+                if key or name not in _PLAIN:
+                    walk(inner, f"{key}.{name}" if key and key != "parameters" else name)
+        elif isinstance(value, list) and any(isinstance(one, dict) for one in value):
+            for number, inner in enumerate(value, 1):
+                walk(inner, f"{key}[{number}]")
+        elif value is not None:
+            found[key] = f"{value:.9g}" if isinstance(value, float) else str(value)
+
+    with suppress(ValueError):
+        walk(json.loads(run.scene), "")
+    return found
+
+
+def _actions(first: Run, second: Run) -> Iterator[str]:
+    """Actions of operators that only one run has, in words."""
+    one, two = (
+        [(e["t_ns"], e["text"]) for e in run.told if e["data"].get("by") == _OPERATOR] for run in (first, second)
+    )
+    for which, mine, other in (("A", one, two), ("B", two, one)):
+        yield from (f"{which}: t = {t_ns * 1e-9:g} s: {text}" for t_ns, text in mine if (t_ns, text) not in other)
+
+
+def _measures(first: Run, second: Run, begin: float, end: float) -> Iterator[Measure]:
+    one, two = (series_of(run, begin, end) for run in (first, second))
+    names = [*whole_signals(first), *(f"meas/{name}" for name in first.measurements)]
+    for name in names:
+        if name in two:
+            a, b = (_of(series) for series in _alike(one[name], two[name]))
+            unit, size = first.units.get(name, ""), float(np.nanmax(np.abs(one[name].values), initial=0.0))
+            zeros = {_RMS: _STILL * size, _GROWTH: _STEADY / (end - begin) if end > begin else 0.0}
+            for measure, (of, value) in a.items():
+                yield Measure(name, measure, of.format(unit), value, b[measure][1], zeros.get(measure, 0.0))
+    yield Measure("contact", "stick share", "1", *(_stick(run, begin, end) for run in (first, second)))
+    yield Measure("contact", "events", "1/s", *(_events(run, begin, end) for run in (first, second)))
+
+
+def _alike(one: Series, two: Series) -> tuple[Series, Series]:
+    """Both series at the same instants, if all instants of one are in the other; else as they are."""
+    shared, at_one, at_two = np.intersect1d(one.t_ns, two.t_ns, return_indices=True)
+    if not shared.size or shared.size < min(one.t_ns.size, two.t_ns.size):
+        return one, two
+    return Series(shared, one.values[at_one]), Series(shared, two.values[at_two])
+
+
+def _of(found: Series) -> dict[str, tuple[str, float]]:
+    """Measure -> unit and value, of one channel."""
+    here = np.isfinite(found.values)
+    t, v = np.multiply(found.t_ns[here], 1e-9, dtype=np.float64), found.values[here]
+    if not v.size:
+        return {name: (unit, math.nan) for name, unit in _MEASURES.items()}
+    cycles = index(t, v)
+    vibrates = cycles.cycles > 0
+    values = (
+        float(v.mean()),
+        float(v.std()),
+        cycles.half if vibrates else math.nan,
+        1.0 / cycles.frequency if vibrates else math.nan,
+        growth(t, v),
+    )
+    return {name: (unit, value) for (name, unit), value in zip(_MEASURES.items(), values)}
+
+
+_MEASURES = {"mean": "{}", _RMS: "{}", "amplitude": "{}", "period": "s", _GROWTH: "1/s"}
+
+
+def _stick(run: Run, begin: float, end: float) -> float:
+    """The share of the recorded contact states in which a loaded contact sticks; NaN without contact states."""
+    try:
+        sticks = stuck(run) if run.scene else None
+    except RigError:  # code that is not trusted, or a scene that this version cannot assemble
+        return math.nan
+    here = (run.time >= begin) & (run.time <= end)
+    return math.nan if sticks is None or not here.any() else float(np.mean(sticks[here]))
+
+
+def _events(run: Run, begin: float, end: float) -> float:
+    """Contact events per second; NaN if the recording has none, as that of a live run."""
+    times = np.array([event["t_ns"] for event in run.told if event["kind"] == "contact"]) * 1e-9
+    if not times.size or end <= begin:
+        return math.nan
+    return float(np.count_nonzero((times >= begin) & (times <= end))) / (end - begin)
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.6g}"
+
+
+def _percent(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:+.3g} %"

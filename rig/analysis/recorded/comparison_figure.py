@@ -1,0 +1,53 @@
+"""The figure of two recordings: signals over each other, and their difference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rig.analysis.recorded.comparison import Compared
+from rig.analysis.recorded.figure import sheet
+from rig.analysis.recorded.series import scene_name
+from rig.record.compare import series_of
+from rig.record.run import Run
+from rig.record.statistics import whole_signals
+from rig.view.curves import thinned
+
+_A, _B, _DIFFERENCE = "#1d4f91", "#d1802f", "#5a5a5a"
+_DRAWN = 5
+"""Most signals in a figure: those that differ first."""
+
+
+def draw_comparison(first: Run, second: Run, found: Compared, path: Path) -> None:
+    """Draw up to five signals of two runs, those that differ first, with their difference, into the file `path`."""
+    one, two = (series_of(run, found.begin, found.end) for run in (first, second))
+    known = {signal.topic: signal for signal in found.signals.signals}
+    names = [
+        name for name in (*whole_signals(first), *(f"meas/{name}" for name in first.measurements)) if name in known
+    ]
+    names = sorted(names, key=lambda name: known[name].equal)[:_DRAWN]
+    title = " and ".join(dict.fromkeys(scene_name(run) for run in (first, second)))
+    with sheet(path, f"{title}: two recordings", (14.0, 1.4 + 2.1 * len(names))) as figure:
+        rows = figure.subplots(max(len(names), 1), 2, squeeze=False, sharex=True, width_ratios=(1.5, 1.0))
+        for (over, apart), name in zip(rows, names):
+            unit = first.units.get(name, "")
+            for which, series, style in (("A", one[name], {"color": _A}), ("B", two[name], {"color": _B, "ls": "--"})):
+                t = np.multiply(series.t_ns, 1e-9, dtype=np.float64)
+                over.plot(*thinned(t, series.values), lw=1.0, label=which, **style)
+            over.set_ylabel(f"{name}\n[{unit}]")
+            shared, at_one, at_two = np.intersect1d(one[name].t_ns, two[name].t_ns, return_indices=True)
+            away = two[name].values[at_two] - one[name].values[at_one]
+            apart.plot(*thinned(np.multiply(shared, 1e-9, dtype=np.float64), away), lw=0.9, color=_DIFFERENCE)
+            apart.set_ylabel(f"B - A [{unit}]")
+            signal = known[name]
+            apart.set_title(
+                f"from t = {signal.time:.6g} s on, up to {signal.deviation:.3g} of the range"
+                if signal.differing
+                else "equal, bit by bit"
+            )
+        rows[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        for axes in rows[-1]:
+            axes.set_xlabel("time [s]")
+        figure.align_ylabels(rows[:, 0])
+        figure.align_ylabels(rows[:, 1])

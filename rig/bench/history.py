@@ -1,0 +1,66 @@
+"""The history of a branch that begins at a checkpoint: taken from the recording that it continues."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.bench.agreement import changed_place
+from rig.bench.experiment import EMERGENCY
+from rig.bench.resumed_runner import Resumption
+from rig.record.run import Run
+from rig.scenes.scene import Scene
+
+CHECKPOINT = "checkpoint_ns"
+"""Key of the provenance: the instant up to which the samples of a branch are those of its ancestor."""
+
+_ABORTED = ("limit", EMERGENCY)
+"""Kinds of events after which the run goes to the safe state, without further checkpoints."""
+
+
+def nearest(run: Run, scene: Scene, tick: int) -> Resumption | None:
+    """The last checkpoint before `tick` from which `run` can be continued with the bits of a simulation from 0 on.
+
+    None if there is none, if the sources or the processor are others, or if samples or commands of the run are missing:
+    then a simulation from the begin on has to show that it repeats.
+    """
+    whole = run.sealed and not (run.notes or run.untold or run.summary.get("lost")) and run.mode.size == run.time.size
+    if not whole or changed_place(run) or any(event["kind"] in _ABORTED for event in run.told):
+        return None
+    for at in sorted((at for at in run.checkpoints if at < tick), reverse=True):
+        counts = {name: one.instants.count(at * run.frame_ns) for name, one in scene.sensors.items()}
+        if all(
+            name in run.measurements
+            and np.array_equal(run.measurements[name].t_ns[:count], scene.sensors[name].instants.at(np.arange(count)))
+            for name, count in counts.items()
+        ):
+            return Resumption(at, run.checkpoints[at], run.measurements)
+    return None
+
+
+def history_end(run: Run) -> int:
+    """Instant up to which the outputs of `run` are those of its ancestor [ns]; -1 if it has no such history."""
+    stated = run.provenance.get(CHECKPOINT, "")
+    return int(stated) if stated.isdecimal() else -1
+
+
+def add_history(found: Run, run: Run, tick: int) -> None:
+    """Put the outputs, contacts and checkpoints of `run` up to `tick` before those of `found`, simulated from there on.
+
+    `found` has one row of outputs at 0, then those after the checkpoint. Outputs of a live recording are farther apart.
+    """
+    now = tick * found.frame_ns
+    old = run.time <= (now + 0.5) * 1e-9
+    new = np.arange(1, found.time.size) * found.step_ns + now
+
+    def joined(history: NDArray[Any], later: NDArray[Any]) -> NDArray[Any]:
+        return np.concatenate([history[old], later[1:]])
+
+    found.time = np.concatenate([run.time[old], new * 1e-9])
+    found.signals = {name: joined(run.signals[name], v) for name, v in found.signals.items()}
+    found.mode = joined(run.mode, found.mode)
+    contacts = [event for event in run.told if event["kind"] == "contact" and event["t_ns"] <= now]
+    found.events = sorted([*contacts, *found.events], key=lambda event: int(event["t_ns"]))
+    found.checkpoints = {at: state for at, state in run.checkpoints.items() if at <= tick} | found.checkpoints

@@ -1,0 +1,265 @@
+"""The command that simulates a scene, or continues a recording, in this process."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli import printing
+from rig.cli.logs import allow, recording
+from rig.cli.options import (
+    Accuracy,
+    Budget,
+    Changes,
+    Duration,
+    Force,
+    Json,
+    Trust,
+    changes,
+    plain,
+    scene_file,
+    seconds,
+    the_scene,
+)
+from rig.cli.outputs import new
+from rig.cli.runs import Figure, configured
+from rig.errors import ExitCode, UsageError
+from rig.process import told_to_stop
+
+if TYPE_CHECKING:
+    from rig.record.run import Run
+    from rig.scenes.scene import Scene
+
+
+def _start(context: typer.Context, text: str | None) -> str | None:
+    """The recording and instant to continue from; the recording is not to be overwritten."""
+    if text is not None:
+        try:
+            log, _ = instant_of(text)
+        except UsageError:
+            context.close()
+            raise
+        recording(context, log)
+    return text
+
+
+Written = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", callback=new, help="Recording to write (MCAP). Default: none.")
+]
+Repeat = Annotated[
+    int | None,
+    typer.Option(min=2, max=10_000, metavar="N", help="Simulate with N seeds on all cores and report the spread."),
+]
+Start = Annotated[
+    str | None,
+    typer.Option(
+        "--from",
+        metavar="LOG@TIME",
+        callback=_start,
+        help="Continue a recording from this instant (12.5s, 300ms; without @TIME: its end) instead of a scene.",
+    ),
+]
+
+
+def instant_of(text: str) -> tuple[Path, float | None]:
+    """The recording and the instant [s] of LOG@12.5s, LOG@12500ms or LOG (None: its end).
+
+    A file with the whole text as its name comes first, so a name may have an @. Raises UsageError for an instant that
+    is no time.
+    """
+    from rig.quantities import si
+
+    name, at, instant = text.rpartition("@")
+    if not at or not name or "/" in instant or Path(text).exists():
+        return Path(text), None
+    spaced = re.sub(r"(?<=[0-9.])(?=[^\W0-9_]+$)", " ", instant.strip())  # 12.5s is 12.5 s
+    try:
+        return Path(name), float(si(plain(spaced), "s"))
+    except ValueError as error:
+        raise UsageError(f"{text}: the instant {error}; write LOG@12.5s or LOG@12500ms") from None
+
+
+def simulate(
+    scene: Annotated[
+        str | None,
+        typer.Argument(metavar="SCENE", help="Name of a shipped scene, or a TOML file.", callback=scene_file),
+    ] = None,
+    start: Start = None,
+    p: Changes = None,
+    duration: Duration = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD",
+            help="Integration method, as clock.method: auto (default), exact, dopri5, rk4, kick, smooth.",
+        ),
+    ] = None,
+    out: Written = None,
+    figure: Figure = None,
+    force: Force = False,
+    budget: Budget = None,
+    precision: Accuracy = None,
+    repeat: Repeat = None,
+    trust: Trust = False,
+    as_json: Json = False,
+) -> None:
+    """Simulate a scene with its controllers in one process, as fast as possible.
+
+    With --repeat: simulate with several seeds on all cores and report the
+    spread of onset, RMS, spectrum and other results. Ctrl-C reports the runs
+    that are finished.
+
+    With --from: simulate a recording again up to an instant and go on from
+    there. Values given with -p and a --duration count from that instant.
+    """
+    length, overrides = seconds(duration), changes(p)
+    if method is not None:
+        overrides["clock.method"] = method
+    if repeat is not None and out is not None:
+        raise UsageError("--out: --repeat writes no recordings; leave out one of the two")
+    if start is not None:
+        given = {"SCENE": scene, "--method": method, "--accuracy": precision, "--budget": budget, "--repeat": repeat}
+        if wrong := [name for name, value in given.items() if value is not None]:
+            raise UsageError(f"--from {start}: {', '.join(wrong)} cannot be given with it; the recording decides")
+    elif scene is None:
+        raise UsageError("name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s")
+    loaded: Scene | None = None
+    if scene is not None:
+        loaded = configured(the_scene(scene, overrides), overrides, precision, budget)
+        printing.run_warnings(loaded, length)
+        if repeat is not None:
+            _repeated(loaded, repeat, length, figure, as_json)
+            return
+    begin = time.perf_counter()
+    with _asked_to_stop() as asked:
+        found = _simulated(
+            loaded, start, overrides, length, trust, lambda: f"interrupted by {asked[0]}" if asked else ""
+        )
+    wall = time.perf_counter() - begin
+    if out is not None:
+        from rig.record.save_run import save
+
+        save(found, out, replace=force)  # another command may have written it since this one began
+    if as_json:
+        printing.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
+    else:
+        from rig.analysis.text_table import columns
+        from rig.scenes.scene import Scene
+
+        for line in columns(_summary(found, loaded or Scene.from_json(found.scene), wall, out, figure), "<<"):
+            printing.line(line)
+    since = max((event["t_ns"] for event in found.told if event["kind"] == "branch"), default=math.inf)
+    for event in found.told:
+        if event["kind"] == "warning" or (event["kind"] == "overruled" and event["t_ns"] == since):
+            printing.note(f"warning: {event['text']}")
+    if found.fault:
+        printing.note(found.fault)
+    if figure is not None:
+        from rig.view.run_figure import draw
+
+        draw(found, figure)
+    if found.fault or any(event["kind"] == "limit" for event in found.told):
+        raise typer.Exit(ExitCode.STOPPED)
+    if asked:
+        raise typer.Exit(ExitCode.INTERRUPTED)
+
+
+def _simulated(
+    scene: Scene | None,
+    start: str | None,
+    overrides: Mapping[str, str],
+    length: float | None,
+    trust: bool,
+    stop: Callable[[], str],
+) -> Run:
+    """Simulate a scene, or continue a recording."""
+    import rig
+
+    if start is None:
+        assert scene is not None
+        return rig.simulate(scene, length, stop)
+    log, at = instant_of(start)
+    allow(log, trust)
+    return rig.branch(log, at, {key: plain(value) for key, value in overrides.items()}, length, stop)
+
+
+@contextmanager
+def _asked_to_stop() -> Iterator[list[str]]:
+    """Signals that asked this process to end; the second one ends it at once."""
+    asked: list[str] = []
+
+    def heard(name: str) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(name)
+        printing.note("ending the run; press Ctrl-C again to end at once")
+
+    with told_to_stop(heard):
+        yield asked
+
+
+def _repeated(scene: Scene, count: int, length: float | None, figure: Path | None, as_json: bool) -> None:
+    from rig.analysis.repeat import repeat
+
+    with _asked_to_stop() as asked, printing.bar("runs") as progress:
+        found = repeat(
+            scene, count, length, progress=progress, stop=lambda: f"interrupted by {asked[0]}" if asked else ""
+        )
+    if as_json:
+        printing.report(found.to_json())
+    else:
+        printing.line(found.text())
+    if figure is not None and found.seen:
+        from rig.analysis.repeat.figure import draw
+
+        draw(found, figure)
+    if asked:
+        raise typer.Exit(ExitCode.INTERRUPTED)
+    if any(one.fault for one in found.seen):
+        raise typer.Exit(ExitCode.STOPPED)
+
+
+def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:
+    """The summary of a run in this process, as labelled lines."""
+    from rig.bench import status
+    from rig.model.assembly import portrait
+    from rig.record.statistics import contact
+
+    plant, length = run.summary["plant"], float(run.time[-1])
+    yield "run", f"{length:g} s simulated in {wall:.2f} s, compiling included; ended: {run.summary['ended']}"
+    for event in run.told:
+        if event["kind"] == "branch":
+            yield "branch", event["text"]
+    yield "plant", status.plant(plant, plant["energy_error"])
+    for name in portrait(scene.assemble().outputs) or ():
+        v = run.signals[name]
+        yield name, f"{v.min():.6g} .. {v.max():.6g} {run.units[name]}"
+    if text := contact(run):
+        yield "contact", text
+    for name, counts in run.summary["controllers"].items():
+        yield name, ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+    for one in run.summary["audit"]:
+        if one["noted"]:
+            yield "audit", one["text"]
+    for label, path in (("log", out), ("figure", figure)):
+        if path is not None:
+            yield label, str(path)
+    if out:
+        log = shlex.quote(str(out))
+        yield "next", f"rig report {log} | rig verify {log} | rig replay {log} | rig simulate --from {log}"
+    else:
+        draw = "" if figure else ", --figure FILE.png to draw it"
+        yield "next", f"the same with --out FILE.mcap to keep a recording{draw}"
+
+
+COMMANDS = {
+    "simulate": (simulate, "rig simulate pendulum --duration 10 --out pendulum.mcap --figure pendulum.png"),
+}

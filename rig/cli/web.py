@@ -1,0 +1,43 @@
+"""The command that serves the bench as a page in the browser."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from rig.cli import printing
+from rig.errors import UsageError
+
+
+def web(
+    port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port on loopback. 0: any free one.")] = 0,
+    no_open: Annotated[
+        bool, typer.Option("--no-open", help="Print the address only; do not open the browser.")
+    ] = False,
+) -> None:
+    """Serve the bench as a page in the browser: choose and start scenes, watch them live, change values.
+
+    The page is reachable from this machine only, under the printed address.
+    Ctrl-C ends the run that is going on, and the server.
+    """
+    try:
+        from rig.web.server import serve
+    except ModuleNotFoundError as fault:
+        lacking = (fault.name or "").partition(".")[0]
+        if lacking not in ("starlette", "uvicorn", "websockets", "anyio", "h11"):
+            raise
+        raise UsageError(
+            f"rig web needs {lacking}, which is not installed: pip install 'friction-rig[web]', "
+            "or in the project's folder: pip install -e '.[web]'"
+        ) from None
+
+    def say(text: str) -> None:
+        printing.line(text)
+        sys.stdout.flush()  # whoever reads a pipe waits for the address
+
+    serve(port, not no_open, say)
+
+
+COMMANDS = {"web": (web, "rig web --no-open --port 8765")}

@@ -1,0 +1,82 @@
+"""Checks the rows of a rig with a foreign plant or effect: names, units, numbers.
+
+Rows of shipped plants are not checked, because they are right and are built often.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from math import isfinite
+from typing import Any, get_args
+
+from rig.model.assembly import Assembly, Input, Output, Role
+from rig.model.friction_law import Law
+from rig.picture import Plot
+from rig.quantities import brief, unit_fault
+
+
+def faults(a: Assembly) -> Iterator[str]:
+    """Yield the faults of a rig that cannot be computed, one line each: unknown names, numbers that are not finite."""
+    coordinates, states = set(a.coordinates), {*a.names}
+    products = {*a.products}
+    contacts, normals = [entry[0] for entry in a.patches], [entry[0] for entry in a.normals]
+    for what, names in (("friction contact", contacts), ("normal force", normals)):
+        yield from (f"two are called {what} {name!r}" for name in sorted({n for n in names if names.count(n) > 1}))
+    for what, entries in (("mass", a.mass), ("damping", a.damping), ("stiffness", a.stiffness)):
+        for (i, j), value in entries.items():
+            yield from _row(f"{what}[{i!r}, {j!r}]", dict.fromkeys({i, j} - coordinates or {i}, value), coordinates)
+    for coordinate, row in a.force.items():
+        yield from _row(f"force on {coordinate!r}", row, states | products)
+        if coordinate not in coordinates:
+            yield f"a force acts on {coordinate!r}, {_near(coordinates)}"
+    for name, row in a.signals.items():
+        yield from _row(f"rate of {name!r}", row, states | products)
+    for name, direction, surface, law, travel in a.patches:
+        yield from _row(f"direction of contact {name!r}", {**direction, **(travel or {})}, coordinates)
+        yield from _row(f"surface speed of contact {name!r}", surface, states | products)
+        if not isinstance(law, Law):
+            yield f"contact {name!r} has {brief(law)} as its friction law"
+    for name, patch, row, direction, inertia, _ in a.normals:
+        yield from _row(f"normal force {name!r}", row, states | products)
+        yield from _row(f"direction of normal force {name!r}", {**direction, **inertia}, coordinates)
+        if patch not in contacts:
+            yield f"normal force {name!r} is of contact {patch!r}, {_near(contacts)}"
+    yield from _outputs(a, states | products, contacts, normals)
+
+
+def _outputs(a: Assembly, known: set[str], contacts: Collection[str], normals: Collection[str]) -> Iterator[str]:
+    rates = {f"{name}'" for name in (*a.network, *a.signals)} | {f"{name}''" for name in a.coordinates}
+    forces = {f"{letter}:{name}" for letter in "Tw" for name in contacts} | {f"N:{name}" for name in normals}
+    limited = {f"c:{entry[0]}" for entry in a.limiters}
+    for name, output in a.outputs.items():
+        if isinstance(output, Output):
+            yield from _row(f"output {name!r}", output.row, known | rates | forces | limited)
+            if fault := unit_fault(output.unit):
+                yield f"unit of output {name!r}: {fault}"
+            if output.role not in get_args(Role):
+                yield f"output {name!r} has the role {brief(output.role)}; known: {', '.join(get_args(Role)[1:])}"
+            if output.plot is not None and not isinstance(output.plot, Plot):
+                yield f"output {name!r} has the plot {brief(output.plot)}; expected a rig.picture.Plot"
+            elif output.plot is not None and not (
+                isinstance(output.plot.title, str) and isinstance(output.plot.place, int)
+            ):
+                yield f"output {name!r} has the plot {brief(output.plot)}; expected a text and a whole number"
+        else:
+            yield f"output {name!r} is {brief(output)}; expected a rig.model.assembly.Output"
+    for name, one in a.inputs.items():
+        if not isinstance(one, Input):
+            yield f"input {name!r} is {brief(one)}; expected a rig.model.assembly.Input"
+        elif fault := unit_fault(one.unit):
+            yield f"unit of input {name!r}: {fault}"
+
+
+def _row(what: str, row: Mapping[str, Any], known: Collection[str]) -> Iterator[str]:
+    for name, value in row.items():
+        if name not in known:
+            yield f"{what} names {name!r}, {_near(known)}"
+        elif not isinstance(value, int | float) or not isfinite(value):
+            yield f"{what} contains {brief(value)}; expected a finite number"
+
+
+def _near(known: Collection[str]) -> str:
+    return f"which does not exist; known: {', '.join(sorted(known)) or 'none'}"

@@ -1,0 +1,250 @@
+"""A rigid slider on a film over a plate: its tables in a scene, the rows that it adds to the plate, its outputs.
+
+    m z'' = -F + sum P,   I_p theta'' = sum (-X P + h f),   I_r psi'' = sum (Y P)
+    d = sum z_i q_i - (z - X theta + Y psi),   P = A (k d + c d') >= 0,   |f| <= mu P        rig.model.film
+
+The slider's upper face is guided: the slider heaves (z), pitches (theta) and rolls (psi) about axes in that face. The
+load F presses on this face. h: distance from this face to the plate. The slider starts at `slider.position` and moves
+along the plate's x at the speed of the drive; friction acts on the plate in this direction. Half of the film's
+mass moves with the slider.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, NamedTuple, Self
+
+import numpy as np
+from annotated_types import Ge, Le
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from rig.about import About
+from rig.effects import drive, load
+from rig.effects.drive import BeltDrive
+from rig.effects.friction import Constant
+from rig.effects.load import Load
+from rig.model import film
+from rig.model.assembly import Assembly, Output
+from rig.model.film import over
+from rig.model.named_rows import Row
+from rig.picture import Plot
+from rig.plants.structures.film_points import FilmPoints
+from rig.plants.structures.plate_model import Grid, Reduced
+from rig.quantities import (
+    KilogramPerCubicMetre,
+    NonNegativeMetre,
+    Pascal,
+    PoissonRatio,
+    PositiveMetre,
+    Second,
+    Section,
+)
+from rig.solve import film_sums
+
+Array = NDArray[np.float64]
+Along = Annotated[int, Ge(1), Le(64)]
+Across = Annotated[int, Ge(2), Le(64)]
+X, Y, Z = range(3)
+SLIDER = ("z", "theta", "psi")
+TOGETHER = Plot("displacement of slider and plate"), Plot("velocity of slider and plate"), Plot("acceleration", 1)
+TURNS = Plot("pitch and roll"), Plot("pitch and roll velocity"), Plot("pitch and roll acceleration")
+CENTRE, FORCES = Plot("pressure centre", 3), Plot("forces", 4)
+
+
+class Slider(Section):
+    """A rigid block. `position`: from the rear edge of the plate to its own at the start; `travels`: false fixes it."""
+
+    declares: ClassVar = About("a rigid block that the load presses on the film", hardware=True)
+
+    length: PositiveMetre
+    width: PositiveMetre
+    thickness: PositiveMetre
+    density: KilogramPerCubicMetre
+    position: NonNegativeMetre = 0.0
+    travels: bool = True
+
+
+class Film(Section):
+    """The film between slider and plate: a grid of points with equal areas; `across` is even because of symmetry.
+
+    Its normal stiffness follows from the modulus at zero lateral strain, its shear stiffness from the shear modulus, by
+    default that of an isotropic material. `retardation`: viscous stress over the rate of the elastic stress [s].
+    `opens`: false bonds the film to the plate; then all points slide and also carry tension. `lateral`: friction also
+    across the travel. `completed`: the deflection that the plate's modes lack acts in series with the film.
+    """
+
+    declares: ClassVar = About("a film that presses and sticks point by point: its forces, those of each point")
+
+    thickness: PositiveMetre
+    young: Pascal
+    density: KilogramPerCubicMetre
+    poisson: PoissonRatio
+    shear_modulus: Pascal | None = None
+    retardation: Second = 0.0
+    along: Along
+    across: Across
+    opens: bool = True
+    lateral: bool = False
+    completed: bool = False
+
+    @model_validator(mode="after")
+    def _mirrored(self) -> Self:
+        if self.across % 2:
+            raise ValueError(f"across {self.across} is odd: take {self.across + 1}, or {self.across - 1}")
+        return self
+
+    @property
+    def normal(self) -> float:
+        """Stiffness per area in compression [Pa/m]."""
+        modulus = self.young * (1.0 - self.poisson) / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
+        return float(modulus / self.thickness)
+
+    @property
+    def shear(self) -> float:
+        """Stiffness per area in shear [Pa/m]."""
+        modulus = self.shear_modulus or self.young / (2.0 * (1.0 + self.poisson))
+        return float(modulus / self.thickness)
+
+
+class SliderTables(NamedTuple):
+    """The tables of a slider on a plate: slider, film, drive, load and friction."""
+
+    slider: Slider
+    film: Film
+    drive: BeltDrive
+    load: Load
+    friction: Constant
+
+    @property
+    def points(self) -> FilmPoints:
+        """The points of the film."""
+        return FilmPoints(self.slider.length, self.slider.width, self.film.along, self.film.across)
+
+
+def motion_of(what: str, row: Row, unit: str, plots: tuple[Plot, Plot, Plot]) -> dict[str, Output]:
+    """The outputs displacement, velocity and acceleration of `what`, in these plots; `row`: its displacement [unit]."""
+    parts = (("displacement", "", unit), ("velocity", "'", f"{unit}/s"), ("acceleration", "''", f"{unit}/s^2"))
+    return {
+        f"{what}_{name}": Output({f"{c}{mark}": f for c, f in row.items()}, u, plot)
+        for (name, mark, u), plot in zip(parts, plots)
+    }
+
+
+def add(a: Assembly, p: SliderTables, grid: Grid, model: Reduced, names: list[str], moved: Mapping[str, str]) -> None:
+    """Add slider, film, drive and load to a plate with the modes `names`. `moved`: see the plant's `assemble`."""
+    block = p.slider
+    area = block.length * block.width
+    mass = area * (block.density * block.thickness + 0.5 * p.film.density * p.film.thickness)
+    for name, side in zip(SLIDER, (None, block.length, block.width)):
+        a.coordinate(name, mass if side is None else mass * (side**2 / 12.0 + block.thickness**2 / 3.0))
+    speed = drive.add(a, p.drive, "m/s", moved)
+    pressed = load.add(a, p.load, moved)
+    a.push("z", {state: -value for state, value in pressed.items()})
+    a.signal("position", speed if block.travels else {}, block.position, "drive")
+    if not block.travels:
+        a.signal("slid", speed, 0.0, "drive")
+    own = _film(p, grid, model)
+    here = own.everywhere(block.position)
+    every = [*names, *SLIDER]
+    mu = math.copysign(p.friction.mu, p.drive.speed)
+    normal, push = here[0], mu * here[1] - here[0]
+    if p.film.opens:  # the points at the start, for the text before a run
+        a.patch("film", {}, speed, p.friction.friction(), {})
+        for point in range(own.points):
+            row = _pressed(p, every, own.stiffness * normal[:, point])
+            a.normal(f"point {point + 1}", "film", row, dict(zip(every, push[:, point].tolist())))
+        a.film = own
+        creep = own.creep(p.load.force / own.points)
+        note = f": a point is held by the shear of the film, {creep * 1e9:.2g} nm at the most before it slips"
+        a.about["friction at film"] = note
+    else:
+        for name, rows in zip(every, own.stiffness * (push @ normal.T)):
+            a.push(name, _pressed(p, every, rows))
+        total = _pressed(p, every, own.stiffness * normal.sum(axis=1))
+        a.outputs |= {
+            "normal_force": Output(total, "N", FORCES),
+            "friction_force": Output({name: mu * value for name, value in total.items()}, "N", FORCES),
+        }
+    a.outputs |= motion_of("slider", {"z": 1.0}, "m", TOGETHER)
+    a.outputs |= motion_of("pitch", {"theta": 1.0}, "rad", TURNS) | motion_of("roll", {"psi": 1.0}, "rad", TURNS)
+    a.outputs |= {
+        "position": Output({"position": 1.0}, "m", Plot()),
+        "surface_speed": Output(dict(speed), "m/s", Plot(), "drive"),
+    }
+    if p.film.opens:
+        _contact(a, p, own)
+
+
+def _pressed(p: SliderTables, names: list[str], values: Array) -> Row:
+    """The force of the film as a row: `values` over the coordinates, and its viscous part over their rates."""
+    row: Row = dict(zip(names, values.tolist()))
+    if p.film.retardation:
+        row |= {f"{name}'": p.film.retardation * value for name, value in zip(names, values.tolist())}
+    return row
+
+
+def _film(p: SliderTables, grid: Grid, model: Reduced) -> film.Film:
+    """The film with its points, those of the left half first."""
+    lines = np.flatnonzero(grid.lines > 0.0)
+    count = model.shapes.shape[3] - (grid.along - 1) * grid.stride
+    components = (Z, X, Y)[: 3 if p.film.lateral else 2]
+    h = p.slider.thickness + p.film.thickness
+    x = ((np.arange(grid.along) + 0.5) / grid.along - 0.5) * grid.length
+    pairs_x, pairs_y = np.repeat(x, len(lines)), np.tile(grid.lines[lines], grid.along)
+    modes = len(model.frequencies)
+    rows = np.zeros((count, len(components), modes + len(SLIDER), len(pairs_x)))
+    at = np.arange(count)[:, None] + np.arange(grid.along) * grid.stride
+    for direction, component in enumerate(components):
+        shapes = model.shapes[:, component][:, lines][:, :, at]  # mode, line, place, point along
+        rows[:, direction, :modes] = shapes.transpose(2, 0, 3, 1).reshape(count, modes, -1)
+    rows[:, 0, modes:] = -np.ones_like(pairs_x), pairs_x, -pairs_y
+    rows[:, 1, modes + SLIDER.index("theta")] = h
+    if p.film.lateral:
+        rows[:, 2, modes + SLIDER.index("psi")] = -h
+    area = p.slider.length * p.slider.width / (2 * len(pairs_x))
+    stiffness = p.film.normal
+    if p.film.completed:
+        stiffness = 1.0 / (1.0 / stiffness + model.residual)
+    return film.Film(
+        rows=rows,
+        parity=np.array([*_parity(model), 1.0, 1.0, -1.0]),
+        pitch=model.pitch,
+        travel="position",
+        slid="position" if p.slider.travels else "slid",
+        longest=float(model.surface.x[-1] - model.surface.x[0]) - grid.length,
+        stiffness=stiffness * area,
+        damping=stiffness * p.film.retardation * area,
+        shear=p.film.shear * area,
+        mu=p.friction.mu,
+        x=np.tile(pairs_x, 2),
+        y=np.concatenate([pairs_y, -pairs_y]),
+    )
+
+
+def _parity(model: Reduced) -> Array:
+    """The parity of each mode: 1 if both sides of the plate move alike, -1 if they move against each other."""
+    signs = np.array([1.0, -1.0, 1.0])[:, None, None]
+    both = np.einsum("mclp,mclp->m", model.shapes, signs * model.shapes[:, :, ::-1])
+    return np.asarray(np.sign(both), dtype=np.float64)
+
+
+def _contact(a: Assembly, p: SliderTables, own: film.Film) -> None:
+    """Add the outputs of all points together and of each point."""
+    a.outputs |= {
+        "normal_force": Output({over("normal"): 1.0}, "N", FORCES),
+        "friction_force": Output({over("friction"): 1.0}, "N", FORCES),
+        "contact_fraction": Output({over("fraction"): 1.0}, "1", Plot(place=2)),
+        "pressure_centre_x": Output({over("centre_x"): 1.0}, "m", CENTRE),
+        "pressure_centre_y": Output({over("centre_y"): 1.0}, "m", CENTRE),
+        "openings": Output({over("openings"): 1.0 / film_sums.COUNTED}, "1", Plot()),
+    }
+    area = p.slider.length * p.slider.width / own.points
+    for name, point in places(p.points, own).items():
+        a.outputs[name] = Output({film.at("P", point): 1.0 / area}, "Pa")
+
+
+def places(points: FilmPoints, own: film.Film) -> dict[str, int]:
+    """Pressure output -> number of the point; in order from the rear, then from the right."""
+    return dict(zip(points.names, np.lexsort((own.y, own.x)).tolist(), strict=True))

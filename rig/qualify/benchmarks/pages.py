@@ -1,0 +1,178 @@
+"""Benchmark of `rig web`: ten pages without a browser, and one in Chromium if it is installed, on a paced 1 kHz run.
+
+A picture of the browser is a change of the time on its page. The delay of a picture is at most the time from the
+tick of its newest data to the end of the script that drew it: the clock of the plant is read by a command, and the
+time at which the command was sent counts as that of its tick.
+"""
+
+from __future__ import annotations
+
+import http.client
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PAGES = 10
+SCENE = "belt_normal_force"
+_CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+_WATCH = """
+window.pictures = [];
+window.time = document.getElementById("time");
+new MutationObserver(() => window.pictures.push([Date.now() / 1e3, parseFloat(window.time.textContent.slice(4))]))
+  .observe(window.time, { childList: true, characterData: true, subtree: true });
+"""
+
+
+def pages(seconds: float = 20.0) -> dict[str, Any]:
+    """Return verdict and late share of a run that is watched; for sockets and browser the pictures per second, and
+    their delays [s] (median, 99th percentile), worst over the pages. `browser` is None without Chromium.
+    """
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        port, token = stack.enter_context(_server(folder))
+        bench = _Bench(port, token)
+        sockets = [stack.enter_context(_Socket(port, bench.cookie)) for _ in range(PAGES)]
+        program = next(filter(None, map(shutil.which, _CHROMIUM)), None)
+        browser = stack.enter_context(_Browser(program, folder, port, token)) if program else None
+        bench.ask("/api/run", {"scene": SCENE, "duration": seconds + 5.0})
+        while bench.ask("/api/run")["phase"] not in ("running", "ended"):
+            time.sleep(0.1)
+        time.sleep(2.0)
+        if browser:
+            browser.evaluate(_WATCH)
+        begin, sent = time.time(), time.time()
+        start = sent - bench.ask("/api/run/command", {"do": "knock", "impulse": 0.0})["t_ns"] * 1e-9
+        time.sleep(seconds)
+        end = time.time()
+        drawn = browser.evaluate("window.pictures") if browser else None
+        state = bench.ask("/api/run")
+        while state["phase"] != "ended":
+            time.sleep(0.2)
+            state = bench.ask("/api/run")
+        shown = [_figures(one.pictures, begin, end, start) for one in sockets]
+    found: dict[str, Any] = {"verdict": (state["outcome"] or {}).get("verdict", state["fault"])}
+    found["reasons"] = (state["outcome"] or {}).get("reasons", [])
+    found["sockets"] = {key: (min if key == "rate" else max)(one[key] for one in shown) for key in shown[0]}
+    found["browser"] = _figures(drawn, begin, end, start) if drawn is not None else None
+    return found
+
+
+def _figures(pictures: list[tuple[float, float]], begin: float, end: float, start: float) -> dict[str, float]:
+    """Pictures per second, and delays [s], of pictures (wall time, simulated time); simulated 0 was at `start`."""
+    ours = np.array([(wall, wall - t - start) for wall, t in pictures if begin <= wall <= end] or [(begin, np.inf)])
+    p50, p99 = np.percentile(ours[:, 1], (50, 99))
+    return {"rate": len(ours) / (end - begin), "p50": float(p50), "p99": float(p99)}
+
+
+@contextmanager
+def _server(folder: Path) -> Iterator[tuple[int, str]]:
+    """A `rig web` that works in `folder`: its port and token."""
+    command = [sys.executable, "-m", "rig", "web", "--no-open"]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    try:
+        address = process.stdout.readline().split()[-1]
+        port, token = address.removeprefix("http://127.0.0.1:").split("/?token=")
+        threading.Thread(target=process.stdout.read, daemon=True).start()
+        yield int(port), token
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(60.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait(10.0)
+
+
+class _Bench:
+    """What a program asks of the server."""
+
+    def __init__(self, port: int, token: str) -> None:
+        self._port = port
+        self.cookie = f"bench-{port}={token}"
+
+    def ask(self, path: str, body: dict[str, Any] | None = None) -> Any:
+        line = http.client.HTTPConnection("127.0.0.1", self._port, timeout=30.0)
+        try:
+            text = None if body is None else json.dumps(body)
+            line.request("GET" if body is None else "POST", path, text, {"Cookie": self.cookie})
+            return json.loads(line.getresponse().read())
+        finally:
+            line.close()
+
+
+class _Socket:
+    """A page without a browser: it reads and acknowledges every message."""
+
+    def __init__(self, port: int, cookie: str) -> None:
+        from websockets.sync.client import connect
+
+        self.pictures: list[tuple[float, float]] = []
+        origin: Any = f"http://127.0.0.1:{port}"
+        self._socket = connect(f"ws://127.0.0.1:{port}/live", additional_headers={"Cookie": cookie}, origin=origin)
+        self._thread = threading.Thread(target=self._read, daemon=True)
+
+    def __enter__(self) -> _Socket:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+        self._thread.join(5.0)
+
+    def _read(self) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        with suppress(ConnectionClosed):
+            for received, text in enumerate(self._socket, 1):
+                message = json.loads(text)
+                if message["kind"] == "frames":
+                    self.pictures += [(time.time(), frame["t"]) for frame in message["frames"][-1:]]
+                self._socket.send(json.dumps({"ack": received}))
+
+
+class _Browser:
+    """Chromium without a window that shows the page; scripts are evaluated in it."""
+
+    def __init__(self, program: str, folder: Path, port: int, token: str) -> None:
+        from websockets.sync.client import connect
+
+        command = [program, "--headless=new", "--no-sandbox", "--remote-debugging-port=0", "--window-size=1400,1000",
+                   f"--user-data-dir={folder / 'browser'}", f"http://127.0.0.1:{port}/?token={token}"]  # fmt: skip
+        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        told = folder / "browser" / "DevToolsActivePort"
+        for _ in range(300):
+            if told.exists() and len(told.read_text().split()) == 2:
+                break
+            time.sleep(0.1)
+        line = http.client.HTTPConnection("127.0.0.1", int(told.read_text().split()[0]), timeout=30.0)
+        line.request("GET", "/json/list")
+        shown = next(one for one in json.loads(line.getresponse().read()) if one["type"] == "page")
+        line.close()
+        self._socket = connect(shown["webSocketDebuggerUrl"], max_size=None)
+
+    def __enter__(self) -> _Browser:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+        self._process.terminate()
+        self._process.wait(20.0)
+
+    def evaluate(self, script: str) -> Any:
+        ask = {"id": 1, "method": "Runtime.evaluate", "params": {"expression": script, "returnByValue": True}}
+        self._socket.send(json.dumps(ask))
+        while "id" not in (answer := json.loads(self._socket.recv(30.0))):
+            pass
+        return answer["result"]["result"].get("value")

@@ -1,0 +1,107 @@
+"""Cost of recording at high rates: 1 million samples per second in blocks beside 8 scalars per millisecond."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig import bus, placement, scheduling
+from rig.bench import pace
+from rig.bus import encode
+from rig.bus.run_setup import Setup
+from rig.errors import BusError
+
+SENSORS = 10
+RATE = 100_000
+"""Samples per second of each sensor."""
+BLOCK_MS = 20
+SCALARS = 8
+"""Outputs in the state of each millisecond."""
+_FRAME_NS = 1_000_000
+_JOIN_S = 20.0
+_RECORDER = """
+import json, resource, sys
+from pathlib import Path
+from rig.record.recorder import record
+accounts = []
+record(None, Path(sys.argv[1]), accounts.append)
+used = resource.getrusage(resource.RUSAGE_SELF)
+(account,) = accounts
+print(json.dumps({"lost": account.lost, "messages": account.messages, "seconds": used.ru_utime + used.ru_stime}))
+"""
+
+
+def recording(seconds: float = 10.0) -> dict[str, Any]:
+    """Record traffic over the bus in real time, as a plant sends it.
+
+    Returns the processor time of the recorder as a share of a core with its start ("recorder"), messages and losses
+    ("messages", "lost"), bytes of the file ("bytes"), and the time on the publishing thread for each frame of 1 ms
+    ("mean_us", "p99_us"). Raises BusError if the recorder does not join.
+    """
+    noise = np.random.default_rng(1).standard_normal((BLOCK_MS * 4, RATE * BLOCK_MS // 1000))
+    outputs = {f"output_{i}": "m" for i in range(SCALARS)}
+    sensors = {f"sensor_{i}": ("m/s", 1_000_000_000 // RATE) for i in range(SENSORS)}
+    with tempfile.TemporaryDirectory() as folder, bus.host("benchmark") as session:
+        setup = Setup(session.run, '{"plant": "none"}', 1_000_000, 1_000_000, outputs, sensors).to_text().encode()
+        scene = session.serve("scene", lambda _: setup)
+        watch, totals = session.watch("*/*"), session.subscribe("total/*")
+        session.announce()
+        path = Path(folder) / "run.mcap"
+        child = subprocess.Popen([sys.executable, "-c", _RECORDER, str(path)], stdout=subprocess.PIPE)
+        try:
+            deadline = time.monotonic() + _JOIN_S
+            while ("recorder", "recorder") not in watch.present:
+                if time.monotonic() > deadline:
+                    raise BusError(f"the recorder did not join within {_JOIN_S:g} s")
+                scene.poll(0.02)
+                watch.poll()
+            spent = _publish(session, noise, seconds)
+            session.publisher("total/plant").put(session.totals(), round(seconds * 1e9))
+            while (told := totals.get(_JOIN_S)) is not None and "total/plant" not in told.said.heard_topic:
+                pass  # it catches up
+        finally:
+            session.close()
+            said = child.communicate(timeout=2.0 * _JOIN_S)[0]
+        account, size = json.loads(said), path.stat().st_size
+    return {
+        "recorder": account["seconds"] / seconds,
+        "messages": account["messages"],
+        "lost": account["lost"],
+        "bytes": size,
+        "mean_us": float(spent.mean()) * 1e6,
+        "p99_us": float(np.quantile(spent, 0.99)) * 1e6,
+    }
+
+
+def _publish(session: Any, noise: Any, seconds: float) -> Any:
+    """Publish in real time with the plant's clock, core and priority; return the time of each frame [s]."""
+    state, state_of = session.publisher("state"), encode.StateEncoder(SCALARS)
+    blocks = [session.publisher(f"meas/sensor_{i}") for i in range(SENSORS)]
+    values, step_ns = np.zeros(SCALARS), 1_000_000_000 // RATE
+    spent = np.zeros(round(seconds * 1000))
+    with ExitStack() as stack:
+        stack.enter_context(pace.no_garbage())
+        stack.enter_context(placement.placed(*placement.choose()))
+        stack.enter_context(scheduling.ahead(scheduling.PLANT))
+        pacer = pace.Pacer(_FRAME_NS, 1.0, "catch-up", pace.WallClock(pace.choose(_FRAME_NS).spin_ns))
+        pacer.anchor()
+        for frame in range(spent.size):
+            now = frame * _FRAME_NS
+            values[:] = frame
+            begin, _ = pacer.wait()
+            state.put_later(now, state_of, now, frame, 0, values.tobytes())
+            for i in range(frame % BLOCK_MS, SENSORS, BLOCK_MS):  # a plant spreads the blocks over its frames
+                samples = noise[(frame + i) % len(noise)].copy()
+                blocks[i].put_later(now, encode.block, frame, now, step_ns, samples)
+            if frame % BLOCK_MS == 0:
+                session.flush()
+            spent[frame] = 1e-9 * (time.perf_counter_ns() - begin)
+    return spent

@@ -1,0 +1,243 @@
+"""A run as tables: the plant's outputs, the sensors of each rate, the commands of each controller, the events.
+
+A table has one column of times. Outputs of the plant have one table. Sensors of one rate have another, since all of
+them sample at the same instants. The commands of a controller have a row for each command that took effect. Rows that a
+damaged recording has lost are NaN where another column of the table has them, and absent otherwise.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import UsageError
+from rig.record.commands import actuators, unit_of
+from rig.record.even_times import period
+from rig.record.export.lower_rate import Lowered, lowered
+from rig.record.film_points import numbered
+from rig.record.names import MEASURED, TRUE, signals, unknown
+from rig.record.run_data import Commands, Integers, RunData, Samples
+
+OUTPUTS, EVENTS, MODE, TIME = "outputs", "events", "mode", "time"
+_APART = 0.75  # of a period: sensors share a table if no two of its rows are closer
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: `values` [n] are floats, integers or texts (objects); `about`: what a name and a unit do not say."""
+
+    name: str
+    unit: str
+    values: NDArray[Any]
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns over times `t_ns` [n]; `channels`: whether they are signals of outputs or sensors."""
+
+    name: str
+    t_ns: Integers
+    columns: tuple[Column, ...]
+    channels: bool = False
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """The times [s]: the floating-point numbers nearest to the whole nanoseconds."""
+        return np.asarray(self.t_ns / 1e9)
+
+    @property
+    def with_time(self) -> tuple[Column, ...]:
+        """The columns after that of the times."""
+        return (Column(TIME, "s", self.time), *self.columns)
+
+    @property
+    def rate(self) -> float:
+        """Rows per second [Hz] of signals; 0 for a table of commands or events, and for less than two rows."""
+        step = period(self.t_ns) if self.channels else 0.0
+        return 1e9 / step if step else 0.0
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The tables of a run; `notes`: what was done to signals to make them, in words."""
+
+    tables: tuple[Table, ...]
+    notes: tuple[str, ...] = ()
+
+    def __iter__(self) -> Iterator[Table]:
+        return iter(self.tables)
+
+
+@dataclass
+class _Chosen:
+    """Names of what is exported."""
+
+    outputs: list[str] = field(default_factory=list)
+    sensors: list[str] = field(default_factory=list)
+    controllers: list[str] = field(default_factory=list)
+    mode: bool = False
+    events: bool = False
+
+
+def tables(run: RunData, only: Sequence[str] = (), rate: float | None = None) -> Tables:
+    """Return the tables of `run`, or of the outputs, sensors and controllers that `only` names.
+
+    `only` takes "events" and "mode" as well, and the common part of the names of a film's points ("pressure"). A name
+    that a sensor and an output share is the sensor; `truth/NAME` is the output. `rate` [Hz]: signals recorded at a
+    higher rate are filtered and decimated. Raises UsageError with every unknown name, and for an impossible rate.
+    """
+    chosen = _chosen(run, only)
+    times = np.rint(run.time * 1e9).astype(np.int64)
+    signals = {TRUE + name: Samples(times, run.signals[name]) for name in chosen.outputs}
+    signals |= {MEASURED + name: run.measurements[name] for name in chosen.sensors}
+    found = Lowered(signals) if rate is None else lowered(signals, rate)
+    outputs = {name: found.signals[TRUE + name] for name in chosen.outputs}
+    sensors = {name: found.signals[MEASURED + name] for name in chosen.sensors}
+    made = [*_outputs(run, times, outputs, chosen.mode), *_sensors(run, sensors)]
+    made += [_commands(run, name) for name in chosen.controllers]
+    made += [_events(run)] if chosen.events else []
+    return Tables(tuple(_named(made)), (*_aliased(run, chosen, times), *found.notes))
+
+
+def _aliased(run: RunData, chosen: _Chosen, times: Integers) -> Iterator[str]:
+    """A note on outputs that are recorded less often than the plant steps."""
+    step = period(times)
+    if chosen.outputs and step > run.step_ns * 1.01:
+        yield (f"outputs of the plant were recorded at {1e9 / step:.6g} Hz and not filtered: vibration above "
+               f"{0.5e9 / step:.6g} Hz is aliased; a sensor keeps all of its samples")  # fmt: skip
+
+
+def _chosen(run: RunData, only: Sequence[str]) -> _Chosen:
+    if not only:
+        return _Chosen([*run.signals], [*run.measurements], [*run.commands], bool(run.mode.size), True)
+    chosen, faults = _Chosen(), []
+    points = numbered(run.signals)
+    for name in dict.fromkeys(only):
+        plain = name.removeprefix(MEASURED).removeprefix(TRUE)
+        if plain in run.measurements and not name.startswith(TRUE):
+            chosen.sensors.append(plain)
+        elif plain in run.signals and not name.startswith(MEASURED):
+            chosen.outputs.append(plain)
+        elif name in run.commands:
+            chosen.controllers.append(name)
+        elif name in points:
+            chosen.outputs += points[name]
+        elif name == MODE and run.mode.size:
+            chosen.mode = True
+        elif name == EVENTS:
+            chosen.events = True
+        else:
+            faults.append(str(unknown(name, _known(run))))
+    if faults:
+        raise UsageError("\n".join(faults))
+    return chosen
+
+
+def _known(run: RunData) -> dict[str, str]:
+    return signals(run) | dict.fromkeys([*run.commands, *[MODE] * bool(run.mode.size), EVENTS], "")
+
+
+def _outputs(run: RunData, times: Integers, signals: dict[str, Samples], mode: bool) -> Iterator[Table]:
+    if not signals and not mode:
+        return
+    t_ns = next(iter(signals.values())).t_ns if signals else times
+    columns = [Column(name, run.units.get(name, ""), v) for name, (_, v) in signals.items()]
+    if mode:
+        columns.append(Column(MODE, "", _at(t_ns, times, run.mode), "number of the mode set; -1: not recorded"))
+    yield Table(OUTPUTS, t_ns, tuple(columns), channels=True)
+
+
+def _at(t_ns: Integers, times: Integers, values: Integers) -> Integers:
+    """The values at `t_ns` of `times`; -1 where there is none."""
+    rows = np.minimum(np.searchsorted(times, t_ns), max(times.size - 1, 0))
+    return np.where(times[rows] == t_ns, values[rows], -1) if times.size else values
+
+
+def _sensors(run: RunData, sensors: dict[str, Samples]) -> Iterator[Table]:
+    """One table for the sensors of each rate."""
+    groups: list[tuple[float, Integers, list[str]]] = []
+    for name, (t_ns, _) in sensors.items():
+        step = period(t_ns)
+        for i, (other, times, names) in enumerate(groups):
+            together = _union(times, t_ns)
+            alike = abs(other - step) <= 1e-3 * step and (np.diff(together) >= _APART * step).all()
+            if alike:
+                groups[i] = (other, together, [*names, name])
+                break
+        else:
+            groups.append((step, t_ns, [name]))
+    for step, times, names in groups:
+        title = f"sensors_{shown(1e9 / step)}_Hz" if step else "sensors_unknown_rate"
+        yield Table(title, times, tuple(_sensor(run, name, times, sensors[name]) for name in names), channels=True)
+
+
+def _union(one: Integers, other: Integers) -> Integers:
+    """Times of either, in order. Sorting takes a quarter of the time of np.union1d here: it hashes even times badly."""
+    if np.array_equal(one, other):
+        return one
+    both = np.sort(np.concatenate((one, other)))
+    return both[np.concatenate(([True], np.diff(both) > 0))] if both.size else both
+
+
+def _sensor(run: RunData, name: str, times: Integers, samples: Samples) -> Column:
+    values = np.full(times.size, np.nan)
+    values[np.searchsorted(times, samples.t_ns)] = samples.v
+    return Column(name, run.units.get(MEASURED + name, ""), values)
+
+
+def shown(rate: float) -> str:
+    """Return a rate [Hz] as a part of a name, with up to six digits: "1000", "33p3333"."""
+    return np.format_float_positional(rate, 6, fractional=False, trim="-").replace(".", "p")
+
+
+def _commands(run: RunData, name: str) -> Table:
+    found = run.commands[name]
+    columns = [
+        Column("tick", "", found.tick, "frame from which the command was in force"),
+        Column("answered", "", found.answered, "frame whose measurements it answers"),
+        Column("status", "", found.status, "0 as sent, 1 clamped or completed, 2 safe values because none came"),
+    ]
+    columns += [Column(drive, unit, found.values[:, i]) for i, (drive, unit) in enumerate(_drives(run, name, found))]
+    return Table(f"commands_{name}", found.tick * run.frame_ns, tuple(columns))
+
+
+def _drives(run: RunData, name: str, found: Commands) -> list[tuple[str, str]]:
+    """Actuators of a controller with their units; command_1, command_2, ... if the recording does not name them."""
+    driven = actuators(run).get(name, ())
+    return [(one, unit_of(run, one)) for one in driven] or [
+        (f"command_{i + 1}", "") for i in range(found.values.shape[1])
+    ]
+
+
+def _events(run: RunData) -> Table:
+    texts = {key: [one[key].replace("\0", "\ufffd") for one in run.events] for key in ("source", "kind", "text")}
+    texts["data"] = [json.dumps(one["data"]) if one["data"] else "" for one in run.events]
+    columns = [Column("tick", "", np.array([one["tick"] for one in run.events], np.int64), "frame of the event")]
+    columns += [Column(name, "", np.array(values, object)) for name, values in texts.items()]
+    return Table(EVENTS, np.array([one["t_ns"] for one in run.events], np.int64), tuple(columns))
+
+
+def _named(made: list[Table]) -> Iterator[Table]:
+    """The tables with names that can be those of files and groups; no name stands twice, nor that of a column."""
+    names = _unique([re.sub(r"\W", "_", table.name) for table in made])
+    for name, table in zip(names, made):
+        plain = _unique([TIME, *(column.name.replace("/", "_") for column in table.columns)])[1:]
+        columns = tuple(replace(column, name=one) for one, column in zip(plain, table.columns))
+        yield replace(table, name=name, columns=columns)
+
+
+def _unique(names: Iterable[str]) -> list[str]:
+    """The names; one that stands before gets a number."""
+    found: list[str] = []
+    for name in names:
+        number = next(n for n in count(1) if (name if n == 1 else f"{name}_{n}") not in found)
+        found.append(name if number == 1 else f"{name}_{number}")
+    return found

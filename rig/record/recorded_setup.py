@@ -1,0 +1,57 @@
+"""The description of the run that a recording contains."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace as changed
+from pathlib import Path
+
+from rig.bus.run_setup import Setup
+from rig.errors import LogError
+from rig.record import model_attachments
+from rig.record.message_scan import Scan
+
+
+def head(path: Path) -> Scan:
+    """Return a scan up to setup and provenance: before the first message, or at the end if that part is damaged."""
+    scan = Scan(path)
+    for _ in scan:
+        if {"setup.json", "scene.json"} <= scan.attachments.keys():
+            break
+    return scan
+
+
+def setup_of(scan: Scan) -> Setup:
+    """Return the description of the run in a recording; damaged parts, except the scene, are derived from its channels.
+
+    Raises LogError if nothing describes a run.
+    """
+    scene = scan.attachments.get("scene.json")
+    given = {"scene": scene.data.decode() if scene else ""}
+    models = tuple(model_attachments.models(scan.attachments.values()))
+    if (attached := scan.attachments.get("setup.json")) is None:
+        return changed(_derived(scan, given["scene"]), models=models)
+    try:
+        return changed(Setup.from_json({**json.loads(attached.data), **given}), models=models)
+    except (KeyError, TypeError, ValueError) as fault:
+        raise LogError(f"{scan.path} does not describe its run: {fault!r} is missing or unreadable") from None
+
+
+def _derived(scan: Scan, scene: str) -> Setup:
+    """The description as far as the channels contain it."""
+    outputs, sensors, controllers = dict[str, str](), dict[str, tuple[str, int]](), dict[str, dict[str, str]]()
+    for channel in scan.channels.values():
+        first, _, name = channel.topic.partition("/")
+        unit = channel.metadata.get("v", "")
+        if first == "state":
+            outputs |= channel.metadata
+        elif first == "truth" and name != "mode":
+            outputs[name] = unit
+        elif first == "meas":
+            sensors[name] = (unit, 0)
+        elif first == "applied":
+            controllers[name] = {}
+    if not (outputs or sensors):
+        raise LogError(f"{scan.path} does not describe its run")
+    run = scan.metadata.get("log", {}).get("run", scan.path.stem)
+    return Setup(run, scene, 0, 0, outputs, sensors, controllers)

@@ -1,0 +1,251 @@
+"""Windows of a run around the firings of a trigger: each one is a recording of its own, NAME-001.mcap and so on.
+
+The latest messages wait in memory. The first sample that meets the condition opens a window: the waiting messages are
+written, then everything up to `after` the firing. A window has a fixed length. Samples that meet the condition in it
+change nothing; the first one after it opens the next window, which begins where this one ended if `before` reaches
+that far. So the recordings of a long vibration follow each other without gap and without overlap, and the size of each
+is bounded.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from google.protobuf.message import DecodeError
+
+from rig.bus import topics
+from rig.bus.run_setup import Setup
+from rig.errors import LogError, OutputError, UsageError
+from rig.record.message_scan import Scan
+from rig.record.trigger import Trigger
+from rig.record.writer import Writer
+from rig.user_files import unused
+
+_SLACK_NS = 100_000_000
+"""Simulated time kept beyond both ends of a window: the samples of a sensor come in blocks of 20 ms."""
+_OVERHEAD = 250
+"""Memory of a waiting message in addition to its payload [bytes]. # measured: 224"""
+_DIGITS = 3
+
+
+class _Waiting(NamedTuple):
+    topic: str
+    payload: bytes
+    t_ns: int
+    seq: int
+    log_ns: int
+
+
+def path_of(base: Path, number: int) -> Path:
+    """Return the path of recording `number`, counted from 1: NAME-001.mcap for NAME.mcap."""
+    return base.with_name(f"{base.stem}-{number:0{_DIGITS}}{base.suffix or '.mcap'}")
+
+
+def former(base: Path) -> list[Path]:
+    """Return the windows of an earlier watch of this name, in order; other files of such a name are left out."""
+    pattern = re.compile(rf"{re.escape(base.stem)}-(\d{{{_DIGITS},}}){re.escape(base.suffix or '.mcap')}")
+    try:
+        found = [
+            (int(name[1]), base.with_name(name[0])) for name in map(pattern.fullmatch, os.listdir(base.parent)) if name
+        ]
+    except OSError:  # the folder is not there yet
+        return []
+    return [path for number, path in sorted(found) if path == path_of(base, number) and _is_window(path)]
+
+
+def _is_window(path: Path) -> bool:
+    try:
+        scan = Scan(path)
+        next(iter(scan), None)
+    except LogError:
+        return False
+    return "trigger" in scan.metadata
+
+
+class Windows:
+    """Takes the messages of a run in place of a `Writer`, and writes a recording around each firing.
+
+    `say` gets a line for each firing. The windows of an earlier watch of this name go when the first one of this watch
+    opens. Raises UsageError for a condition that does not fit the run, and for windows of an earlier watch that may not
+    be `replace`d, or that are still being written.
+    """
+
+    def __init__(
+        self, base: Path, setup: Setup, trigger: Trigger, replace: bool = False, say: Callable[[str], object] = str
+    ) -> None:
+        self.path, self.setup, self.trigger = base, setup, trigger
+        self.messages = 0
+        """Number of messages written, in all recordings."""
+        self.last_ns = 0
+        self._now_ns = 0
+        """Simulated time of the latest message of the plant."""
+        self.paths: list[Path] = []
+        """The recordings that were begun."""
+        sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
+        self._bound, self._replace, self._say = trigger.condition.bound(setup.outputs, sensors), replace, say
+        self._before_ns, self._after_ns = round(trigger.before * 1e9), round(trigger.after * 1e9)
+        self._waiting: deque[_Waiting] = deque()
+        self._size = 0
+        self._dropped_ns = -1
+        """Simulated time of the latest message that did not fit into the memory."""
+        self._armed_ns = -1
+        """Samples up to here open no window."""
+        self._ends_ns = 0
+        self._writer: Writer | None = None
+        self._last: dict[str, int] = {}
+        self._lost: Counter[str] = Counter()
+        self._closest = (-np.inf, 0.0, 0)
+        """The sample that came closest to the level: distance, value, time [ns]."""
+        self._former = former(base)
+        if not replace and (there := [one for one in (path_of(base, 1), *self._former) if one.exists()]):
+            raise UsageError(f"{there[0]} exists; name another file, or add --force to replace it")
+        for one in self._former:
+            try:
+                unused(one)
+            except OSError as fault:
+                raise UsageError(f"{one} cannot be replaced: {fault.strerror}") from None
+
+    def write(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
+        """Take a message: write it if a window is open, else keep it for the next one."""
+        self.last_ns = max(self.last_ns, t_ns)
+        if topics.owner(topic) == "plant":  # nobody else moves a window
+            self._now_ns = max(self._now_ns, t_ns)
+        if self._writer is not None and self._now_ns > self._ends_ns + _SLACK_NS:
+            self._close("the window of the trigger ended", {})
+        self._wait(_Waiting(topic, payload, t_ns, seq, log_ns))
+        if topic == self._bound.topic:
+            self._look(payload)
+
+    def _wait(self, one: _Waiting) -> None:
+        if self._writer is not None:
+            self._put(one)
+            return
+        if len(self.paths) >= self.trigger.most:
+            return
+        self._waiting.append(one)
+        self._size += len(one.payload) + _OVERHEAD
+        oldest = self._now_ns - self._before_ns - _SLACK_NS
+        while self._waiting and (self._waiting[0].t_ns < oldest or self._size > self.trigger.memory):
+            gone = self._waiting.popleft()
+            self._size -= len(gone.payload) + _OVERHEAD
+            if gone.t_ns >= oldest:
+                self._dropped_ns = max(self._dropped_ns, gone.t_ns)
+
+    def _look(self, payload: bytes) -> None:
+        """Open a window at the first sample that meets the condition and is in no window before."""
+        with suppress(DecodeError):  # no valid message: recorded as received
+            t_ns, v = self._bound.read(payload)
+            beyond = np.where(t_ns > self._armed_ns, self._bound.beyond(v), np.nan)
+            if np.isnan(beyond).all():
+                return
+            best = int(np.nanargmax(beyond))
+            if beyond[best] > self._closest[0]:
+                self._closest = (float(beyond[best]), float(v[best]), int(t_ns[best]))
+            fired = np.flatnonzero(beyond > 0.0)
+            if fired.size and self._writer is None and len(self.paths) < self.trigger.most:
+                self._open(int(t_ns[fired[0]]), float(v[fired[0]]))
+
+    def _open(self, fired_ns: int, value: float) -> None:
+        path = path_of(self.path, len(self.paths) + 1)
+        wanted_ns = max(fired_ns - self._before_ns, self._armed_ns + 1, 0)
+        begin_ns = min((one.t_ns for one in self._waiting), default=fired_ns)
+        if self._dropped_ns >= wanted_ns:
+            begin_ns = max(begin_ns, self._dropped_ns)
+        self._ends_ns = self._armed_ns = fired_ns + self._after_ns
+        unit = "" if self._bound.unit == "1" else f" {self._bound.unit}"
+        short = (
+            f"; {(fired_ns - begin_ns) * 1e-9:.3g} s before it are kept, {self.trigger.before:g} s do not fit into "
+            f"{self.trigger.memory >> 20} MiB of memory"
+            if self._dropped_ns >= wanted_ns
+            else ""
+        )
+        said = f"{self.trigger.condition} held at t = {fired_ns * 1e-9:.6f} s with {value:.6g}{unit}{short}"
+        about = {
+            "condition": str(self.trigger.condition),
+            "fired": repr(fired_ns * 1e-9),
+            "value": repr(value),
+            "unit": self._bound.unit,
+            "before": repr(self.trigger.before),
+            "after": repr(self.trigger.after),
+            "begin": repr(begin_ns * 1e-9),
+            "number": str(len(self.paths) + 1),
+            "text": said,
+        }
+        self._remove_former()
+        self._writer = Writer(path, self.setup, "recorded", self._replace, about)
+        self.paths.append(path)
+        self._last, self._lost, self._dropped_ns = {}, Counter(), -1
+        self._say(f"{said}: {path}")
+        while self._waiting:
+            self._put(self._waiting.popleft())
+        self._size = 0
+
+    def _remove_former(self) -> None:
+        """Remove the windows of an earlier watch: with more of them than this one, both would look like one watch."""
+        try:
+            while self._former:
+                self._former.pop().unlink(missing_ok=True)
+        except OSError as fault:
+            raise OutputError(f"{fault.filename} cannot be replaced: {fault.strerror}") from None
+
+    def _put(self, one: _Waiting) -> None:
+        assert self._writer is not None
+        self._writer.write(*one)
+        self.messages += 1
+        last = self._last.get(one.topic)
+        if last is not None and one.seq > last + 1:
+            self._lost[one.topic] += one.seq - last - 1
+        self._last[one.topic] = one.seq
+
+    def _close(self, ended: str, summary: Mapping[str, Any]) -> None:
+        if self._writer is None:
+            return
+        writer, self._writer = self._writer, None
+        account = {
+            "path": str(writer.path),
+            "run": self.setup.run,
+            "ended": ended,
+            "messages": writer.messages,
+            "seconds": writer.last_ns * 1e-9,
+            "gaps": dict(self._lost),
+        }
+        try:
+            writer.close(account, summary)
+        finally:
+            writer.abandon()
+
+    def flush_if_due(self) -> None:
+        """Pass what is written to the system if 250 ms have passed since the last time."""
+        if self._writer is not None:
+            self._writer.flush_if_due()
+
+    def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
+        """Finish the open recording, if there is one; the run has ended, or the recorder was told to stop."""
+        self._close(str(recording["ended"]), summary)
+
+    def abandon(self) -> None:
+        """Close the open file as it is; flushed parts stay readable."""
+        if self._writer is not None:
+            self._writer.abandon()
+
+    def text(self) -> str:
+        """What was recorded, as the begin of a line."""
+        condition, most = self.trigger.condition, self.trigger.most
+        if not self.paths:
+            distance, value, t_ns = self._closest
+            unit = "" if self._bound.unit == "1" else f" {self._bound.unit}"
+            closest = f"; closest: {value:.6g}{unit} at t = {t_ns * 1e-9:.3f} s"
+            if distance == -np.inf:
+                closest = "; no sample of it arrived"
+            return f"nothing recorded: {condition} never held{closest}"
+        names = str(self.paths[0]) + (f" to {self.paths[-1].name}" if len(self.paths) > 1 else "")
+        limit = " (--most: the trigger was off from then on)" if len(self.paths) >= most else ""
+        count = f"{len(self.paths)} recordings" if len(self.paths) > 1 else "1 recording"
+        return f"{names}: {count} of {condition}{limit}"

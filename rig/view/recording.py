@@ -1,0 +1,103 @@
+"""A recording in rerun: everything that was recorded, at the simulated time at which it was published."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.errors import OutputError
+from rig.process import stopping
+from rig.record.run import Run
+from rig.view.drawing import Drawing, send
+from rig.view.save_figure import draft_of
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+_ROWS = 1 << 14
+_BATCH_NS = 2_000_000_000
+"""Simulated time of the rows that are sent at once: each sending costs as much as hundreds of rows."""
+_PORTRAIT_NS = 100_000_000
+_FLUSH_S = 60.0
+_LOOK_S = 0.2
+
+
+def drawing_of(run: Run) -> Drawing:
+    """The entities of a run. Raises LogError if damage to the recording removed the scene."""
+    outputs = {name: run.units.get(name, "") for name in run.signals}
+    sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
+    return Drawing(run.scene_text(), outputs, sensors)
+
+
+def view_run(
+    run: Run,
+    name: str,
+    *,
+    web: bool = False,
+    connect: str | None = None,
+    save: Path | str | None = None,
+    headless: bool = False,
+    say: Callable[[str], object] = print,
+) -> None:
+    """Show a whole run in rerun under `name`, with the window arranged for its rig.
+
+    It is shown in a window, or with `web` on a browser page until Ctrl-C, with `connect` in the running viewer at this
+    address, with `save` in a file (.rrd), with `headless` off screen. Raises LogError for a run without its scene and
+    for a file that cannot be written, UsageError without a display, rig.errors.Untrusted for parts from files.
+    """
+    from rig.view import viewer
+
+    drawing = drawing_of(run)
+    if save is not None:
+        with (
+            draft_of(Path(save)) as draft,
+            viewer.sink(name, drawing, live=False, save=draft) as (rec, _),
+        ):
+            write(run, rec, drawing)
+            _flush(rec, lambda: f"{save} cannot be written: {_free(draft)} MiB are free there")
+        return
+    with viewer.sink(name, drawing, live=False, web=web, connect=connect, headless=headless) as (rec, shown):
+        write(run, rec, drawing)
+        _flush(rec, lambda: "the viewer was closed, or hangs: it does not have the whole run")
+        if shown is not None and web:
+            say(f"{name} at {shown.page} until Ctrl-C\n{viewer.OPEN_TO}")
+            with stopping() as stop:
+                while shown.alive and not stop.wait(_LOOK_S):
+                    pass
+
+
+def _free(path: Path) -> int:
+    return shutil.disk_usage(path.parent).free >> 20
+
+
+def _flush(rec: rr.RecordingStream, otherwise: Callable[[], str]) -> None:
+    """Wait until everything is sent: nothing is dropped. Raises OutputError with the text of `otherwise`."""
+    try:
+        rec.flush(timeout_sec=_FLUSH_S)
+    except Exception as fault:  # rerun's own kinds
+        raise OutputError(f"{otherwise()} ({fault})") from None
+
+
+def write(run: Run, rec: rr.RecordingStream, drawing: Drawing) -> None:
+    """Send outputs, measurements, commands and events of a run to `rec`."""
+    drawing.static(rec)
+    t_ns = np.rint(run.time * 1e9).astype(np.int64)
+    keys = run.mode if run.mode.size else np.full(t_ns.size, -1, np.int64)
+    for draw, length_ns in ((drawing.states, _BATCH_NS), (drawing.portrait, _PORTRAIT_NS)):
+        cuts = np.flatnonzero(np.diff(t_ns // length_ns)) + 1
+        for begin, end in pairwise([0, *cuts.tolist(), t_ns.size] if t_ns.size else []):
+            part = {name: v[begin:end] for name, v in run.signals.items()}
+            send(rec, draw(t_ns[begin:end], part, keys[begin:end]))
+    for name, samples in run.measurements.items():
+        for begin in range(0, samples.v.size, _ROWS):
+            rows = slice(begin, begin + _ROWS)
+            send(rec, drawing.measured(name, samples.t_ns[rows], samples.v[rows]))
+    for name, commands in run.commands.items():
+        if commands.tick.size:
+            send(rec, drawing.commands(name, commands.tick * run.frame_ns, commands.values))
+    send(rec, drawing.events(event for event in run.events if event["kind"] != "contact"))

@@ -1,0 +1,263 @@
+"""The routes of the server: the page, its JSON interface, the web socket with the live data.
+
+    GET  /                        the page;  /page/...: its modules
+    GET  /api/scenes              scenes to choose from
+    POST /api/scene               {scene, changes, duration} -> the form of the scene with these values
+    POST /api/scene/save          {scene, changes, name} -> the file written
+    GET  /api/run                 state of the run, and its latest events
+    POST /api/run                 {scene, changes, pace, duration} -> starts a run
+    POST /api/run/command         {do, run, ...} -> answer of the plant
+    POST /api/run/set             {key, value, run} -> values after the change
+    GET  /api/recordings          the recordings of the folder;  GET /recordings/NAME: one of them, to keep
+    POST /api/recordings/work     {what, name, other} -> a job that verifies, reports, exports, compares or views
+    GET  /api/studies             maps and cost tables;  GET /studies/KIND/NAME/FILE: a figure or a table of one
+    POST /api/studies/work        {what, scene, changes, x, y} -> a job: eigenvalues, a map or a cost table
+    GET  /api/jobs                jobs, the newest first;  GET /jobs/NUMBER: the result of one
+    POST /api/jobs/stop           {number} -> the jobs
+    POST /api/view                {run} -> a job that shows the live run in rerun's page
+    WS   /live                    messages {"kind": "state" | "setup" | "values" | "frames", ...}
+    WS   /sound/SENSOR             samples of a sensor of the run (`rig.web.sound`)
+
+A refusal has the status 422 and the body {"error": text}: the text that the command line would print.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from rig.bus.arrivals import Message
+from rig.errors import RigError, UsageError
+from rig.user_files import RUNS
+from rig.web.broadcast import Broadcast
+from rig.web.catalogue import Catalogue, as_text, timing
+from rig.web.form import form
+from rig.web.jobs import Jobs
+from rig.web.recordings import Recordings
+from rig.web.run_control import RunControl
+from rig.web.sound import Sounds, packed
+from rig.web.studies import Studies
+
+PAGE = Path(__file__).parent / "page"
+LARGEST = 1 << 20
+"""Largest request body [bytes]."""
+
+ALONE = {"content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data: 'self'"}
+"""Rules for a file that is shown: it loads nothing, and no script of it runs."""
+
+Handler = Callable[[dict[str, Any]], Any]
+
+
+class Bench:
+    """What the routes work on: catalogue, the present run, the connected pages."""
+
+    def __init__(self, folder: Path, say: Callable[[str], object] = lambda _: None) -> None:
+        self.catalogue, self.broadcast, self.sounds = Catalogue(folder), Broadcast(), Sounds()
+        self.control = RunControl(self._changed, self._frame, self._news, say, self._samples)
+        self.jobs = Jobs()
+        self.recordings = Recordings(folder / RUNS, self.jobs)
+        self.studies = Studies(folder, self.catalogue, self.jobs)
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    def attach(self) -> None:
+        """Begin to pass what happens on to the pages, in the running event loop."""
+        self._loop = asyncio.get_running_loop()
+        self.broadcast.put("state", self.control.state)
+
+    def _call(self, function: Callable[..., object], *arguments: Any) -> None:
+        if self._loop is not None:
+            with suppress(RuntimeError):  # the loop has ended: so have all pages
+                self._loop.call_soon_threadsafe(function, *arguments)
+
+    def _changed(self) -> None:
+        self._call(self.broadcast.put, "state", self.control.state)
+
+    def _frame(self, number: int, text: str) -> None:
+        self._call(self.broadcast.frame, number, text)
+
+    def _news(self, kind: str, content: Any) -> None:
+        self._call(self.broadcast.put, kind, content)
+
+    def _samples(self, arrived: Sequence[Message]) -> None:
+        if wanted := self.sounds.wanted:
+            self._call(self.sounds.offer, packed(arrived, wanted))
+
+    def scenes(self, _: dict[str, Any]) -> Any:
+        """Scenes to choose from."""
+        return self.catalogue.cards()
+
+    def form(self, body: dict[str, Any]) -> Any:
+        """The form of a scene with changed values."""
+        scene = self.catalogue.scene(body.get("scene"), body.get("changes"))
+        _, length = timing(scene, min(scene.clock.pace_limit or 1.0, 1.0), body.get("duration"))
+        return form(scene, length)
+
+    def save(self, body: dict[str, Any]) -> Any:
+        """Write a scene file with changed values."""
+        path = self.catalogue.save(body.get("name"), str(body.get("scene")), body.get("changes") or {})
+        return {"file": str(path)}
+
+    def state(self, _: dict[str, Any]) -> Any:
+        """State of the run and its latest events."""
+        return {**self.control.state, "events": self.control.events}
+
+    def start(self, body: dict[str, Any]) -> Any:
+        """Start a run."""
+        changes = body.get("changes") or {}
+        scene = self.catalogue.scene(body.get("scene"), changes)
+        pace, length = timing(scene, body.get("pace"), body.get("duration"))
+        self._call(self.broadcast.forget, "setup", "values")
+        texts = {key: as_text(value) for key, value in changes.items()}
+        return self.control.start(scene, str(body["scene"]), texts, pace, length)
+
+    def listed(self, _: dict[str, Any]) -> Any:
+        """The recordings."""
+        return self.recordings.all()
+
+    def studied(self, _: dict[str, Any]) -> Any:
+        """The maps and cost tables."""
+        return self.studies.all()
+
+    def working(self, _: dict[str, Any]) -> Any:
+        """The jobs, the newest first."""
+        return self.jobs.all()
+
+    def stop_job(self, body: dict[str, Any]) -> Any:
+        """Stop a job."""
+        self.jobs.job(body.get("number")).stop()
+        return self.jobs.all()
+
+    def view(self, _: dict[str, Any]) -> Any:
+        """Show the live run in rerun's page."""
+        run = self.control.state.get("run")
+        if not self.control.active or not run:
+            raise UsageError("no run is going on; the list of recordings views one that has ended")
+        return self.jobs.start(f"view of {run}", ["view", "--run", run, "--web"])
+
+    def close(self) -> None:
+        """End the present run in order, and all jobs."""
+        self.control.end()
+        self.jobs.close()
+
+
+def app(bench: Bench) -> Starlette:
+    """The application, without the guard (`rig.web.guard`)."""
+    routes = [
+        Route("/", _page),
+        Mount("/page", StaticFiles(directory=PAGE)),
+        Route("/api/scenes", _answers(bench.scenes)),
+        Route("/api/scene", _answers(bench.form), methods=["POST"]),
+        Route("/api/scene/save", _answers(bench.save), methods=["POST"]),
+        Route("/api/run", _answers(bench.state)),
+        Route("/api/run", _answers(bench.start), methods=["POST"]),
+        Route("/api/run/command", _answers(bench.control.command), methods=["POST"]),
+        Route("/api/run/set", _answers(bench.control.set), methods=["POST"]),
+        Route("/api/recordings", _answers(bench.listed)),
+        Route("/api/recordings/work", _answers(bench.recordings.work), methods=["POST"]),
+        Route("/recordings/{name:path}", _file(lambda given: bench.recordings.path(given["name"]))),
+        Route("/api/studies", _answers(bench.studied)),
+        Route("/api/studies/work", _answers(bench.studies.work), methods=["POST"]),
+        Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
+        Route("/api/jobs", _answers(bench.working)),
+        Route("/api/jobs/stop", _answers(bench.stop_job), methods=["POST"]),
+        Route("/jobs/{number:int}", _file(lambda given: bench.jobs.job(given["number"]).file())),
+        Route("/api/view", _answers(bench.view), methods=["POST"]),
+        WebSocketRoute("/live", _stream(bench.broadcast.connect, bench.broadcast.disconnect)),
+        WebSocketRoute("/sound/{sensor}", _stream(bench.sounds.connect, bench.sounds.disconnect)),
+    ]
+    return Starlette(routes=routes)
+
+
+async def _page(_: Request) -> Response:
+    return FileResponse(PAGE / "index.html")
+
+
+def _answers(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
+    """A route that calls `handler` with the JSON object of the request, in a thread, and answers in JSON."""
+
+    async def answer(request: Request) -> Response:
+        try:
+            body = await _body(request)
+            return JSONResponse(await asyncio.to_thread(handler, body))
+        except RigError as fault:
+            return JSONResponse({"error": str(fault)}, 422)
+        except OSError as fault:  # of the system, as a full disk
+            return JSONResponse({"error": str(fault)}, 507)
+
+    return answer
+
+
+def _file(find: Callable[[dict[str, Any]], Path]) -> Callable[[Request], Awaitable[Response]]:
+    """A route to a file: a page or a picture is shown, without any right on this page; other files are kept."""
+
+    async def answer(request: Request) -> Response:
+        try:
+            path = await asyncio.to_thread(find, request.path_params)
+        except RigError as fault:
+            return JSONResponse({"error": str(fault)}, 422)
+        except OSError as fault:
+            return JSONResponse({"error": str(fault)}, 507)
+        shown = path.suffix in (".html", ".png")
+        how = "inline" if shown else "attachment"
+        return FileResponse(path, filename=path.name, content_disposition_type=how, headers=ALONE if shown else None)
+
+    return answer
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    if request.method != "POST":
+        return {}
+    text = b""
+    async for part in request.stream():
+        text += part
+        if len(text) > LARGEST:
+            raise UsageError(f"the request is longer than the {LARGEST} bytes that are allowed")
+    try:
+        found = json.loads(text)
+        json.dumps(found, ensure_ascii=False).encode()  # half a character, which no answer could repeat
+    except (ValueError, RecursionError) as fault:
+        raise UsageError(f"the request is no JSON text: {fault!s:.100}") from None
+    if not isinstance(found, dict):
+        raise UsageError(f"the request is {found!r:.80}; expected a JSON object")
+    return found
+
+
+def _stream(connect: Callable[..., Any], disconnect: Callable[[Any], object]) -> Callable[[WebSocket], Awaitable[None]]:
+    """A web socket that sends what `next()` of a page returns, and passes what it receives to its `heard`.
+
+    `connect`, with the values in the path, makes the page (`rig.web.broadcast.Page`, `rig.web.sound.Ear`).
+    """
+
+    async def stream(socket: WebSocket) -> None:
+        await socket.accept()
+        page = connect(**socket.path_params)
+
+        async def pump() -> None:
+            while True:
+                for message in await page.next():
+                    await (socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message))
+
+        sending = asyncio.create_task(pump())
+        try:
+            while True:
+                page.heard(await socket.receive_text())
+        except (WebSocketDisconnect, KeyError):  # KeyError: a binary message, which no page of ours sends
+            pass
+        finally:
+            disconnect(page)
+            sending.cancel()
+            with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                await sending
+
+    return stream

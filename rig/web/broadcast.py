@@ -1,0 +1,110 @@
+"""The newest state for every connected page. A slow page loses frames; it delays neither the run nor other pages.
+
+Every page has a slot, not a queue: when it is ready, it gets what is newest then. It is ready when it has acknowledged
+all but `AHEAD` of the messages sent to it, so that no late messages wait in the buffers of the connection either.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from typing import Any
+
+KEPT = 6
+"""Frames that are joined for a page which was busy: 0.3 s. Older ones are dropped."""
+AHEAD = 2
+"""Messages that may be on their way to a page."""
+
+
+class Broadcast:
+    """The newest message of each kind, and the latest frames; all methods are called in the thread of the loop."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, tuple[int, str]] = {}
+        self._frames: deque[tuple[int, str]] = deque(maxlen=KEPT)
+        self._version = 0
+        self._pages: set[Page] = set()
+
+    @property
+    def pages(self) -> int:
+        """Number of connected pages."""
+        return len(self._pages)
+
+    def connect(self) -> Page:
+        """A new page; `disconnect` it at the end."""
+        page = Page(self)
+        self._pages.add(page)
+        return page
+
+    def disconnect(self, page: Page) -> None:
+        """A page has gone."""
+        self._pages.discard(page)
+
+    def put(self, kind: str, content: Any) -> None:
+        """Replace the message of a kind; every page gets the newest one."""
+        self._version += 1
+        text = json.dumps({"kind": kind, kind: content})
+        self._newest[kind] = (self._version, text)
+        if kind == "setup":  # frames of another run
+            self._frames.clear()
+        self._wake()
+
+    def forget(self, *kinds: str) -> None:
+        """Drop the messages of some kinds: a page that connects now does not get them."""
+        for kind in kinds:
+            self._newest.pop(kind, None)
+        self._frames.clear()
+
+    def frame(self, number: int, text: str) -> None:
+        """Add a frame: its number in the run, and its JSON text."""
+        self._version += 1
+        self._frames.append((self._version, text))
+        self._wake()
+
+    def since(self, version: int, hidden: bool) -> tuple[int, list[str]]:
+        """The present version, and the messages that are newer than `version`; no frames for a hidden page."""
+        found = [text for number, text in sorted(self._newest.values()) if number > version]
+        frames = [text for number, text in self._frames if number > version]
+        if frames and not hidden:
+            found.append(f'{{"kind": "frames", "frames": [{", ".join(frames)}]}}')
+        return self._version, found
+
+    def _wake(self) -> None:
+        for page in self._pages:
+            page.kick.set()
+
+
+class Page:
+    """One connected page."""
+
+    def __init__(self, broadcast: Broadcast) -> None:
+        self.kick = asyncio.Event()
+        self.kick.set()
+        self._broadcast, self._version = broadcast, 0
+        self._sent = self._acknowledged = 0
+        self._hidden = False
+
+    def heard(self, text: str) -> None:
+        """A message of the page: {"ack": number of messages received} or {"hidden": whether it is}; others: ignored."""
+        try:
+            found = json.loads(text)
+        except (ValueError, RecursionError):
+            return
+        if isinstance(found, dict):
+            ack = found.get("ack")
+            if isinstance(ack, int):
+                self._acknowledged = min(ack, self._sent)
+            self._hidden = bool(found.get("hidden", self._hidden))
+            self.kick.set()
+
+    async def next(self) -> list[str]:
+        """The messages that the page shall get now; waits until there are some and the page is ready."""
+        while True:
+            await self.kick.wait()
+            self.kick.clear()
+            if self._sent - self._acknowledged < AHEAD:
+                self._version, found = self._broadcast.since(self._version, self._hidden)
+                if found:
+                    self._sent += len(found)
+                    return found

@@ -1,0 +1,157 @@
+"""Follows one run over the bus in a thread, as a viewer: frames for the page, and the commands of its user."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rig import bus
+from rig.bus import run_setup
+from rig.bus.arrivals import Message
+from rig.bus.port import Session
+from rig.errors import BusError, RigError, UsageError
+from rig.parts import trust_scene
+from rig.plants.structures import model_store
+from rig.scenes.scene import Scene
+from rig.scheduling import stand_back
+from rig.view.contact import Modes
+from rig.view.process import TOPICS
+from rig.web.description import description
+from rig.web.frames import Frames
+from rig.web.live_values import LiveValues
+
+PERIOD_S = 0.045
+"""Time between two frames: a little over 20 per second, because waits end late."""
+LOOK_S = 1.0
+"""Time between two looks at the actuators."""
+KEPT = 500
+"""Number of events that a page which connects later gets."""
+_NICE, _DEPTH, _JOIN_S, _LAST_WORDS_S, _ASK_S = 5, 1024, 30.0, 0.3, 10.0
+
+
+@contextmanager
+def _reason() -> Iterator[None]:
+    """Turn the refusal of a process of the run into its reason alone: a page need not know who refused."""
+    try:
+        yield
+    except BusError as fault:
+        raise UsageError(str(fault).partition(" refused: ")[2] or str(fault)) from None
+
+
+class Follower:
+    """Follows `run` from `start` until it has ended or `stop` is called.
+
+    Called from its thread: `frame(number, text)` with each frame (`rig.web.frames`); `news(kind, content)` with the
+    description of the run ("setup"), its values ("values"), and with a fault in words ("fault") if it cannot follow;
+    `arrived(messages)` with everything that has arrived since its last call.
+    """
+
+    def __init__(
+        self,
+        run: str,
+        frame: Callable[[int, str], object],
+        news: Callable[[str, Any], object],
+        arrived: Callable[[Sequence[Message]], object] = lambda _: None,
+        trust: bool = False,
+    ) -> None:
+        self.run = run
+        self.events: deque[dict[str, Any]] = deque(maxlen=KEPT)
+        self._frame, self._news, self._arrived, self._trust = frame, news, arrived, trust
+        self._operator: Session | None = None
+        self._values: LiveValues | None = None
+        self._stopped = threading.Event()
+        self._changed = threading.Event()
+        self._thread = threading.Thread(target=self._follow, name="follower", daemon=True)
+
+    def start(self) -> None:
+        """Begin to follow."""
+        self._thread.start()
+
+    def stop(self, wait: float = 3.0) -> None:
+        """Stop following; waits at most `wait` seconds for the thread."""
+        self._stopped.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(wait)
+
+    def command(self, body: dict[str, Any]) -> dict[str, Any]:
+        """Send a command to the plant (`rig.bench.operator_commands`). Raises UsageError for a refusal."""
+        with _reason():
+            answer: dict[str, Any] = self._joined().ask("cmd/plant", body, _ASK_S)
+        self._changed.set()
+        return answer
+
+    def set(self, key: str, value: Any) -> dict[str, Any]:
+        """Change a value at the next tick; see `LiveValues.set`."""
+        self._joined()
+        if self._values is None:
+            raise UsageError("the values of the run are not known yet; try again in a second")
+        with _reason():
+            answer = self._values.set(key, value)
+        self._changed.set()
+        return answer
+
+    def _joined(self) -> Session:
+        if self._operator is None or self._stopped.is_set():
+            raise UsageError("the run has not begun, or has ended")
+        return self._operator
+
+    def _follow(self) -> None:
+        stand_back(_NICE)
+        try:
+            with (
+                bus.join(self.run, role="viewer", name="page", wait=_JOIN_S) as session,
+                bus.join(self.run, role="operator", name="page") as operator,  # controllers answer operators only
+            ):
+                heard, plant = session.subscribe(*TOPICS, depth=_DEPTH, polled=True), session.watch("plant/*")
+                setup = run_setup.fetch(session, _JOIN_S)
+                for model in setup.models:
+                    model_store.offer(model)
+                if self._trust:
+                    trust_scene(setup.scene)
+                scene = Scene.from_json(setup.scene)
+                assembly = scene.assemble()
+                frames = Frames(setup, Modes(assembly.system()), scene.clock)
+                self._news("setup", description(setup, scene, assembly))
+                values = LiveValues(operator, scene, assembly.inputs)
+                session.announce()
+                self._operator = operator
+                try:
+                    plant.wait_for("plant", "plant", _JOIN_S)
+                    self._listen(session, heard, plant, frames, values)
+                finally:
+                    self._operator = None
+        except RigError as fault:
+            self._news("fault", str(fault))
+
+    def _listen(self, session: Session, heard: Any, plant: Any, frames: Frames, values: LiveValues) -> None:
+        looked, until = -LOOK_S, 0.0
+        due = time.monotonic()
+        while not self._stopped.is_set() and not (until and time.monotonic() > until):
+            begin = time.monotonic()
+            arrived = heard.drain()
+            self._arrived(arrived)
+            for message in arrived:
+                if message.topic == "total/plant":  # the plant collects the totals of all processes
+                    session.publisher(f"total/{session.name}").put(session.totals(), message.t_ns)
+            events = frames.add(message for message in arrived if not message.topic.startswith("total/"))
+            self.events.extend(events)
+            new = bool([event for event in events if values.hear(event)])
+            if self._values is None and any(message.topic == "state" for message in arrived):
+                values.read()
+                self._values, new = values, True
+            elif self._values is not None and (self._changed.is_set() or begin - looked > LOOK_S) and not until:
+                self._changed.clear()
+                new, looked = values.look() or new, begin
+            if new:
+                self._news("values", list(values.entries.values()))
+            if (found := frames.take(heard.lost)) is not None:
+                self._frame(*found)
+            plant.poll()
+            if not until and ("plant", "plant") not in plant.present and session.ended:
+                until = time.monotonic() + _LAST_WORDS_S  # presence changes arrive before data
+            due = max(due + PERIOD_S, time.monotonic() + 0.005)
+            self._stopped.wait(due - time.monotonic())

@@ -1,0 +1,158 @@
+"""The values of a scene as a form: key, value, unit, range, origin, and what may change while the rig runs."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal, Union, get_args, get_origin
+
+from rig.bench.build_findings import findings
+from rig.bench.protocol import Protocol
+from rig.bench.slider_edge import meets_edge
+from rig.quantities import Range
+from rig.scenes.explain import Value, explain
+from rig.scenes.protocol import Mark, Repeat
+from rig.scenes.scene import Scene
+from rig.scenes.sections import controller_drives, field_of, known, range_of
+from rig.web.picture import picture_of
+
+WIDE = 20.0
+"""A range that reaches beyond this multiple of the present value is not the range of a slider. # chosen"""
+
+
+def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
+    """Everything that the page shows of `scene` before a run of `duration` s (None: as long as its protocol)."""
+    assembly = scene.assemble()
+    taken_apart = explain(scene)
+    length = scene.duration_ns
+    return {
+        "scene": scene.name,
+        "title": scene.title,
+        "about": scene.about,
+        "based_on": list(scene.bases),
+        "notes": list(scene.notes),
+        "warnings": warnings(scene, duration),
+        "plant": scene.plant,
+        "slow": scene.slow,
+        "pace_limit": scene.clock.pace_limit,
+        "duration_s": None if length is None else length / 1e9,
+        "frame_s": scene.frame_ns / 1e9,
+        "states": taken_apart.states,
+        "effects": [
+            {"name": e.name, "on": e.on, "states": e.states_text, "about": e.about} for e in taken_apart.effects
+        ],
+        "protocol": protocol(scene, assembly),
+        "sections": sections(scene, assembly, taken_apart.values),
+        "picture": picture_of(scene, assembly, assembly.system()),
+    }
+
+
+def warnings(scene: Scene, duration: float | None) -> list[str]:
+    """What `rig run` warns of before it starts this scene."""
+    levels = ("error", "warning") if scene.clock.unstable == "run" else ("warning",)  # an error refuses the run itself
+    found = [f"{one.what}\n{one.remedy}" for one in findings(scene) if one.level in levels]
+    edge = meets_edge(scene, duration)
+    return [*found, *([edge] if edge else [])]
+
+
+def protocol(scene: Scene, assembly: Any) -> list[str]:
+    """The steps of the protocol in words."""
+    units = {name: sensor.unit for name, sensor in scene.sensors.items()}
+    return list(_lines(Protocol((), scene.frame_ns, units, assembly.inputs), scene.protocol))
+
+
+def _lines(words: Protocol, steps: Sequence[Any], before: str = "") -> Iterator[str]:
+    for step in steps:
+        if isinstance(step, Repeat):
+            yield f"{before}repeat {step.times}{'' if step.times == 'forever' else ' times'}"
+            yield from _lines(words, step.steps, f"{before}  ")
+        else:
+            yield before + (f"mark: {step.text}" if isinstance(step, Mark) else words.described(step))
+
+
+def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[str, Any]]:
+    """The values in tables, in the order of the scene: name of the table, entries."""
+    may = known(assembly, scene.parameters, scene.sensors, scene.controllers)
+    owners = {drive: name for name, one in scene.controllers.items() for drive in controller_drives(one)}
+    found: dict[str, list[dict[str, Any]]] = {}
+    keys = {value.key for value in values}
+    for value in values:
+        if value.key.startswith("protocol["):  # shown in words; the protocol is edited in the scene file
+            continue
+        table, _, name = value.key.rpartition(".")
+        one = assembly.inputs.get(value.key)
+        live = value.key in may.settable or one is not None
+        entry = entry_of(value.key, name, value.value, value.unit, within(scene, value.key, one))
+        entry |= kind_of(scene, value.key, value.value)
+        entry |= {"origin": value.origin.origin, "note": value.origin.note, "place": str(value.place or "")}
+        entry |= {"live": live, "actuator": one is not None, "owner": owners.get(value.key, "")}
+        found.setdefault(table or "scene", []).append(entry)
+    for name, one in assembly.inputs.items():
+        if name not in keys:
+            entry = entry_of(name, name.rpartition(".")[2], one.value, one.unit, (one.low, one.high))
+            entry |= {"kind": "fixed", "origin": "", "note": "", "place": ""}
+            entry |= {"live": True, "actuator": True, "owner": owners.get(name, "")}
+            found.setdefault(name.rpartition(".")[0] or "scene", []).append(entry)
+    return [{"name": table, "values": entries} for table, entries in found.items()]
+
+
+def entry_of(key: str, name: str, value: Any, unit: str, limits: tuple[float, float] | None) -> dict[str, Any]:
+    """One value with its limits [low, high], and the ends of its slider; null without them."""
+    plain = isinstance(value, int | float) and not isinstance(value, bool)
+    slider = slider_of(float(value), *limits) if limits and plain else None
+    return {"key": key, "name": name, "value": value, "unit": unit, "limits": limits, "slider": slider}
+
+
+def slider_of(value: float, low: float, high: float) -> tuple[float, float] | None:
+    """Ends of a slider at `value`: the whole range, or half to twice the value if the range is much wider.
+
+    None for a value of zero in a range of sizes that are only plausible.
+    """
+    if value == 0.0:
+        return (low, high) if high < 1e4 else None
+    size = abs(value)
+    if high <= WIDE * size and low >= -WIDE * size:
+        return low, high
+    ends = (0.0 if low == 0.0 else 0.5 * size, 2.0 * size)
+    return (max(low, ends[0]), min(high, ends[1])) if value > 0.0 else (max(low, -ends[1]), -ends[0])
+
+
+def within(scene: Scene, key: str, one: Any = None) -> tuple[float, float] | None:
+    """The allowed range of a value (SI): that of its actuator `one`, else of its declaration; None without any."""
+    if one is not None:
+        return one.low, one.high
+    found = range_of(*_section(scene, key))
+    return (found.low, found.high) if isinstance(found, Range) else None
+
+
+def kind_of(scene: Scene, key: str, value: Any) -> dict[str, Any]:
+    """How a value is edited: a number, a switch, a choice (with `choices`), a text, or not at all (fixed)."""
+    if isinstance(value, bool):
+        return {"kind": "switch"}
+    if isinstance(value, int | float):
+        return {"kind": "number"}
+    info = field_of(*_section(scene, key))
+    choices = _choices(info.annotation) if info is not None else ()
+    if choices:
+        return {"kind": "choice", "choices": list(choices)}
+    return {"kind": "text" if isinstance(value, str) else "fixed"}
+
+
+def _choices(annotation: Any) -> tuple[str, ...]:
+    if get_origin(annotation) is Literal:
+        return tuple(str(one) for one in get_args(annotation))
+    if get_origin(annotation) in (Union, types.UnionType):
+        return next((found for one in get_args(annotation) if (found := _choices(one))), ())
+    return ()
+
+
+def _section(scene: Scene, key: str) -> tuple[Any, str]:
+    """The section of a scene that contains a value, and its key there."""
+    room, _, rest = key.partition(".")
+    if room == "clock":
+        return scene.clock, rest
+    rooms: Mapping[str, Mapping[str, Any]] = {"sensors": scene.sensors, "controllers": scene.controllers}
+    if room in rooms:
+        name, _, inner = rest.partition(".")
+        return rooms[room].get(name), inner
+    return scene.parameters, key

@@ -1,0 +1,87 @@
+// The page: a head, panes in three columns, one store, one web socket.
+//
+// A pane is a module in panes/ that exports `create(bench)`, which returns an object with `element` and, as it needs them:
+//   state()   the state of the run, the connection or the values changed      setup()   a run has been described
+//   draw()    new frames have come; called once for an animation frame, and only while the pane is on the screen
+// `bench` has `store` (store.js: what is known of the run), `command(body)` and `set(key, value)`, which act on the run that
+// this page shows and throw Errors with the server's text, and `tell(text)`, which shows a text in the head.
+
+import { get, post } from "/page/api.js";
+import { connect } from "/page/socket.js";
+import { Store } from "/page/store.js";
+import { h } from "/page/dom.js";
+import * as head from "/page/panes/head.js";
+import * as choose from "/page/panes/choose.js";
+import * as touch from "/page/panes/touch.js";
+import * as rig from "/page/panes/rig.js";
+import * as signals from "/page/panes/signals.js";
+import * as strip from "/page/panes/strip.js";
+import * as portrait from "/page/panes/portrait.js";
+import * as trust from "/page/panes/trust.js";
+import * as protocol from "/page/panes/protocol.js";
+import * as events from "/page/panes/events.js";
+import * as hear from "/page/panes/hear.js";
+import * as recordings from "/page/panes/recordings.js";
+import * as studies from "/page/panes/studies.js";
+
+const COLUMNS = [[choose, touch], [rig, strip, signals, studies], [protocol, trust, portrait, hear, events, recordings]];
+
+const store = new Store();
+const bench = {
+  store,
+  tell: (text) => top.tell(text),
+  command: (body) => post("/api/run/command", { ...body, run: store.setup?.run ?? "" }),
+  set: (key, value) => post("/api/run/set", { key, value, run: store.setup?.run ?? "" }),
+};
+const top = head.create(bench);
+const panes = COLUMNS.map((column) => column.map((one) => one.create(bench)));
+const all = [top, ...panes.flat()];
+
+document.getElementById("head").replaceWith(top.element);
+document.getElementById("panes").append(
+  ...panes.map((column) => h("div", { class: "column" }, ...column.map((one) => one.element))));
+
+const shown = new Set();
+const watcher = new IntersectionObserver((changes) => {
+  for (const { target, isIntersecting } of changes) {
+    const one = all.find(({ element }) => element === target);
+    if (isIntersecting) shown.add(one); else shown.delete(one);
+  }
+  redraw();
+});
+for (const one of all) watcher.observe(one.element);
+
+let asked = false;
+function redraw() { // an animation frame is asked for only when something has come
+  if (asked) return;
+  asked = true;
+  requestAnimationFrame(() => {
+    asked = false;
+    for (const one of shown) one.draw?.();
+  });
+}
+
+function tellAll() {
+  for (const one of all) one.state?.();
+  redraw();
+}
+
+async function missed() { // events of before this page was connected
+  const { run, events: known } = await get("/api/run").catch(() => ({ events: [] }));
+  if (run === store.setup?.run) { store.events = []; store.hear(known); redraw(); }
+}
+
+const messages = {
+  state: (state) => { store.state = state; tellAll(); },
+  setup: (setup) => {
+    store.clear(setup);
+    for (const one of all) one.setup?.();
+    missed();
+    tellAll();
+  },
+  values: (values) => { store.values = values; tellAll(); },
+  frames: (frames) => { for (const frame of frames) store.take(frame); redraw(); },
+};
+
+connect((message) => messages[message.kind]?.(message[message.kind]), (online, why = "") => { Object.assign(store, { online, why }); tellAll(); });
+addEventListener("resize", redraw);

@@ -1,0 +1,139 @@
+// Choose a scene, look at what it contains, change its values, start it.
+
+import { get, post } from "/page/api.js";
+import { h, number, pane, typed } from "/page/dom.js";
+
+export function create(bench) {
+  const { store } = bench;
+  const changes = {};
+  let form = null;
+  let good = false; // whether the values as they are can be started
+  let asked = 0;
+
+  const list = h("select", { id: "scene", "aria-label": "scene", onchange: () => { clear(); show(); } });
+  const title = h("strong", { id: "title" }), about = h("p", { class: "small pre" }), warnings = h("div", { class: "warn small pre" });
+  const effects = h("table"), steps = h("ol", { class: "small scroll" }), sections = h("div", { class: "values" });
+  const fault = h("div", { class: "fault", id: "form-fault", role: "alert" });
+  const outcome = h("div", { class: "small pre", id: "outcome" });
+  const lines = h("div", { class: "small pre scroll faint", id: "lines" });
+  const pace = h("input", { type: "text", value: "1", class: "value", id: "pace", "aria-label": "pace" });
+  const duration = h("input", { type: "text", placeholder: "as the protocol", class: "value", id: "duration",
+    "aria-label": "duration in s", onchange: () => show() });
+  const start = h("button", { class: "main", id: "start", onclick: begin }, "Start");
+  const name = h("input", { type: "text", class: "value", placeholder: "name", "aria-label": "name of the new scene", id: "save-name" });
+  const saved = h("span", { class: "small" });
+
+  function clear() { for (const key of Object.keys(changes)) delete changes[key]; }
+
+  const body = () => ({ scene: list.value, changes, duration: duration.value.trim() ? typed(duration.value) : null });
+
+  bench.chosen = () => ({ scene: list.value, changes, form });
+
+  async function show() {
+    asked += 1;
+    const mine = asked;
+    try {
+      const found = await post("/api/scene", body());
+      if (mine !== asked) return;
+      form = found;
+      good = true;
+      fault.textContent = "";
+      render();
+    } catch (error) {
+      if (mine === asked) { good = false; fault.textContent = error.message; }
+    }
+    update();
+  }
+
+  function render() {
+    title.textContent = form.title;
+    about.textContent = form.about;
+    warnings.textContent = [...form.notes, ...form.warnings, form.slow && `Paced, ${form.slow}`].filter(Boolean).join("\n");
+    effects.replaceChildren(...form.effects.map((one) =>
+      h("tr", { class: one.on ? "" : "faint" }, h("td", {}, one.name), h("td", {}, one.on ? "on" : "absent"), h("td", {}, one.about))));
+    steps.replaceChildren(...form.protocol.map((text) => h("li", {}, text)));
+    if (form.pace_limit && Number(pace.value) > form.pace_limit) pace.value = number(form.pace_limit);
+    const { id, value } = document.activeElement; // what one is typing outlasts the new rows
+    const open = new Set([...sections.querySelectorAll("details[open]")].map((one) => one.dataset.name));
+    sections.replaceChildren(...form.sections.map((section) => h("details", { open: open.has(section.name), "data-name": section.name },
+      h("summary", {}, section.name), h("table", {}, ...section.values.map(row)))));
+    if (id && document.activeElement?.id !== id) {
+      const again = document.getElementById(id);
+      again?.focus();
+      if (again?.type === "text") again.value = value;
+    }
+  }
+
+  function row(entry) {
+    const { key, kind, unit, limits } = entry;
+    const change = (value) => { changes[key] = value; show(); };
+    const properties = { "aria-label": key, id: `value-${key}`, class: key in changes ? "value changed" : "value" };
+    let field;
+    if (kind === "switch") {
+      field = h("input", { ...properties, type: "checkbox", checked: entry.value, onchange: (e) => change(e.target.checked) });
+    } else if (kind === "choice") {
+      field = h("select", { ...properties, onchange: (e) => change(e.target.value) },
+        ...entry.choices.map((one) => h("option", { selected: one === entry.value }, one)));
+    } else if (kind === "fixed") {
+      field = h("span", { class: "faint" }, number(entry.value));
+    } else {
+      field = h("input", { ...properties, type: "text", value: number(changes[key] ?? entry.value, 8),
+        onchange: (e) => change(typed(e.target.value)) });
+    }
+    const range = limits ? `${number(limits[0])} to ${number(limits[1])} ${unit === "1" ? "" : unit}` : "";
+    return h("tr", { title: [key, range, entry.note, entry.place].filter(Boolean).join("\n") },
+      h("td", {}, entry.name), h("td", {}, field, ` ${unit === "1" ? "" : unit}`), h("td", { class: "faint" }, entry.origin));
+  }
+
+  async function begin() {
+    start.disabled = true;
+    fault.textContent = "";
+    try {
+      const factor = pace.value.trim() === "max" ? "max" : typed(pace.value);
+      await post("/api/run", { ...body(), pace: factor });
+    } catch (error) {
+      fault.textContent = error.message;
+    }
+    update();
+  }
+
+  async function save() {
+    try {
+      const { file } = await post("/api/scene/save", { ...body(), name: name.value.trim() });
+      saved.textContent = `saved: ${file}`;
+      await fill(list.value);
+    } catch (error) {
+      saved.textContent = error.message;
+    }
+  }
+
+  async function fill(chosen) {
+    const cards = await get("/api/scenes");
+    const options = (own) => cards.filter((one) => one.own === own).map((one) =>
+      h("option", { value: one.name, title: one.about, selected: one.name === chosen }, `${one.name} – ${one.title}`));
+    const own = options(true);
+    list.replaceChildren(...(own.length ? [h("optgroup", { label: "this folder" }, ...own)] : []),
+      h("optgroup", { label: "shipped" }, ...options(false)));
+  }
+
+  function update() {
+    const { state } = store;
+    start.disabled = store.active || !store.online || !good;
+    const over = state.outcome;
+    outcome.textContent = over ? over.text : state.fault ?? "";
+    outcome.className = `small pre ${state.fault ? "bad" : ""}`;
+    lines.textContent = (state.lines ?? []).join("\n");
+  }
+
+  fill("pendulum").then(show, (error) => { fault.textContent = error.message; });
+  return {
+    element: pane("Scene", list, h("p", {}, title), about, warnings,
+      h("div", { class: "row" }, h("label", {}, "pace ", pace), h("label", {}, "duration ", duration), start), fault, outcome,
+      h("details", {}, h("summary", {}, "Messages of the run"), lines),
+      h("details", {}, h("summary", {}, "Effects"), effects), h("details", {}, h("summary", {}, "Protocol"), steps),
+      h("details", { open: true }, h("summary", {}, "Values"), sections),
+      h("details", {}, h("summary", {}, "Save these values as a scene"),
+        h("div", { class: "row" }, name, h("button", { onclick: save, id: "save" }, "Save"), saved))),
+    state: update,
+  };
+}

@@ -1,0 +1,60 @@
+// The head: which run, its phase and time, stop and emergency stop within reach wherever the page is scrolled to.
+
+import { h, number } from "/page/dom.js";
+
+const PHASES = {
+  idle: "no run yet", starting: "starting", running: "running", paused: "paused", ending: "ending", ended: "ended",
+};
+
+export function create(bench) {
+  const { store } = bench;
+  const run = h("span", { class: "faint", id: "run" });
+  const phase = h("strong", { id: "phase", role: "status" });
+  const time = h("span", { id: "time" });
+  const verdict = h("span", { id: "verdict" });
+  const fault = h("div", { class: "fault", id: "fault", role: "alert", style: "flex-basis: 100%" });
+
+  const act = (body) => async () => {
+    try {
+      await bench.command(body());
+      tell("");
+    } catch (error) {
+      tell(error.message);
+    }
+  };
+  const button = (text, body, properties = {}) => h("button", { onclick: act(body), ...properties }, text);
+  const pause = button("Pause", () => ({ do: store.state.phase === "paused" ? "resume" : "pause" }), { id: "pause" });
+  const step = button("Single step", () => ({ do: "step" }), { id: "step", title: "one frame of the paused run" });
+  const impulse = h("input", { type: "text", inputMode: "decimal", value: "0.05", class: "value", id: "impulse",
+    "aria-label": "impulse of the knock in N s", title: "impulse in N s", style: "width: 4.5rem" });
+  const knock = button("Knock", () => ({ do: "knock", impulse: Number(impulse.value.replace(",", ".")) }), { id: "knock" });
+  const stop = button("Stop", () => ({ do: "stop" }), { id: "stop" });
+  const emergency = button("EMERGENCY STOP", () => ({ do: "emergency" }), { id: "emergency", class: "emergency",
+    title: "all actuators to their safe values at once; half a second later the run ends" });
+
+  function tell(text) { fault.textContent = text; }
+
+  return {
+    element: h("header", {}, h("h1", {}, "friction-rig"), phase, time, verdict, run, h("span", { class: "grow" }),
+      h("span", { class: "row" }, pause, step, impulse, knock, stop, emergency), fault),
+    tell,
+    state() {
+      const { state, online, active } = store;
+      const live = ["running", "paused"].includes(state.phase);
+      phase.textContent = online ? PHASES[state.phase] : `not connected: ${store.why}`;
+      phase.className = online ? "" : "bad";
+      run.textContent = state.run ? `${state.title} (${state.run})` : state.title ?? "";
+      pause.textContent = state.phase === "paused" ? "Resume" : "Pause";
+      pause.disabled = knock.disabled = !(online && live);
+      step.disabled = !(online && state.phase === "paused");
+      stop.disabled = emergency.disabled = !(online && active);
+      document.title = active ? `${state.title}: ${PHASES[state.phase]}` : "friction-rig bench";
+    },
+    draw() {
+      time.textContent = store.setup ? `t = ${store.t.toFixed(2)} s, pace ${number(store.health?.rate ?? 0, 3)}` : "";
+      const word = store.state.outcome?.verdict ?? store.health?.verdict ?? "";
+      verdict.textContent = word;
+      verdict.className = { VALID: "good", DEGRADED: "warn", INVALID: "bad" }[word] ?? "";
+    },
+  };
+}

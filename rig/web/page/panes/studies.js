@@ -1,0 +1,89 @@
+// Maps and cost tables: those of the folder, with their figures, and new ones of the scene that is chosen.
+
+import { get, post } from "/page/api.js";
+import { h, pane } from "/page/dom.js";
+import { jobs as jobsOf } from "/page/jobs.js";
+
+const COUNT = 20; // values of an axis at first
+
+export function create(bench) {
+  const fault = h("div", { class: "fault pre", id: "studies-fault", role: "alert" });
+  const list = h("div", { id: "studies" });
+  const keys = h("datalist", { id: "axis-keys" });
+  const note = h("p", { class: "small faint" });
+  const jobs = jobsOf(["modes", "map", "cost"], attempt, fill);
+  jobs.element.id = "studies-jobs";
+  const field = (label, properties) => h("label", { class: "small" }, `${label} `, h("input", { type: "text", class: "value", "aria-label": label, ...properties }));
+
+  async function attempt(action) {
+    try {
+      fault.textContent = "";
+      await action();
+    } catch (error) {
+      fault.textContent = error.message;
+    }
+  }
+
+  /** The fields of an axis; `text()` is that of rig map, "" if no value has been named. */
+  function axis(name) {
+    const key = h("input", { type: "text", "aria-label": `${name}: value of the scene`, placeholder: "drive.speed", onfocus: offer });
+    key.setAttribute("list", "axis-keys");
+    const from = field("from", { placeholder: "0.05 m/s" }), to = field("to", { placeholder: "0.8 m/s" }), count = field("values", { value: COUNT });
+    const [a, b, n] = [from, to, count].map((one) => one.querySelector("input"));
+    const point = (one) => one.value.trim().replace(/^([-+]?\d*),(\d)/, "$1.$2"); // a decimal comma
+    return {
+      element: h("div", { class: "row" }, h("span", { class: "small" }, name), key, from, to, count),
+      text: () => (key.value.trim() ? `${key.value.trim()}=${point(a)}:${point(b)}:${n.value.trim()}` : ""),
+    };
+  }
+
+  function offer() {
+    const { form } = bench.chosen();
+    const numbers = (form?.sections ?? []).flatMap(({ values }) => values).filter(({ value, live }) => live && typeof value === "number");
+    keys.replaceChildren(...numbers.map(({ key }) => h("option", { value: key })));
+  }
+
+  const x = axis("over"), y = axis("and over");
+  const start = (what) => () => attempt(async () => {
+    const { scene, changes } = bench.chosen();
+    await post("/api/studies/work", { what, scene, changes, x: x.text(), y: y.text() });
+    jobs.look();
+  });
+
+  function study({ kind, name, about, changed, finished, files }) {
+    const address = (file) => `/studies/${kind}/${encodeURIComponent(name)}/${encodeURIComponent(file)}`;
+    const when = new Date(changed * 1000).toISOString().slice(0, 16).replace("T", " ");
+    const figures = h("div");
+    return h("details", {
+      class: "small",
+      ontoggle: ({ target }) => { // pictures are loaded when they are looked at
+        if (target.open) {
+          figures.replaceChildren(...files.filter((file) => file.endsWith(".png")).map((file) =>
+            h("a", { href: address(file), target: "_blank", rel: "noopener" }, h("img", { src: `${address(file)}?${changed}`, alt: `${name}, ${file}` }))));
+        }
+      },
+    }, h("summary", {}, `${kind}/${name} `, h("span", { class: "faint" }, `${when} UTC${finished ? "" : ", unfinished: start it again and it continues"}`)),
+    h("div", {}, about), h("div", { class: "row" }, ...files.map((file) => h("a", { href: address(file), target: "_blank", rel: "noopener" }, file))), figures);
+  }
+
+  function fill() {
+    return attempt(async () => {
+      const open = new Set([...list.querySelectorAll("details[open] > summary")].map((one) => one.textContent.split(" ")[0]));
+      const found = await get("/api/studies");
+      list.replaceChildren(...found.map(study));
+      for (const one of list.children) one.open = open.has(one.querySelector("summary").textContent.split(" ")[0]);
+      if (!found.length) list.replaceChildren(h("p", { class: "small faint" }, "none yet in this folder"));
+    });
+  }
+
+  const existing = h("details", { ontoggle: () => existing.open && fill() }, h("summary", {}, "Show maps and cost tables"), list);
+  note.textContent = "With its changed values: eigenvalues take seconds. A map simulates many runs, a cost table compares methods and steps. "
+    + "Both take minutes to hours and all processors: do not start them beside a run whose timing matters. What a stopped one has computed is kept.";
+  return {
+    element: pane("Maps and cost", existing, h("details", {}, h("summary", {}, "Analyse the chosen scene"), note, keys, x.element, y.element,
+      h("div", { class: "row" }, h("button", { onclick: start("modes"), id: "modes", title: "frequency and growth rate of each vibration mode" }, "Eigenvalues"),
+        h("button", { onclick: start("map"), id: "map" }, "Map by simulation"),
+        h("button", { onclick: start("regions"), id: "regions", title: "where sliding is unstable, over two values; seconds" }, "Map by eigenvalues"),
+        h("button", { onclick: start("cost"), id: "cost" }, "Cost table"))), fault, jobs.element),
+  };
+}

@@ -1,0 +1,118 @@
+// Sliders for everything that may change while the rig runs, by the checks of `rig tune`; owned actuators; controllers.
+
+import { h, number, pane, quantity, typed } from "/page/dom.js";
+
+const EVERY = 100; // [ms] between two values of a slider that is being moved
+
+export function create(bench) {
+  const { store } = bench;
+  const fault = h("div", { class: "fault", id: "touch-fault", role: "alert" });
+  const controllers = h("div"), box = h("div");
+  const rows = new Map();
+
+  async function set(key, value) {
+    try {
+      const answer = await bench.set(key, value);
+      const owner = answer.overruled?.[key];
+      fault.textContent = owner ? `${owner} drives ${key}: the value takes effect when ${owner} is disconnected` : "";
+    } catch (error) {
+      fault.textContent = error.message;
+      rows.get(key)?.show(store.values.find((one) => one.key === key));
+    }
+  }
+
+  /** Calls `set` at most every EVERY ms, and with the last value in any case. */
+  function throttled(key) {
+    let waiting = null;
+    let busy = false;
+    async function next() {
+      if (busy || waiting === null) return;
+      busy = true;
+      const value = waiting;
+      waiting = null;
+      await set(key, value);
+      setTimeout(() => { busy = false; next(); }, EVERY);
+    }
+    return (value) => { waiting = value; next(); };
+  }
+
+  function row(entry) {
+    const { key, unit, limits } = entry;
+    const moved = throttled(key);
+    const field = h("input", { type: "text", class: "value", id: `live-${key}`, "aria-label": key, onchange: (e) => set(key, typed(e.target.value)) });
+    const owner = h("span", { class: "small warn" });
+    let slider = null, held = false;
+    if (entry.kind === "switch") {
+      slider = h("input", { type: "checkbox", "aria-label": key, onchange: (e) => set(key, e.target.checked) });
+    } else if (entry.slider && entry.slider[0] < entry.slider[1]) {
+      const [low, high] = entry.slider;
+      slider = h("input", { type: "range", min: 0, max: 1000, step: 1, id: `slider-${key}`, "aria-label": `${key}, ${number(low)} to ${number(high)} ${unit}`,
+        onpointerdown: () => { held = true; }, onpointerup: () => { held = false; }, onpointercancel: () => { held = false; },
+        oninput: (e) => {
+          const value = Number((low + (high - low) * e.target.value / 1000).toPrecision(4));
+          e.target.setAttribute("aria-valuetext", quantity(value, unit));
+          field.value = number(value);
+          moved(value);
+        } });
+    }
+    const range = limits ? `${number(limits[0])} to ${quantity(limits[1], unit)}` : "";
+    const element = h("div", { class: "small", title: `${key}\n${range}` },
+      h("div", { class: "row" }, h("span", { class: "grow" }, key), field, unit === "1" ? "" : unit), slider, owner);
+    function show(now) {
+      if (!now) return;
+      if (document.activeElement !== field && !held) field.value = now.value === null ? "" : number(now.value, 6);
+      if (slider?.type === "checkbox") slider.checked = Boolean(now.value);
+      else if (slider && !held && document.activeElement !== slider) {
+        slider.value = 1000 * (now.value - entry.slider[0]) / (entry.slider[1] - entry.slider[0]);
+      }
+      owner.textContent = now.owner ? `driven by ${now.owner}` : "";
+    }
+    return { element, show };
+  }
+
+  function control(name, { drives }) {
+    const act = (what) => async () => {
+      try {
+        await bench.command({ do: what, controller: name });
+        fault.textContent = "";
+      } catch (error) {
+        fault.textContent = error.message;
+      }
+    };
+    return h("div", { class: "row small" }, h("span", { class: "grow" }, `${name} drives ${drives.join(", ")}`),
+      h("button", { onclick: act("connect"), id: `connect-${name}` }, "Connect"),
+      h("button", { onclick: act("disconnect"), id: `disconnect-${name}` }, "Disconnect"));
+  }
+
+  function build() {
+    rows.clear();
+    const tables = new Map();
+    for (const entry of store.values) {
+      if (entry.kind === "text" || entry.kind === "choice") continue;
+      const table = entry.of === "plant" ? (entry.actuator ? "actuators" : "parameters of the rig") : `controller ${entry.of}`;
+      const made = row(entry);
+      rows.set(entry.key, made);
+      tables.set(table, [...(tables.get(table) ?? []), made.element]);
+    }
+    box.replaceChildren(...[...tables].map(([name, elements]) =>
+      h("details", { open: name === "actuators" || name.startsWith("controller") }, h("summary", {}, name), ...elements)));
+  }
+
+  let known = "";
+  return {
+    element: pane("Values of the running rig", fault, controllers, box),
+    setup() {
+      known = "";
+      fault.textContent = "";
+      controllers.replaceChildren(...Object.entries(store.setup.controllers).map(([name, one]) => control(name, one)));
+      box.replaceChildren();
+    },
+    state() {
+      const keys = `${store.setup?.run} ${store.values.map(({ key }) => key).join(" ")}`;
+      if (keys !== known && store.values.length) { known = keys; build(); }
+      for (const entry of store.values) rows.get(entry.key)?.show(entry);
+      const off = !store.active || !store.online;
+      for (const one of [...box.querySelectorAll("input"), ...controllers.querySelectorAll("button")]) one.disabled = off;
+    },
+  };
+}

@@ -1,0 +1,33 @@
+// What the run is worth so far, in words: timing verdict, loop latency, losses, energy residual.
+
+import { h, number, pane } from "/page/dom.js";
+
+const MEANING = {
+  VALID: "at most 1 % of the frames are late, and nothing is lost",
+  DEGRADED: "more than 1 % of the frames are late, or commands are lost",
+  INVALID: "more than 5 % of the frames are late: do not trust times of this run",
+};
+
+export function create({ store }) {
+  const table = h("table", { id: "trust" });
+  return {
+    element: pane("Trust", table),
+    draw() {
+      const { health, setup, state } = store;
+      if (!health || !setup) return;
+      const late = (100 * health.late) / Math.max(health.tick, 1);
+      const word = state.outcome?.verdict ?? health.verdict;
+      const rows = [
+        ["timing", word ? `${word}${state.outcome ? "" : " so far"}: ${MEANING[word] ?? ""}` : "this run does not follow the clock"],
+        ["late frames", `${health.late} of ${health.tick} (${number(late, 2)} %); 99 of 100 begin at most ${number(health.lateness_us / 1e3, 3)} ms late, the worst ${number(health.worst_us / 1e3, 3)} ms`],
+        ["loop", `${health.held} commands held because no new one came, ${health.drops} lost`],
+        ["energy", `residual of the energy balance: ${health.energy_error === null ? "none" : health.energy_error.toExponential(0)} of the largest term`],
+        ["stick", `${number(100 * health.stick_share, 3)} % of the time`],
+        ["refused", `${health.refused} messages`],
+        ["this page", `${store.dropped} pictures left out, ${store.lost} messages lost on the way to the server`],
+      ];
+      table.replaceChildren(...rows.map(([name, text]) => h("tr", {}, h("th", {}, name),
+        h("td", { class: name === "timing" ? { VALID: "good", DEGRADED: "warn", INVALID: "bad" }[word] ?? "" : "" }, text))));
+    },
+  };
+}

@@ -1,0 +1,226 @@
+"""Starts and ends runs for the page, one at a time, under the supervisor of `rig run`, in a thread of this process.
+
+A run is `idle` (none yet), `starting` (processes start, kernels compile), `running`, `paused`, `ending` or `ended`.
+"""
+
+from __future__ import annotations
+
+import queue
+import shlex
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rig.bench import supervise
+from rig.bench.outcome import Outcome
+from rig.bus.arrivals import Message
+from rig.errors import OutputError, RigError, UsageError
+from rig.scenes.scene import Scene
+from rig.web.follower import Follower
+
+LINES = 300
+"""Number of lines of a run that are kept."""
+END_S = 60.0
+"""Longest wait for the end of a run when the server ends [s]: the recorder may have much to write."""
+COMMANDS = frozenset({"stop", "emergency", "pause", "resume", "step", "knock", "connect", "disconnect"})
+
+
+class RunControl:
+    """The present run. `changed()` is called whenever `state` changes, `frame`, `news` and `arrived` as by `Follower`.
+
+    `say` gets the lines for the terminal. All methods may be called from any thread.
+    """
+
+    def __init__(
+        self,
+        changed: Callable[[], object],
+        frame: Callable[[int, str], object],
+        news: Callable[[str, Any], object],
+        say: Callable[[str], object] = lambda _: None,
+        arrived: Callable[[Sequence[Message]], object] = lambda _: None,
+    ) -> None:
+        self._changed, self._frame, self._news, self._say, self._arrived = changed, frame, news, say, arrived
+        self._lock = threading.Lock()
+        self._idle = threading.Event()
+        self._idle.set()
+        self._follower: Follower | None = None
+        self._interrupts: list[str] = []
+        self._lines: deque[str] = deque(maxlen=LINES)
+        self._phase, self._number = "idle", 0
+        self._facts: dict[str, Any] = {}
+        # Processes inherit the priority of the thread that starts them: this one has that of the user, and not that of
+        # the threads that serve pages, which leave the processor to the run.
+        self._orders: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
+        threading.Thread(target=self._work, name="supervisor", daemon=True).start()
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """Phase, number, name and scene of the run; its lines and, when it has ended, its outcome or fault."""
+        lines = list(self._lines)
+        return {"phase": self._phase, "number": self._number, **self._facts, "lines": lines}
+
+    @property
+    def active(self) -> bool:
+        """Whether a run is going on."""
+        return self._phase not in ("idle", "ended")
+
+    @property
+    def events(self) -> list[dict[str, Any]]:
+        """The latest events of the run."""
+        return list(self._follower.events) if self._follower is not None else []
+
+    def start(
+        self, scene: Scene, given: str, changes: dict[str, str], pace: float | None = 1.0, duration: float | None = None
+    ) -> dict[str, Any]:
+        """Start a run of `scene` and return the state. Raises UsageError while another one is going on.
+
+        `given`, `changes`: name or file and changed values, for the command line that the recording states. `pace`,
+        `duration` [s]: as for `rig.bench.supervise.run`.
+        """
+        command = ["rig", "run", given]
+        command += [part for key, value in changes.items() for part in ("-p", f"{key}={value}")]
+        command += ["--pace", "max" if pace is None else f"{pace:g}"] if pace != 1.0 else []
+        command += ["--duration", repr(duration)] if duration is not None else []
+        with self._lock:
+            if self.active:
+                raise UsageError(f"run {self._facts.get('run') or 'of ' + self._facts['scene']} is going on; stop it "
+                                 "first, or wait for its end")  # fmt: skip
+            self._phase, self._number, self._follower = "starting", self._number + 1, None
+            self._interrupts, self._lines = [], deque(maxlen=LINES)
+            self._facts = {
+                "run": "",
+                "scene": scene.name,
+                "title": scene.title,
+                "pace": pace,
+                "command": shlex.join(command),
+                "fault": "",
+                "outcome": None,
+                "log": "",
+            }
+            self._idle.clear()
+            self._orders.put((scene, pace, duration, command))
+        self._changed()
+        return self.state
+
+    def command(self, body: dict[str, Any]) -> dict[str, Any]:
+        """Carry out a command (`COMMANDS`) in the present run, as the operators' commands of the command line do.
+
+        `run` in the body, if given, is the run that the page shows. Raises UsageError without a run and for another
+        one, BusError for what the plant refuses.
+        """
+        self._check(body)
+        what = body.get("do")
+        if what not in COMMANDS:
+            raise UsageError(f"{what!r:.80} is no command; there are: {', '.join(sorted(COMMANDS))}")
+        follower = self._follower
+        if what in ("stop", "emergency") and (follower is None or self._phase == "starting"):
+            self._interrupt()
+            return {}
+        if follower is None:
+            raise UsageError("the run has not begun yet")
+        answer = follower.command({key: value for key, value in body.items() if key != "run"})
+        phase = {"pause": "paused", "resume": "running", "stop": "ending", "emergency": "ending"}.get(what)
+        if phase and self._phase in ("running", "paused"):
+            self._phase = phase
+            self._changed()
+        return answer
+
+    def set(self, body: dict[str, Any]) -> dict[str, Any]:
+        """Change the value `key` of the present run to `value`, as `rig tune` does. Raises as `command`."""
+        self._check(body)
+        if not isinstance(body.get("key"), str) or "value" not in body:
+            raise UsageError('expected "key" and "value", e.g. {"key": "load.force", "value": "15 N"}')
+        if self._follower is None:
+            raise UsageError("the run has not begun yet")
+        return self._follower.set(body["key"], body["value"])
+
+    def end(self) -> None:
+        """End the present run in order and wait for its end."""
+        for _ in range(2):
+            if not self._idle.is_set():
+                self._interrupt()
+                self._idle.wait(END_S)
+
+    def kill(self) -> None:
+        """End all processes of the present run at once, as a second Ctrl-C does."""
+        self._interrupt()
+
+    def _check(self, body: dict[str, Any]) -> None:
+        if not self.active:
+            raise UsageError("no run is going on; start one first")
+        shown = body.get("run")
+        if shown and shown != self._facts["run"]:
+            raise UsageError(f"this page shows the run {shown!s:.80}, which has ended; "
+                             f"the present run is {self._facts['run'] or 'starting'}: reload the page")  # fmt: skip
+
+    def _interrupt(self) -> None:
+        with self._lock:
+            if self.active:
+                self._interrupts.append("the page")
+                self._phase = "ending"
+        self._changed()
+
+    def _work(self) -> None:
+        while True:
+            self._run(*self._orders.get())
+            self._idle.set()
+
+    def _run(self, scene: Scene, pace: float | None, duration: float | None, command: list[str]) -> None:
+        try:
+            outcome = supervise.run(
+                scene, pace=pace, duration=duration, say=self._hear, command=command, interrupts=self._interrupts
+            )
+            self._conclude(outcome)
+        except RigError as fault:
+            self._facts["fault"] = str(fault)
+        except OSError as fault:  # of the system, as a full disk
+            self._facts["fault"] = str(OutputError(f"the run could not be carried out: {fault}"))
+        except Exception as fault:  # a fault of the program: the server goes on, and says it
+            self._facts["fault"] = f"the run failed: {type(fault).__name__}: {fault}"
+        finally:
+            if self._follower is not None:
+                self._follower.stop()
+            with self._lock:
+                self._phase = "ended"
+            if self._facts["fault"]:
+                self._say(self._facts["fault"])
+            self._changed()
+
+    def _conclude(self, outcome: Outcome) -> None:
+        self._say(outcome.text())
+        summary = outcome.summary
+        self._facts["outcome"] = {
+            "verdict": summary["verdict"],
+            "reasons": list(summary["reasons"]),
+            "ended": summary["ended"],
+            "fault": summary["fault"],
+            "died": list(outcome.died),
+            "unrecorded": outcome.unrecorded,
+            "exit_code": int(outcome.exit_code),
+            "text": outcome.text(),
+        }
+        self._facts["log"] = Path(outcome.log).name if outcome.log else ""
+
+    def _hear(self, line: str) -> None:
+        """One line of the supervisor, in its thread."""
+        word, _, rest = line.partition(" ")
+        if word == "run" and not self._facts["run"]:
+            self._facts["run"] = rest
+            self._say(f"run {rest}: {self._facts['command']}")
+            self._follower = Follower(rest, self._frame, self._told, self._arrived, trust=True)
+            self._follower.start()
+        self._lines.append(line)
+        self._changed()
+
+    def _told(self, kind: str, content: Any) -> None:
+        """News of the follower, in its thread."""
+        if kind == "fault":
+            self._lines.append(f"the page cannot follow the run: {content}")
+            self._changed()
+            return
+        self._news(kind, content)
+        if kind == "values" and self._phase == "starting":  # it reads them when the first frame has been computed
+            self._phase = "running"
+            self._changed()

@@ -1,0 +1,103 @@
+"""Maps and cost tables for the page: those that are in the folders `maps` and `cost`, and jobs that make new ones.
+
+Every study has a folder of its own, as `rig map` and `rig cost` write it; the page is given its figures and tables.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rig.analysis.axis import axes
+from rig.errors import UsageError
+from rig.scenes.scene import Scene
+from rig.web.catalogue import Catalogue, as_text
+from rig.web.jobs import Jobs
+
+FINISHED = {"maps": ("map.png", "regions.png"), "cost": ("cost.png", "peers.png")}
+"""Folder -> the figures of which one is there when a study is finished."""
+SHOWN = (".png", ".csv", ".parquet")
+WORK = ("modes", "map", "regions", "cost")
+
+
+class Studies:
+    """The studies in the folders `FINISHED` of `folder`; new ones are made by `jobs`, of scenes of `catalogue`."""
+
+    def __init__(self, folder: Path, catalogue: Catalogue, jobs: Jobs) -> None:
+        self._folder, self._catalogue, self._jobs = folder, catalogue, jobs
+
+    def all(self) -> list[dict[str, Any]]:
+        """Of each study, the newest first: `kind` (its folder), `name`, `about`, `changed` [s], `finished`, `files`."""
+        found = []
+        for kind, last in FINISHED.items():
+            root = self._folder / kind
+            for folder in root.iterdir() if root.is_dir() else ():
+                if folder.is_dir():
+                    files = sorted(path.name for path in folder.iterdir() if path.suffix in SHOWN and path.is_file())
+                    row: dict[str, Any] = {"kind": kind, "name": folder.name}
+                    row |= {"about": _about(folder), "files": files}
+                    row |= {"changed": folder.stat().st_mtime, "finished": any(name in files for name in last)}
+                    found.append(row)
+        return sorted(found, key=lambda row: -row["changed"])
+
+    def path(self, kind: str, name: str, file: str) -> Path:
+        """A file of a study of the list. Raises UsageError for anything else."""
+        for row in self.all():
+            if (row["kind"], row["name"]) == (kind, name) and file in row["files"]:
+                path: Path = self._folder / kind / name / file
+                if path.resolve().is_relative_to(self._folder.resolve() / kind):
+                    return path
+        raise UsageError(f"{kind}/{name}/{file}: there is no such file; the list of the page shows them all")
+
+    def work(self, body: Mapping[str, Any]) -> dict[str, Any]:
+        """Start a job: `what` (`WORK`), `scene`, `changes`, and for maps the axes `x` and `y`, as `rig map` reads them.
+
+        Raises SceneError for values that the scene refuses, UsageError for anything else.
+        """
+        what, given = body.get("what"), body.get("scene")
+        if what not in WORK:
+            raise UsageError(f"{what!r:.80}: expected {', '.join(WORK)}")
+        scene = self._catalogue.scene(given, body.get("changes"))
+        options = [f"-p{key}={as_text(value)}" for key, value in (body.get("changes") or {}).items()]
+        if what == "modes":
+            return self._jobs.start(f"eigenvalues of {scene.name}", ["modes", *options, "--", str(given)])
+        title = f"cost of {scene.name}"
+        if what != "cost":
+            over = _axes(scene, body, what == "regions")
+            options += [f"{name}={text}" for name, text in over.items()]
+            how = "map by eigenvalues" if what == "regions" else "map"
+            title = f"{how} of {scene.name} over {' and '.join(text.partition('=')[0] for text in over.values())}"
+        folder = "cost" if what == "cost" else "maps"
+        options += ["--eigenvalues"] if what == "regions" else []
+        arguments = ["cost" if what == "cost" else "map", *options, "--out", str(self._folder / folder), "--force"]
+        return self._jobs.start(title, [*arguments, "--", str(given)])
+
+
+def _axes(scene: Scene, body: Mapping[str, Any], both: bool) -> dict[str, str]:
+    """Option -> text of the axes of a map. Raises SceneError, UsageError."""
+    given = {"--x": body.get("x"), "--y": body.get("y")}
+    found = {name: str(text) for name, text in given.items() if text}
+    if "--x" not in found or (both and "--y" not in found):
+        raise UsageError(
+            f"the map needs {'two axes' if both else 'a first axis'}: a value of the scene, from, to, count"
+        )
+    axes(scene, found)
+    return found
+
+
+def _about(folder: Path) -> str:
+    """Scene and axes of a map; the scene of a cost table; "" if that cannot be read."""
+    try:
+        job = json.loads((folder / "job.json").read_text())
+        over = [f"{one['key']} from {_end(one, 0)} to {_end(one, -1)} {one['shown']}, {len(one['values'])} values"
+                for one in job["axes"] if one]  # fmt: skip
+        how = "stable and unstable regions, " if job["settings"]["eigenvalues"] else ""
+        return f"{job['scene']['title']}: {how}{'; '.join(over)}"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, ZeroDivisionError, RecursionError):
+        return ""
+
+
+def _end(axis: Mapping[str, Any], at: int) -> str:
+    return f"{axis['values'][at] / axis['scale']:.4g}"

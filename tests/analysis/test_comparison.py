@@ -1,0 +1,150 @@
+"""Two recordings are compared: scenes, signals, measures."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+import rig as lab
+from rig.analysis.amplitude import growth
+from rig.analysis.recorded import compare
+from rig.errors import UsageError
+
+STICKS = {"friction.mu_static": "0.45"}
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """A run of 4 s with stick-slip, and one with a faster belt."""
+    return [lab.simulate(lab.load("belt", {**STICKS, "drive.speed": speed}), 4.0) for speed in (0.06, 0.07)]
+
+
+@pytest.fixture(scope="module")
+def logs(runs, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
+    for name, run in zip("ab", runs):
+        run.save(folder / f"{name}.mcap")
+    return folder / "a.mcap", folder / "b.mcap"
+
+
+def bent(run, size):
+    """The run with one sample of the velocity moved by `size` of its range."""
+    v = run.signals["velocity"].copy()
+    v[700] += size * np.ptp(v)
+    return dataclasses.replace(run, signals={**run.signals, "velocity": v})
+
+
+def test_a_run_is_equal_to_itself(runs):
+    found = compare(runs[0], runs[0])
+    assert found.agree
+    assert found.signals.identical
+    assert not found.values
+    assert all(one.same for one in found.measures)
+    assert {found.outcome(one) for one in found.signals.signals} == {"equal"}
+
+
+def test_a_deviation_is_judged_by_the_range_of_its_signal(runs):
+    other = bent(runs[0], 1e-3)
+    (one,) = (one for one in compare(runs[0], other).signals.signals if one.differing)
+    assert one.topic == "velocity"
+    assert one.deviation == pytest.approx(1e-3)
+    assert (one.time, one.worst, one.differing) == (pytest.approx(0.7), pytest.approx(0.7), 1)
+    outcomes = {}
+    for tolerance in (0.0, 0.9e-3, 1.1e-3):
+        found = compare(runs[0], other, tolerance=tolerance)
+        outcomes[tolerance] = (found.agree, found.outcome(found.signals.signals[0]))
+    assert outcomes == {0.0: (False, "differs"), 0.9e-3: (False, "differs"), 1.1e-3: (True, "within tolerance")}
+    assert compare(runs[0], other, end=0.699).signals.identical
+    assert compare(runs[0], other, begin=0.701).signals.identical
+
+
+def test_a_value_that_is_no_number_is_never_within_a_tolerance(runs):
+    found = compare(runs[0], bent(runs[0], math.nan), tolerance=1e6)
+    assert not found.agree
+    assert [one.deviation for one in found.signals.signals if one.differing] == [math.inf]
+
+
+def test_values_of_the_scenes_that_differ_are_named(runs):
+    assert [tuple(one) for one in lab.diff(*runs).values] == [("drive.speed", "0.06", "0.07")]
+
+
+def test_measures_are_those_of_the_motion(runs):
+    """Against numbers that do not come from these functions."""
+    found = {(one.channel, one.name): one for one in compare(*runs, 1.0).measures}
+    for which, speed in enumerate((0.06, 0.07)):
+        cycle = lab.limit_cycle(lab.load("belt", {**STICKS, "drive.speed": speed}))
+        assert found["displacement", "period"][3 + which] == pytest.approx(cycle.period, rel=2e-3)
+        assert found["contact", "stick share"][3 + which] == pytest.approx(cycle.stick_share["contact"], abs=0.03)
+        assert found["contact", "events"][3 + which] == pytest.approx(2.0 / cycle.period, rel=0.1)
+        assert found["surface_speed", "mean"][3 + which] == pytest.approx(speed, rel=1e-12)
+        assert found["surface_speed", "RMS"][3 + which] < 1e-15
+        v = runs[which].signals["velocity"][1000:]
+        assert found["velocity", "RMS"][3 + which] == pytest.approx(math.sqrt(np.mean(v**2) - v.mean() ** 2))
+        assert found["velocity", "amplitude"][3 + which] == pytest.approx(0.5 * np.ptp(v), rel=1e-3)
+    assert found["surface_speed", "mean"].percent == pytest.approx(100.0 / 6.0)
+    assert math.isnan(found["velocity", "growth rate"].percent)  # neither grows
+
+
+@pytest.mark.parametrize("rate", [0.7, -0.7])
+def test_a_growth_rate_is_found(rate):
+    t = np.arange(0.0, 1.5, 1e-3)
+    assert growth(t, np.exp(rate * t) * np.sin(40.0 * t)) == pytest.approx(rate, rel=1e-3)
+    assert math.isnan(growth(t, np.ones_like(t)))
+
+
+def test_actions_of_operators_are_listed(logs, runs):
+    other = lab.branch(logs[0], 2.0, {"drive.speed": 0.08}, 2.0)
+    found = compare(runs[0], other)
+    assert found.actions == ("B: t = 2 s: continues a.mcap from 2 s", "B: t = 2 s: drive.speed = 0.08")
+    assert min(one.time for one in found.signals.differences) >= 2.0
+
+
+def test_runs_of_different_length_and_rate(runs):
+    short = lab.simulate(lab.load("belt", STICKS), 2.0)
+    found = compare(runs[0], short)
+    assert not found.agree
+    assert {found.outcome(one) for one in found.signals.signals} == {"other length"}
+    assert (found.begin, found.end) == (0.0, 2.0)
+    assert all(one.same for one in found.measures)
+    assert compare(runs[0], short, end=2.0).signals.identical
+    coarse = dataclasses.replace(short, time=short.time[::5], mode=short.mode[::5],
+                                 signals={name: v[::5] for name, v in short.signals.items()})  # fmt: skip
+    assert compare(short, coarse).agree
+    assert all(one.same for one in compare(short, coarse).measures if one.channel != "contact")
+    with pytest.raises(UsageError, match="no outputs at common times"):
+        compare(runs[0], short, 3.0)
+    with pytest.raises(UsageError, match="tolerance -1"):
+        compare(runs[0], short, tolerance=-1.0)
+
+
+def test_the_command_prints_draws_and_decides(rig, logs, tmp_path):
+    first, second = map(str, logs)
+    picture = tmp_path / "d.png"
+    code, out, _ = rig("diff", first, second, "--figure", picture)
+    assert code == 1
+    assert "drive.speed" in out
+    assert "stick share" in out
+    assert picture.stat().st_size > 20_000
+    for kind in ("svg", "pdf"):
+        assert rig("diff", first, first, "--figure", tmp_path / f"d.{kind}")[0] == 0
+    code, out, _ = rig("diff", first, second, "--json", "--from", "1 s", "--to", "2")
+    assert code == 1
+    told = json.loads(out)
+    assert (told["from"], told["to"], told["agree"]) == (1.0, 2.0, False)
+    assert {one["outcome"] for one in told["signals"]} == {"differs", "equal"}
+    assert rig("diff", first, second, "--tolerance", "10")[0] == 0
+    assert rig("diff", first, second, "--tolerance", "-1")[0] == 2
+
+
+def test_a_damaged_recording_is_compared_as_far_as_it_goes(rig, logs, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    data = logs[0].read_bytes()
+    cut.write_bytes(data[: len(data) * 2 // 3])
+    code, out, _ = rig("diff", logs[0], cut)
+    assert code == 1
+    assert "B: " in out
+    assert "other length" in out
+    end = lab.open(cut).time[-1] - 0.5
+    assert rig("diff", logs[0], cut, "--to", f"{end:g}")[0] == 0

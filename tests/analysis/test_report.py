@@ -1,0 +1,371 @@
+"""The page about a recording: it stands alone, escapes what others wrote, and has the numbers of the run."""
+
+import json
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rig as laboratory
+from rig.analysis import amplitude
+from rig.analysis.report import page
+from rig.analysis.report.sketch import COLUMNS, HEIGHT, sketch
+from rig.record import user_notes
+from rig.record.contents import digest
+from rig.record.run import Commands, Run, Samples
+from rig.record.save_run import save
+
+GOLDEN = Path(__file__).parents[2] / "recordings" / "golden" / "pendulum.mcap"
+EVIL = "<script>document.title='taken'</script><img src=https://example.org/x onerror=alert(1)>\"'&amp;$_{$"
+UNSHOWN = EVIL + "\u202e\x00\ud800"
+"""The same with what reverses text, what HTML does not allow, and what UTF-8 cannot contain."""
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+EMPTY = {"meta", "img", "br", "hr", "link", "input"}
+
+
+class Page(HTMLParser):
+    """A page taken apart: elements, tables by caption, texts by section; what does not belong there fails."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.elements, self.ids = [], [], Counter()
+        self.texts, self.tables, self.section = {}, {}, ""
+        self.feed(text)
+        self.close()
+        assert self.open == []
+        assert max(self.ids.values()) == 1
+        names = Counter(name for name, _ in self.elements)
+        assert not names.keys() & {"script", "iframe", "object", "embed", "link", "base", "form"}
+        for name, given in self.elements:
+            assert not [key for key in given if key.startswith("on")], given
+            for key in given.keys() & {"src", "href", "xlink:href", "srcset", "data", "action"}:
+                assert given[key].startswith(("data:image/png;base64,", "#")), given[key][:80]
+                assert not given[key].startswith("#") or self.ids[given[key][1:]] == 1
+            if name == "img":
+                assert given["alt"]
+            if name == "svg":
+                assert given["role"] == "img"
+                assert given["aria-label"]
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.elements.append((tag, given))
+        if "id" in given:
+            self.ids[given["id"]] += 1
+        if tag == "tr":
+            self.tables.setdefault(self.caption, []).append([])
+        elif tag in ("td", "th"):
+            self.tables[self.caption][-1].append("")
+        elif tag == "caption":
+            self.caption = ""
+        elif tag == "h2":
+            self.section = ""
+        if tag not in EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert tag not in EMPTY
+        assert self.open.pop() == tag
+        if tag == "h2":
+            self.texts[self.section] = ""
+
+    def handle_data(self, data):
+        if "style" in self.open:
+            assert "url(" not in data
+            assert "@import" not in data
+        elif "caption" in self.open:
+            self.caption += data
+        elif self.open[-1:] == ["h2"]:
+            self.section += data
+        elif self.open and self.open[-1] in ("td", "th"):
+            self.tables[self.caption][-1][-1] += data
+        if self.section in self.texts:
+            self.texts[self.section] += data + " "
+
+
+@pytest.fixture(scope="module")
+def golden():
+    run = laboratory.open(GOLDEN)
+    return run, Page(page(run, GOLDEN))
+
+
+def hostile():
+    """A run in which everybody wrote what is no text."""
+    time = np.arange(500) * 1e-3
+    t_ns = np.arange(500, dtype=np.int64) * 1_000_000
+    tick = np.arange(500, dtype=np.int64)
+    event = {"tick": 0, "text": EVIL, "data": {}}
+    told = [("guest", EVIL), ("plant", "mark"), ("plant", EVIL), ("nf", "parameter")]
+    scene = {
+        **dict.fromkeys(("title", "name", "about", "plant"), EVIL),
+        "sensors": {EVIL: {"kind": EVIL, "reads": EVIL}},
+        "controllers": {EVIL: {"kind": EVIL, EVIL: EVIL}},
+    }
+    return Run(
+        scene=json.dumps(scene), step_ns=1_000_000, frame_ns=1_000_000, time=time,
+        signals={EVIL: np.sin(40 * time)}, units={EVIL: EVIL, f"meas/{EVIL}": EVIL},
+        measurements={EVIL: Samples(t_ns, np.cos(40 * time))},
+        commands={EVIL: Commands(tick, tick, tick * 0, np.ones((500, 1)))},
+        events=[event | {"t_ns": i * 10**8, "source": who, "kind": kind} for i, (who, kind) in enumerate(told)],
+        energy={EVIL: 1.0, "error": 1e-9}, provenance={EVIL: EVIL, "command": EVIL}, fault=EVIL, damage="",
+        controllers={EVIL: {"section": {EVIL: EVIL}, "numbers": {EVIL: 1.0}}},
+        summary={"verdict": EVIL, "reasons": [EVIL], "ended": EVIL, "plant": {"method": EVIL, "events": EVIL},
+                 "audit": [{"effect": EVIL, "on": True, "share": 0.0, "like": EVIL, "noted": True, "text": EVIL}],
+                 "sensors": {EVIL: {"clipped": EVIL}}, "loop": {EVIL: {EVIL: 3}}, "lost": {EVIL: 1}},
+    )  # fmt: skip
+
+
+def test_the_page_of_a_recording_stands_alone(golden):
+    _, found = golden
+    assert [name for name, _ in found.elements][:2] == ["html", "head"]
+    policy = [
+        given["content"] for name, given in found.elements if given.get("http-equiv") == "Content-Security-Policy"
+    ]
+    assert policy[0].startswith("default-src 'none'")
+    order = ("What it shows", "The run", "Measures of each stage", "Energy balance", "Influence of the effects",
+             "Timing and transport", "Controllers", "Sensors", "Events", "Values of the scene", "Provenance",
+             "Notes of users", "Check and repeat")  # fmt: skip
+    assert tuple(found.texts) == order
+    assert len([name for name, _ in found.elements if name == "img"]) == 1
+    assert len([name for name, _ in found.elements if name == "svg"]) == 4
+
+
+def test_the_page_has_the_numbers_of_the_run(golden):
+    run, found = golden
+    assert "VALID timing: nothing lost" in " ".join(found.texts["What it shows"].split())
+    assert f"Residual of the energy balance: {run.energy['error']:.1e}" in found.texts["What it shows"]
+    stages = found.tables["Stages: events, and mean shares of the contact"][1:]
+    assert [row[0] for row in stages] == ["before", "accelerate", "feedback on"]
+    begin, end = float(stages[1][1]), float(stages[1][2])
+    stuck = (np.abs(run.signals["slip_speed"]) < 1e-15)[(run.time >= begin) & (run.time <= end)]
+    assert stages[1][3] == f"{stuck.mean():.1%}"
+    measured = found.tables["Sensors: mean, and half of peak to valley as mean over the cycles"][1:]
+    rows = list(amplitude.measured(run))
+    assert [(row[0], row[1]) for row in measured] == [(row.stage, row.sensor) for row in rows]
+    for shown, row in zip(measured, rows):
+        assert float(shown[2]) == pytest.approx(row.mean, rel=1e-5)
+        assert int(shown[5]) == row.found.cycles
+        assert (shown[3] != "–") == (row.found.cycles > 0)
+    terms = {row[0]: float(row[1]) for row in found.tables["Energy since the start"][1:]}
+    assert terms == pytest.approx({name: v for name, v in run.energy.items() if name != "error"}, rel=1e-5)
+    sensors = {row[0]: row for row in found.tables["What each sensor delivered"][1:]}
+    assert sensors["vibrometer"][4:6] == ["1000", "9001"]
+    assert sensors["vibrometer"][9] == str(run.summary["sensors"]["vibrometer"]["dropped_out"])
+    assert len(found.tables["Events"]) - 1 == len(run.events)
+    values = {row[0]: row[1:] for row in found.tables["Values in SI units"][1:]}
+    assert values["body.inertia"] == ["0.2", "kg*m^2", "calibrated", "m r^2: 3.56 Hz"]
+    assert run.provenance["commit"] in found.texts["Provenance"]
+    assert digest(GOLDEN) in found.texts["Provenance"]
+    assert "rig verify pendulum.mcap" in found.texts["Check and repeat"]
+    assert f"{run.commands['nf'].tick.size}" in found.texts["Controllers"]
+    assert "300 N*s/m" in found.texts["Controllers"]
+
+
+@pytest.mark.parametrize("log", sorted(GOLDEN.parent.glob("*.mcap")), ids=lambda log: log.stem)
+def test_every_golden_recording_has_a_page(log):
+    run = laboratory.open(log)
+    text = page(run, log)
+    found = Page(text)
+    assert len(text) < 2_000_000
+    assert "Checksums prove every byte" in found.texts["What it shows"]
+    assert len([name for name, _ in found.elements if name == "svg"]) == len(run.measurements)
+    [head, *stages] = found.tables["Stages: events, and mean shares of the contact"]
+    if "contact_fraction" in run.signals:  # of many points one contact state says nothing
+        assert head[3:-1] == ["points closed"]
+        assert len(stages) > 1 or stages[0][3] == f"{run.signals['contact_fraction'].mean():.1%}"
+    else:
+        assert sum(float(share.rstrip("%")) for share in stages[0][3:7]) == pytest.approx(100.0, abs=0.25)
+
+
+def test_a_window_of_a_run_says_so_and_is_drawn_from_its_begin(golden):
+    run = golden[0]
+    late = {
+        name: Samples(t_ns[t_ns >= 8 * 10**9], v[t_ns >= 8 * 10**9]) for name, (t_ns, v) in run.measurements.items()
+    }
+    here = run.time >= 8.0
+    cut = replace(run, window="velocity > 0.1", begin_ns=8 * 10**9, time=run.time[here], mode=run.mode[here],
+                  signals={name: v[here] for name, v in run.signals.items()}, measurements=late)  # fmt: skip
+    text = page(cut, GOLDEN)
+    told = Page(text).texts["What it shows"]
+    assert "A window of a longer run, from 8 s on: velocity > 0.1" in told
+    assert "1 s at steps of 1 ms" in told
+    [x, _] = points(re.findall(r"<svg.*?</svg>", text)[0])[0]
+    assert (x.min(), x.max()) == (0.5, COLUMNS - 0.5)  # middles of the first and the last column
+    [_, first, *_] = Page(text).tables["Stages: events, and mean shares of the contact"]
+    assert first[1:3] == ["8", "9"]
+
+
+def test_lost_contact_states_are_not_counted(golden):
+    run = golden[0]
+    [_, whole, *_] = Page(page(run, GOLDEN)).tables["Stages: events, and mean shares of the contact"]
+    mode = run.mode.copy()
+    mode[run.time <= 0.5] = -1
+    [_, part, *_] = Page(page(replace(run, mode=mode), GOLDEN)).tables["Stages: events, and mean shares of the contact"]
+    assert whole[3:7] == part[3:7] == ["100.0%", "0.0%", "0.0%", "0.0%"]
+
+
+def test_what_others_wrote_is_text(tmp_path):
+    log = tmp_path / "run.mcap"
+    save(laboratory.simulate("belt", 0.02), log)
+    note = {"date": UNSHOWN, "text": UNSHOWN, "tags": [UNSHOWN]}
+    user_notes.path_of(log).write_text(json.dumps(note) + "\n")
+    run = hostile()
+    run.provenance = {UNSHOWN: UNSHOWN, "command": UNSHOWN}
+    text = page(run, log)
+    found = Page(text)
+    assert "<script" not in text
+    assert not set(text) & {"\u202e", "\x00", "\ud800"}
+    for section in found.texts.keys() - {"The run", "Timing and transport"}:
+        assert EVIL in found.texts[section], section
+    for section in ("Notes of users", "Provenance"):
+        assert EVIL + "\ufffd" * 3 in found.texts[section]
+    assert text.encode()
+
+
+def test_damage_comes_first_and_a_recovered_recording_says_so(tmp_path):
+    data = GOLDEN.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: len(data) // 2])
+    run = laboratory.open(cut)
+    text = page(run, cut)
+    first = re.search(r'<ul class="verdicts"><li class="bad">(.*?)</li>', text)
+    assert first[1] == f"The recording is damaged: {run.damage}"
+    found = Page(text)
+    assert "No timing verdict" in found.texts["What it shows"]
+    assert "rig recover cut.mcap" in found.texts["Check and repeat"]
+    assert "No checksum proves the whole recording" in found.texts["What it shows"]
+    healed = replace(run, damage="", fault="", recovered="recovered from a damaged recording; lost: 3")
+    assert '<li class="bad">recovered from a damaged recording; lost: 3</li>' in page(healed, cut)
+
+
+@pytest.mark.parametrize("kind", ["no sample", "one sample", "no scene", "nothing", "lost samples"])
+def test_any_run_has_a_page(kind, tmp_path):
+    run = laboratory.simulate("belt", 0.05)
+
+    def first(count):
+        outputs = {name: v[:count] for name, v in run.signals.items()}
+        sensors = {name: Samples(t_ns[:count], v[:count]) for name, (t_ns, v) in run.measurements.items()}
+        return replace(run, time=run.time[:count], mode=run.mode[:count], signals=outputs, measurements=sensors)
+
+    lost = {name: Samples(t_ns, v * np.nan) for name, (t_ns, v) in run.measurements.items()}
+    runs = {
+        "no sample": lambda: first(0),
+        "one sample": lambda: first(1),
+        "no scene": lambda: replace(run, scene="", damage="its scene is damaged", fault="its scene is damaged"),
+        "nothing": lambda: Run("", 1_000_000, 1_000_000, np.empty(0), {}, {}),
+        "lost samples": lambda: replace(run, measurements=lost),
+    }
+    found = Page(page(runs[kind](), tmp_path / "gone.mcap"))
+    assert found.texts["What it shows"]
+
+
+def test_many_events_are_folded_and_those_of_contacts_counted(golden, tmp_path):
+    run = golden[0]
+    one = run.events[1]
+    many = [one | {"t_ns": k, "kind": "pause"} for k in range(300)] + [one | {"kind": "contact"}] * 7
+    found = Page(page(replace(run, events=many), tmp_path / "gone.mcap"))
+    assert "300 events: pause 300" in found.texts["Events"]
+    assert "7 events of contacts" in found.texts["Events"]
+    assert len(found.tables["Events"]) == 301
+
+
+def points(made):
+    """The pieces of a curve: x and y of each."""
+    [outline] = re.findall(r'<path d="([^"]*)" class="(?:band|line)"', made)
+    pieces = [np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", piece), float) for piece in outline.split("M")[1:]]
+    return [piece.T for piece in pieces]
+
+
+def test_a_squeal_is_a_band_and_a_gap_stays_a_gap():
+    t_ns = np.arange(100_000, dtype=np.int64) * 10_000
+    v = np.sin(2 * np.pi * 3000.0 * t_ns * 1e-9)
+    v[40_000:60_000] = np.nan
+    early, late = points(sketch(t_ns, v, (0.0, 1.0), [0.5], "a squeal"))
+    assert early[0].max() <= 0.4 * COLUMNS + 0.5
+    assert late[0].min() >= 0.6 * COLUMNS - 0.5
+    for _, y in (early, late):
+        assert (np.sort(np.unique(np.round(y / HEIGHT, 2))) == [0.04, 0.96]).all()
+    assert sketch(t_ns, v * np.nan, (0.0, 1.0), [], "nothing") == ""
+
+
+def test_the_amplitude_index_is_the_mean_of_its_cycles():
+    t = np.linspace(0.0, 1.0, 5001)
+    x = np.sin(2 * np.pi * 7 * t) * (1.0 + 0.3 * np.sin(3 * t)) + 0.01 * np.sin(900 * t)
+    found = amplitude.index(t, x)
+    middle, band = 0.5 * (x.max() + x.min()), 0.125 * np.ptp(x)
+    side = np.where(x > middle + band, 1, np.where(x < middle - band, -1, 0))
+    sided = np.flatnonzero(side)
+    rises = [int(b) for a, b in pairwise(sided) if side[b] > 0 > side[a]]
+    assert found.cycles == len(rises) - 1 > 4
+    assert found.full == np.mean([np.ptp(x[a : b + 1]) for a, b in pairwise(rises)])
+
+
+def test_the_command_writes_the_page_beside_the_recording(rig, tmp_path):
+    log = tmp_path / "a run.mcap"
+    shutil.copy(GOLDEN, log)
+    code, out, err = rig("report", log)
+    assert (code, out.strip(), err) == (0, str(tmp_path / "a run.html"), "")
+    Page((tmp_path / "a run.html").read_text(encoding="utf-8"))
+    code, out, err = rig("report", log)
+    assert code == 2
+    assert "add --force" in err
+    code, out, _ = rig("report", log, "--force", "--json")
+    assert json.loads(out) == {"path": str(tmp_path / "a run.html"), "bytes": (tmp_path / "a run.html").stat().st_size,
+                               "damage": []}  # fmt: skip
+    code, _, err = rig("report", tmp_path / "none.mcap")
+    assert code == 2
+    assert "none.mcap cannot be read: No such file" in err
+    assert not (tmp_path / "none.html").exists()
+    assert laboratory.report(log, tmp_path / "mine.html") == tmp_path / "mine.html"
+    assert (tmp_path / "mine.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the page is not opened in a browser")
+def test_a_browser_shows_the_page_and_runs_nothing_of_it(tmp_path):
+    path = tmp_path / "hostile.html"
+    path.write_text(page(hostile(), tmp_path / "gone.mcap"), encoding="utf-8")
+    quiet = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
+    asked = [BROWSER, *quiet, f"--user-data-dir={tmp_path / 'browser'}", "--dump-dom", f"file://{path}"]
+    shown = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=True).stdout
+    [title] = re.findall("<title>(.*?)</title>", shown, re.DOTALL)
+    assert title.startswith("&lt;script&gt;")
+    assert "<script" not in shown
+    assert shown.count("<section") == shown.count("<h2") == 12
+    assert shown.count("<svg") == 1
+
+
+@pytest.mark.slow
+def test_ten_minutes_of_eight_sensors_at_1_khz_take_less_than_5_s(tmp_path, capsys):
+    log = tmp_path / "long.mcap"
+    scene = laboratory.load("belt")
+    t_ns = np.arange(600_001, dtype=np.int64) * 1_000_000
+    t, noise = t_ns * 1e-9, np.random.default_rng(1).standard_normal(t_ns.size)
+    names = list(scene.assemble().outputs)
+    outputs = {name: np.sin(20.0 * t + k) + 1e-3 * noise for k, name in enumerate(names)}
+    run = Run(
+        scene=scene.to_json(), step_ns=1_000_000, frame_ns=1_000_000, time=t, signals=outputs,
+        units={name: output.unit for name, output in scene.assemble().outputs.items()}
+        | {f"meas/s{k}": "m/s" for k in range(8)},
+        measurements={f"s{k}": Samples(t_ns, np.cos(20.0 * t + k) + 1e-2 * noise) for k in range(8)},
+        mode=(np.sin(20.0 * t) > 0.5).astype(np.int64),
+    )  # fmt: skip
+    save(run, log)
+    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    subprocess.run([sys.executable, "-m", "rig", "report", str(log)], check=True, stdout=subprocess.DEVNULL)
+    wall, after = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    size = log.with_suffix(".html").stat().st_size
+    with capsys.disabled():
+        sys.stdout.write(f"\nrig report: {spent:.2f} s of processor time, {wall:.2f} s, {size / 1e6:.2f} MB of HTML\n")
+    assert spent < 5.0  # wall time without other load
+    assert size < 2_000_000

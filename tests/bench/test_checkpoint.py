@@ -1,0 +1,165 @@
+"""A recording is continued from a checkpoint: the bits are those of a simulation from the begin on."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import rig
+from rig.bench import checkpoint
+from rig.bench.branch import branch
+from rig.bench.checkpoint import packed, unpacked
+from rig.bench.verify import verify
+from rig.errors import LogError
+from rig.record.compare import compare
+from rig.record.provenance import provenance
+from rig.record.save_run import save
+from rig.scenes.protocol import STEPS
+
+# name, changes, duration [s], instant [s]
+CASES = [
+    ("pendulum", {"friction.mu_static": "0.45"}, 12.0, 11.3),  # a protocol that connects a controller, noisy sensors
+    ("belt_slow_card", {}, 2.0, 1.225),  # commands on their way, a protocol that waits for a sensor
+    ("brake_active", {}, 0.1, 0.04),  # a controller of every sample, with filters; many states
+    ("belt_dither_controlled", {}, 1.0, 0.5),
+    ("belt_shunt", {}, 1.0, 0.6),
+    ("lever_three_stage", {}, 4.0, 2.0),
+    ("brake_shunt", {}, 0.1, 0.05),  # microphone with echoes
+    ("lever_sector", {}, 2.0, 1.1),
+    ("tread_rough", {}, 0.3, 0.1),  # process noise
+    ("belt", {"sensors.vibrometer.dropout_rate": "5 Hz", "friction.mu_static": "0.45"}, 2.0, 1.3),
+]
+
+_COUNTED = (
+    "x", "fc", "energy", "edges", "tally", "size", "ended", "keys", "balance", "visited", "whole", "part", "poles",
+    "waiting", "past", "used", "random",
+)  # fmt: skip
+"""Parts of a checkpoint that do not depend on where the run was cut into pieces; rows of logs do."""
+
+
+def kept(monkeypatch, scene, seconds, count=7):
+    """Let recordings keep `count` checkpoints in `seconds`."""
+    monkeypatch.setattr(checkpoint, "STEPS", round(seconds * 1e9 / count) // scene.step_ns)
+
+
+def recorded(path, run):
+    run.provenance |= provenance(0)
+    save(run, path)
+    return path
+
+
+def told(run):
+    return [event for event in run.events if event["kind"] != "branch"]
+
+
+@pytest.fixture
+def tuned(monkeypatch, tmp_path):
+    """A branch of a belt with a controller: values were tuned at 0.5 s. Checkpoints before and after."""
+    scene = rig.load("belt_normal_force", {"controllers.nf.enable_at": "0.1 s"})
+    kept(monkeypatch, scene, 2.0)
+    log = recorded(tmp_path / "first.mcap", rig.simulate(scene, 1.0))
+    changes = {"drive.speed": "0.1 m/s", "friction.mu_static": 0.42, "controllers.nf.gain": 3.0}
+    return branch(log, 0.5, changes, 1_500_000_000)
+
+
+@pytest.mark.parametrize(("name", "changes", "duration", "at"), CASES, ids=[case[0] for case in CASES])
+def test_from_a_checkpoint_it_has_the_bits_of_the_uninterrupted_run(monkeypatch, tmp_path, name, changes, duration, at):
+    scene = rig.load(name, changes)
+    kept(monkeypatch, scene, at)
+    whole = rig.simulate(scene, duration)
+    log = recorded(tmp_path / "run.mcap", rig.simulate(scene, at))
+    for start in (at, round(0.55 * at, 3)):
+        found = branch(log, start, duration_ns=round((duration - start) * 1e9))
+        assert 0 < int(found.provenance["checkpoint_ns"]) < start * 1e9
+        same = compare(whole, found)
+        assert same.identical, same
+        assert found.energy == whole.energy
+        assert told(found) == whole.events
+        assert found.summary["plant"] == whole.summary["plant"]
+        assert found.summary["sensors"] == whole.summary["sensors"]
+        assert found.checkpoints.keys() == whole.checkpoints.keys()
+        for state, other in zip(map(unpacked, found.checkpoints.values()), map(unpacked, whole.checkpoints.values())):
+            assert [name for name in _COUNTED if state[name].tobytes() != other[name].tobytes()] == []
+
+
+def test_values_that_were_tuned_before_the_checkpoint_hold_after_it(tuned, tmp_path):
+    log = recorded(tmp_path / "second.mcap", tuned)
+    found = branch(log, 1.7, duration_ns=300_000_000)
+    assert int(found.provenance["checkpoint_ns"]) > 1_000_000_000
+    assert compare(tuned, found).identical
+    assert found.energy == tuned.energy
+    again = verify(recorded(tmp_path / "third.mcap", found))
+    assert again.passed, again.text()
+    assert again.identical
+
+
+def test_a_knock_and_a_switch_before_the_checkpoint_are_in_its_state(monkeypatch, tmp_path):
+    steps = [
+        {"step": "knock", "impulse": 0.02, "duration": 0.004},
+        {"step": "ramp", "target": "drive.speed", "to": 0.1, "over": 0.3},
+        {"step": "set", "target": "dither.enable", "to": 1.0},
+        {"step": "hold", "time": 1.0},
+    ]
+    scene = dataclasses.replace(rig.load("belt_dither"), protocol=STEPS.validate_python(steps))
+    kept(monkeypatch, scene, 1.0)
+    whole = rig.simulate(scene)
+    found = branch(recorded(tmp_path / "run.mcap", rig.simulate(scene, 1.0)), 0.9)
+    assert int(found.provenance["checkpoint_ns"]) > 500_000_000
+    assert compare(whole, found).identical
+    assert told(found) == whole.events
+
+
+def changed(run, **values):
+    return dataclasses.replace(run, **values)
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        lambda run: changed(run, checkpoints={at: state[:-9] for at, state in run.checkpoints.items()}),
+        lambda run: changed(run, checkpoints=dict.fromkeys(run.checkpoints, b"nonsense")),
+        lambda run: changed(run, checkpoints=dict.fromkeys(run.checkpoints, b'{"x": ["|O", [1]]}\n12345678')),
+        lambda run: changed(run, checkpoints=dict.fromkeys(run.checkpoints, packed({"x": np.zeros(3)}))),
+        lambda run: changed(run, checkpoints=dict.fromkeys(run.checkpoints, min(run.checkpoints.items())[1])),
+        lambda run: changed(run, checkpoints={}),
+        lambda run: changed(run, provenance={**run.provenance, "kernel": "0" * 16}),
+        lambda run: changed(run, summary={**run.summary, "lost": {"meas/vibrometer to recorder": 1}}),
+    ],
+    ids=["cut", "no_checkpoint", "objects", "other_rig", "other_instant", "none", "other_sources", "losses"],
+)
+def test_without_a_checkpoint_that_can_be_used_it_is_simulated_from_the_begin_on(tuned, tmp_path, spoilt):
+    log = recorded(tmp_path / "second.mcap", tuned)
+    save(spoilt(rig.open(log)), log)
+    found = branch(log, 1.7, duration_ns=300_000_000)
+    assert "checkpoint_ns" not in found.provenance
+    assert compare(tuned, found).identical
+
+
+def test_a_recording_is_read_back_with_its_checkpoints(tuned, tmp_path):
+    found = rig.open(recorded(tmp_path / "second.mcap", tuned))
+    assert found.checkpoints == tuned.checkpoints
+    assert len(found.checkpoints) >= 6
+
+
+def test_a_film_keeps_no_checkpoint(monkeypatch):
+    scene = rig.load("plate_96")
+    kept(monkeypatch, scene, 0.002, 2)
+    assert not rig.simulate(scene, 0.002).checkpoints
+
+
+def test_after_a_limit_no_checkpoint_is_kept(monkeypatch):
+    scene = rig.load("belt", {"friction.mu_static": "0.45", "limits.displacement": "1 mm"})
+    kept(monkeypatch, scene, 0.2)
+    run = rig.simulate(scene, 5.0)
+    at = next(event["tick"] for event in run.events if event["kind"] == "limit")
+    assert max(run.checkpoints, default=0) <= at
+
+
+def test_a_checkpoint_holds_numbers_only():
+    arrays = {"x": np.array([1.0, -0.0, np.nan]), "key": np.array([[3, 4]]), "pole": np.array([1j])}
+    found = unpacked(packed(arrays))
+    assert all(found[name].tobytes() == array.tobytes() for name, array in arrays.items())
+    head = json.dumps({"x": ["|O", [1]]}).encode()
+    with pytest.raises(LogError, match="cannot be read"):
+        unpacked(head + b"\n" + b"12345678")

@@ -1,0 +1,315 @@
+"""Controllers and other processes of a live run: who is admitted, missed, evicted or not believed."""
+
+import time
+
+import pytest
+from plant_in_thread import Bench
+from twin import Twin
+
+from rig.bench.event_lines import EventLines
+from rig.bench.finalise import timing_verdict
+from rig.bus import encode, messages
+from rig.bus.arrivals import HEADER, Arrived, Count
+from rig.errors import UsageError
+
+
+def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene):
+    with Bench(scene, duration=1.0, expect=(("controller", "nf"),)) as bench:
+        gone = bench.controller()
+        bench.begin()
+        while not bench.plant.experiment.exchange.queues["nf"].counts.taken and bench.summary is None:
+            time.sleep(0.01)
+        gone.set()
+        heard = bench.finish()
+    assert bench.summary["ended"] == "done"
+    assert bench.summary["verdict"] != "VALID"
+    assert any("controller nf left at t = " in fault for fault in bench.summary["faults"])
+    assert bench.summary["loop"]["nf"]["safe"] == 1
+    assert {"begin", "left", "safe", "end", "verdict"} <= {event.kind for event in bench.events(heard)}
+
+
+def test_a_controller_that_hangs_is_evicted_from_lockstep(scene, monkeypatch):
+    monkeypatch.setattr("rig.bench.lockstep.EVICTED", 0.3)
+    with Bench(scene, pace=None, duration=0.2, expect=(("controller", "nf"),)) as bench:
+        hung = bench.twin.open("controller", "nf")
+        hung.announce()
+        bench.begin()
+        heard = bench.finish()
+        hung.close()
+    assert bench.summary["ended"] == "done"
+    assert any("evicted at tick 0" in fault for fault in bench.summary["faults"])
+    steps = [messages.decode("step", payload).tick for payload in heard["step"]]
+    assert steps.count(0) > 3
+    assert steps[-1] == 199
+
+
+def test_a_lost_answer_is_asked_for_again(scene):
+    with Bench(scene, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
+        deaf = bench.twin.open("controller", "nf")
+        steps, act = deaf.subscribe("step"), deaf.publisher("act/nf")
+        deaf.announce()
+        bench.begin()
+        seen, answered = {}, []
+        while (message := steps.get(1.0)) is not None:
+            step = messages.decode("step", message.payload)
+            seen[step.tick] = seen.get(step.tick, 0) + 1
+            if step.tick % 7 or seen[step.tick] > 1:
+                answered.append(step.tick)
+                act.put(encode.act(step.tick, step.t_ns, (20.0 + step.tick % 5,)), step.t_ns)
+            if step.tick == 299:
+                break
+        heard = bench.finish()
+        deaf.close()
+    assert sorted(set(answered)) == list(range(300))
+    assert all(seen[tick] >= 2 for tick in range(0, 300, 7))
+    applied = [messages.decode("applied/nf", payload) for payload in heard["applied/nf"]]
+    assert [a.tick for a in applied] == list(range(300))
+
+
+def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, monkeypatch):
+    with Bench(scene, pace=None) as bench:
+        operator, experiment = bench.plant.operator, bench.plant.experiment
+        lines = experiment.exchange.queues
+        wanted = {"do": "admit", "controller": "first", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
+        operator.cmd.asker = "guest-1"
+        operator.command(wanted)
+        line = lines["first"]
+        operator.cmd.asker = "guest-2"
+        for wrong in ({"period_ns": 1}, {"drives": ["drive.speed", "load.force"]}, {"reads": ["y"], "hears": True}):
+            with pytest.raises(UsageError):
+                operator.command(wanted | {"controller": "other"} | wrong)
+            assert lines["first"] is line
+        with pytest.raises(UsageError, match="first"):  # it may be about to tell that it is here
+            operator.command(wanted | {"controller": "other"})
+        monkeypatch.setattr("rig.bench.command_inbox.ANNOUNCED_S", 0.0)
+        assert operator.command(wanted | {"controller": "other"})["tick"] == 0
+        assert set(lines) == {"nf", "other"}
+        kinds = [event.kind for event in experiment.journal.events]
+        assert kinds[-3:] == ["admitted", "dismissed", "admitted"]
+
+
+def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(scene):
+    with Bench(scene, pace=None) as bench:
+        operator, hub = bench.plant.operator, bench.plant.hub
+        wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
+        operator.cmd.asker = "guest-1"
+        operator.command(wanted)
+        operator.cmd.asker = "guest-2"
+        hub.look()
+        with pytest.raises(UsageError, match="taken"):  # it may be about to tell that it is here
+            operator.command(wanted)
+        with bench.twin.open("controller", "mine") as mine:
+            mine.announce()
+            hub.look()
+            with pytest.raises(UsageError, match="taken"):
+                operator.command(wanted)
+        hub.look()
+        operator.command(wanted)
+
+
+def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene):
+    """A recording has one number of commands for each name; who has not commanded yet may come again with more."""
+    with Bench(scene, pace=None) as bench:
+        experiment, both = bench.plant.experiment, ["drive.speed", "load.force"]
+        experiment.dismiss("nf")  # its load is free
+        for drives in (both, ["drive.speed"]):
+            experiment.admit("mine", drives, scene.frame_ns)
+            experiment.dismiss("mine")
+        experiment.admit("mine", ["drive.speed"], scene.frame_ns)
+        experiment.exchange.receive("mine", 0, (0.1,))
+        experiment.take_over()
+        experiment.dismiss("mine")
+        events = len(experiment.journal.events)
+        with pytest.raises(UsageError, match=r"commanded 1 actuators before .* would now command 2; .* another name"):
+            experiment.admit("mine", both, scene.frame_ns)
+        assert len(experiment.journal.events) == events
+        experiment.admit("mine", ["load.force"], scene.frame_ns)
+
+
+def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene):
+    with Bench(scene, pace=None) as bench:
+        experiment, hold = bench.plant.experiment, scene.clock.hold_frames
+        for _ in range(2):
+            experiment.admit("mine", ["drive.speed"], scene.frame_ns)
+            experiment.exchange.receive("mine", experiment.runner.tick, (0.1,))
+            for _ in range(hold + 2):
+                experiment.take_over()
+                experiment.runner.frame()
+            experiment.dismiss("mine")
+        assert "safe values stepped in for mine 2 times" in timing_verdict(bench.plant, {}, []).reasons
+
+
+def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
+    with Bench(scene, duration=3.0) as bench:
+        bench.begin()
+        mine = bench.twin.open("controller", "mine")
+        act = mine.publisher("act/mine")
+        act.put(encode.act(0, 0, (0.5,)), 0)
+        act.put(b"garbage", 0)
+        time.sleep(0.1)
+        wanted = {"controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
+        tick = mine.ask("cmd/plant", {"do": "admit", **wanted}, 20.0)["tick"]
+        mine.announce()
+        act.put(encode.act(tick, 0, (0.5,)), 0)
+        act.put(encode.act(10**9, 0, (0.7,)), 0)
+        heard = bench.finish()
+        mine.close()
+    kinds = [event.kind for event in bench.events(heard)]
+    assert "refused" in kinds
+    assert "admitted" in kinds
+    assert bench.summary["loop"]["refused"] == {"mine": 1}
+    assert bench.summary["loop"]["mine"]["taken"] == 1
+    assert bench.summary["loop"]["mine"]["refused"] == 1
+    assert bench.summary["loop"]["mine"]["safe"] == 1
+
+
+def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(scene):
+    with Bench(scene, pace=None) as bench:
+        operator, hub = bench.plant.operator, bench.plant.hub
+        wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
+
+        def told(user, seq):
+            header = HEADER.pack(seq, 0)
+            act = Arrived(user, "act/mine", encode.act(0, 0, (0.5,)), header, True, messages.encoding("act/mine"))
+            hub.commands.acts.queue.put(act)
+            found = hub.commands.next()
+            return found and found[0]
+
+        assert told("guest-1", 0) is None  # not admitted
+        operator.cmd.asker = "guest-1"
+        operator.command(wanted)
+        assert [told("guest-2", 1), told("mine", 2), told("guest-1", 3)] == [None, None, "mine"]
+        operator.cmd.asker = "guest-2"
+        with pytest.raises(UsageError, match="taken"):
+            operator.command(wanted)
+        operator.cmd.asker = "guest-1"  # the same process asks again
+        operator.command(wanted)
+        assert [told("guest-2", 4), told("guest-1", 5)] == [None, "mine"]
+        refused = hub.session.door.refusals()
+        assert refused["guest-1 on act/mine: not admitted"] == 1
+        assert refused["guest-2 on act/mine: another one commands there"] == 2
+
+
+def test_a_guest_under_a_made_up_role_is_not_missed(scene):
+    with Bench(scene, pace=None, expect=(("recorder", "r"),)) as bench:
+        plant, housekeeper, open_ = bench.plant, bench.plant.housekeeper, bench.twin.open
+        first = [open_("recorder", "r"), open_("controller", "early")]
+        for session in first:
+            session.announce()
+        housekeeper.notice()
+        housekeeper.begin(0, None)
+        plant.experiment.admit("mine", ["drive.speed"], scene.frame_ns)
+        plant.session.door.reserved = frozenset({"recorder"})
+        late = [("controller", "t0"), ("recorder", "rr"), ("controller", "mine"), ("recorder", "recorder")]
+        for session in (others := [open_(*who) for who in late]):
+            session.announce()
+        housekeeper.notice()
+        for session in (*first, *others):
+            session.close()
+        housekeeper.notice()
+        told = [fault.partition(" left at")[0] for fault in housekeeper.faults]
+        assert told == ["recorder r", "controller early", "controller mine", "recorder"]
+        noted = [event.text for event in plant.experiment.journal.events if event.kind == "left"]
+        assert any("controller t0 left" in text for text in noted)
+
+
+def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, monkeypatch):
+    monkeypatch.setattr("rig.bench.finalise.ANSWERS_S", 60.0)
+    with Bench(scene, pace=None, duration=0.1) as bench:
+        bench.plant.session.door.reserved = frozenset({"recorder"})
+        silent, liar, controller = (
+            bench.twin.open(role, name)
+            for role, name in (("recorder", "silent"), ("recorder", "liar"), ("controller", "mine"))
+        )
+        for session in (silent, liar, controller):
+            session.announce()
+
+        def lie():
+            asked = liar.subscribe("total/plant")
+            assert asked.get(20.0) is not None
+            for session in (liar, controller):
+                session.publisher(f"total/{session.name}").put(session.totals(), 0)
+
+        bench.thread(lie)
+        begin = time.monotonic()
+        bench.begin()
+        bench.finish()
+    assert time.monotonic() - begin < 30.0
+    assert (bench.summary["lost"], bench.summary["unknown"], bench.summary["faults"]) == ({}, [], [])
+
+
+@pytest.mark.parametrize(("signs", "unknown"), [(4, []), (40, ["recorder recorder"])])
+def test_a_recorder_that_is_behind_is_waited_for_while_it_catches_up_but_not_forever(
+    scene, monkeypatch, signs, unknown
+):
+    monkeypatch.setattr("rig.bench.finalise.ANSWERS_S", 1.0)
+    monkeypatch.setattr("rig.bench.finalise.CATCH_UP_S", 4.0)
+    with Bench(scene, pace=None, duration=0.1, expect=(("recorder", "recorder"),)) as bench:
+        recorder = bench.twin.open("recorder", "recorder")
+        heard, ended = (
+            recorder.subscribe("**", depth=1 << 16),
+            bench.twin.open("operator", "o").subscribe("total/plant"),
+        )
+        recorder.announce()
+
+        def catch_up():
+            assert ended.get(20.0) is not None
+            for _ in range(signs):
+                time.sleep(0.4)
+                recorder.publisher("total/recorder").put(recorder.totals(), 0)
+            while heard.get() is not None:
+                pass
+            recorder.publisher("total/recorder").put(recorder.totals(), 0)
+
+        bench.thread(catch_up)
+        bench.begin()
+        bench.finish()
+    assert bench.summary["unknown"] == unknown
+    assert bench.summary["lost"] == {}
+    assert (bench.summary["faults"] == []) == (not unknown)
+
+
+def test_a_backlog_is_no_flood(scene):
+    """A controller that was held up answers every step that waited for it, once."""
+    with Bench(scene, pace=None) as bench:
+        hub = bench.plant.hub
+        count = hub.commands.acts.counts["act/nf"] = Count()
+
+        def told(steps, commands):
+            hub.commands.steps.sent += steps
+            hub.commands.last_step += steps
+            count.received += commands
+            return hub.commands.floods()
+
+        assert told(200, 200) == []
+        assert [told(200, 0) for _ in range(15)] == [[]] * 15
+        assert told(211, 1869) == []
+        assert told(200, 1542) == []
+        assert told(200, 1800) == []
+        assert told(200, 2000) == ["controller nf sent 2000 commands for 200 steps"]
+
+
+def test_who_does_not_come_is_not_waited_for_forever(scene):
+    with Bench(scene, pace=None, duration=0.1, wait=0.2, expect=(("controller", "nf"),)) as bench:
+        bench.begin()
+        bench.finish()
+    assert "controller nf was not here when the run began" in bench.summary["faults"]
+    assert bench.summary["verdict"] == "DEGRADED"
+
+
+def test_only_the_plant_tells_that_the_run_is_over():
+    twin, lines = Twin("told"), []
+    shown = EventLines(lines.append)
+    events = twin.open("operator", "supervisor").subscribe("event/*")
+    guest, plant = (
+        twin.open(role, name).publisher(f"event/{name}") for role, name in (("controller", "mine"), ("plant", "plant"))
+    )
+    for kind in ("end", "limit"):
+        guest.put(messages.event(0, 0, "plant", kind, "so it says"), 0)
+    shown.show(events)
+    assert not shown.over
+    plant.put(messages.event(0, 0, "plant", "limit", "too far"), 0)
+    plant.put(messages.event(0, 0, "plant", "end", "done"), 0)
+    shown.show(events)
+    assert shown.over
+    assert lines == ["    0.000 s  mine: limit: so it says", "    0.000 s  limit: too far"]

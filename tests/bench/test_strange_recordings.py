@@ -1,0 +1,124 @@
+"""Recordings that no run of this version makes: verify and the branch say in words what is wrong."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import rig
+from rig.bench.branch import branch
+from rig.bench.verify import verify
+from rig.errors import LogError
+from rig.record.provenance import provenance
+from rig.record.run import Samples
+from rig.record.save_run import save
+
+
+@pytest.fixture(scope="module")
+def run():
+    found = rig.simulate(rig.load("belt_normal_force", {"controllers.nf.enable_at": "0.1 s"}), 0.5)
+    found.provenance |= provenance(0)
+    return found
+
+
+def renamed(found, old, new):
+    return {(new if name == old else name): value for name, value in found.items()}
+
+
+def acted(run, kind, data):
+    event = {"t_ns": 200_000_000, "tick": 200, "source": "plant", "kind": kind, "text": "", "data": data}
+    return {"events": [*run.events, event]}
+
+
+def by(**data):
+    return {"by": "operator", **data}
+
+
+def command(run, change):
+    return {"commands": {"nf": change(run.commands["nf"])}}
+
+
+def twice(run):
+    t_ns, v = run.measurements["vibrometer"]
+    return {**run.measurements, "vibrometer": Samples(np.repeat(t_ns, 2), np.repeat(v, 2))}
+
+
+DESCRIBED = {
+    "an output of another name": (
+        lambda run: {"signals": renamed(run.signals, "velocity", "speed")},
+        "the output speed is recorded, but the rig of the scene has none of this name here",
+    ),
+    "a sensor of another name": (
+        lambda run: {"measurements": renamed(run.measurements, "vibrometer", "vib")},
+        "the sensor vib is recorded, but not in the scene",
+    ),
+    "no sensor": (lambda run: {"measurements": {}}, "the sensor vibrometer is in the scene, but not recorded"),
+    "no output": (
+        lambda run: {"signals": {}, "time": np.empty(0), "mode": np.empty(0, np.int64)},
+        "no output of the rig is recorded",
+    ),
+    "other frames": (lambda run: {"frame_ns": 2_000_000}, "its frames are 2 ms, those of its scene 1 ms"),
+    "samples twice": (lambda run: {"measurements": twice(run)}, " samples of vibrometer "),
+}
+REFUSED = {
+    "commands of another width": (
+        lambda run: command(run, lambda c: c._replace(values=np.hstack([c.values, c.values]))),
+        "the recorded commands of nf have 2 values, its actuators are load.force",
+    ),
+    "a change of nothing": (lambda run: acted(run, "parameter", by()), "event parameter .* cannot be .* lack 'set'"),
+    "a change of a list": (
+        lambda run: acted(run, "parameter", by(set=[1])),
+        "event parameter of an operator at t = 0.2",
+    ),
+    "an unknown parameter": (
+        lambda run: acted(run, "parameter", by(set={"friction.nope": 1.0})),
+        "t = 0.2 s cannot be repeated: friction.nope: unknown key",
+    ),
+    "a knock with words": (lambda run: acted(run, "knock", by(impulse="hard")), "event knock .* cannot be repeated"),
+    "half an admission": (lambda run: acted(run, "admitted", by(controller="a")), "event admitted .* lack 'drives'"),
+    "nobody is dismissed": (lambda run: acted(run, "dismissed", by(controller="a")), "event dismissed .* lack 'a'"),
+}
+
+
+@pytest.mark.parametrize("what", DESCRIBED)
+def test_what_does_not_belong_to_the_scene_is_a_fault(run, tmp_path, what):
+    change, told = DESCRIBED[what]
+    save(dataclasses.replace(run, **change(run)), tmp_path / "run.mcap")
+    found = verify(tmp_path / "run.mcap")
+    assert any(told in fault for fault in found.faults), found.text()
+    with pytest.raises(LogError, match=r"cannot be continued|does not repeat|not certain"):
+        branch(tmp_path / "run.mcap", 0.4, duration_ns=10**7)
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_cannot_be_repeated_is_refused_with_time_and_reason(run, tmp_path, what):
+    change, told = REFUSED[what]
+    save(dataclasses.replace(run, **change(run)), tmp_path / "run.mcap")
+    for use in (verify, lambda log: branch(log, 0.4, duration_ns=10**7)):
+        with pytest.raises(LogError, match=told) as refused:
+            use(tmp_path / "run.mcap")
+        assert str(refused.value).startswith(f"{tmp_path / 'run.mcap'}: the recorded ")
+
+
+def test_an_event_whose_data_are_no_object_is_read(run, tmp_path):
+    save(dataclasses.replace(run, **acted(run, "parameter", [1])), tmp_path / "run.mcap")
+    assert rig.open(tmp_path / "run.mcap").events[-1]["data"] == {"data": [1]}
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_sample_that_is_no_number_is_found_on_another_processor(run, tmp_path, value):
+    t_ns, v = run.measurements["vibrometer"]
+    bent = v.copy()
+    bent[100] = value
+    other = {**run.measurements, "vibrometer": Samples(t_ns, bent)}
+    there = run.provenance | {"processor": "another processor"}
+    save(dataclasses.replace(run, measurements=other, provenance=there), tmp_path / "run.mcap")
+    found = verify(tmp_path / "run.mcap")
+    assert any("meas/vibrometer parts at t = 0.1 s" in fault for fault in found.faults), found.text()
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_output_of_no_numbers_is_found_without_a_warning(run, tmp_path):
+    nothing = {**run.signals, "velocity": np.full(run.time.size, np.nan)}
+    save(dataclasses.replace(run, signals=nothing), tmp_path / "run.mcap")
+    assert any("velocity parts at t = 0 s" in fault for fault in verify(tmp_path / "run.mcap").faults)

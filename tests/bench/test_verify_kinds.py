@@ -1,0 +1,228 @@
+"""Every kind of recording is simulated again bit by bit; with one value, command or event changed it is not."""
+
+import dataclasses
+import json
+import time
+from collections import Counter
+
+import numpy as np
+import pytest
+from going import Going
+
+import rig
+from rig import bus, scenes
+from rig.bench.plant_process import warm
+from rig.bench.replay import replay
+from rig.bench.verify import verify
+from rig.child_process import Child, end
+from rig.record.save_run import save
+from rig.scenes.scene import Scene
+
+# scene, changes, simulated time [s]
+SIMULATED = {
+    "sector": ("lever_sector", {"sector.place": "0.2 rad"}, 1.0),
+    "dither": ("belt_dither", {"dither.enable": "true"}, 0.4),
+    "dither by commands": ("belt_dither_sampled", {"controllers.dither.enable_at": "0.2 s"}, 0.5),
+    "dither that a controller adapts": ("belt_dither_controlled", {"controllers.dither.enable_at": "0.2 s"}, 0.6),
+    "shunt that the protocol switches": ("belt_shunt", {}, 4.3),
+    "shunt that a controller switches": (
+        "brake_shunt_listener",
+        {"controllers.listener.threshold": "1 mm/s", "controllers.listener.hold": "50 ms"},
+        0.4,
+    ),
+    "drop-outs and drift": (
+        "belt",
+        {"sensors.vibrometer.dropout_rate": "300 1/s", "sensors.normal_force.kind": "normal_force"},
+        0.4,
+    ),
+}
+
+
+@pytest.fixture(scope="module", params=SIMULATED)
+def simulated(request):
+    name, changes, duration = SIMULATED[request.param]
+    return request.param, rig.simulate(rig.load(name, changes), duration)
+
+
+def saved(run, path):
+    save(run, path)
+    return verify(path)
+
+
+def with_values(run, name, t_ns, v):
+    return dataclasses.replace(run, measurements={**run.measurements, name: type(run.measurements[name])(t_ns, v)})
+
+
+def changed(run):
+    """The run with one thing changed: what was changed, the run, and what the verification names."""
+    for name, (t_ns, v) in run.measurements.items():
+        bent, at = v.copy(), int(np.flatnonzero(np.isfinite(v))[v.size // 2])
+        bent[at] = np.nextafter(bent[at], np.inf)
+        yield f"a sample of {name}", with_values(run, name, t_ns, bent), f"meas/{name} parts at t = "
+    for name, v in run.signals.items():
+        bent = v.copy()
+        bent[v.size // 2] = np.nextafter(bent[v.size // 2], np.inf)
+        yield f"a value of {name}", dataclasses.replace(run, signals={**run.signals, name: bent}), f"{name} parts at "
+    mode = run.mode.copy()
+    mode[mode.size // 2] += 1
+    yield "a mode set", dataclasses.replace(run, mode=mode), "mode set parts at t = "
+    for name, commands in run.commands.items():
+        steps = np.flatnonzero((np.diff(commands.values, axis=0) != 0.0).any(axis=1)) + 1
+        assert steps.size, f"{name} never changes its command"
+        values = commands.values.copy()
+        values[steps[0]] = values[steps[0] - 1]  # it comes one frame late
+        late = commands._replace(values=values)
+        yield f"a command of {name}", dataclasses.replace(run, commands={**run.commands, name: late}), "parts at t = "
+        for field, at in (("answered", commands.tick.size // 2), ("status", -1)):
+            other = getattr(commands, field).copy()
+            other[at] += 1 if field == "answered" else 2 - 2 * (other[at] == 2)  # safe values, or none
+            bent = commands._replace(**{field: other})
+            yield f"the {field} of {name}", dataclasses.replace(run, commands={**run.commands, name: bent}), "be right"
+    kinds = {event["kind"]: i for i, event in enumerate(run.events) if event["source"] == "plant"}
+    for kind in kinds.keys() & {"contact", "step", "mark", "parameter", "knock", "admitted"}:
+        i, event = kinds[kind], run.events[kinds[kind]]
+        earlier = event | {"t_ns": event["t_ns"] - 10 * run.frame_ns, "tick": event["tick"] - 10}
+        for what, there in (("tick", [earlier]), ("text", [event | {"text": "?"}]), ("lack", [])):
+            if what == "tick" and event["tick"] < 10:
+                continue
+            events = [*run.events[:i], *there, *run.events[i + 1 :]]
+            yield f"the {what} of {kind}", dataclasses.replace(run, events=events), " parts at t = "
+
+
+def test_it_is_what_it_is_called(simulated):
+    kind, run = simulated
+    if kind == "sector":
+        name, changes, duration = SIMULATED[kind]
+        alike = {**changes, "sector.friction.mu_static": "0.42", "sector.friction.mu_kinetic": "0.3"}
+        other = rig.simulate(rig.load(name, alike), duration)
+        assert not np.array_equal(run.signals["friction_force"], other.signals["friction_force"])
+    elif kind == "drop-outs and drift":
+        assert run.summary["sensors"]["vibrometer"]["dropped_out"] > 0
+        assert rig.load(*SIMULATED[kind][:2]).sensors["normal_force"].drift > 0.0
+    elif "switches" in kind:
+        on = run.signals["shunt_current"] != 0.0
+        assert 0 < np.count_nonzero(on) < on.size
+    elif "controller" in kind or "commands" in kind:
+        assert len({tuple(values) for values in run.commands["dither"].values.tolist()}) > 1
+
+
+def test_it_is_simulated_again_bit_by_bit(simulated, tmp_path):
+    found = saved(simulated[1], tmp_path / "run.mcap")
+    assert found.passed, found.text()
+    assert found.identical
+    assert found.events == Counter(event["kind"] in ("contact", "step", "mark") for event in simulated[1].events)[True]
+
+
+def test_nothing_in_it_can_be_changed(simulated, tmp_path):
+    for what, run, told in changed(simulated[1]):
+        found = saved(run, tmp_path / "changed.mcap")
+        assert not found.passed, what
+        assert any(told in fault for fault in found.faults), (what, found.faults)
+
+
+MINE = '''
+"""Changes the speed of the belt with the mean velocity of the body."""
+
+from rig.quantities import Number, Section
+
+
+class Parameters(Section):
+    share: Number = 0.1
+
+
+class Controller:
+    reads, drives, period_ns = ("vibrometer",), ("drive.speed",), 2_000_000
+
+    def __init__(self, section, numbers):
+        self.section, self.numbers = section, numbers
+
+    def start(self):
+        return 0.0
+
+    def update(self, state, t_ns, values):
+        state = 0.99 * state + 0.01 * values[0]
+        return state, (0.05 + self.section.share * state,)
+'''
+
+
+@pytest.fixture
+def mine(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(MINE)
+    return path
+
+
+@pytest.mark.slow
+def test_a_live_run_with_all_that_can_happen_to_it(runs, tmp_path, mine):
+    """Values are tuned, a knock, a late joiner, controllers are killed and started again: verified and replayed."""
+    scene = scenes.load("belt_normal_force", {"controllers.nf.enable_at": "0.1 s"})
+    warm(scene)
+    path, started = runs / "run.mcap", []
+
+    def join(*arguments):
+        started.append(Child(f"controller {arguments[0]}", ["rig", "control", *map(str, arguments)]))
+
+    going = Going(scene, duration=60.0, out=path)
+    try:
+        going.line("begin: begins with")
+        with bus.join(role="operator", name="test") as me:
+            me.ask("param/plant", {"set": {"friction.mu_static": 0.45}}, 20.0)
+            me.ask("param/nf", {"set": {"gain": "150 N*s/m"}}, 20.0)
+            join(mine, "-p", "share=0.2")
+            going.line("joined: controller mine")
+            me.ask("cmd/plant", {"do": "knock", "impulse": 0.01}, 5.0)
+            going.process("rig.controllers.runtime.process nf").kill()
+            going.line("nf has been silent")
+            started[0].process.kill()
+            going.line("mine has been silent")
+            join("nf")
+            going.line("nf commands again")
+            join(mine)
+            going.line("joined: controller mine", times=2)
+            time.sleep(1.0)
+            me.ask("param/mine", {"set": {"share": 0.05}}, 5.0)
+            time.sleep(1.0)
+            me.ask("cmd/plant", {"do": "stop"}, 5.0)
+        outcome = going.wait(60.0)
+    finally:
+        end(started, 1.0)
+    assert not any(way.endswith("to recorder") for way in outcome.summary["lost"]), outcome.summary["lost"]
+    found = verify(path)
+    assert found.passed, found.text()
+    assert found.identical
+    run = rig.open(path)
+    assert 2 in run.commands["nf"].status
+    assert 2 in run.commands["mine"].status
+    assert saved(run, tmp_path / "saved.mcap").passed
+    for what, other, told in changed(run):
+        found = saved(other, tmp_path / "changed.mcap")
+        assert any(told in fault for fault in found.faults), (what, found.faults)
+
+    again = replay(path, ["nf", str(mine)])
+    silent = {name for name, count in again.silent.items() if count}
+    assert again.unanswered == 0
+    assert min(again.compared.values()) > 500
+    assert silent or again.divergence is None, again.text()
+    other = replay(path, [str(mine)], changes={"controllers.mine.share": "0.21"})
+    assert other.divergence.topic == "act/mine"
+
+
+@pytest.mark.parametrize("where", ["plant", "process"])
+def test_two_controllers_are_replayed_together(runs, where):
+    """One of them answers every third step; the other one may have worked in the plant's process."""
+    raw = json.loads(scenes.load("belt_normal_force", {"controllers.nf.enable_at": "0.1 s"}).to_json())
+    other = scenes.load(
+        "belt_velocity_feedback", {"controllers.belt.enable_at": "0.2 s", "controllers.belt.period": "3 ms"}
+    )
+    raw["controllers"]["bv"] = json.loads(other.to_json())["controllers"]["belt"]
+    raw["controllers"]["nf"]["where"] = where
+    scene = Scene.from_json(json.dumps(raw))
+    warm(scene)
+    path = runs / "run.mcap"
+    assert Going(scene, pace=None, duration=0.4, out=path).wait(100.0).exit_code == 0
+    found = verify(path)
+    assert found.passed, found.text()
+    assert found.identical
+    again = replay(path, ["nf", "bv"], pace=2.0)
+    assert (again.divergence, again.unanswered, again.fault) == (None, 0, ""), again.text()
+    assert again.compared == {"nf": 400, "bv": 134}

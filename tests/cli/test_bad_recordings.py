@@ -1,0 +1,224 @@
+"""Files that are no whole recording, given to every command that reads one: each says in words what is wrong with which
+file, and what can still be read.
+"""
+
+from pathlib import Path
+
+import pytest
+from mcap.writer import Writer as OtherWriter
+
+import rig as lab
+from rig.cli import app
+from rig.errors import LogError
+from rig.record.mcap_file import Writer
+from rig.record.message_scan import Scan
+
+BELT = Path(__file__).parents[2] / "recordings" / "golden" / "belt.mcap"
+TAKES = {
+    "note": ("a note",),
+    "diff": (BELT,),
+    "export": ("--to", "csv", "--out", "tables"),
+    "response": ("--input", "vibrometer", "--output", "velocity"),
+    "view": ("--save", "view.rrd"),
+    "replay": ("--pace", "max"),
+}
+"""What a command needs beside the recording."""
+COMMANDS = sorted(
+    name
+    for name, command in app.program.commands.items()
+    if any(getattr(one.callback, "__name__", "") == "recording" for one in command.params)
+)
+
+
+def other(path, profile, library, topic, schema):
+    """An MCAP file as another program writes it."""
+    out = OtherWriter(str(path))
+    out.start(profile=profile, library=library)
+    channel = out.register_channel(topic, "json", out.register_schema(schema, "jsonschema", b"{}"))
+    for k in range(10):
+        out.add_message(channel, k, b"{}", k)
+    out.finish()
+
+
+def rewritten(path, without="nothing", form="1"):
+    """The recording of the belt without a topic, or in another format; its checksums are right."""
+    scan = Scan(BELT)
+    messages = [(scan.channels[one.channel_id], one) for one in scan.messages()]
+    with path.open("wb") as file:
+        out, channels = Writer(file, 1 << 18), {}
+        for one in scan.attachments.values():
+            out.attach(one.name, one.media_type, one.data, one.log_time)
+        for name, values in scan.metadata.items():
+            out.note(name, {**values, "format": form} if name == "log" else values)
+        for made, one in messages:
+            if made.topic.startswith(without):
+                continue
+            if made.topic not in channels:
+                schema = scan.schemas[made.schema_id]
+                described = out.schema(schema.name, schema.encoding, schema.data)
+                channels[made.topic] = out.channel(made.topic, made.message_encoding, described, made.metadata)
+            out.add(channels[made.topic], one.log_time, one.data, one.publish_time, one.sequence)
+        out.finish()
+
+
+NOTHING = {
+    "empty": "the file is empty",
+    "text": "it is not an MCAP file: it begins with the bytes 68 65 6c 6c",
+    "picture": "it is not an MCAP file: it begins with the bytes 89 50 4e 47",
+    "begin": "it breaks off before the description of its run",
+    "head": "it breaks off before the description of its run",
+    "ros2": "it is an MCAP file of another program (profile 'ros2' and library 'rosbag2'; its channels: /imu)",
+    "json": "it is an MCAP file of another program (no profile and library 'mine'; its channels: meas/vibrometer)",
+    "newer": "is a recording of format 99, written by a newer version",
+    "folder": "it is a folder",
+    "absent": "No such file",
+}
+"""Files of which nothing can be read -> what is said."""
+PART = {
+    "block": "of its 771 messages are missing",
+    "cut": "it breaks off after t = ",
+    "no_velocity": "no message of truth/velocity is in it; the other channels can be read",
+    "no_outputs": "no message of truth/velocity, truth/displacement, truth/acceleration, ",
+    "no_sensor": "no message of meas/vibrometer is in it",
+}
+"""Files of which a part can be read -> what is said."""
+
+
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bad")
+    whole = BELT.read_bytes()
+    middle = bytearray(whole)
+    middle[len(whole) // 2 : len(whole) // 2 + 200] = bytes(200)
+    contents = {
+        "empty": b"",
+        "text": b"hello, this is not a recording at all",
+        "picture": b"\x89PNG\r\n\x1a\n" + bytes(range(256)),
+        "begin": whole[:8],
+        "head": whole[:60],
+        "block": middle,
+        "cut": whole[: len(whole) // 2],
+    }
+    for name, data in contents.items():
+        (folder / name).write_bytes(data)
+    (folder / "folder").mkdir()
+    other(folder / "ros2", "ros2", "rosbag2", "/imu", "sensor_msgs/msg/Imu")
+    other(folder / "json", "", "mine", "meas/vibrometer", "Sample")
+    rewritten(folder / "newer", form="99")
+    rewritten(folder / "no_velocity", without="truth/velocity")
+    rewritten(folder / "no_outputs", without="truth/")
+    rewritten(folder / "no_sensor", without="meas/")
+    assert {path.name for path in folder.iterdir()} | {"absent"} == NOTHING.keys() | PART.keys()
+    return folder
+
+
+@pytest.fixture
+def call(rig, tmp_path, monkeypatch, runs):
+    """Runs a command on a file in an empty folder: exit code and what was said, in one line."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "1000")
+
+    def judge(command, path):
+        code, out, err = rig(command, path, *TAKES.get(command, ()))
+        assert "Traceback" not in out + err
+        return code, " ".join((out + err).split())
+
+    return judge
+
+
+def test_the_commands_are_those_that_read_a_recording():
+    assert len(COMMANDS) >= 14
+    assert {"verify", "export", "view", "recover", "note"} <= set(COMMANDS)
+    assert TAKES.keys() <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("kind", NOTHING)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_what_is_no_recording_is_named_with_what_it_is(call, bad, command, kind):
+    code, said = call(command, bad / kind)
+    assert code == 2
+    assert str(bad / kind) in said
+    assert NOTHING[kind] in said
+
+
+@pytest.mark.parametrize("kind", PART)
+@pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"note", "recover"}))
+def test_a_recording_that_lacks_something_is_read_and_says_what_it_lacks(call, bad, command, kind):
+    code, said = call(command, bad / kind)
+    assert code in (0, 1, 2)
+    assert str(bad / kind) in said or code == 0
+    if command != "replay" or kind in ("block", "cut"):  # what is replayed are messages, whatever there is
+        assert PART[kind] in said
+
+
+@pytest.mark.parametrize("kind", PART)
+def test_what_lacks_something_is_not_verified(call, bad, kind):
+    code, said = call("verify", bad / kind)
+    assert code == 1
+    assert f"{bad / kind}: not verified {lab.open(bad / kind).damage}" in said
+
+
+@pytest.mark.parametrize("kind", sorted(NOTHING.keys() - {"folder"}))
+@pytest.mark.parametrize("command", [("runs",), ("simulate", "--duration", "0.1", "--from"), ("diff", BELT)])
+def test_a_recording_that_is_named_elsewhere_is_named_with_what_it_is_too(rig, runs, bad, command, kind):
+    code, out, err = rig(*command, bad / kind)
+    assert code == 2
+    assert str(bad / kind) in err
+    assert NOTHING[kind] in err or (kind == "absent" and "no such" in err)
+    assert "Traceback" not in out + err
+
+
+@pytest.mark.parametrize("command", ["simulate", "run", "modes"])
+def test_a_recording_is_no_scene(rig, command):
+    code, _, err = rig(command, BELT)
+    assert code == 2
+    assert f"{BELT}:" in err
+    assert "is a recording (MCAP) and no scene; rig simulate --from LOG continues it" in " ".join(err.split())
+
+
+@pytest.mark.parametrize("kind", NOTHING)
+def test_python_says_the_same_of_what_is_no_recording(bad, kind):
+    with pytest.raises(LogError) as refused:
+        lab.open(bad / kind)
+    assert str(bad / kind) in str(refused.value)
+    assert NOTHING[kind] in str(refused.value) or kind == "folder"
+
+
+def test_python_reads_what_is_left(bad):
+    whole = lab.open(BELT)
+    for kind, text in PART.items():
+        run = lab.open(bad / kind)
+        assert text in run.damage
+        assert run.scene == whole.scene
+    assert lab.open(bad / "no_velocity").signals.keys() == whole.signals.keys() - {"velocity"}
+    assert lab.open(bad / "no_sensor").signals["velocity"].tobytes() == whole.signals["velocity"].tobytes()
+    assert lab.open(bad / "no_outputs").measurements["vibrometer"].v.size == 201
+    assert lab.open(bad / "cut").time[-1] > 1.0
+
+
+def test_a_file_that_may_not_be_read_is_named(tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)  # the tests may run as a user who may read everything
+    with pytest.raises(LogError, match=r"run\.mcap cannot be read: Permission denied"):
+        lab.open(tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("spectrum", ("--signal", "velocty")),
+        ("portrait", ("--x", "velocty")),
+        ("response", ("--input", "velocty", "--output", "displacement")),
+        ("hysteresis", ("--over", "velocty")),
+        ("export", ("--to", "csv", "--only", "velocty")),
+        ("sound", ("--signal", "vibrometr")),
+    ],
+)
+def test_an_unknown_channel_is_answered_with_those_that_exist(rig, command, options, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = rig(command, BELT, *options)
+    assert code == 2
+    assert next(one for one in options if one.startswith("v")) in err
+    assert "velocity" in err or "vibrometer" in err

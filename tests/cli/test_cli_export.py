@@ -1,0 +1,160 @@
+"""`rig export`: what it writes and says, and what it refuses."""
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import loadmat
+
+import rig as laboratory
+from rig.cli.export import NAMES
+from rig.record.export import FORMATS
+from rig.record.run import Run, Samples
+
+GOLDEN = "recordings/golden/pendulum.mcap"
+
+
+@pytest.fixture
+def log(request, tmp_path):
+    path = tmp_path / "log.mcap"
+    shutil.copy(request.config.rootpath / GOLDEN, path)
+    return path
+
+
+def test_the_help_lists_the_formats_that_exist():
+    assert NAMES == tuple(sorted(FORMATS))
+
+
+@pytest.mark.parametrize("to", NAMES)
+def test_every_format_is_written_beside_the_recording(rig, log, to):
+    code, out, err = rig("export", log, "--to", to)
+    assert code == 0
+    assert "outputs of the plant were recorded at 200 Hz and not filtered" in err
+    name = f"log-{to}" if FORMATS[to].folder else f"log{FORMATS[to].suffix}"
+    assert {one.name for one in log.parent.iterdir()} == {"log.mcap", name}
+    assert out.splitlines()[0] == f"{log.parent / name}:"
+    if to == "wav":
+        assert "  sensors_1000_Hz_vibrometer.wav: 9001 samples at 1000 Hz, full scale 0.1126 m/s" in out
+    else:
+        assert "  outputs: 1801 rows at 200 Hz, 11 columns and the time" in out
+        assert "  commands_nf: 1000 rows, 4 columns and the time" in out
+
+
+def test_chosen_signals_at_a_lower_rate(rig, log, tmp_path):
+    out = tmp_path / "new" / "less.mat"
+    code, text, err = rig(
+        "export", log, "--to", "mat", "--only", "vibrometer, nf", "--rate", "100 Hz", "--out", out, "--json"
+    )
+    assert code == 0
+    report = json.loads(text)
+    assert [one["table"] for one in report["tables"]] == ["sensors_100_Hz", "commands_nf"]
+    (note,) = report["notes"]
+    assert note in err
+    assert note.startswith("vibrometer: recorded at 1000 Hz, now at 100 Hz behind a low-pass filter")
+    data = loadmat(out, simplify_cells=True)
+    assert data["run"]["signals"] == note
+    assert data["run"]["recording"] == "log.mcap"
+    assert np.array_equal(data["sensors_100_Hz"]["time"], np.arange(901) / 100)
+    sent = laboratory.open(log).commands["nf"]
+    assert np.array_equal(data["commands_nf"]["load_force"], sent.values[:, 0])
+    assert data["names"]["commands_nf"]["load_force"] == "load.force"
+    assert data["units"]["commands_nf"]["load_force"] == "N"
+
+
+def test_damage_is_printed_and_written(rig, log):
+    log.write_bytes(log.read_bytes()[:500_000])
+    code, out, err = rig("export", log, "--to", "csv", "--json")
+    assert code == 0
+    (damage,) = json.loads(out)["damage"]
+    assert "it breaks off after t = " in damage
+    assert f"{log}: {damage}" in err
+    package = json.loads((log.parent / "log-csv" / "datapackage.json").read_text())
+    assert package["run"]["damage"] == damage
+    read = pd.read_csv(log.parent / "log-csv" / "outputs.csv")
+    assert 0 < len(read) < 1801
+
+
+def test_what_exists_is_replaced_by_force_only(rig, log):
+    for to in ("csv", "netcdf"):
+        assert rig("export", log, "--to", to, "--only", "velocity")[0] == 0
+    files = {one: one.read_bytes() for one in log.parent.rglob("*") if one.is_file()}
+    code, _, err = rig("export", log, "--to", "netcdf")
+    assert code == 2
+    assert f"--out {log.parent / 'log.nc'} exists; name another file, or add --force to replace it" in err
+    code, _, err = rig("export", log, "--to", "csv", "--only", "velocity")
+    assert code == 2
+    assert "has outputs.csv, datapackage.json; name another folder, or add --force to replace them" in err
+    assert {one: one.read_bytes() for one in log.parent.rglob("*") if one.is_file()} == files
+    (log.parent / "log-csv" / "mine.txt").write_text("mine")
+    for to in ("csv", "netcdf"):
+        assert rig("export", log, "--to", to, "--only", "displacement", "--force")[0] == 0
+    assert pd.read_csv(log.parent / "log-csv" / "outputs.csv").columns.tolist() == ["time [s]", "displacement [m]"]
+    assert (log.parent / "log-csv" / "mine.txt").read_text() == "mine"
+    assert (log.parent / "log.nc").read_bytes() != files[log.parent / "log.nc"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--to", "xls"), "--to xls: expected csv, hdf5, mat, netcdf, parquet or wav"),
+        ((), "Missing option '--to'"),
+        (
+            ("--to", "csv", "--only", "vibromter,nff"),
+            "did you mean vibrometer? known: vibrometer [m/s], strain_gauge [1]",
+        ),
+        (("--to", "csv", "--only", "vibromter,nff"), "no 'nff' in this recording: did you mean nf?"),
+        (("--to", "csv", "--only", " , "), "--only: expected names of outputs, sensors or controllers"),
+        (("--to", "wav", "--only", "nf"), "only outputs and sensors are signals"),
+        (("--to", "csv", "--rate", "2 kHz"), "--rate 2000 Hz: the highest recorded rate is 1000 Hz"),
+        (("--to", "csv", "--rate", "300"), "250 Hz or 333.333 Hz"),
+        (("--to", "csv", "--rate", "0"), "--rate 0: must be 0.001 to 1e+09 Hz"),
+        (("--to", "csv", "--rate", "nan"), "--rate nan: must be 0.001 to 1e+09 Hz"),
+        (("--to", "csv", "--rate", "3 m"), "--rate"),
+        (("--to", "mat", "--out", "log.mcap", "--force"), "--out log.mcap: is also the input file"),
+        (("--to", "csv", "--out", "log.mcap", "--force"), "--out log.mcap: is a file; expected a folder"),
+        (("--to", "csv", "--out", "log.mcap/a"), "--out log.mcap/a: log.mcap is a file; expected a folder"),
+        (("--to", "csv", "--out", "x" * 300), "cannot be written: File name too long"),
+        (
+            ("--to", "csv", "--only", "vibrometer", "--rate", "0.5"),
+            "--rate 0.5 Hz: vibrometer: recorded at 1000 Hz for 9.001 s; at least 10 rows must remain: take 1.111 Hz",
+        ),
+        (("--to", "mat", "--out", ".", "--force"), "--out: the name is empty, or it is this folder"),
+        (("--to", "mat", "--out", "/dev/null", "--force"), "/dev/null cannot be written: it is not a regular file"),
+        (("--to", "mat", "--out", "no/where/a.mat", "--only", "x"), "no 'x' in this recording"),
+        (("--to", "csv", "--out", "no/where/a", "--only", "x"), "no 'x' in this recording"),
+    ],
+)
+def test_what_is_refused_leaves_nothing(rig, log, monkeypatch, options, said):
+    monkeypatch.chdir(log.parent)
+    monkeypatch.setenv("COLUMNS", "200")
+    before = log.read_bytes()
+    code, out, err = rig("export", "log.mcap", *options)
+    assert code in (1, 2)
+    assert not out
+    assert said in err
+    assert [one.name for one in log.parent.iterdir()] == ["log.mcap"]
+    assert log.read_bytes() == before
+
+
+def test_a_missing_recording(rig, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = rig("export", "none.mcap", "--to", "csv")
+    assert code == 2
+    assert "none.mcap cannot be read: No such file or directory" in err
+    assert not [*tmp_path.iterdir()]
+
+
+def test_gaps_of_sensors_are_reported_when_they_are_bridged(rig, tmp_path):
+    v = np.sin(np.arange(2000) * 0.01)
+    v[[100, 101, 500]] = np.nan
+    t_ns = np.arange(2000, dtype=np.int64) * 1_000_000
+    run = Run(scene='{"plant": "belt"}', step_ns=1_000_000, frame_ns=1_000_000, time=np.empty(0), signals={},
+              units={"meas/s": "m"}, measurements={"s": Samples(t_ns, v)})  # fmt: skip
+    run.save(tmp_path / "log.mcap")
+    code, _, err = rig("export", tmp_path / "log.mcap", "--to", "csv", "--rate", "100")
+    assert code == 0
+    assert "3 missing samples in gaps of up to 4 were bridged by straight lines" in err
+    read = pd.read_csv(tmp_path / "log-csv" / "sensors_100_Hz.csv")
+    assert read["s [m]"].to_numpy()[40:-40] == pytest.approx(np.sin(np.arange(200) * 0.1)[40:-40], abs=2e-4)

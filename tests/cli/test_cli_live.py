@@ -1,0 +1,239 @@
+"""Commands that use a live run: tune, topic."""
+
+import json
+import re
+import signal
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig import open as opened
+from rig.bench.verify import verify
+from rig.errors import UsageError
+
+DOCS = Path(__file__).parents[2] / "docs"
+NAME = "example_controller"
+
+
+@pytest.fixture
+def plant(runs):
+    """A run with one topic and one parameter, in this process."""
+    from rig import bus
+    from rig.bus import encode
+    from rig.bus.run_setup import Setup
+
+    tuned = {}
+
+    def serve(body):
+        tuned.update(body.get("set", {}))
+        if unknown := [key for key in [*body.get("set", {}), *body.get("get", ())] if key not in TUNABLE]:
+            raise UsageError(f"{unknown[0]}: unknown key")
+        overruled = {"drive.speed": "nf"} if "drive.speed" in body.get("set", {}) else {}
+        return {"values": {"load.force": 15.0, "drive.speed": 0.06}, "units": TUNABLE, "overruled": overruled}
+
+    def command(body):
+        tuned.update(body)
+        return {"t_ns": 1_500_000_000}
+
+    with bus.host("tried", scene="belt") as session:
+        described = Setup("tried", "{}", 1_000_000, 1_000_000, {"velocity": "m/s"}, {"laser": ("m/s", 1_000_000)})
+        servers = [session.serve("param/plant", serve), session.serve("scene", lambda _: described.to_json())]
+        servers.append(session.serve("cmd/plant", command))
+        publisher = session.publisher("meas/laser")
+        session.announce()
+        stop = threading.Event()
+
+        def live():
+            tick = 0
+            while not stop.wait(0.005):
+                for server in servers:
+                    server.poll()
+                publisher.put(encode.block(tick, tick * 1_000_000, 1_000_000, np.array([0.5])), tick * 1_000_000)
+                tick += 1
+
+        thread = threading.Thread(target=live)
+        thread.start()
+        yield tuned
+        stop.set()
+        thread.join(5.0)
+
+
+TUNABLE = {"load.force": "N", "drive.speed": "m/s"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "asked", "told"),
+    [
+        (["pause"], {"do": "pause"}, "paused at t = 1.500000 s"),
+        (["resume"], {"do": "resume"}, "goes on from t = 1.500000 s"),
+        (["step", "--frames", "3"], {"do": "step", "frames": 3}, "3 single steps from t = 1.500000 s"),
+        (["stop"], {"do": "stop"}, "stopped at t = 1.500000 s"),
+        (["stop", "--emergency"], {"do": "emergency"}, "emergency stop at t = 1.500000 s: all actuators"),
+        (["knock", "-0.02"], {"do": "knock", "impulse": -0.02}, "knock with -0.02 N s at t = 1.500000 s"),
+    ],
+)
+def test_operators_of_a_live_run(rig, plant, arguments, asked, told):
+    code, out, _ = rig(*arguments)
+    assert code == 0
+    assert told in out
+    assert plant == asked
+
+
+def test_a_knock_without_a_number_is_refused_before_the_run_is_asked(rig):
+    code, _, err = rig("knock", "hard")
+    assert code == 2
+    assert "IMPULSE is 'hard'" in err
+
+
+@pytest.fixture
+def mine(plant):
+    """A controller in that run, with one parameter."""
+    from rig import bus
+
+    tuned = {}
+
+    def serve(body):
+        tuned.update(body.get("set", {}))
+        return {"values": {"swing": tuned.get("swing", 10.0)}, "units": {"swing": "N"}}
+
+    with bus.join("tried", role="controller", name="mine") as session:
+        server, stop = session.serve("param/mine", serve), threading.Event()
+        session.announce()
+
+        def live():
+            while not stop.wait(0.005):
+                server.poll()
+
+        thread = threading.Thread(target=live)
+        thread.start()
+        yield tuned
+        stop.set()
+        thread.join(5.0)
+
+
+def test_a_parameter_of_a_controller_is_tuned_by_its_short_name_too(rig, mine):
+    for key, value in (("mine.swing", "5"), ("controllers.mine.swing", "7")):
+        code, out, err = rig("tune", key, value)
+        assert (code, out) == (0, f"{key} = {value}\n"), err
+    assert mine == {"swing": 7.0}
+    assert rig("tune", "mine.swing")[1] == "mine.swing = 7\n"
+    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06\n"
+    for key, told in (("mine", "name the parameter too"), ("controllers.nf.gain", "there are: mine")):
+        code, _, err = rig("tune", key, "1")
+        assert code == 2
+        assert told in err
+
+
+def test_tune_lists_what_can_be_tuned(rig, mine):
+    code, out, err = rig("tune")
+    assert code == 0, err
+    rows = [line.split() for line in out.splitlines()]
+    assert ["load.force", "15", "N", "plant"] in rows
+    assert ["mine.swing", "10", "N", "mine"] in rows
+    code, out, _ = rig("tune", "--json")
+    assert {row["key"] for row in json.loads(out)} == {"load.force", "drive.speed", "mine.swing"}
+    code, _, err = rig("tune", "load.forse", "1")
+    assert code == 2
+    assert "unknown key" in err
+    assert "lists what can be tuned" in err
+
+
+def test_a_negative_value_is_tuned_as_it_stands(rig, mine):
+    for said in (["mine.swing", "-0.8"], ["--run", "tried", "mine.swing", "-.8"], ["mine.swing", "--", "-0.8"]):
+        mine.clear()
+        code, out, err = rig("tune", *said)
+        assert (code, out) == (0, "mine.swing = -0.8\n"), err
+        assert mine == {"swing": -0.8}
+    code, out, err = rig("tune", "mine.swing", "-5 N/h", "--run", "tried", "--json")
+    assert (code, mine) == (0, {"swing": "-5 N/h"}), err
+    assert "Show or change a value" in rig("tune", "-h")[1]
+    assert rig("tune", "mine.swing", "-x")[0] == 2
+
+
+def test_a_value_that_is_not_in_force_is_told_to_wait(rig, plant):
+    assert (
+        rig("tune", "drive.speed", "0.06")[1]
+        == "nf drives drive.speed; the value 0.06 takes effect when nf is disconnected\n"
+    )
+    assert json.loads(rig("tune", "drive.speed", "0.06", "--json")[1])["overruled"] == {"drive.speed": "nf"}
+    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06\n"
+
+
+def test_tune_sees_every_controller(rig, plant):
+    from rig import bus
+
+    names = [f"c{i}" for i in range(8)]
+    with ExitStack() as stack:
+        for name in names:
+            stack.enter_context(bus.join("tried", role="controller", name=name)).announce()
+        code, _, err = rig("tune", "controllers.nf.gain", "1")
+        assert code == 2
+        assert f"there are: {', '.join(names)}" in err
+
+
+def test_tune_asks_the_process_that_owns_the_parameter(rig, plant):
+    code, out, err = rig("tune", "load.force", "15 N")
+    assert (code, out) == (0, "load.force = 15\n"), err
+    assert plant == {"load.force": "15 N"}
+    code, _, err = rig("tune", "controllers.nf", "1")
+    assert code == 2
+    assert "name the parameter too" in err
+
+
+def test_topics_of_a_live_run_are_heard(rig, plant):
+    code, out, err = rig("topic", "hz", "meas/*", "--for", "0.3", "--json")
+    assert code == 0, err
+    (row,) = json.loads(out)
+    assert row["topic"] == "meas/laser"
+    assert row["hz"] > 20.0
+    assert row["lost"] == 0
+    code, out, err = rig("topic", "echo", "meas/laser", "--count", "2")
+    assert code == 0, err
+    first, second = map(json.loads, out.splitlines())
+    assert first["v"] == [0.5]
+    assert second["seq"] == first["seq"] + 1
+    code, out, err = rig("topic", "ls", "--for", "0.2")
+    assert code == 0, err
+    assert "meas/laser" in out
+
+
+def test_without_a_run_the_live_commands_say_so(rig, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    code, _, err = rig("tune", "load.force", "15 N")
+    assert code == 2
+    assert "no run is live" in err
+
+
+def test_a_controller_that_has_left_is_disconnected(rig, runs, script, tmp_path):
+    """Its actuator stays reserved after it has left, and takes the value of `rig tune` once it is disconnected."""
+    command, log = "import sys; from rig.cli import app; app.run(sys.argv[1:])", tmp_path / "run.mcap"
+    live = script(command, "run", "belt", "--duration", "60", "--out", log)
+    for line in live.stderr:
+        if "begins with" in line:
+            break
+    mine = script(command, "control", DOCS / "example_controller.py")
+    for line in live.stderr:
+        if "example_controller is here" in line:
+            break
+    assert re.search(r"^example_controller is disconnected from t = \d+\.\d{3} s on", rig("disconnect", NAME)[1])
+    assert rig("tune", "load.force", "15") == (0, "load.force = 15\n", "")
+    assert re.search(r"^example_controller is connected from t = \d+\.\d{3} s on", rig("connect", NAME)[1])
+    assert "takes effect when example_controller is disconnected" in rig("tune", "load.force", "16")[1]
+    mine.send_signal(signal.SIGINT)
+    assert mine.wait(10.0) == 0
+    assert "takes effect when example_controller is disconnected" in rig("tune", "load.force", "17")[1]
+    assert rig("disconnect", NAME)[0] == 0
+    assert rig("tune", "load.force") == (0, "load.force = 17\n", "")
+    code, _, err = rig("disconnect", "mine")
+    assert code == 2
+    assert "no controller is called mine; there are: example_controller" in err
+    live.send_signal(signal.SIGINT)
+    live.communicate(timeout=20.0)
+    found = opened(log)
+    told = [event for event in found.events if event["kind"] in ("connected", "disconnected")]
+    assert [one["kind"] for one in told] == ["disconnected", "connected", "disconnected"]
+    assert all((one["data"]["by"], one["data"]["controller"]) == ("operator", NAME) for one in told)
+    assert verify(log).passed

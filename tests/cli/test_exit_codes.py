@@ -1,0 +1,65 @@
+"""Exit codes: one rule for all commands, as docs/commands.md states it."""
+
+import os
+import re
+import signal
+from pathlib import Path
+
+import pytest
+
+from rig import scenes
+from rig.bench.job import Job
+from rig.bench.outcome import Outcome
+from rig.bench.plant_process import carry_out
+from rig.cli.app import program
+from rig.errors import ExitCode
+
+ROOT = Path(__file__).parents[2]
+REQUIRED = {
+    "map": ["--x", "drive.speed=0:1:5"],
+    "response": ["--input", "a", "--output", "b"],
+    "export": ["--to", "csv"],
+}
+"""Options without which a command does not begin."""
+
+
+def test_the_page_of_the_commands_states_all_codes():
+    section = (ROOT / "docs" / "commands.md").read_text().partition("## Exit codes")[2].partition("\n## ")[0]
+    assert [int(code) for code in re.findall(r"^\| (\d+) \|", section, re.MULTILINE)] == list(ExitCode)
+
+
+def taking(argument):
+    """Names of the commands that take this positional argument."""
+    return sorted(
+        name for name, one in program.commands.items() if argument in [p.name for p in one.params if p.nargs == 1]
+    )
+
+
+@pytest.mark.parametrize("command", taking("scene"))
+def test_a_scene_that_is_not_there_is_a_mistake(rig, command, tmp_path):
+    code, _, err = rig(command, tmp_path / "none.toml", *REQUIRED.get(command, []))
+    assert code == ExitCode.MISTAKE
+    assert "none.toml" in err
+
+
+@pytest.mark.parametrize("command", taking("log"))
+def test_a_recording_that_is_not_there_is_a_mistake(rig, command, tmp_path):
+    code, _, err = rig(command, tmp_path / "none.mcap", *REQUIRED.get(command, []))
+    assert code == ExitCode.MISTAKE
+    assert "none.mcap" in err
+
+
+@pytest.mark.parametrize("duration", [None, 60.0])
+def test_an_interrupted_run_is_complete_only_if_it_has_no_end_of_its_own(tmp_path, monkeypatch, duration):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    endless = tmp_path / "endless.toml"
+    endless.write_text(
+        'based_on = "belt_c"\nprotocol = [{ step = "repeat", times = "forever", '
+        'steps = [{ step = "hold", time = "1 s" }] }]\n'
+    )
+    job = Job(scenes.load(endless).to_json(), run="ends", pace=None, duration=duration)
+    summary = carry_out(job, lambda _: None, lambda _: os.kill(os.getpid(), signal.SIGINT))
+    outcome = Outcome(summary)
+    assert summary["ended"] == "stopped by SIGINT"
+    assert outcome.exit_code == (ExitCode.DONE if duration is None else ExitCode.INTERRUPTED)
+    assert outcome.without_recording("the disk is full").exit_code == ExitCode.FAILED

@@ -1,0 +1,69 @@
+"""A file that does not fit on the disk: each command names it, and nothing of it is left."""
+
+import resource
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.record.run import Run, Samples
+from rig.record.save_run import save
+
+GOLDEN = Path(__file__).parents[2] / "recordings" / "golden"
+LARGEST = 4096
+"""Size at which a file cannot grow any more [bytes]."""
+COMMANDS = [
+    *(("export", "--to", to, "--out") for to in ("csv", "hdf5", "mat", "netcdf", "parquet", "wav")),
+    ("report", "--out"),
+    ("view", "--foxglove"),
+    ("sound", "--signal", "fast", "--out"),
+    ("amplitude", "--figure"),
+    ("spectrum", "--csv"),
+    ("portrait", "--csv"),
+    *((name, "--figure") for name in ("spectrum", "portrait")),
+]
+SUFFIXES = {"--figure": ".png", "--csv": ".csv", "--foxglove": ".json"}
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """Recordings: one that is fast enough for `rig sound`, and a golden one for all other commands."""
+    t_ns = np.arange(8001, dtype=np.int64) * 100_000
+    tone = Samples(t_ns, np.sin(2.0 * np.pi * 1000.0 * t_ns * 1e-9))
+    fast = tmp_path_factory.mktemp("fast") / "fast.mcap"
+    save(Run(scene="{}", step_ns=100_000, frame_ns=1_000_000, time=t_ns * 1e-9, signals={"x": tone.v},
+             units={"x": "m", "meas/fast": "m/s"}, measurements={"fast": tone}), fast)  # fmt: skip
+    return {"sound": fast}
+
+
+@pytest.fixture
+def full(logs):
+    """Files of this process stay small, as if the disk were full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.usefixtures("full")
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda one: f"{one[0]} {one[1]} {one[-1]}")
+def test_a_file_that_does_not_fit_is_named_and_goes(rig, logs, tmp_path, command):
+    name, *options = command
+    path = tmp_path / f"file{SUFFIXES.get(command[-1], '')}"
+    code, out, err = rig(name, logs.get(name, GOLDEN / "pendulum.mcap"), *options, path)
+    assert code == 1
+    assert str(path) in err
+    assert "cannot be written" in err
+    assert "Traceback" not in out + err
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_view_that_does_not_fit_is_named_and_goes(rig, tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise RuntimeError("Failed to write: No space left on device")
+
+    monkeypatch.setattr("rerun.RecordingStream.save", full)  # rerun writes its log into a file of pytest otherwise
+    code, _, err = rig("view", GOLDEN / "belt.mcap", "--save", tmp_path / "file.rrd")
+    assert code == 1
+    assert "cannot be written (Failed to write: No space left on device)" in err
+    assert not [*tmp_path.iterdir()]

@@ -1,0 +1,230 @@
+"""Parts from files that are wrong: each is refused with its file and what is wrong, before or as the rig begins.
+
+The parts are two masses with two contacts, an effect with a state, a sensor with a filter and a controller with a
+design step. None of them is a part of the documentation.
+"""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+import rig as lab
+from rig.errors import PartError, SceneError, UsageError
+
+TOYS = Path(__file__).parent / "two_masses"
+COUPLING = '    coupling: quantity("N/m") = 500.0'
+X_LEFT = 'Output({"l": 1.0}, "m")'
+LEFT = 'a.coordinate("l", p.left.mass'
+COMMAND = "return y, (min(max(f, 0.0), 100.0),)"
+WIRED = "self.reads, self.drives, self.period_ns = (section.sensor,), (section.drive,), section.period"
+
+
+@pytest.fixture
+def toys(tmp_path):
+    """A folder with the four parts and their scene; its name has a blank and an umlaut."""
+    folder = tmp_path / "zwei Körper"
+    shutil.copytree(TOYS, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+def changed(folder, file, old, new):
+    """Change a file of a folder; its scene."""
+    path = folder / file
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return folder / "scene.toml"
+
+
+def test_they_are_right_as_they_are(toys):
+    run = lab.simulate(lab.load(toys / "scene.toml"), 0.5)
+    assert set(run.measurements) == {"v", "coil"}
+    assert len(run.commands["lead"].values) == 500
+    assert abs(run.energy["error"]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "told"),
+    [
+        ("twin.py", "(p, moved=None)", "(p, moved)", r"twin.py: TypeError: assemble\(\) missing 1 required"),
+        ("twin.py", "    return a\n", "    return None\n", r"  twin.py: assemble gives NoneType; expected a rig.model"),
+        ("twin.py", "    return a\n", "    raise SystemExit(4)\n", r"twin.py: SystemExit: 4 \(line \d+\)"),
+        ("twin.py", "class Mass(", "import sys\nsys.exit(3)\nclass Mass(", r"plant: .*SystemExit: 3 \(line \d+\)"),
+        ("twin.py", COUPLING, f"{COUPLING}\n    clock: quantity('s') = 1.0", "Parameters declares clock, which every"),
+        ("twin.py", X_LEFT, 'Output({"zz": 1.0}, "m")', "twin.py: output 'x_left' names 'zz', which does not exist"),
+        ("twin.py", X_LEFT, 'Output({"l": float("nan")}, "m")', "output 'x_left' contains nan; expected a finite"),
+        ("twin.py", X_LEFT, "3.0", "output 'x_left' is 3.0; expected a rig.model.assembly.Output"),
+        ("twin.py", X_LEFT, 'Output({"l": 1.0}, "m", role="nonsense")', "has the role 'nonsense'; known: displacement"),
+        ("twin.py", X_LEFT, 'Output({"l": 1.0}, "m", plot=3)', "has the plot 3; expected a rig.picture.Plot"),
+        (
+            "twin.py",
+            X_LEFT,
+            'Output({"l": 1.0}, "m", __import__("rig.picture").picture.Plot(3))',
+            r"has the plot Plot\(title=3.* a text and a whole",
+        ),
+        ("twin.py", X_LEFT, 'Output({"l": 1.0}, "furlong")', "twin.py: unit of output 'x_left': 'furlong' is not SI"),
+        ("twin.py", X_LEFT, 'Output({"l": 1.0}, "metr")', "unit of output 'x_left': 'metr' is unknown; expected an SI"),
+        ("twin.py", X_LEFT, 'Output({"l": 1.0}, None)', "unit of output 'x_left': None is no unit; .* such as .m., "),
+        (
+            "twin.py",
+            "    return a\n",
+            "    from rig.model.assembly import Input\n    a.inputs['lamp'] = Input('degree', 0, 1, 0, 0)\n"
+            "    return a\n",
+            "twin.py: unit of input 'lamp': 'degree' is not SI",
+        ),
+        ("coil.py", 'delivers: ClassVar[str] = "V"', 'delivers = "volty"', "coil.py: delivers = 'volty' is unknown"),
+        ("coil.py", 'accepts: ClassVar[str] = "m/s"', 'accepts = "mm/s"', "coil.py: accepts = 'mm/s' is not SI"),
+        ("twin.py", COUPLING, f"{COUPLING}\n    odd: object = object()", "odd: twin.py: Parameters.odd holds <object"),
+        (
+            "twin.py",
+            "    mass:",
+            "    odd: object = object()\n    mass:",
+            r"left.odd: twin.py: Mass.odd .*no recording can",
+        ),
+        ("eddy.py", "    lag:", "    odd: object = object()\n    lag:", "eddy.odd: eddy.py: Eddy.odd holds"),
+        (
+            "coil.py",
+            "    corner:",
+            "    odd: object = object()\n    corner:",
+            "sensors.coil.odd: coil.py: Coil.odd holds",
+        ),
+        (
+            "lead.py",
+            "    gain:",
+            "    odd: object = object()\n    gain:",
+            "controllers.lead.odd: lead.py: Lead.odd holds",
+        ),
+        (
+            "lead.py",
+            "    gain:",
+            "    period: int = -5\n    gain:",
+            "lead.period: lead.py declares -5; expected whole nano",
+        ),
+        ("lead.py", "    gain:", "    period: float = float('nan')\n    gain:", "lead.period: lead.py declares nan"),
+        ("lead.py", "    gain:", "    period: int = 0\n    gain:", "lead.period: lead.py declares 0; expected whole"),
+        ("lead.py", "    gain:", "    delay: int = -7\n    gain:", "lead.delay: lead.py declares -7; expected whole"),
+        ("twin.py", "class Mass(", "FIGURE = 3\n\n\nclass Mass(", "twin.py: FIGURE is 3; expected a rig.picture.Own"),
+        (
+            "twin.py",
+            "class Mass(",
+            "PICTURES = ('belt',)\n\n\nclass Mass(",
+            r"PICTURES is \('belt',\); expected a tuple",
+        ),
+        (
+            "twin.py",
+            "class Mass(",
+            "from rig.picture import Own\n\nFIGURE = Own(':nope', ('v_left',))\n\n\nclass Mass(",
+            "twin.py: names ':nope' as what draws it, and defines no nope",
+        ),
+        ("twin.py", "= -c", '= float("nan")', r"stiffness\['l', 'r'\] contains nan"),
+        ("twin.py", 'a.stiffness["l", "r"]', 'a.stiffness["l", "q"]', r"stiffness\['l', 'q'\] names 'q'"),
+        ("twin.py", LEFT, 'a.coordinate("l", "heavy"', r"mass\['l', 'l'\] contains 'heavy'"),
+        ("twin.py", 'a.coordinate("r"', 'a.coordinate("l"', r"the rig has a state 'l' already.* \(line \d+\)"),
+        ("twin.py", 'a.patch("right"', 'a.patch("left"', "two are called friction contact 'left'"),
+        ("twin.py", '{"r": 1.0}, belt', '{"rr": 1.0}, belt', "direction of contact 'right' names 'rr'"),
+        ("twin.py", 'a.normal("nr", "right"', 'a.normal("nr", "wrong"', "normal force 'nr' is of contact 'wrong'"),
+        ("twin.py", '{"r": 1.0}, belt, p.friction.friction()', '{"r": 1.0}, belt, None', "None as its friction law"),
+        ("eddy.py", "section, frame, moved)", "section, frame)", r"eddy.py: TypeError: add\(\) takes 3 positional"),
+        ("eddy.py", 'signal("eddy"', 'signal("l"', r"eddy.py: .*the rig has a state 'l' already.* \(line \d+\)"),
+        ("eddy.py", '"eddy_force"', '"v_left"', "eddy.py: the rig has an output 'v_left' already"),
+        ("eddy.py", "push(coordinate", 'push("q"', "eddy.py: a force acts on 'q', which does not exist; known: l, r"),
+        ("eddy.py", "    lag:", "    declares = 3\n    lag:", "eddy.effect: eddy.py: declares is 3; expected"),
+        (
+            "eddy.py",
+            "    lag:",
+            '    declares = type(Effect.declares)("x", random=True)\n    lag:',
+            "eddy.py: random = True in declares; expected one of its values: constant, lag",
+        ),
+        ("coil.py", "def flawed", "def flowed", "coil.py: Coil defines no flawed"),
+        ("coil.py", '"corner": float', '"cornr": float', "Coil.perfect names cornr"),
+        ("coil.py", "return self.gain_at", 'return float("nan")', "sensors.coil.kind: gain is nan; expected a finite"),
+        ("coil.py", "noise=deviation(", "noise=-deviation(", "noise is -.*; expected at least 0"),
+        ("coil.py", "first_order(self.corner)", "first_order(0.0)", "a pole is .*; expected a negative real part"),
+        ("coil.py", "return FrontEnd(", "return (", "sensors.coil.kind: .*coil.py"),
+        ("lead.py", "class Lead(", "class Lead(int,", "controllers.lead.kind: .*TypeError"),
+    ],
+)
+def test_what_is_wrong_is_a_fault_of_the_scene(toys, file, old, new, told):
+    scene = changed(toys, file, old, new)
+    with pytest.raises(SceneError) as caught:
+        lab.load(scene)
+    assert re.search(told, str(caught.value)), caught.value
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (WIRED, f"{WIRED}; 1 / 0", r"lead.py: ZeroDivisionError: division by zero \(line \d+\)"),
+        (
+            WIRED,
+            WIRED.replace("(section.sensor,),", "[section.sensor],"),
+            r"Controller.reads is \['v'\]; expected a tup",
+        ),
+        (COMMAND, "return y, (f, f)", r"Controller.update commands .*expected a tuple with one number for each"),
+        (COMMAND, "return f", r"Controller.update returns .*; expected \(state, commands\)"),
+        (COMMAND, "raise SystemExit(5)", r"lead.py: SystemExit: 5 \(line \d+\)"),
+        ("(self, state, t_ns, values)", "(self, state, values)", r"lead.py: TypeError: .*update\(\) takes 3"),
+        (
+            "        return rig.comm",
+            "        raise KeyError('q')\n        return rig.comm",
+            r"lead.py: KeyError: 'q' \(line",
+        ),
+        (
+            "        return rig.comm",
+            "        return None\n        return rig.comm",
+            "design gives None; expected a dict",
+        ),
+        (
+            "        return rig.comm",
+            "        return {'a': {1}} or rig.comm",
+            "design gives values that are no plain JSON",
+        ),
+        (
+            "        return rig.comm",
+            "        raise ValueError('sensor: deaf')\n        return rig.comm",
+            r"lead\.sensor: deaf",
+        ),
+        ("        return rig.comm", "        int('x')\n        return rig.comm", "controllers.lead: invalid literal"),
+    ],
+)
+def test_what_is_wrong_with_a_designed_controller_is_told_as_the_run_begins(toys, old, new, told):
+    scene = lab.load(changed(toys, "lead.py", old, new))
+    with pytest.raises(SceneError) as caught:
+        lab.simulate(scene, 0.1)
+    assert re.search(told, str(caught.value)), caught.value
+
+
+def test_a_plant_that_takes_no_moved_actuators_is_told_where_some_move(toys):
+    changed(toys, "twin.py", "moved = moved or {}", "moved = {}")
+    scene = lab.load(changed(toys, "twin.py", "(p, moved=None)", "(p)"))
+    with pytest.raises(PartError, match=r"twin\.py: TypeError: assemble\(\) takes 1 positional argument but 2"):
+        lab.simulate(scene, 0.1)
+
+
+def test_a_rig_without_inertia_has_no_numbers_for_a_controller(toys):
+    scene = lab.load(changed(toys, "twin.py", LEFT, 'a.coordinate("l", 0.0'))
+    with pytest.raises(SceneError, match=r"controllers\.lead: Singular matrix"):
+        lab.simulate(scene, 0.1)
+
+
+def test_the_effect_twice_is_refused(toys):
+    """Its states have fixed names, so a rig has room for one."""
+    with pytest.raises(SceneError, match=r"eddy\.py: .*the rig has a state 'eddy' already"):
+        lab.load(changed(toys, "scene.toml", "[sensors.v]", '[eddy2]\neffect = "eddy.py"\n[sensors.v]'))
+
+
+def test_a_controller_on_its_own_is_checked_alike(toys):
+    from rig.controllers.runtime.file import load_file
+
+    (toys / "own.py").write_text("import sys\nsys.exit(2)\n")
+    with pytest.raises(UsageError, match=r"own\.py: SystemExit: 2 \(line 2\)"):
+        load_file(toys / "own.py")
+
+
+def test_a_controller_on_its_own_needs_defaults(toys):
+    from rig.controllers.runtime.file import load_file
+
+    with pytest.raises(UsageError, match=r"lead\.py: Lead\.sensor: Field required"):
+        load_file(toys / "lead.py")

@@ -1,0 +1,94 @@
+"""The zip file of a bug report: what is needed to understand a problem, and nothing of the user."""
+
+import getpass
+import platform
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from rig.bench import run_log
+from rig.bench.run_log import LONGEST, MOST, RunLog
+from rig.qualify.bug_report import anonymous
+
+
+@pytest.fixture
+def state(tmp_path, monkeypatch):
+    """A machine, a user and a state folder of this test alone."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr(platform, "node", lambda: "laboratory-7.example.org")
+    monkeypatch.setattr(getpass, "getuser", lambda: "kroeger")
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/kroeger"))
+    return tmp_path
+
+
+def test_a_bundle_has_versions_doctor_and_the_last_run_and_no_name_of_the_user(rig, state, monkeypatch):
+    monkeypatch.setenv("RIG_KERNELS_OF_MINE", "/home/kroeger/kernels")
+    monkeypatch.setenv("SECRET", "my password")
+    log = RunLog(lambda text: None, {"secret_pad": "SCENE"})
+    for line in (
+        "run secret_pad-20261123-190238",
+        "the recording is /home/kroeger/pads/customer.mcap, written on laboratory-7 by kroeger",
+        "timing VALID: nothing lost, 0.1 m/s, 30 / 39 / 66 us, rig verify customer.mcap",
+    ):
+        log.say(line)
+    log.write()
+    code, _, err = rig("doctor", "belt", "--bundle", state / "report.zip")
+    assert code in (0, 1), err  # what the doctor says of this machine
+    with zipfile.ZipFile(state / "report.zip") as archive:
+        files = {name: archive.read(name).decode() for name in archive.namelist()}
+    assert sorted(files) == ["README.txt", "doctor.txt", "environment.txt", "last_run.log", "versions.txt"]
+    assert all(name in err for name in files)
+    assert str(state / "report.zip") in err
+    together = "\n".join(files.values())
+    for name in ("kroeger", "laboratory-7", "example.org", "customer", "secret_pad", "password", "SECRET", "/home"):
+        assert name not in together, name
+    assert "timing VALID: nothing lost, 0.1 m/s, 30 / 39 / 66 us, rig verify FILE.mcap" in files["last_run.log"]
+    assert "run SCENE-20261123-190238" in files["last_run.log"]
+    assert "RIG_KERNELS_OF_MINE=FOLDER" in files["environment.txt"].splitlines()
+    assert f"Python {platform.python_version()}" in files["versions.txt"]
+    assert "numba 0." in files["versions.txt"]
+    assert "belt  " in files["doctor.txt"]
+
+
+def test_a_bundle_is_not_written_over_a_file(rig, state):
+    (state / "report.zip").write_text("something")
+    code, _, err = rig("doctor", "belt", "--bundle", state / "report.zip")
+    assert code == 2
+    assert "exists; name another file, or add --force to replace it" in err
+    assert (state / "report.zip").read_text() == "something"
+
+
+def test_the_log_of_a_run_is_bounded(state):
+    said = []
+    log = RunLog(said.append, {})
+    for number in range(2 * MOST):
+        log.say(f"{number} " + "x" * 2 * LONGEST)
+    log.write()
+    lines = run_log.path().read_text().splitlines()
+    assert len(said) == 2 * MOST
+    assert (len(lines), max(map(len, lines))) == (MOST, LONGEST)
+    assert lines[-1].startswith(f"{2 * MOST - 1} ")
+
+
+def test_a_state_folder_that_cannot_be_written_costs_only_the_log(state):
+    (state / "state").write_text("a file where a folder should be")
+    log = RunLog(lambda text: None, {})
+    log.say("something")
+    log.write()
+    assert (state / "state").read_text() == "a file where a folder should be"
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [
+        ("0.1 m/s and 5 kg*m^2/s", "0.1 m/s and 5 kg*m^2/s"),
+        ("/home/kroeger/a.toml: wrong", "FILE.toml: wrong"),
+        ("in ~/pads/2026 on laboratory-7", "in FOLDER on HOST"),
+        ("kroeger-20 of the gallery", "USER-20 of the gallery"),
+        ("written by kroegers", "written by kroegers"),
+        ("mine.py ended", "FILE.py ended"),
+    ],
+)
+def test_what_is_replaced(state, text, plain):
+    assert anonymous(text, {}) == plain

@@ -1,0 +1,137 @@
+"""Curves and log that a recording contains for programs that know nothing of this project."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from rig.record import reader
+from rig.record.curves import WINDOW_NS, Curves, derived, topic_of, value_of
+from rig.record.run import Run, Samples
+from rig.record.save_run import save
+
+BEGAN = 1_800_000_000_000_000_000
+
+
+@pytest.fixture
+def run():
+    """0.3 s of a slow output and of a sensor that samples a fast vibration, with an event."""
+    t_ns = np.arange(3001) * 100_000
+    return Run(
+        scene="{}",
+        step_ns=1_000_000,
+        frame_ns=1_000_000,
+        time=np.arange(301) * 1e-3,
+        signals={"velocity": np.linspace(0.0, 3.0, 301)},
+        units={"velocity": "m/s", "meas/microphone": "Pa"},
+        measurements={"microphone": Samples(t_ns, np.sin(2.0 * np.pi * 1000.0 * t_ns * 1e-9))},
+        events=[
+            {"t_ns": 5, "tick": 0, "source": "plant", "kind": "step", "text": "hold", "data": {}},
+            {"t_ns": 6, "tick": 0, "source": "plant", "kind": "contact", "text": "stick", "data": {}},
+        ],
+        began_ns=BEGAN,
+    )
+
+
+@pytest.fixture
+def messages(run, tmp_path):
+    """Topic -> messages of the saved run, as any reader of MCAP files finds them."""
+    save(run, tmp_path / "run.mcap")
+    found = {}
+    with (tmp_path / "run.mcap").open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False):
+            found.setdefault(channel.topic, []).append((schema, channel, message))
+    return found
+
+
+def test_each_output_and_sensor_has_a_curve_in_its_unit(messages):
+    for topic, unit in (("curve/velocity_in_m_per_s", "m/s"), ("measured/microphone_in_Pa", "Pa")):
+        schema, channel, _ = messages[topic][0]
+        assert (schema.name, schema.encoding) == ("std_msgs/msg/Float64MultiArray", "ros2msg")
+        assert (channel.message_encoding, channel.metadata) == ("cdr", {"unit": unit})
+
+
+def test_a_curve_has_the_extremes_of_each_window_at_their_own_times(run, messages):
+    t_ns, v = run.measurements["microphone"]
+    points = [(m.publish_time, value_of(m.data)) for _, _, m in messages["measured/microphone_in_Pa"]]
+    assert all(v[np.searchsorted(t_ns, now)] == value for now, value in points)
+    for begin in range(0, int(t_ns[-1]) + 1, WINDOW_NS):
+        inside = v[(t_ns >= begin) & (t_ns < begin + WINDOW_NS)]
+        mine = [value for now, value in points if begin <= now < begin + WINDOW_NS]
+        assert (min(mine), max(mine)) == (inside.min(), inside.max())
+        assert len(mine) <= 2
+    assert [now for now, _ in points] == sorted(now for now, _ in points)
+
+
+def test_a_slow_output_stays_monotone(messages):
+    values = [value_of(m.data) for _, _, m in messages["curve/velocity_in_m_per_s"]]
+    assert values == sorted(values)
+    assert values[-1] == 3.0
+
+
+def test_a_point_is_a_valid_message_of_ros(messages):
+    _, _, message = messages["curve/velocity_in_m_per_s"][-1]
+    head, dimensions, offset, count = struct.unpack_from("<4sIII", message.data)
+    assert (head, dimensions, offset, count) == (b"\0\1\0\0", 0, 0, 1)
+    body = message.data[4:]
+    assert struct.unpack_from("<d", body, 16) == (3.0,)  # a double lies at a multiple of 8 behind the header
+
+
+def test_log_times_are_those_of_a_run_in_real_time(messages):
+    for topic, found in messages.items():
+        assert all(m.log_time == BEGAN + m.publish_time for _, _, m in found), topic
+
+
+def test_events_are_log_messages_that_foxglove_knows(run, tmp_path):
+    save(run, tmp_path / "run.mcap")
+    with (tmp_path / "run.mcap").open("rb") as file:
+        log = make_reader(file, decoder_factories=[DecoderFactory()])
+        said = [found for *_, found in log.iter_decoded_messages(topics=["log/plant"])]
+    assert [(one.message, one.level, one.name) for one in said] == [("t = 0.000 s, step: hold", 2, "plant")]
+    assert said[0].timestamp.seconds * 10**9 + said[0].timestamp.nanos == BEGAN + 5
+
+
+def test_a_run_has_no_trace_of_them(run, tmp_path):
+    save(run, tmp_path / "run.mcap")
+    again = reader.open(tmp_path / "run.mcap")
+    assert (list(again.signals), list(again.measurements)) == (["velocity"], ["microphone"])
+    assert again.began_ns == BEGAN
+    assert not again.damage
+    assert json.loads(again.scene) == {}
+
+
+@pytest.mark.parametrize("topic", ["plot", "curve/a_in_m", "measured/b", "log/plant"])
+def test_derived_topics_are_told_from_those_of_the_bus(topic):
+    assert derived(topic)
+    assert not derived("state")
+    assert not derived("meas/curve")
+
+
+@pytest.mark.parametrize(
+    ("unit", "topic"),
+    [("m/s^2", "curve/x_in_m_per_s2"), ("N*s/m", "curve/x_in_N_s_per_m"), ("1", "curve/x"), ("", "curve/x")],
+)
+def test_units_in_topics(unit, topic):
+    assert topic_of("curve", "x", unit) == topic
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 10**9), st.floats(allow_nan=True)), max_size=200), st.integers(1, 50))
+def test_blocks_of_any_length_give_the_same_points(samples, length):
+    samples.sort(key=lambda sample: sample[0])
+    t_ns, v = np.array([t for t, _ in samples], np.int64), np.array([x for _, x in samples], np.float64)
+    found = []
+    for size in (length, max(len(samples), 1)):
+        curves = Curves({"x": "m"}, {})
+        points = [
+            p for i in range(0, len(samples), size) for p in curves.add("truth/x", t_ns[i : i + size], v[i : i + size])
+        ]
+        found.append(points + list(curves.rest()))
+    assert found[0] == found[1]
+    assert {point.t_ns for point in found[0]} <= set(t_ns.tolist())
+    assert len(found[0]) <= 2 * np.unique(t_ns // WINDOW_NS).size

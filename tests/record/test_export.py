@@ -1,0 +1,436 @@
+"""Exported recordings: each format, read back by an independent reader, has the numbers, units and facts of the run."""
+
+import csv
+import dataclasses
+import json
+import sys
+import wave
+from fractions import Fraction
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pyarrow import parquet
+from scipy.io import loadmat
+
+import rig
+from rig.errors import OutputError, UsageError
+from rig.record import reader
+from rig.record.export import FORMATS, export, tables
+from rig.record.export.description import description
+from rig.record.export.files import files
+from rig.record.export.mat_file import LONGEST, valid
+from rig.record.run import Commands, Run, Samples
+from rig.record.save_run import save
+
+TABLES = {
+    "outputs": (7001, ["displacement", "velocity", "mode"]),
+    "sensors_10000_Hz": (7001, ["laser"]),
+    "sensors_1000_Hz": (701, ["gauge"]),
+    "sensors_25_Hz": (18, ["slow"]),
+    "commands_feedback": (700, ["tick", "answered", "status", "command_1", "command_2"]),
+    "events": (2, ["tick", "source", "kind", "text", "data"]),
+}
+
+
+def expected(run):
+    """Table -> column -> values, taken from the run by hand."""
+    found = {
+        "outputs": run.signals | {"mode": run.mode},
+        "sensors_10000_Hz": {"laser": run.measurements["laser"].v},
+        "sensors_1000_Hz": {"gauge": run.measurements["gauge"].v},
+        "sensors_25_Hz": {"slow": run.measurements["slow"].v},
+    }
+    sent = run.commands["feedback"]
+    found["commands_feedback"] = {"tick": sent.tick, "answered": sent.answered, "status": sent.status,
+                                  "command_1": sent.values[:, 0], "command_2": sent.values[:, 1]}  # fmt: skip
+    found["events"] = {key: [event[key] for event in run.events] for key in ("tick", "source", "kind", "text")}
+    found["events"]["data"] = [json.dumps(event["data"]) if event["data"] else "" for event in run.events]
+    return found
+
+
+TIMES = {
+    "outputs": np.arange(7001) / 10_000,
+    "sensors_10000_Hz": np.arange(7001) / 10_000,
+    "sensors_1000_Hz": np.arange(701) / 1000,
+    "sensors_25_Hz": np.arange(18) / 25,
+    "commands_feedback": np.arange(1, 701) / 1000,
+    "events": np.array([0.005, 0.7]),
+}
+"""Decimal fractions, correctly rounded."""
+
+
+def same(read, run):
+    """Compare tables [name -> column -> values, with "time"] with the run, number by number."""
+    wanted = expected(run)
+    assert [*read] == [*wanted]
+    for name, columns in wanted.items():
+        assert np.array_equal(read[name].pop("time"), TIMES[name]), name
+        assert [*read[name]] == [*columns]
+        for column, values in columns.items():
+            found = list(read[name][column])
+            if isinstance(values[0], str):
+                assert found == list(values)
+            else:
+                assert np.array_equal(np.array(found, float), np.array(values, float), equal_nan=True), (name, column)
+
+
+def written(run, to, folder, **wanted):
+    path = folder / f"export{FORMATS[to].suffix}"
+    export(tables(run, **wanted), to, path, description(run))
+    assert [one.name for one in folder.iterdir()] == [path.name]
+    return path
+
+
+def test_tables_of_a_run(run):
+    found = {table.name: (table.t_ns.size, [one.name for one in table.columns]) for table in tables(run)}
+    assert found == TABLES
+    units = {one.name: one.unit for table in tables(run) for one in table.columns}
+    assert units["velocity"] == units["laser"] == "m/s"
+    assert units["gauge"] == "N"
+
+
+def test_csv(run, tmp_path):
+    folder = written(run, "csv", tmp_path)
+    read = {}
+    for name in TABLES:
+        frame = pd.read_csv(folder / f"{name}.csv", keep_default_na=name != "events")
+        assert frame.columns[0] == "time [s]"
+        read[name] = {column.partition(" [")[0]: frame[column].to_numpy() for column in frame}
+    same(read, run)
+    assert (folder / "outputs.csv").read_text().splitlines()[
+        0
+    ] == '"time [s]","displacement [m]","velocity [m/s]","mode"'
+    assert (folder / "sensors_1000_Hz.csv").read_bytes().splitlines()[2] == b"0.001,"  # a drop-out is an empty cell
+    package = json.loads((folder / "datapackage.json").read_text())
+    assert [one["path"] for one in package["resources"]] == [f"{name}.csv" for name in TABLES]
+    assert package["resources"][2]["schema"]["fields"] == [
+        {"name": "time [s]", "type": "number", "unit": "s"},
+        {"name": "gauge [N]", "type": "number", "unit": "N"},
+    ]
+    assert package["run"]["scene"] == run.scene
+    assert json.loads(package["run"]["provenance"]) == run.provenance
+    assert "damage" not in package["run"]
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(st.integers(0, 10**15), st.floats()), min_size=1, max_size=30, unique_by=lambda row: row[0]))
+def test_csv_keeps_any_number(tmp_path, rows):
+    t_ns, v = np.array([t for t, _ in sorted(rows)]), np.array([v for _, v in sorted(rows)])
+    run = Run(
+        scene="", step_ns=1, frame_ns=1, time=np.empty(0), signals={}, units={}, measurements={"s": Samples(t_ns, v)}
+    )
+    export(tables(run, ["s"]), "csv", tmp_path / "any", {})
+    (file,) = (tmp_path / "any").glob("sensors*.csv")
+    read = [*csv.reader(file.read_text().splitlines())][1:]
+    file.unlink()
+    assert [float(time) for time, _ in read] == [float(Fraction(int(t), 10**9)) for t in t_ns]  # correctly rounded
+    assert np.array([float(cell or "nan") for _, cell in read]).tobytes() == np.where(np.isnan(v), np.nan, v).tobytes()
+
+
+def test_parquet(run, tmp_path):
+    folder = written(run, "parquet", tmp_path)
+    read = {}
+    for name in TABLES:
+        table = parquet.read_table(folder / f"{name}.parquet")
+        read[name] = {column: table[column].to_numpy() for column in table.column_names}
+        facts = {key.decode(): text.decode() for key, text in table.schema.metadata.items()}
+        assert facts == description(run)
+    same(read, run)
+    schema = parquet.read_schema(folder / "outputs.parquet")
+    assert schema.field("velocity").metadata == {b"unit": b"m/s"}
+    assert b"mode set" in schema.field("mode").metadata[b"description"]
+    assert np.array_equal(pd.read_parquet(folder / "outputs.parquet")["velocity"], run.signals["velocity"])
+
+
+def test_matlab(run, tmp_path):
+    data = loadmat(written(run, "mat", tmp_path), simplify_cells=True)
+    read = {name: dict(data[name]) for name in TABLES}
+    read["events"]["data"] = [str(one) if len(one) else "" for one in read["events"]["data"]]  # '' is an empty array
+    same(read, run)
+    units = {name: unit if len(unit) else "" for name, unit in data["units"]["outputs"].items()}
+    assert units == {"time": "s", "displacement": "m", "velocity": "m/s", "mode": ""}
+    assert data["names"]["outputs"]["velocity"] == "velocity"
+    assert data["run"] == description(run)
+    assert loadmat(tmp_path / "export.mat")["outputs"]["velocity"][0, 0].shape == (7001, 1)
+
+
+@pytest.mark.parametrize("to", ["hdf5", "netcdf"])
+def test_hdf5_and_netcdf(run, tmp_path, to):
+    path = written(run, to, tmp_path)
+    with h5py.File(path) as file:
+        read = {}
+        for name in TABLES:
+            group = file[name]
+            columns = ["time", *(column for column in TABLES[name][1])]
+            assert sorted(group) == sorted(columns)
+            read[name] = {
+                one: group[one].asstr()[:] if group[one].dtype == object else group[one][:] for one in columns
+            }
+        assert file["outputs/velocity"].attrs["units"] == "m/s"
+        assert file["outputs/time"].attrs["units"] == "s"
+        assert {name: file[name].asstr()[()] for name in description(run)} == description(run)
+    same(read, run)
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        assert tree["sensors_25_Hz/slow"].attrs["units"] == "m"
+        assert tree["outputs"].sizes == {"time": 7001}
+
+
+def test_wav(run, tmp_path):
+    path = tmp_path / "export.wav"
+    found = export(tables(run, ["velocity", "gauge"]), "wav", path, description(run))
+    assert [one.file for one in found] == ["outputs_velocity.wav", "sensors_1000_Hz_gauge.wav"]
+    wanted = {"outputs_velocity": (10_000, run.signals["velocity"]),
+              "sensors_1000_Hz_gauge": (1000, np.nan_to_num(run.measurements["gauge"].v))}  # fmt: skip
+    package = {one["path"]: one for one in json.loads((path / "datapackage.json").read_text())["resources"]}
+    for one, (name, (rate, v)) in zip(found, wanted.items()):
+        with wave.open(str(path / f"{name}.wav")) as file:
+            assert (file.getnchannels(), file.getsampwidth(), file.getframerate()) == (1, 3, rate)
+            raw = np.frombuffer(file.readframes(file.getnframes()), np.uint8).reshape(-1, 3)
+        whole = np.zeros((len(raw), 4), np.uint8)
+        whole[:, 1:] = raw
+        assert whole.view("<i4")[:, 0] / 2**31 * one.full_scale == pytest.approx(v, abs=one.full_scale * 2.0**-22)
+        assert package[f"{name}.wav"]["full_scale"] == one.full_scale
+        assert package[f"{name}.wav"]["unit"] == one.unit == ("m/s" if "velocity" in name else "N")
+
+
+def test_frames(run):
+    found = run.to_pandas()
+    same({name: {"time": frame.index, **{c: frame[c] for c in frame}} for name, frame in found.items()}, run)
+    assert found["outputs"].attrs["units"] == {"displacement": "m", "velocity": "m/s", "mode": ""}
+    assert found["outputs"].index.name == "time"
+
+
+def test_tree(run, tmp_path):
+    found = run.to_xarray()
+    same({name: {"time": part["time"].values, **{c: part[c].values for c in part.data_vars}}
+          for name, part in found.children.items()}, run)  # fmt: skip
+    assert found["outputs/velocity"].attrs == {"units": "m/s"}
+    assert found["outputs/velocity"].sel(time=0.0003).item() == run.signals["velocity"][3]
+    assert found["scene"].item() == run.scene
+    with xr.open_datatree(written(run, "netcdf", tmp_path), engine="h5netcdf") as read:
+        assert read.identical(found)
+
+
+def test_chosen_names(run):
+    both = dataclasses.replace(
+        run,
+        signals={"laser": run.signals["velocity"], "p_0_0": run.signals["velocity"], "p_0_1": run.signals["velocity"]},
+    )
+
+    def chosen(*names):
+        return {table.name: [one.name for one in table.columns] for table in tables(both, names)}
+
+    assert chosen("laser") == chosen("meas/laser") == {"sensors_10000_Hz": ["laser"]}
+    assert chosen("truth/laser") == {"outputs": ["laser"]}
+    assert chosen("p", "slow") == {"outputs": ["p_0_0", "p_0_1"], "sensors_25_Hz": ["slow"]}
+    assert [*chosen("feedback", "events")] == ["commands_feedback", "events"]
+    assert chosen("mode") == {"outputs": ["mode"]}
+    with pytest.raises(UsageError) as fault:
+        tables(both, ["lasr", "slow", "nothing"])
+    first, second = str(fault.value).splitlines()
+    assert first.startswith(
+        "no 'lasr' in this recording: did you mean laser, truth/laser? known: laser [m/s], gauge [N], slow [m], "
+    )
+    assert first.endswith("feedback, mode, events")
+    assert second.startswith("no 'nothing' in this recording: known: laser")
+
+
+def test_commands_have_the_names_and_units_of_their_actuators():
+    found = rig.simulate("belt_normal_force", 0.1)
+    (table,) = tables(found, ["nf"])
+    assert [(one.name, one.unit) for one in table.columns[3:]] == [("load.force", "N")]
+    assert np.array_equal(table.columns[3].values, found.commands["nf"].values[:, 0])
+
+
+def test_commands_of_a_controller_that_was_admitted(run):
+    event = {"t_ns": 0, "tick": 0, "source": "plant", "kind": "admitted", "text": ""}
+    event["data"] = {"controller": "feedback", "drives": ["drive.speed", "nowhere"], "period_ns": 1}
+    guest = dataclasses.replace(run, scene=rig.load("belt").to_json(), events=[event])
+    (table,) = tables(guest, ["feedback"])
+    assert [(one.name, one.unit) for one in table.columns[3:]] == [("drive.speed", "m/s"), ("nowhere", "")]
+
+
+def test_sensors_of_one_rate_share_a_table_where_they_share_their_instants():
+    t_ns = np.arange(100, dtype=np.int64) * 1_000_000
+    v = np.arange(100.0)
+    sensors = {
+        "whole": Samples(t_ns, v),
+        "lossy": Samples(np.delete(t_ns, [3, 50]), np.delete(v, [3, 50])),
+        "beside": Samples(t_ns + 500_000, v),
+        "once": Samples(t_ns[:1], v[:1]),
+    }
+    run = Run(scene="{}", step_ns=1, frame_ns=1, time=np.empty(0), signals={}, units={}, measurements=sensors)
+    found = {table.name: table for table in tables(run)}
+    assert [*found] == ["sensors_1000_Hz", "sensors_1000_Hz_2", "sensors_unknown_rate", "events"]
+    whole, lossy = found["sensors_1000_Hz"].columns
+    assert np.array_equal(whole.values, v)
+    assert np.flatnonzero(np.isnan(lossy.values)).tolist() == [3, 50]
+    assert np.array_equal(np.delete(lossy.values, [3, 50]), np.delete(v, [3, 50]))
+    assert [one.name for one in found["sensors_1000_Hz_2"].columns] == ["beside"]
+
+
+def test_damage_is_written_into_the_file(run, tmp_path):
+    save(run, tmp_path / "run.mcap")
+    data = (tmp_path / "run.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
+    part = reader.open(tmp_path / "cut.mcap")
+    (tmp_path / "export").mkdir()
+    assert part.damage
+    path = written(part, "netcdf", tmp_path / "export")
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        assert tree["damage"].item() == part.damage
+        velocity = tree["outputs/velocity"]
+        rows = np.rint(velocity.time.values * 1e4).astype(int)
+        assert 0 < rows.size < 7001
+        lost = np.isnan(velocity.values)
+        assert np.array_equal(velocity.values[~lost], run.signals["velocity"][rows][~lost])
+        assert np.array_equal(lost, np.isnan(part.signals["velocity"]))
+
+
+@pytest.mark.parametrize("to", sorted(FORMATS))
+def test_nothing_is_left_of_an_export_that_fails(run, tmp_path, monkeypatch, to):
+    path = written(run, to, tmp_path)
+    before = {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()}
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    changed = dataclasses.replace(run, signals={"velocity": run.signals["velocity"] + 1.0})
+    with pytest.raises(OutputError, match=r"export\..* cannot be written: No space left on device"):
+        export(tables(changed), to, path, {})
+    assert {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()} == before
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("os.fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        export(tables(changed), to, path, {})
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+    monkeypatch.undo()
+    export(tables(changed), to, path, {})
+    assert {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()} != before
+
+
+def test_a_run_without_samples_can_be_exported(tmp_path):
+    run = Run(scene="{}", step_ns=1, frame_ns=1, time=np.empty(0), signals={"x": np.empty(0)}, units={"x": "m"})
+    for to in sorted(FORMATS):
+        if to != "wav":
+            export(tables(run), to, tmp_path / to, description(run))
+    assert pd.read_csv(tmp_path / "csv" / "outputs.csv").columns.tolist() == ["time [s]", "x [m]"]
+    with pytest.raises(UsageError, match="x: the recording has 0 samples of it"):
+        export(tables(run), "wav", tmp_path / "wav", {})
+
+
+def test_odd_names_make_valid_files(tmp_path):
+    """Names of a recording that somebody else made."""
+    t_ns = np.arange(3, dtype=np.int64) * 1000
+    names = {"a/b": np.arange(3.0), "a_b": np.arange(3.0), "time": np.arange(3.0), 'x, "y"': np.arange(3.0)}
+    events = [{"t_ns": 0, "tick": 0, "source": "p", "kind": "k", "text": 'a\0b\n"c",\ud55c', "data": {"s": "\ud800"}}]
+    at = np.arange(3)
+    run = Run(scene="no scene", step_ns=1, frame_ns=1, time=t_ns * 1e-9, signals=names, units={},
+              commands={"../up": Commands(at, at, at, np.zeros((3, 1)))}, events=events)  # fmt: skip
+    wanted = ["a_b", "a_b_2", "time_2", 'x, "y"']
+    for to in sorted(FORMATS):
+        export(tables(run), to, tmp_path / to, description(run))
+    assert pd.read_csv(tmp_path / "csv" / "outputs.csv").columns.tolist() == ["time [s]", *wanted]
+    assert pd.read_csv(tmp_path / "csv" / "events.csv")["text"].tolist() == ['a\ufffdb\n"c",\ud55c']
+    assert pd.read_csv(tmp_path / "csv" / "commands____up.csv").shape == (3, 5)
+    with h5py.File(tmp_path / "hdf5") as file:
+        assert set(file["outputs"]) == {"time", *wanted}
+    fields = loadmat(tmp_path / "mat", simplify_cells=True)
+    assert [*fields["outputs"]] == ["time", "a_b", "a_b_2", "time_2", "x___y_"]
+    assert [*fields["names"]["outputs"].values()] == ["time", *wanted]
+    assert {one.name for one in tmp_path.iterdir()} == set(FORMATS)
+
+
+def test_names_that_matlab_takes():
+    assert valid("load.force", ()) == "load_force"
+    assert valid("end", ()) == "xend"
+    assert valid("2nd", ()) == "x2nd"
+    assert valid("ä", ()) == "x_"
+    long = "a" * 100
+    first = valid(long, ())
+    second = valid(long, {first})
+    assert len(first) == len(second) == LONGEST
+    assert first != second
+
+
+def test_files_of_a_folder_are_known_before_they_are_written(run, tmp_path):
+    for to in ("csv", "parquet", "wav"):
+        path = tmp_path / to
+        export(tables(run), to, path, {})
+        assert {one.name for one in path.iterdir()} == set(files(tables(run), to))
+
+
+@pytest.mark.parametrize(("library", "to"), [("xarray", "netcdf"), ("h5netcdf", "hdf5")])
+def test_a_library_that_is_missing_is_named(run, tmp_path, monkeypatch, library, to):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(
+        UsageError, match=rf"{library} cannot be loaded \(.*\); pip install friction-rig\[data\] installs"
+    ):
+        export(tables(run), to, tmp_path / "export", {})
+    assert not [*tmp_path.iterdir()]
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(UsageError, match="pandas cannot be loaded"):
+        run.to_pandas()
+
+
+def test_a_run_prints_as_one_screen(run):
+    many = {f"p_{i}": np.zeros(7001) for i in range(100)}
+    text = str(dataclasses.replace(run, signals=run.signals | many, damage="it breaks off", fault="it breaks off"))
+    assert repr(run) == str(run)
+    assert len(text.splitlines()) < 40
+    assert max(map(len, text.splitlines())) <= 120
+    v = run.signals["velocity"]
+    lines = text.splitlines()
+    assert lines[0] == "run         scene belt, 0.7 s, step 0.1 ms"
+    assert lines[1] == "timing      VALID"
+    assert f"  velocity                 {v.min():.6g} .. {v.max():.6g} m/s" in lines
+    assert "  and 90 more" in lines
+    gauge = run.measurements["gauge"].v
+    low, high = np.nanmin(gauge), np.nanmax(gauge)
+    assert f"  gauge                    {low:.6g} .. {high:.6g} N, 701 rows at 1000 Hz" in lines
+    assert "controllers feedback: 700 commands" in lines
+    assert "events      mark 2" in lines
+    assert lines[-1] == "damage      it breaks off"
+    assert "array" not in text
+
+
+def test_a_run_without_anything_prints_too():
+    run = Run(scene="", step_ns=1, frame_ns=1, time=np.empty(0), signals={"x": np.full(0, np.nan)}, units={})
+    assert "unknown scene" in str(run)
+    assert "  x                        no value" in str(run)
+
+
+def test_save_writes_the_recording(run, tmp_path):
+    run.save(str(tmp_path / "a.mcap"))
+    save(run, tmp_path / "b.mcap")
+    assert list(reader.Scan(tmp_path / "a.mcap")) == list(reader.Scan(tmp_path / "b.mcap"))
+
+
+def test_plot_is_the_figure_that_the_commands_draw(tmp_path):
+    from rig.view.run_figure import draw
+
+    run = rig.simulate("belt", 0.1)
+    run.plot().savefig(tmp_path / "a.png")
+    draw(run, tmp_path / "b.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_a_run_saved_from_python_has_its_provenance(tmp_path):
+    made = rig.simulate(rig.load("belt", {"seed": "7"}), 0.05)
+    made.save(tmp_path / "run.mcap")
+    read = reader.open(tmp_path / "run.mcap").provenance
+    assert read == made.provenance
+    assert read["seed"] == "7"
+    assert read["numpy"] == np.__version__
+    assert read["kernel"]
+    assert read["date"]

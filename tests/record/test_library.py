@@ -1,0 +1,269 @@
+"""Recordings are found, listed and noted; the recordings themselves stay as they are."""
+
+import errno
+import json
+import os
+import random
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.errors import LogError, OutputError, UsageError
+from rig.record import user_notes
+from rig.record.contents import contents
+from rig.record.run import Run
+from rig.record.run_list import INDEX, one, runs
+from rig.record.save_run import save
+
+GOLDEN = Path(__file__).parents[2] / "recordings" / "golden" / "pendulum.mcap"
+BEGAN = 1_700_000_000_000_000_000
+
+
+def make(path, seconds=0.1, scene="belt", began_ns=BEGAN):
+    time = np.arange(round(seconds * 1000) + 1) * 1e-3
+    run = Run(
+        scene=json.dumps({"name": scene, "title": "A belt"}),
+        step_ns=1_000_000,
+        frame_ns=1_000_000,
+        time=time,
+        signals={"velocity": np.cos(time)},
+        units={"velocity": "m/s"},
+        began_ns=began_ns,
+    )
+    save(run, path)
+    return path
+
+
+@contextmanager
+def unprivileged():
+    """Root may read everything: it takes another user for a while."""
+    before = os.geteuid()
+    if before == 0:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(before)
+
+
+@pytest.fixture
+def log(tmp_path):
+    return make(tmp_path / "run.mcap")
+
+
+def test_the_contents_are_what_was_recorded(log):
+    found = contents(log)
+    assert (found.scene, found.title, found.began_ns, found.seconds) == ("belt", "A belt", BEGAN, 0.1)
+    assert found.timing == "simulated"
+    assert len(found.digest) == 64
+
+
+def test_a_live_recording_states_its_timing_verdict():
+    found = contents(GOLDEN)
+    assert (found.scene, found.seconds, found.timing) == ("pendulum", 9.0, "VALID")
+
+
+@pytest.mark.parametrize("keep", [0, 4, 200, -40])
+def test_a_file_that_was_cut_off_or_is_another_is_refused_with_the_reason(log, keep):
+    log.write_bytes(log.read_bytes()[:keep])
+    with pytest.raises(LogError, match=r"run\.mcap (is not an MCAP file|is cut off|was cut off)"):
+        contents(log)
+
+
+def test_runs_are_listed_by_age_those_that_cannot_be_read_last(tmp_path):
+    make(tmp_path / "b.mcap", began_ns=BEGAN + 10**9)
+    make(tmp_path / "day 2" / "a.mcap", began_ns=BEGAN)
+    (tmp_path / "broken.mcap").write_bytes(b"no recording")
+    found = runs(tmp_path)
+    assert [one.path.name for one in found] == ["a.mcap", "b.mcap", "broken.mcap"]
+    assert found[-1].fault == "is not an MCAP file"
+
+
+def test_the_index_gives_the_same_list_and_only_changed_files_are_read(tmp_path, log, monkeypatch):
+    first = runs(tmp_path)
+    assert (tmp_path / INDEX).exists()
+    read = []
+    monkeypatch.setattr("rig.record.run_list.contents", lambda path: read.append(path) or contents(path))
+    assert runs(tmp_path) == first
+    assert not read
+    make(log, seconds=0.2)
+    assert runs(tmp_path)[0].contents.seconds == 0.2
+    assert read == [log]
+    runs(tmp_path, rebuild=True)
+    assert read == [log, log]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"format": 1}', '{"format": 1, "files": {"run.mcap": 3}}',
+                                  '{"format": 99, "files": {}}', "\0\xff",
+                                  "[" * 100_000])  # fmt: skip
+def test_a_damaged_index_is_made_again(tmp_path, log, text):
+    (tmp_path / INDEX).write_text(text)
+    assert [one.contents.scene for one in runs(tmp_path)] == ["belt"]
+    assert runs(tmp_path)[0].path == log
+
+
+@pytest.mark.parametrize(("key", "value"), [("began_ns", "x"), ("seconds", "x"), ("scene", None), ("messages", None)])
+def test_an_entry_of_the_index_with_a_value_of_another_type_is_read_again(tmp_path, log, key, value):
+    first = runs(tmp_path)
+    index = json.loads((tmp_path / INDEX).read_text())
+    index["files"]["run.mcap"]["contents"][key] = value
+    (tmp_path / INDEX).write_text(json.dumps(index))
+    assert runs(tmp_path) == first
+
+
+def test_bytes_changed_anywhere_give_contents_or_the_reason(log):
+    whole, chance = log.read_bytes(), random.Random(1)
+    said = []
+    for _ in range(500):
+        damaged = bytearray(whole)
+        for _ in range(chance.choice((1, 8))):
+            damaged[-1 - chance.randrange(chance.choice((60, 3000, len(whole))))] = chance.randrange(256)
+        log.write_bytes(damaged)
+        try:
+            contents(log)
+        except LogError as fault:
+            said.append(str(fault))
+    assert len(said) > 50
+    assert all(text.startswith(f"{log} ") for text in said)
+
+
+def test_a_recording_that_is_being_written_is_listed_as_such(tmp_path, log):
+    log.write_bytes(log.read_bytes()[:-5])
+    assert runs(tmp_path)[0].fault.startswith("was cut off, or a run is writing it")
+
+
+def test_links_in_a_loop_pipes_and_folders_do_not_stop_the_list(tmp_path, log):
+    (tmp_path / "loop.mcap").symlink_to("loop.mcap")
+    (tmp_path / "dead.mcap").symlink_to("nowhere")
+    (tmp_path / "up").symlink_to("..")
+    (tmp_path / "folder.mcap").mkdir()
+    os.mkfifo(tmp_path / "pipe.mcap")
+    listed = [(one.path.name, one.fault) for one in runs(tmp_path)]
+    assert listed == [("run.mcap", ""), ("loop.mcap", f"cannot be read: {os.strerror(errno.ELOOP)}")]
+
+
+@pytest.mark.parametrize(("mode", "place"), [(0o000, "closed"), (0o744, "closed/run.mcap")])
+def test_a_folder_without_permission_is_listed_with_the_reason(tmp_path, log, monkeypatch, mode, place):
+    make(tmp_path / "closed" / "run.mcap")
+    (tmp_path / "closed").chmod(mode)
+    tmp_path.chmod(0o755)
+    monkeypatch.chdir(tmp_path)  # another user may not pass the folders above
+    with unprivileged():
+        listed = [(str(one.path), one.fault) for one in runs(Path())]
+    (tmp_path / "closed").chmod(0o755)
+    assert listed == [("run.mcap", ""), (place, f"cannot be read: {os.strerror(errno.EACCES)}")]
+
+
+def test_files_that_went_are_no_longer_listed(tmp_path, log):
+    runs(tmp_path)
+    log.unlink()
+    assert runs(tmp_path) == []
+
+
+def test_a_folder_without_permission_to_write_is_listed_all_the_same(tmp_path, log, monkeypatch):
+    def refuse(*_, **__):
+        raise PermissionError
+
+    monkeypatch.setattr("pathlib.Path.write_text", refuse)
+    assert len(runs(tmp_path)) == 1
+    assert not (tmp_path / INDEX).exists()
+
+
+def test_notes_stay_beside_an_unchanged_recording(log):
+    before = log.read_bytes()
+    user_notes.add(log, "new  pad\nsecond day", ["squeal", "#pad7"])
+    user_notes.add(log, "", ["squeal"])
+    found = user_notes.read(log)
+    assert log.read_bytes() == before
+    assert [(note.text, note.tags) for note in found.found] == [
+        ("new pad second day", ("squeal", "pad7")),
+        ("", ("squeal",)),
+    ]
+    assert found.tags == ("squeal", "pad7")
+    assert found.path.name == "run.notes.jsonl"
+    assert runs(log.parent)[0].notes == found
+
+
+def test_notes_on_another_recording_of_this_name_are_apart(log):
+    user_notes.add(log, "of the first")
+    make(log, seconds=0.3)
+    user_notes.add(log, "of the second")
+    found = user_notes.read(log)
+    assert [note.text for note in found.found] == ["of the second"]
+    assert [note.text for note in found.other] == ["of the first"]
+
+
+def test_lines_that_are_no_notes_are_counted_and_a_cut_line_is_not_continued(log):
+    user_notes.add(log, "first")
+    path = user_notes.path_of(log)
+    path.write_bytes(path.read_bytes() + b'{"date": "2026')
+    user_notes.add(log, "second")
+    found = user_notes.read(log)
+    assert [note.text for note in found.found] == ["first", "second"]
+    assert found.unreadable == 1
+    path.write_bytes(path.read_bytes() + b"[" * 100_000 + b"\n" + b"\xff\x00\n")
+    assert user_notes.read(log).unreadable == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "tags", "says"),
+    [("", [], "empty"), (" \n", [], "empty"), ("x" * 10_001, [], "10001 characters"), ("x", ["two words"], "one word"),
+     ("x", [""], "one word"), ("x", ["#"], "one word"), ("red \x1b[31m", [], "control"), ("\udcff", [], "control")],
+)  # fmt: skip
+def test_what_is_no_note_is_refused(log, text, tags, says):
+    with pytest.raises(UsageError, match=says):
+        user_notes.add(log, text, tags)
+    assert not user_notes.path_of(log).exists()
+
+
+def test_a_note_on_no_file_or_in_a_folder_is_refused(tmp_path, log):
+    with pytest.raises(LogError, match="No such file"):
+        user_notes.add(tmp_path / "none.mcap", "text")
+    os.mkdir(user_notes.path_of(log))
+    with pytest.raises(OutputError, match=r"notes\.jsonl"):
+        user_notes.add(log, "text")
+    with pytest.raises(LogError, match=r"notes\.jsonl"):
+        user_notes.read(log)
+
+
+def test_a_note_beside_a_file_that_is_no_recording_is_refused(tmp_path):
+    (tmp_path / "read.me").write_text("no recording, but a text")
+    with pytest.raises(LogError, match=r"read\.me is not a recording of a run: it is not an MCAP file"):
+        user_notes.add(tmp_path / "read.me", "text")
+    assert [one.name for one in tmp_path.iterdir()] == ["read.me"]
+
+
+def test_notes_are_refused_before_their_file_is_larger_than_what_is_read(log):
+    user_notes.add(log, "first")
+    path = user_notes.path_of(log)
+    path.write_bytes(path.read_bytes() + b"\n" * ((1 << 20) - 200 - path.stat().st_size))
+    with pytest.raises(OutputError, match="is full"):
+        user_notes.add(log, "x" * 200)
+    assert [note.text for note in user_notes.read(log).found] == ["first"]
+
+
+def test_a_damaged_recording_takes_notes(log):
+    user_notes.add(log, "whole")
+    log.write_bytes(log.read_bytes()[:-100])
+    user_notes.add(log, "cut")
+    assert [note.text for note in user_notes.read(log).found] == ["whole", "cut"]
+
+
+def test_one_recording_is_listed_like_those_of_a_folder(rig, tmp_path, log):
+    user_notes.add(log, "new pad", ["squeal"])
+    (tmp_path / "cut.mcap").write_bytes(log.read_bytes()[:-5])
+    assert one(log) == runs(tmp_path)[0]
+    (tmp_path / INDEX).unlink()
+    code, out, _ = rig("runs", log)
+    assert code == 0
+    assert "run.mcap" in out
+    assert "new pad #squeal" in out
+    assert "cut.mcap" not in out
+    code, out, _ = rig("runs", tmp_path / "cut.mcap")
+    assert "was cut off" in out
+    assert not (tmp_path / INDEX).exists()
+    code, _, err = rig("runs", tmp_path / "nothing.mcap")
+    assert code == 2
+    assert "no such folder or recording" in err

@@ -1,0 +1,164 @@
+"""Plots of outputs and sensors: as the parts declare them, else by their units; colours that all can tell apart."""
+
+import json
+
+import pytest
+
+import rig
+from rig.model.assembly import Assembly, Output
+from rig.picture import Plot
+from rig.scenes.shipped import names
+from rig.view import contact
+from rig.view.channels import PALETTE, Channels
+from rig.view.drawing import Drawing
+
+GROUPS = {
+    "pendulum": [
+        ("velocity [m/s]", "velocity surface_speed"), ("forces [N]", "friction_force normal_force"),
+        ("displacement [m]", "displacement"), ("acceleration [m/s^2]", "acceleration"), ("angle [rad]", "angle"),
+        ("angular speed [rad/s]", "angular_velocity disc_speed"), ("slip speed [m/s]", "slip_speed"),
+    ],
+    "belt_tuned_mass": [
+        ("velocity [m/s]", "velocity surface_speed"), ("forces [N]", "friction_force normal_force"),
+        ("displacement [m]", "displacement"), ("acceleration [m/s^2]", "acceleration"),
+        ("absorber displacement [m]", "absorber_displacement"), ("absorber velocity [m/s]", "absorber_velocity"),
+        ("slip speed [m/s]", "slip_speed"),
+    ],
+    "plate": [
+        ("acceleration [m/s^2]", "plate_acceleration slider_acceleration"),
+        ("contact fraction [1]", "contact_fraction"),
+        ("pressure centre [m]", "pressure_centre_x pressure_centre_y"), ("forces [N]", "normal_force friction_force"),
+        ("displacement of slider and plate [m]", "plate_displacement slider_displacement"),
+        ("velocity of slider and plate [m/s]", "plate_velocity slider_velocity"),
+        ("pitch and roll [rad]", "pitch_displacement roll_displacement"),
+        ("pitch and roll velocity [rad/s]", "pitch_velocity roll_velocity"),
+        ("pitch and roll acceleration [rad/s^2]", "pitch_acceleration roll_acceleration"),
+        ("position [m]", "position"), ("surface speed [m/s]", "surface_speed"), ("openings [1]", "openings"),
+    ],
+}  # fmt: skip
+
+
+def channels(scene):
+    assembly, sensors = scene.assemble(), {name: one.unit for name, one in scene.sensors.items()}
+    return Channels((scene, assembly), {name: output.unit for name, output in assembly.outputs.items()}, sensors)
+
+
+def declared(**outputs):
+    """Plots of a rig with these outputs; no scene, no sensors."""
+    a = Assembly(title="toy")
+    a.outputs |= outputs
+    scene = rig.load("points")
+    return Channels((scene, a), {name: output.unit for name, output in outputs.items()}, {})
+
+
+@pytest.mark.parametrize("name", GROUPS)
+def test_outputs_of_shipped_scenes_are_in_plots(name):
+    panels = channels(rig.load(name)).panels
+    assert [(panel.title, " ".join(panel.outputs)) for panel in panels if panel.outputs] == GROUPS[name]
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_output_and_every_sensor_is_in_one_plot(name):
+    scene = rig.load(name)
+    found = channels(scene)
+    shown = [output for panel in found.panels for output in panel.outputs] + [*found.at_points]
+    assert sorted(shown) == sorted(scene.assemble().outputs)
+    assert sorted(sensor for panel in found.panels for sensor in panel.sensors) == sorted(scene.sensors)
+    assert found.portrait is not None
+
+
+def test_outputs_that_declare_nothing_are_grouped_by_their_units():
+    toy = {"push": "N", "x_speed": "m/s", "y_speed": "m/s", "x": "m", "heat": "W", "cold": "W"}
+    told = [("velocity [m/s]", ("x_speed", "y_speed")), ("forces [N]", ("push",)), ("displacement [m]", ("x",)),
+            ("heat [W]", ("heat",)), ("cold [W]", ("cold",))]  # fmt: skip
+    for found in (Channels(None, toy, {}), declared(**{name: Output({}, unit) for name, unit in toy.items()})):
+        assert [(panel.title, panel.outputs) for panel in found.panels] == told
+
+
+def test_an_output_names_its_plot_and_the_place_of_it():
+    both = Plot("both ends", 1)
+    found = declared(
+        push=Output({}, "N"), left=Output({}, "N", both), right=Output({}, "N", both), turn=Output({}, "rad", both),
+        alone_here=Output({}, "N", Plot()),
+    )  # fmt: skip
+    assert [(panel.title, panel.outputs) for panel in found.panels] == [
+        ("both ends [N]", ("left", "right")), ("both ends [rad]", ("turn",)), ("forces [N]", ("push",)),
+        ("alone here [N]", ("alone_here",)),
+    ]  # fmt: skip
+
+
+def test_the_portrait_is_the_declared_pair_or_the_first_output_with_its_rate():
+    outputs = {
+        "weight": Output({"one": 1.0}, "N"),
+        "b": Output({"b": 1.0}, "m"),
+        "x": Output({"x": 2.0, "y": 1.0}, "m"),
+        "x_rate": Output({"x'": 2.0, "y'": 1.0}, "m/s"),
+        "y": Output({"y": 1.0}, "m"),
+        "y_rate": Output({"y'": 1.0}, "m/s"),
+    }
+    assert declared(**outputs).portrait == ("x", "x_rate")
+    outputs["y"] = Output({"y": 1.0}, "m", role="displacement")
+    assert declared(**outputs).portrait == ("x", "x_rate")  # half a pair is none
+    outputs["y_rate"] = Output({"y'": 1.0}, "m/s", role="velocity")
+    assert declared(**outputs).portrait == ("y", "y_rate")
+    assert declared(weight=outputs["weight"], b=outputs["b"]).portrait is None
+    assert Channels(None, {"displacement": "m", "velocity": "m/s"}, {}).portrait is None
+
+
+def test_colours_are_those_of_the_places_in_a_plot():
+    found = declared(**{f"f{k}": Output({}, "N") for k in range(8)}, x=Output({}, "m"))
+    assert [found.colours[f"f{k}"] for k in range(8)] == [*PALETTE, *PALETTE[:2]]
+    assert found.colours["x"] == PALETTE[0]
+
+
+@pytest.mark.parametrize("name", ["pendulum", "plate", "brake"])
+def test_arrows_of_the_picture_have_the_colours_of_their_curves(name):
+    scene = rig.load(name)
+    drawing = Drawing(scene.to_json(), {n: output.unit for n, output in scene.assemble().outputs.items()}, {})
+    told = [contact.rgb(drawing.channels.colours[f"{force}_force"]) for force in ("friction", "normal")]
+    assert [drawing.picture.friction, drawing.picture.normal] == told
+    assert told[0] != told[1]
+
+
+def test_colours_do_not_depend_on_the_order_of_what_a_run_recorded():
+    scene = rig.load("lever")
+    units = {name: output.unit for name, output in scene.assemble().outputs.items()}
+    shuffled = dict(sorted(units.items()))
+    assert list(shuffled) != list(units)
+    one, other = (Channels((scene, scene.assemble()), told, {}) for told in (units, shuffled))
+    assert one.colours == other.colours
+    assert one.panels == other.panels
+
+
+def test_the_first_colours_can_be_told_from_a_white_and_from_a_dark_ground():
+    """Contrast by WCAG 2.2: at least 3 for graphics."""
+
+    def luminance(rgb):
+        linear = [v / 12.92 if (v := c / 255.0) <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for c in rgb]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    for ground in ((255, 255, 255), (24, 27, 33)):
+        for colour in PALETTE[:4]:
+            low, high = sorted((luminance(ground), luminance(contact.rgb(colour))))
+            assert (high + 0.05) / (low + 0.05) >= 3.0, (colour, ground)
+
+
+def test_a_measurement_is_in_the_plot_of_its_output_in_its_unit_and_a_sound_has_its_own():
+    scene = rig.load("pendulum")
+    found = channels(scene)
+    assert found.measured["strain_gauge"] == ("friction_force", pytest.approx(1.0 / 20e-6))
+    panels = {panel.title: panel for panel in found.panels}
+    assert {"strain_gauge", "normal_force"} <= set(panels["forces [N]"].sensors)
+    assert found.colour_of("strain_gauge") == found.colours["friction_force"]
+    heard = channels(rig.load("brake"))
+    assert "microphone" not in heard.measured
+    assert heard.panels[-1][:3] == ("microphone [Pa]", (), ("microphone",))
+
+
+def test_without_a_scene_a_sensor_has_a_plot_of_its_own():
+    scene = json.loads(rig.load("belt").to_json()) | {"plant": "lost"}
+    assert contact.read(json.dumps(scene)) is None
+    found = Channels(None, {"velocity": "m/s"}, {"vibrometer": "m/s"})
+    assert [panel[:3] for panel in found.panels] == [
+        ("velocity [m/s]", ("velocity",), ()), ("vibrometer [m/s]", (), ("vibrometer",)),
+    ]  # fmt: skip

@@ -1,0 +1,161 @@
+"""A recording in rerun by our view, in rerun without our tools, and as a layout for Foxglove."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from rig.errors import OutputError
+from rig.record import reader
+from rig.record.run import Run
+from rig.view import recording
+from rig.view.foxglove import layout, write_layout
+from rig.view.recording import drawing_of, view_run
+from rig.view.viewer import binary, start
+
+GOLDEN = Path(__file__).parents[2] / "recordings" / "golden" / "pendulum.mcap"
+
+
+def run_rerun(*arguments):
+    done = subprocess.run([binary(), *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def run():
+    return reader.open(GOLDEN)
+
+
+def test_everything_of_a_recording_is_in_the_rerun_file(run, tmp_path):
+    view_run(run, "pendulum", save=tmp_path / "run.rrd")
+    printed = run_rerun("rrd", "print", tmp_path / "run.rrd")
+    for name in run.signals:
+        assert f"/plant/{name} " in printed
+    for name in run.measurements:
+        assert f"/sensor/{name} " in printed
+    for path in ("/command/nf", "/strip/protocol", "/strip/contact", "/event/plant", "/rig/", "/portrait"):
+        assert path in printed, path
+
+
+def test_rerun_makes_a_curve_of_each_output_and_sensor_without_our_tools(run, tmp_path):
+    run_rerun("mcap", "convert", GOLDEN, "-o", tmp_path / "plain.rrd")
+    printed = run_rerun("rrd", "print", tmp_path / "plain.rrd")
+    curves = {line.split(" - ")[1] for line in printed.splitlines() if "Scalars:scalars" in line}
+    logged = {line.split(" - ")[1] for line in printed.splitlines() if "TextLog:text" in line}
+    roots = [curve.removeprefix("/").partition("_in_")[0] for curve in curves]
+    assert sorted(roots) == sorted(
+        [f"curve/{name}" for name in run.signals] + [f"measured/{n}" for n in run.measurements]
+    )
+    assert "/log/plant" in logged
+
+
+def plotted(found):
+    return [
+        path["value"] for name, one in found["configById"].items() if name.startswith("Plot!") for path in one["paths"]
+    ]
+
+
+def test_the_layout_has_every_curve_of_the_recording_once(run):
+    found = layout(drawing_of(run))
+    with GOLDEN.open("rb") as file:
+        topics = {channel.topic for channel in make_reader(file).get_summary().channels.values()}
+    assert sorted(plotted(found)) == sorted(f"{t}.data[0]" for t in topics if t.startswith(("curve/", "measured/")))
+    assert found["configById"]["RosOut!events"]["topicToRender"] in topics
+
+
+def test_every_panel_has_its_place(run):
+    found = layout(drawing_of(run))
+
+    def placed(part):
+        return [part] if isinstance(part, str) else placed(part["first"]) + placed(part["second"])
+
+    here = placed(found["layout"])
+    here += [tab["layout"] for tab in found["configById"].get("Tab!more", {}).get("tabs", ())]
+    assert sorted(here) == sorted(found["configById"])
+
+
+def test_a_sensor_in_another_unit_has_an_axis_of_its_own(run):
+    found = layout(drawing_of(run))
+    strains = [one for one in found["configById"].values() if "strain_gauge" in json.dumps(one.get("paths", ""))]
+    assert [len(one["paths"]) for one in strains] == [1]
+    assert strains[0]["yAxisLabel"].startswith("strain_gauge")
+
+
+def test_the_shipped_layout_is_that_of_the_golden_recording(run, tmp_path):
+    write_layout(drawing_of(run), tmp_path / "layout.json")
+    assert GOLDEN.with_suffix(".foxglove.json").read_text() == (tmp_path / "layout.json").read_text()
+
+
+def test_a_file_that_exists_stays_if_the_new_one_cannot_be_written_completely(run, tmp_path, monkeypatch):
+    import rerun
+
+    def refuse(*_, **__):
+        raise RuntimeError("File-writer thread shut down prematurely")  # what rerun says of a full disk
+
+    (tmp_path / "run.rrd").write_text("of before")
+    monkeypatch.setattr(rerun.RecordingStream, "flush", refuse)
+    with pytest.raises(OutputError, match=r"run\.rrd cannot be written: \d+ MiB are free there"):
+        view_run(run, "pendulum", save=tmp_path / "run.rrd")
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("run.rrd", "of before")]
+
+
+def test_an_interruption_leaves_no_part_of_a_file(run, tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rig.view.recording.write", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        view_run(run, "pendulum", save=tmp_path / "run.rrd")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_device_takes_a_rerun_file_and_stays_a_device(run):
+    view_run(run, "pendulum", save="/dev/null")
+    assert Path("/dev/null").is_char_device()
+
+
+def test_a_viewer_that_is_closed_before_the_end_is_reported(run, monkeypatch):
+    import rerun
+
+    whole = rerun.RecordingStream.flush
+    monkeypatch.setattr(rerun.RecordingStream, "flush", lambda rec, timeout_sec: whole(rec, timeout_sec=0.5))
+    shown = start(headless=True)
+
+    def close_first(*_):
+        shown.stop()
+        write(*_)
+
+    write = recording.write
+    monkeypatch.setattr("rig.view.recording.write", close_first)
+    with pytest.raises(OutputError, match="the viewer was closed, or hangs"):
+        view_run(run, "pendulum", connect=shown.url)
+
+
+def test_the_phase_portrait_moves_ten_times_a_second_and_curves_are_sent_in_long_batches(run, tmp_path):
+    view_run(run, "pendulum", save=tmp_path / "run.rrd")
+    chunks = [line.split(" - ")[1] for line in run_rerun("rrd", "print", "-v", tmp_path / "run.rrd").splitlines()
+              if line.startswith("Chunk(")]  # fmt: skip
+    assert chunks.count("/portrait/curve") >= 10 * run.time[-1]
+    for name in run.signals:
+        assert 1 <= chunks.count(f"/plant/{name}") <= run.time[-1]
+
+
+def test_a_run_without_outputs_and_sensors_shows_its_events(tmp_path):
+    event = {"t_ns": 0, "tick": 0, "source": "plant", "kind": "step", "text": "hold", "data": {}}
+    bare = Run(scene='{"plant": "belt"}', step_ns=1_000_000, frame_ns=1_000_000, time=np.empty(0), signals={}, units={},
+               events=[event])  # fmt: skip
+    view_run(bare, "bare", save=tmp_path / "bare.rrd")
+    assert "/event/plant" in run_rerun("rrd", "print", tmp_path / "bare.rrd")
+
+
+def test_a_run_that_lost_many_samples_is_drawn_without_a_warning():
+    time = np.arange(200) * 1e-3
+    v = np.where(time < 0.1, np.nan, np.sin(300 * time))
+    signals = {"x": v, "y": v * np.nan}
+    lost = Run(scene='{"plant": "belt"}', step_ns=1_000_000, frame_ns=1_000_000, time=time, signals=signals,
+               units={"x": "m", "y": "m/s"})  # fmt: skip
+    assert lost.plot().axes

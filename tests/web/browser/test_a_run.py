@@ -1,0 +1,164 @@
+"""A whole run by the page alone: the values, the sliders, the recording; other pages beside it; what goes wrong."""
+
+import os
+import signal
+import time
+
+import psutil
+import pytest
+
+from rig import scenes
+from rig.bench.plant_process import warm
+from rig.bench.verify import verify
+
+pytestmark = pytest.mark.browser
+Keys = pytest.importorskip("selenium.webdriver.common.keys", reason="needs Selenium: make install").Keys
+SCENE, GAIN = "belt_normal_force", "controllers.nf.gain"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled():
+    warm(scenes.load(SCENE))
+
+
+def contacts(page, seconds):
+    """The words of the contact that the page shows over a time."""
+    found, end = set(), time.monotonic() + seconds
+    while time.monotonic() < end:
+        found.add(page.text("contact"))
+        time.sleep(0.01)
+    return found - {""}
+
+
+def start(page, scene="belt"):
+    page.choose(scene)
+    page.press("start")
+    page.until_phase("running")
+
+
+def test_a_slider_kills_the_limit_cycle_and_the_recording_is_downloaded_and_verified(page, server, downloads):
+    page.choose(SCENE)
+    page.run("for (const one of document.querySelectorAll('details')) one.open = true")
+    page.change(GAIN, "100")
+    page.change("controllers.nf.enable_at", "2 s")
+    assert page.run("return document.activeElement.id").startswith("value-")  # the focus outlasts the check
+    page.write("duration", "60")
+    page.press("start")
+    page.until_phase("running")
+    page.until(lambda: page.text("time") > "t = 3")
+    page.show("contact")
+    page.until(lambda: page.text("contact") == "stick", 20.0)
+
+    page.show(f"slider-{GAIN}").send_keys(Keys.END)
+    page.until(lambda: float(page.value(f"live-{GAIN}")) == 200.0)
+    page.until(lambda: "parameter" in [event["kind"] for event in server.bench.control.events])
+    page.show("contact")
+    page.until(lambda: contacts(page, 1.0) == {"slip+"}, 20.0)
+    page.picture("running")
+
+    page.press("stop")
+    page.until_phase("ended", 30.0)
+    assert "stopped by an operator" in page.text("outcome")
+    page.run("document.getElementById('recordings').closest('details').open = true")
+    link = page.until(lambda: page.driver.find_elements("css selector", "#recordings a"))[0]
+    page.run("arguments[0].click()", link)
+    log = page.until(lambda: next(downloads.glob("*.mcap"), None))
+    found = verify(log)
+    assert found.passed, found.text()
+    page.run("document.querySelector('#recordings button').click()")
+    page.until(lambda: ": done" in page.text("jobs") or "exit code" in page.text("jobs"), 60.0)
+    assert "exit code" not in page.text("jobs"), page.text("jobs")
+    page.picture("ended")
+
+
+def test_a_second_tab_shows_the_same_and_a_page_that_closes_changes_nothing(page, tab, server):
+    start(page)
+    run = page.text("run")
+    second = tab(server.address)
+    second.until_phase("running")
+    assert second.text("run") == run
+    second.show("slider-drive.speed").send_keys(Keys.END)
+    moved = float(second.value("live-drive.speed"))
+    assert moved == 0.12
+    page.front()
+    page.until(lambda: float(page.value("live-drive.speed")) == moved)
+    second.front()
+    second.driver.close()
+    page.front()
+    before = page.text("time")
+    page.until(lambda: page.text("time") > before)
+    assert page.text("phase") == "running"
+    page.press("pause")
+    page.until_phase("paused")
+    again = tab(server.address)
+    again.until_phase("paused")
+    assert float(again.until(lambda: again.value("live-drive.speed"))) == moved
+    again.press("emergency")
+    page.front()
+    page.until_phase("ended", 30.0)
+    assert "emergency stop" in page.text("outcome")
+
+
+def test_a_killed_plant_is_said_on_the_page_and_another_run_can_start(page):
+    start(page)
+    plant = next(
+        one for one in psutil.Process().children(recursive=True) if "rig.bench.plant_process" in " ".join(one.cmdline())
+    )
+    os.kill(plant.pid, signal.SIGKILL)
+    page.until_phase("ended", 40.0)
+    assert "the plant was killed by SIGKILL" in page.text("outcome")
+    page.press("start")
+    page.until_phase("running")
+
+
+def test_a_laptop_that_was_closed_shows_the_present_again(page, server):
+    start(page)
+    asleep = psutil.Process(page.driver.service.process.pid).children(recursive=True)
+    page.until(lambda: page.text("time"))
+    shown = float(page.text("time").split()[2])
+    for one in asleep:
+        one.suspend()
+    time.sleep(4.0)
+    slept = server.bench.control.state
+    for one in reversed(asleep):
+        one.resume()
+    assert slept["phase"] == "running"
+    page.until(lambda: float(page.text("time").split()[2]) > shown + 4.0, 3.0)  # the present, not what was missed
+    assert page.text("phase") == "running"
+
+
+def test_a_server_that_ended_is_said_and_a_new_one_refuses_the_old_page(page, server, folder):
+    from rig.web.server import Server
+
+    start(page)
+    server.__exit__()
+    page.until(lambda: "rig web has ended" in page.text("phase"))
+    assert not page.one("start").is_enabled()
+    with Server(server.port, folder, lambda _: None) as later:
+        page.until(lambda: "rig web was started again" in page.text("phase"), 15.0)
+        page.picture("older")
+        page.open(later.address)
+        page.until_phase("no run yet")
+    page.until(lambda: "rig web has ended" in page.text("phase"))
+    page.complaints()  # of the connection that was refused
+
+
+def test_faults_are_said_beside_the_form_and_are_gone_when_mended(page):
+    page.choose(SCENE)
+    page.run("for (const one of document.querySelectorAll('details')) one.open = true")
+    page.write("value-load.force", "-3")
+    page.until(lambda: "load.force = -3: must be at least 0 N" in page.text("form-fault"))
+    assert not page.one("start").is_enabled()
+    page.picture("fault")
+    page.write("value-load.force", "21 N")
+    page.until(lambda: page.text("form-fault") == "" and page.one("start").is_enabled())
+    page.write("pace", "fast")
+    page.press("start")
+    page.until(lambda: "the pace " in page.text("form-fault"))
+    page.write("pace", "1")
+    page.press("start")
+    page.until_phase("running")
+    page.until(lambda: page.value("live-load.force"))
+    page.write("live-drive.speed", "5 N")
+    page.until(lambda: "drive.speed" in page.text("touch-fault"))
+    page.complaints()  # of the requests that were refused

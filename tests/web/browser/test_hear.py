@@ -1,0 +1,37 @@
+"""What the page computes of a scene, and the sound of a run; whether a loudspeaker plays it no test can tell."""
+
+import pytest
+
+from rig import scenes
+from rig.bench.plant_process import warm
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled():
+    warm(scenes.load("belt"))
+
+
+def test_eigenvalues_are_computed_of_the_chosen_scene(page):
+    page.choose("belt")
+    page.run("for (const one of document.querySelectorAll('details')) one.open = true")
+    page.press("modes")
+    page.until(lambda: "eigenvalues of belt: done" in page.text("studies-jobs"), 60.0)
+    page.picture("eigenvalues")
+
+
+def test_a_fast_sensor_is_heard(page, server):
+    scene = server.bench.catalogue.scene("belt", {"sensors.vibrometer.rate": 10_000})
+    server.bench.control.start(scene, "belt", {"sensors.vibrometer.rate": "10000"}, duration=60.0)
+    page.until_phase("running")
+    page.press("hear")
+    page.until(lambda: "dB (0 dB is 1e-9 m/s)" in page.text("hear-told"))
+    page.picture("sound")
+    page.press("hear")
+    assert (page.text("hear"), page.text("hear-fault")) == ("Listen", "")
+
+
+def test_a_scene_without_a_fast_sensor_says_so(page, server):
+    server.bench.control.start(server.bench.catalogue.scene("belt"), "belt", {}, duration=60.0)
+    page.until(lambda: "No sensor of this scene can be heard" in page.text("hear-why"), 60.0)

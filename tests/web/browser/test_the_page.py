@@ -1,0 +1,143 @@
+"""Who gets the page, and how it looks and works: languages, a phone, the keyboard alone."""
+
+import http.server
+import threading
+
+import pytest
+
+pytestmark = pytest.mark.browser
+Keys = pytest.importorskip("selenium.webdriver.common.keys", reason="needs Selenium: make install").Keys
+ELSEWHERE = """<script>
+const told = (text) => { document.title += text + ";"; };
+const how = { method: "POST", mode: "no-cors", credentials: "include", body: '{"scene": "belt"}' };
+fetch("http://127.0.0.1:PORT/api/run", how)
+  .then(() => told("sent"), () => told("unsent"));
+fetch("http://127.0.0.1:PORT/api/scenes", { credentials: "include" }).then(() => told("read"), () => told("unread"));
+const socket = new WebSocket("ws://127.0.0.1:PORT/live");
+socket.onopen = () => told("open");
+socket.onclose = () => told("closed");
+</script><iframe src="http://127.0.0.1:PORT/"></iframe>"""
+
+
+@pytest.fixture
+def elsewhere(server):
+    """The address of another server on this machine, whose page tries to use the bench."""
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("content-type", "text/html")
+            self.end_headers()
+            self.wfile.write(ELSEWHERE.replace("PORT", str(server.port)).encode())
+
+        def log_message(self, *_):
+            pass
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Handler) as other:
+        thread = threading.Thread(target=other.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{other.server_port}/"
+        other.shutdown()
+        thread.join(5.0)
+
+
+@pytest.fixture
+def shape(page):
+    """Gives the page the shape of a screen."""
+
+    def shape(width, height, mobile=False):
+        page.tools("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
+        return page
+
+    return shape
+
+
+def test_a_wrong_token_is_refused_and_the_remedy_told(browser, server):
+    browser.get(f"http://127.0.0.1:{server.port}/?token=wrong")
+    assert "Open the address that rig web printed" in browser.page_source
+    browser.get(server.address)
+    assert browser.current_url == f"http://127.0.0.1:{server.port}/"  # no token in the history or a bookmark
+    assert browser.execute_script("return document.cookie") == ""
+
+
+def test_the_page_of_another_server_can_neither_start_a_run_nor_read(page, tab, elsewhere, server):
+    other = tab(elsewhere)
+    other.until(lambda: other.driver.title.count(";") == 3)
+    assert sorted(other.driver.title.strip(";").split(";")) == ["closed", "unread", "unsent"]
+    assert server.bench.control.state["phase"] == "idle"
+    other.driver.get("about:blank")
+    other.complaints()  # of the frame, the request and the socket that were refused
+
+
+@pytest.mark.parametrize("language", ["de-DE", "fr-FR", "en-GB"])
+def test_numbers_are_the_same_in_every_language(page, language):
+    page.tools("Emulation.setLocaleOverride", locale=language)
+    page.driver.refresh()
+    page.until(lambda: page.text("title"))
+    page.choose("belt_normal_force")
+    page.run("for (const one of document.querySelectorAll('details')) one.open = true")
+    assert page.run("return (0.5).toLocaleString()") == ("0.5" if language == "en-GB" else "0,5")
+    assert page.value("value-drive.speed") == "0.06"
+    page.write("value-drive.speed", "0,07")  # a decimal comma is understood
+    page.until(lambda: page.value("value-drive.speed") == "0.07")
+    page.write("duration", "0,5")
+    page.press("start")
+    page.until_phase("ended")
+    assert page.value("live-drive.speed") == "0.07"
+
+
+@pytest.mark.parametrize(("width", "height"), [(360, 740), (412, 915), (800, 1100), (1400, 900), (2200, 1200)])
+def test_nothing_is_wider_than_the_screen(shape, width, height):
+    page = shape(width, height, mobile=width < 500)
+    page.choose("pendulum")
+    page.run("for (const one of document.querySelectorAll('details')) one.open = true")
+    page.press("start")
+    page.until_phase("running")
+    page.until(lambda: page.text("time") > "t = 1")
+    page.run("scrollTo(0, 0)")
+    page.picture(f"width-{width}")
+    wide = """
+        const limit = document.documentElement.clientWidth;
+        return [document.documentElement.scrollWidth - limit, ...[...document.querySelectorAll('section *')]
+          .filter((one) => one.getBoundingClientRect().right > limit + 1)
+          .map((one) => one.outerHTML.slice(0, 90))].slice(0, 6)"""
+    assert page.run(wide) == [0]
+    page.show("slider-drive.speed")
+    assert page.one("emergency").is_displayed()
+    box = page.run(
+        "const b = document.getElementById('emergency').getBoundingClientRect(); return [b.top, b.bottom, b.right]"
+    )
+    assert box[0] >= 0
+    assert box[1] <= height / 2
+    assert box[2] <= width
+
+
+def test_the_keyboard_is_enough(page):
+    from selenium.webdriver import ActionChains
+
+    def active():
+        return page.run("return document.activeElement.id")
+
+    def to(name, most=200):
+        for _ in range(most):
+            if active() == name:
+                return page.driver.switch_to.active_element
+            ActionChains(page.driver).send_keys(Keys.TAB).perform()
+        raise AssertionError(f"{name} cannot be reached; now at {active()}")
+
+    page.until(lambda: page.text("title"))
+    page.driver.find_element("tag name", "body").click()
+    to("scene").send_keys("belt –")
+    page.until(lambda: page.value("scene") == "belt")
+    page.until(lambda: "belt" in page.text("title").lower() and page.one("start").is_enabled())
+    to("duration").send_keys("300")
+    to("start").send_keys(Keys.ENTER)
+    page.until_phase("running")
+    page.one("slider-drive.speed")
+    to("slider-drive.speed").send_keys(Keys.PAGE_UP)
+    page.until(lambda: float(page.value("live-drive.speed")) > 0.06)
+    outline = page.run("return getComputedStyle(document.activeElement).outlineStyle")
+    assert outline not in ("none", "")
+    page.run("document.activeElement.blur()")
+    to("stop").send_keys(Keys.SPACE)
+    page.until_phase("ended", 30.0)

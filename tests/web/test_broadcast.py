@@ -1,0 +1,87 @@
+"""What a slow, a hidden and a late page get."""
+
+import asyncio
+import json
+
+from rig.web.broadcast import AHEAD, KEPT, Broadcast
+
+
+def run(test):
+    asyncio.run(asyncio.wait_for(test(), 5.0))
+
+
+async def taken(page):
+    return [json.loads(text) for text in await page.next()]
+
+
+async def nothing(page):
+    try:
+        await asyncio.wait_for(page.next(), 0.05)
+    except TimeoutError:
+        return True
+    return False
+
+
+def numbers(messages):
+    return [frame["n"] for message in messages for frame in message.get("frames", [])]
+
+
+def test_a_page_that_does_not_acknowledge_gets_the_newest_frames_only_when_it_does():
+    async def test():
+        broadcast = Broadcast()
+        page = broadcast.connect()
+        for n in range(1, AHEAD + 1):
+            broadcast.frame(n, json.dumps({"n": n}))
+            assert numbers(await taken(page)) == [n]
+        for n in range(AHEAD + 1, 100):
+            broadcast.frame(n, json.dumps({"n": n}))
+            assert n > AHEAD + 1 or await nothing(page)
+        page.heard(json.dumps({"ack": AHEAD}))
+        assert numbers(await taken(page)) == list(range(100 - KEPT, 100))
+        assert await nothing(page)
+
+    run(test)
+
+
+def test_a_hidden_page_gets_the_state_but_no_frames():
+    async def test():
+        broadcast = Broadcast()
+        page = broadcast.connect()
+        page.heard('{"hidden": true}')
+        broadcast.frame(1, '{"n": 1}')
+        broadcast.put("state", {"phase": "running"})
+        assert await taken(page) == [{"kind": "state", "state": {"phase": "running"}}]
+        page.heard('{"hidden": false, "ack": 1}')
+        broadcast.frame(2, '{"n": 2}')
+        assert numbers(await taken(page)) == [2]
+
+    run(test)
+
+
+def test_a_page_that_connects_late_gets_state_and_description_and_none_of_another_run():
+    async def test():
+        broadcast = Broadcast()
+        broadcast.put("setup", {"run": "a"})
+        broadcast.frame(1, '{"n": 1}')
+        broadcast.put("state", {"phase": "ended"})
+        broadcast.put("setup", {"run": "b"})
+        broadcast.frame(1, '{"n": 7}')
+        page = broadcast.connect()
+        found = await taken(page)
+        assert [message["kind"] for message in found] == ["state", "setup", "frames"]
+        assert found[1]["setup"] == {"run": "b"}
+        assert numbers(found) == [7]
+        broadcast.forget("setup")
+        assert [message["kind"] for message in await taken(broadcast.connect())] == ["state"]
+
+    run(test)
+
+
+def test_senseless_messages_of_a_page_are_ignored():
+    async def test():
+        page = Broadcast().connect()
+        for text in ("", "x", "[1]", '{"ack": "many"}', '{"ack": 99}', "null"):
+            page.heard(text)
+        assert await nothing(page)
+
+    run(test)

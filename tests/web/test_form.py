@@ -1,0 +1,105 @@
+"""Scenes to choose from, their values as a form, and what is wrong with changed ones."""
+
+import json
+
+import pytest
+
+from rig import scenes
+from rig.errors import SceneError, UsageError
+from rig.scenes.shipped import names
+from rig.web.catalogue import Catalogue, timing
+from rig.web.form import form, slider_of
+
+
+def test_every_shipped_scene_has_a_card_and_those_of_the_folder_come_first(tmp_path):
+    (tmp_path / "mine.toml").write_text('based_on = "belt"\ntitle = "My belt"\n')
+    (tmp_path / "pyproject.toml").write_text('[project]\nname = "x"\n')
+    found = Catalogue(tmp_path).cards()
+    assert [one["name"] for one in found if one["own"]] == [str(tmp_path / "mine.toml")]
+    assert [one["name"] for one in found if not one["own"]] == list(names())
+
+
+@pytest.mark.parametrize("name", ["belt_normal_force", "pendulum", "brake_shunt", "tip", "north"])
+def test_the_form_has_every_value_with_unit_range_and_origin(name):
+    scene = scenes.load(name)
+    found = json.loads(json.dumps(form(scene), allow_nan=False))
+    entries = {one["key"]: one for section in found["sections"] for one in section["values"]}
+    for key, one in scene.assemble().inputs.items():
+        assert entries[key]["limits"] == [one.low, one.high]
+        assert entries[key]["live"]
+        assert entries[key]["actuator"]
+    for key, (value, unit) in scene.values().items():
+        if key in entries and not isinstance(value, bool):
+            assert (entries[key]["value"], entries[key]["unit"]) == (value, unit)
+    for one in entries.values():
+        if one["slider"]:
+            low, high = one["slider"]
+            assert one["limits"][0] <= low <= one["value"] <= high <= one["limits"][1]
+            assert low < high
+    assert all(not one["live"] for key, one in entries.items() if key.startswith(("start.", "clock.")))
+
+
+def test_the_owner_of_an_actuator_is_its_controller():
+    found = form(scenes.load("belt_normal_force"))
+    entries = {one["key"]: one for section in found["sections"] for one in section["values"]}
+    assert entries["load.force"]["owner"] == "nf"
+    assert entries["drive.speed"]["owner"] == ""
+
+
+def test_the_slider_has_the_whole_range_only_where_it_is_not_much_wider_than_the_value():
+    assert slider_of(0.5, 0.0, 1.0) == (0.0, 1.0)
+    assert slider_of(20.0, 0.0, 1e5) == (0.0, 40.0)
+    assert slider_of(2500.0, 1e-15, 1e15) == (1250.0, 5000.0)
+    assert slider_of(-0.3, -100.0, 100.0) == (-0.6, -0.15)
+    assert slider_of(0.0, 0.0, 1e9) is None
+
+
+def test_faults_are_those_of_the_command_line(rig, tmp_path):
+    changes = {"friction.mu_static": -1, "load.force": "3 m", "zzz": 1.0}
+    with pytest.raises(SceneError) as told:
+        Catalogue(tmp_path).scene("belt", changes)
+    options = [part for key, value in changes.items() for part in ("-p", f"{key}={value}")]
+    _, _, printed = rig("explain", "belt", *options)
+    assert str(told.value) == printed.strip()
+
+
+def test_what_is_no_scene_no_change_no_pace_is_refused(tmp_path):
+    catalogue = Catalogue(tmp_path)
+    for name in ("/etc/passwd", "../x.toml", 5, None, "nothing"):
+        with pytest.raises(UsageError, match="no scene is called"):
+            catalogue.scene(name)
+    with pytest.raises(UsageError, match='"changes" is'):
+        catalogue.scene("belt", [1])
+    with pytest.raises(UsageError, match="is no value"):
+        catalogue.scene("belt", {"load.force": [1.0]})
+    belt = catalogue.scene("belt")
+    for pace in (0.0, -1, "fast", 1e9, float("nan"), True):
+        with pytest.raises(UsageError, match="the pace "):
+            timing(belt, pace, None)
+    for length in (0.0, "long", "3 m", 1e9):
+        with pytest.raises(UsageError, match="the duration "):
+            timing(belt, 1.0, length)
+    assert timing(belt, "max", "500 ms") == (None, 0.5)
+
+
+def test_a_saved_scene_has_the_changed_values_and_is_offered(tmp_path):
+    catalogue = Catalogue(tmp_path)
+    path = catalogue.save("mine", "belt_normal_force", {"load.force": "21 N", "controllers.nf.gain": 150, "seed": 7})
+    again = scenes.load(path)
+    values = again.values()
+    assert (values["load.force"][0], values["controllers.nf.gain"][0], again.seed) == (21.0, 150.0, 7)
+    assert again.origins["load.force"].origin == "user"
+    assert str(path) in [one["name"] for one in catalogue.cards()]
+    twice = catalogue.save("mine2", str(path), {"load.force": 22.0})
+    assert scenes.load(twice).values()["load.force"][0] == 22.0
+    for name, told in (
+        ("mine", "exists already"),
+        ("belt", "exists already"),
+        ("../x", "cannot name a scene"),
+        (5, "cannot"),
+    ):
+        with pytest.raises(UsageError, match=told):
+            catalogue.save(name, "belt", {})
+    with pytest.raises(SceneError, match="must be at least 0"):
+        catalogue.save("wrong", "belt", {"load.force": -1})
+    assert not (tmp_path / "wrong.toml").exists()

@@ -1,0 +1,87 @@
+"""Maps and cost tables on the page: listed with their figures, made by jobs, and nothing beside them is given."""
+
+import pytest
+
+from rig import scenes
+from rig.analysis.map import Store, job
+
+WORK = "/api/studies/work"
+X, Y = "drive.speed=0.1:0.4 m/s:3", "load.force=10 N:20 N:2"
+
+
+def test_a_map_by_eigenvalues_is_made_listed_and_shown(client, folder):
+    made = client.job(WORK, what="regions", scene="belt", changes={"friction.mu_static": 0.5}, x=X, y=Y)
+    assert (made["code"], made["command"]) == (0, "map"), made
+    (found,) = client.get("/api/studies").json()
+    assert found["finished"]
+    assert {"regions.png", "regions.csv"} <= {*found["files"]}
+    assert "drive.speed from 0.1 to 0.4 m/s, 3 values; load.force from 10 to 20 N, 2 values" in found["about"]
+    figure = client.get(f"/studies/maps/{found['name']}/regions.png")
+    assert figure.content == (folder / "maps" / found["name"] / "regions.png").read_bytes()
+    assert figure.headers["content-security-policy"].startswith("sandbox")
+    again = client.job(WORK, what="regions", scene="belt", changes={"friction.mu_static": 0.5}, x=X, y=Y)
+    assert again["code"] == 0
+    assert len(client.get("/api/studies").json()) == 1
+
+
+def test_eigenvalues_are_those_of_the_changed_values(client, rig):
+    made = client.job(WORK, what="modes", scene="belt", changes={"drive.speed": "80 mm/s"})
+    assert made["code"] == 0, made
+    _, printed, _ = rig("modes", "belt", "-p", "drive.speed=80 mm/s")
+    assert [line for line in printed.splitlines() if line] == [line for line in made["lines"] if line]
+
+
+def test_a_map_that_was_stopped_is_listed_as_unfinished(client, folder):
+    started = client.post(WORK, what="map", scene="belt", x="drive.speed=0.05 m/s:0.8 m/s:2000").json()
+    todo = job(scenes.load("belt"), "drive.speed=0.05 m/s:0.8 m/s:2000")
+    store = Store.of(todo, folder / "maps")
+    for _ in range(600):
+        if (store.folder / "job.json").exists():
+            break
+        client.get("/api/jobs")
+    assert client.post("/api/jobs/stop", number=started["number"]).status_code == 200
+    assert client.server.bench.jobs.job(started["number"]).child.wait(20.0)
+    (found,) = client.get("/api/studies").json()
+    assert (found["kind"], found["name"], found["finished"]) == ("maps", store.folder.name, False)
+
+
+def test_damaged_folders_are_listed_without_a_description(client, folder):
+    for name, text in (("a", "{"), ("b", "[]"), ("c", '{"axes": [{"key": "k", "scale": 0}]}'), ("d", "\xff")):
+        (folder / "maps" / name).mkdir(parents=True)
+        (folder / "maps" / name / "job.json").write_bytes(text.encode("latin1"))
+    (folder / "cost" / "belt-1").mkdir(parents=True)
+    (folder / "cost" / "belt-1" / "cost.png").write_bytes(b"png")
+    (folder / "cost" / "file").write_text("")
+    found = {f"{one['kind']}/{one['name']}": one for one in client.get("/api/studies").json()}
+    assert {*found} == {"maps/a", "maps/b", "maps/c", "maps/d", "cost/belt-1"}
+    assert all(one["about"] == "" for one in found.values())
+    assert [name for name, one in found.items() if one["finished"]] == ["cost/belt-1"]
+
+
+@pytest.mark.parametrize(
+    "path", ["maps/a/%2e%2e", "maps/a/secret.png", "maps/a/job.json", "secret/a/x.png", "maps/../x.png"]
+)
+def test_nothing_but_figures_and_tables_is_given(client, folder, path):
+    (folder / "maps" / "a").mkdir(parents=True)
+    (folder / "maps" / "a" / "job.json").write_text("{}")
+    (folder / "secret.png").write_bytes(b"secret")
+    (folder / "maps" / "a" / "secret.png").symlink_to(folder / "secret.png")
+    assert client.get(f"/studies/{path}").status_code in (404, 422)
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ({"what": "fly", "scene": "belt"}, "'fly': expected modes, map, regions, cost"),
+        ({"what": "cost", "scene": "nothing"}, "no scene is called 'nothing'"),
+        ({"what": "map", "scene": "belt"}, "the map needs a first axis"),
+        ({"what": "regions", "scene": "belt", "x": X}, "the map needs two axes"),
+        ({"what": "map", "scene": "belt", "x": "drive.sped=1:2:3"}, "did you mean drive.speed"),
+        ({"what": "cost", "scene": "belt", "changes": {"load.force": -1}}, "must be at least 0 N"),
+    ],
+)
+def test_what_cannot_be_computed_is_refused_before_a_job_starts(client, body, told):
+    answer = client.post(WORK, **body)
+    assert answer.status_code == 422
+    assert told in answer.json()["error"]
+    assert client.get("/api/jobs").json() == []

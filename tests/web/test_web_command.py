@@ -1,0 +1,82 @@
+"""The command `rig web`: its address, Ctrl-C, its sudden end, and what it says without its packages."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import httpx
+import psutil
+import pytest
+
+import rig as package
+from rig import scenes
+from rig.bench.plant_process import warm
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def serving(runs, tmp_path):
+    """`rig web` as a process with a run of the belt that is going on."""
+    warm(scenes.load("belt"))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rig", "web", "--no-open"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        address = re.search(r"http://\S+", process.stdout.readline())[0]
+        with httpx.Client(base_url=address.partition("/?")[0], follow_redirects=True, timeout=30.0) as http:
+            http.get(address)
+            assert http.post("/api/run", json={"scene": "belt", "changes": {"load.force": 21}}).status_code == 200
+            deadline = time.monotonic() + 60.0
+            while http.get("/api/run").json()["phase"] != "running":
+                assert time.monotonic() < deadline
+                time.sleep(0.1)
+        started = psutil.Process(process.pid).children(recursive=True)
+        assert len(started) == 2  # plant and recorder
+        yield SimpleNamespace(process=process, started=started, folder=tmp_path / "recordings" / "runs")
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_ctrl_c_ends_the_run_closes_the_recording_and_prints_the_summary(serving):
+    serving.process.send_signal(signal.SIGINT)
+    said, _ = serving.process.communicate(timeout=60.0)
+    assert serving.process.returncode == 0, said
+    assert "Traceback" not in said
+    assert "ending the run; press Ctrl-C again to end at once" in said
+    assert "frames, " in said
+    assert "rig verify recordings/runs/" in said
+    assert not psutil.wait_procs(serving.started, 5.0)[1]
+    (log,) = serving.folder.glob("*.mcap")
+    run = package.open(log)
+    assert run.time.size
+    assert not run.damage
+    assert run.provenance["command"] == "rig run belt -p load.force=21"
+
+
+def test_a_server_that_is_killed_leaves_no_process_and_a_recording(serving):
+    serving.process.kill()
+    assert not psutil.wait_procs(serving.started, 30.0)[1]
+    (log,) = serving.folder.glob("*.mcap")
+    assert package.open(log).time.size
+
+
+@pytest.mark.parametrize("lacking", ["starlette", "uvicorn"])
+def test_without_its_packages_it_says_how_to_install_them(rig, monkeypatch, lacking):
+    for name in [name for name in sys.modules if name.partition(".")[0] == lacking or name.startswith("rig.web")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, lacking, None)
+    code, _, err = rig("web", "--no-open")
+    assert code == 2
+    assert f"rig web needs {lacking}, which is not installed: pip install 'friction-rig[web]'" in err
