@@ -16,7 +16,7 @@ from rig.qualify.torture.case_scene import Watched, watched
 from rig.qualify.torture.outcome import Found, OutOfTime
 from rig.qualify.torture.test_result import CellResult, amber, judge, red, stopped
 from rig.qualify.torture.trial import Trial
-from rig.qualify.torture.wrong_methods import WRONG
+from rig.qualify.torture.wrong_methods import PATIENCE, WRONG
 from rig.stability.report import stability_report
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign", *WRONG)
@@ -200,21 +200,22 @@ def _cell(
 ) -> Cell:
     counts: dict[str, float] = {}
     spent = 0.0
+    limit = PATIENCE * seconds if method in WRONG else seconds
     try:
         if isinstance(reference, CellResult):
             found_is = reference
         else:
             found = (
-                COMPARED[method](case, scene, until, seconds)
+                COMPARED[method](case, scene, until, limit)
                 if method in COMPARED
-                else Trial(case, scene, until, seconds).run()
+                else Trial(case, scene, until, limit).run()
             )
             found_is = judge(case, found, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
             spent = found.seconds
             counts = {"events": found.count, "ticks": found.ticks, "opened": found.opened, "trials": found.trials}
             counts |= {"energy": found.energy, "stuck": found.stuck}
     except OutOfTime:
-        found_is, spent = amber("cost", f"exceeds its time limit of {seconds:g} s"), seconds
+        found_is, spent = amber("cost", f"exceeds its time limit of {limit:g} s"), limit
     except NumericsError as error:
         found_is = stopped(error)
     except UsageError as error:

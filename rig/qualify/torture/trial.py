@@ -50,7 +50,7 @@ class Trial:
         self.case, self.until_ns = case, until_ns
         self.found = Found(pace=scene.clock.pace_limit or 1.0)
         self._stop = seconds
-        self._begin = time.process_time()
+        self._begin = time.thread_time()
         self.runner = PlantRunner(scene, truthful=True)
         self.runner.truth = None  # it would store every output; here each is checked once
         self.motion = self.runner.motion
@@ -94,7 +94,7 @@ class Trial:
             self._look()
             counts = self.motion.counts()
             found.trials, found.opened = counts["trial_steps"], counts["opened_ticks"]
-            found.ticks, found.seconds = self.motion.tick, time.process_time() - self._begin
+            found.ticks, found.seconds = self.motion.tick, time.thread_time() - self._begin
             found.stuck = self._stuck_ticks / max(self.motion.tick, 1)
             with np.errstate(over="ignore", invalid="ignore"):  # for a state outside of the range of numbers
                 found.energy = abs(self.motion.energy()["error"])
@@ -175,9 +175,9 @@ class Trial:
             if motion.kept >= ROWS - CHUNK:
                 self._look()
             ticks = min(next(self._blocks), until - motion.tick)
-            begin, kept = time.process_time(), motion.kept
+            begin, kept = time.thread_time(), motion.kept
             motion.advance(ticks, keep=True)
-            self.found.carrying += time.process_time() - begin
+            self.found.carrying += time.thread_time() - begin
             self._last = (motion.kept - kept - 1) % self.runner.steps + 1
             self.runner.tick = motion.tick // self.runner.steps
             if motion.event_count:
@@ -185,7 +185,7 @@ class Trial:
             if motion.beyond >= 0:
                 name, at = self.runner.outputs[motion.beyond], motion.tick * self._step * 1e-9
                 raise _Left(f"ends at {at:.3g} s: {name} leaves the limit of its scene")
-            if time.process_time() - self._begin > self._stop:
+            if time.thread_time() - self._begin > self._stop:
                 raise OutOfTime
 
     def _note(self) -> None:
