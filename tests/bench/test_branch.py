@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rig
+from rig.bench.agreement import ELSEWHERE
 from rig.bench.branch import branch
 from rig.bench.verify import verify
 from rig.errors import LogError, UsageError
@@ -168,7 +169,8 @@ def test_a_live_recording_is_continued(name, tmp_path):
     run = rig.open(log)
     end = float(run.time[-1])
     found = branch(log, 0.6 * end, duration_ns=round(0.1 * end * 1e9))
-    assert compare(run, found, end=0.6 * end).agree
+    same = compare(run, found, end=0.6 * end)
+    assert same.agree if run.provenance["processor"] == provenance()["processor"] else same.within(ELSEWHERE)
     assert verify(recorded(tmp_path, found)).identical
 
 
