@@ -9,6 +9,7 @@ Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -110,14 +111,15 @@ class Regions:
             "edges": [[{"x": x, "becomes": "unstable" if u else "stable"} for x, u in row] for row in self.edges],
         }
 
-    def write_csv(self, path: Path) -> None:
-        """Write a line for each point, SI."""
-        with path.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow([self.x.key, self.y.key, "growth", "frequency", "exists"])
-            for j, i in np.ndindex(self.growth.shape):
-                at = self.growth[j, i], self.frequency[j, i], int(self.exists[j, i])
-                writer.writerow([self.x.values[i], self.y.values[j], *at])
+    def csv(self) -> str:
+        """Return a line for each point, SI."""
+        made = io.StringIO()
+        writer = csv.writer(made)
+        writer.writerow([self.x.key, self.y.key, "growth", "frequency", "exists"])
+        for j, i in np.ndindex(self.growth.shape):
+            at = self.growth[j, i], self.frequency[j, i], int(self.exists[j, i])
+            writer.writerow([self.x.values[i], self.y.values[j], *at])
+        return made.getvalue()
 
 
 def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], object] | None = None) -> Regions:

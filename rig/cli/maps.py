@@ -74,6 +74,7 @@ def map_(
     """
     from rig.analysis.map import Store, chart, job
     from rig.analysis.map.figure import draw
+    from rig.view.save_figure import write_file
 
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
@@ -91,7 +92,7 @@ def map_(
     else:
         printing.line(found.text())
         printing.line(f"\n{store.folder}/map.png, map.csv")
-    found.write_csv(store.folder / "map.csv")
+    write_file(store.folder / "map.csv", found.csv().encode())
     draw(found, store.folder / "map.png")
 
 
@@ -110,6 +111,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
     from rig.analysis.axis import axes
     from rig.analysis.map import Store, survey, surveyed
     from rig.analysis.regions import draw
+    from rig.view.save_figure import write_file
 
     if y is None:
         raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
@@ -124,7 +126,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
     else:
         printing.line(found.text())
         printing.line(f"\n{folder}/regions.png, regions.csv")
-    found.write_csv(folder / "regions.csv")
+    write_file(folder / "regions.csv", found.csv().encode())
     draw(found, folder / "regions.png")
 
 

@@ -73,7 +73,7 @@ def test_dither_that_is_too_weak_throughout_has_no_boundary():
 
 def test_it_is_told_and_written(found, tmp_path):
     assert "leading order" in found.text()
-    found.write_csv(tmp_path / "map.csv")
+    (tmp_path / "map.csv").write_text(found.csv(), newline="")
     lines = (tmp_path / "map.csv").read_text().splitlines()
     assert lines[0] == "dither.frequency,leading,averaged,simulated_lost,simulated_kept"
     assert len(lines) == 5

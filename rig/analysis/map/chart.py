@@ -7,6 +7,7 @@ III  vibration only                 ?    undecided: a run that did not settle co
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -173,13 +174,13 @@ class Map:
                 record |= {f"{run}_{name}": float(self.tables[name][at]) for name in names}
             yield record
 
-    def write_csv(self, path: Path) -> None:
-        """Write every point as a line of a CSV file; units: SI, the output in its own."""
-        records = list(self.points())
-        with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, list(records[0]))
-            writer.writeheader()
-            writer.writerows(records)
+    def csv(self) -> str:
+        """Return every point as a line of a CSV file; units: SI, the output in its own."""
+        records, made = list(self.points()), io.StringIO()
+        writer = csv.DictWriter(made, list(records[0]))
+        writer.writeheader()
+        writer.writerows(records)
+        return made.getvalue()
 
 
 def gathered(job: Job, found: dict[int, Arrays], folder: Path) -> Map:

@@ -14,6 +14,7 @@ Source: Thomsen, J. Sound Vib. 228 (1999); Liu and Ouyang, Meccanica 55 (2020), 
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -99,13 +100,14 @@ class Boundary:
             "folder": str(self.folder),
         }
 
-    def write_csv(self, path: Path) -> None:
-        """A line for each frequency, SI."""
-        with path.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow([self.job.x.key, "leading", "averaged", "simulated_lost", "simulated_kept"])
-            for i, frequency in enumerate(self.job.x.values):
-                writer.writerow([frequency, self.leading[i], self.averaged[i], *self.simulated[i]])
+    def csv(self) -> str:
+        """Return a line for each frequency, SI."""
+        made = io.StringIO()
+        writer = csv.writer(made)
+        writer.writerow([self.job.x.key, "leading", "averaged", "simulated_lost", "simulated_kept"])
+        for i, frequency in enumerate(self.job.x.values):
+            writer.writerow([frequency, self.leading[i], self.averaged[i], *self.simulated[i]])
+        return made.getvalue()
 
 
 def put_together(job: Job, found: dict[int, Arrays], folder: Path) -> Boundary:
