@@ -6,8 +6,9 @@
 #   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
 #                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
 #   make docs       docs/gallery, made again: the figures of the papers and how their numbers compare
+#   make site       the documentation as a site, build/site/index.html (installs Sphinx into .venv the first time)
 #   make golden     recordings/golden, made again
-#   make lock       requirements.lock, made again from pyproject.toml (needs uv)
+#   make lock       requirements.lock and requirements-site.lock, made again from pyproject.toml (needs uv)
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -22,7 +23,7 @@ RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
-.PHONY: install demo test test-slow test-browser check bench docs golden lock clean
+.PHONY: install demo test test-slow test-browser check bench docs site golden lock clean
 
 install: $(VENV)/.installed
 
@@ -61,6 +62,15 @@ bench: install
 docs: install
 	@$(BIN)/rig reproduce all --out docs/gallery --force
 
+site: $(VENV)/.installed-site # every warning is an error: a link that leads nowhere, a page in no table of contents
+	@$(RUN) sphinx --quiet --fail-on-warning --keep-going --nitpicky -c docs/site docs build/site
+	@echo "open build/site/index.html"
+
+$(VENV)/.installed-site: $(VENV)/.installed requirements-site.lock
+	@echo "installing Sphinx into $(VENV) (once)"
+	@$(PIP) --require-hashes -r requirements-site.lock
+	@touch $@
+
 golden: install # by the commands in the table of recordings/README.md
 	@rm -f recordings/golden/*.mcap
 	@PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$(sed -n 's/^| `golden.*`\(rig .*\)` |$$/\1/p' recordings/README.md)"
@@ -70,6 +80,8 @@ golden: install # by the commands in the table of recordings/README.md
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
 	  --fork-strategy fewest --extra data --extra web --group dev --group build pyproject.toml -o requirements.lock
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+	  --fork-strategy fewest --constraint requirements.lock --group site -o requirements-site.lock
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist

@@ -108,21 +108,34 @@ def _environment():
     return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
-def test_no_file_names_a_host_of_packages():
-    lock = (ROOT / "requirements.lock").read_text()
+@pytest.mark.parametrize("file", ["requirements.lock", "requirements-site.lock"])
+def test_no_file_names_a_host_of_packages(file):
+    lock = (ROOT / file).read_text()
     assert "://" not in lock
     assert "--index" not in lock
     assert "--find-links" not in lock
 
 
-def test_the_lock_pins_what_the_project_asks_for():
+def _names(wanted):
+    return {re.match(r"[A-Za-z0-9_.-]+", one)[0].lower() for one in wanted}
+
+
+def _pinned(file):
+    lines = (ROOT / file).read_text().splitlines()
+    return dict(re.match(r"(\S+)==(\S+)", line).groups() for line in lines if "==" in line)
+
+
+def test_the_locks_pin_what_the_project_asks_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    groups = [
-        project["project"]["dependencies"],
-        project["project"]["optional-dependencies"]["data"],
-        *project["dependency-groups"].values(),
-    ]
-    wanted = [one for group in groups for one in group]
-    names = {re.match(r"[A-Za-z0-9_.-]+", one)[0].lower() for one in wanted}
-    pinned = {line.partition("==")[0] for line in (ROOT / "requirements.lock").read_text().splitlines() if "==" in line}
-    assert names <= pinned
+    groups = project["dependency-groups"]
+    site = groups.pop("site")
+    wanted = [project["project"]["dependencies"], project["project"]["optional-dependencies"]["data"], *groups.values()]
+    assert _names(one for group in wanted for one in group) <= _pinned("requirements.lock").keys()
+    assert _names(site) <= _pinned("requirements-site.lock").keys()
+
+
+def test_the_site_changes_no_package_that_the_rig_uses():
+    ours, sites = _pinned("requirements.lock"), _pinned("requirements-site.lock")
+    both = ours.keys() & sites.keys()
+    assert len(both) > 10
+    assert {name: ours[name] for name in both} == {name: sites[name] for name in both}

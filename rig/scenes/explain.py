@@ -187,26 +187,32 @@ def _steps(steps: Sequence[Any], prefix: str) -> Iterator[tuple[str, Any]]:
 
 @cache
 def _documented(section: type[BaseModel], field: str) -> Origin | None:
-    """Origin of a default, from the line of the docstring that describes it: the last tag, e.g. `[public: source]`.
+    """Origin of a default, from the docstring that describes it: the last tag, e.g. `[public: source]`.
 
     Where a value rests on a source and on a choice, the choice stands last.
     """
+    for text in descriptions(section, field):
+        tags = TAG.findall(text)
+        if tags:
+            return Origin(tags[-1], text)
+    return None
+
+
+def descriptions(section: type[BaseModel], field: str) -> Iterator[str]:
+    """The line `field   text` of the docstring of each class that the section derives from, the first class first."""
     for owner in reversed(section.__mro__):
         lines = inspect.cleandoc(owner.__doc__ or "").splitlines()  # from Python 3.13 on it comes without indentation
         for i, line in enumerate(lines):
-            entry = _ENTRY.match(line)
+            entry = ENTRY.match(line)
             if entry is None or field not in entry["names"].replace(",", " ").split():
                 continue
             text = entry["text"]
             for more in lines[i + 1 :]:
-                if not more.startswith(" " * 4) or _ENTRY.match(more):
+                if not more.startswith(" " * 4) or ENTRY.match(more):
                     break
                 text += f" {more.strip()}"
-            tags = _TAG.findall(text)
-            if tags:
-                return Origin(tags[-1], " ".join(text.split()))
-    return None
+            yield " ".join(text.split())
 
 
-_ENTRY = re.compile(r"(?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*)  +(?P<text>\S.*)")
-_TAG = re.compile(rf"\[({'|'.join(ORIGINS)})\b")
+ENTRY = re.compile(r"(?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*)  +(?P<text>\S.*)")
+TAG = re.compile(rf"\[({'|'.join(ORIGINS)})\b")

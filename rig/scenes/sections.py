@@ -49,21 +49,21 @@ def field_of(section: Any, key: str) -> FieldInfo | None:
 def range_of(section: Any, key: str) -> Range | None:
     """The range of the quantity with this dotted key in a section; None if it is not a quantity."""
     info = field_of(section, key)
-    found = list(_metadata(info.annotation, info.metadata)) if info is not None else []
+    found = list(metadata(info.annotation, info.metadata)) if info is not None else []
     if not any(isinstance(one, Unit) for one in found):
         return None
     return next((one for one in found if isinstance(one, Range)), None)
 
 
-def _metadata(annotation: Any, own: Any = ()) -> Iterator[Any]:
-    """The metadata of an annotation, also inside of a union."""
+def metadata(annotation: Any, own: Any = ()) -> Iterator[Any]:
+    """The metadata of an annotation, also inside of a union. `own`: what the field itself has."""
     yield from own
     inside = get_args(annotation)
     if get_origin(annotation) is Annotated:
         yield from inside[1:]
         inside = inside[:1]
     for one in inside:
-        yield from _metadata(one)
+        yield from metadata(one)
 
 
 def controller_reads(section: Section) -> dict[str, str]:

@@ -1,0 +1,50 @@
+"""Formulas as MathML, made when the site is built: no script, nothing from another host, also from a folder.
+
+All current browsers draw MathML. The converter is that of docutils.
+"""
+
+from docutils import nodes
+from docutils.utils.math import MathError
+from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx.application import Sphinx
+from sphinx.util import logging
+from sphinx.util.math import get_node_equation_number
+from sphinx.writers.html5 import HTML5Translator
+
+_log = logging.getLogger(__name__)
+_SHORT = {r"\tfrac": r"\frac", r"\dfrac": r"\frac"}
+"""Commands that only choose a size, and whose short form `\\tfrac12` the converter does not know."""
+
+
+def _converted(page: HTML5Translator, node: nodes.math | nodes.math_block, block: bool) -> str:
+    text = node.astext()
+    for command, plain in _SHORT.items():
+        text = text.replace(command, plain)
+    try:
+        return str(tex2mathml(text, as_block=block))
+    except MathError as fault:
+        _log.warning("this formula cannot be made MathML: %s\n%s", fault, node.astext(), location=node)
+        return f"<code>{page.encode(node.astext())}</code>"
+
+
+def _inline(self: HTML5Translator, node: nodes.math) -> None:
+    self.body.append(_converted(self, node, block=False))
+    raise nodes.SkipNode
+
+
+def _block(self: HTML5Translator, node: nodes.math_block) -> None:
+    self.body.append(self.starttag(node, "div", CLASS="math"))
+    if node["number"]:
+        number = get_node_equation_number(self, node)
+        self.body.append(f'<span class="eqno">({number})')
+        self.add_permalink_ref(node, "Link to this equation")
+        self.body.append("</span>")
+    self.body.append(_converted(self, node, block=True))
+    self.body.append("</div>\n")
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the renderer `mathml`."""
+    app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
