@@ -63,7 +63,7 @@ def test_recordings_and_studies_work(bare, tmp_path):
         assert told in out
 
 
-@pytest.mark.parametrize("arguments", [("run", "belt", "--duration", 1), ("tune",)])
+@pytest.mark.parametrize("arguments", [("run", "belt", "--duration", 1), ("tune",), ("web", "--no-open")])
 def test_live_runs_are_refused_before_anything_starts(bare, arguments):
     code, _, err = bare(*arguments)
     assert code == 2, err

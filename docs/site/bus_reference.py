@@ -13,18 +13,18 @@ _TYPES = {"int": "int64", "real": "float64", "text": "text", "data": "bytes"}
 
 def topics() -> Iterable[str]:
     """The table of all topics."""
-    heads = ("topic", "message", "sender", "recorded", "transport", "content")
+    heads = ("topic", "content", "message", "sender", "recorded", "transport")
     for_message = {name: f"[{name}](#message-{name.lower()})" for name in messages.DECLARED}
     return table(
         heads,
         [
             (
                 code(one.name),
+                plain(one.about),
                 for_message.get(one.message, one.message),
                 one.sender,
                 "yes" if one.recorded else "no",
                 ", ".join(filter(None, (one.way, one.priority.lower().replace("_", " ")))),
-                plain(one.about),
             )
             for one in TABLE
         ],

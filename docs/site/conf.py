@@ -4,6 +4,8 @@ import sys
 import tomllib
 from pathlib import Path
 
+import ziamath  # carries the font of the formulas
+
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE), str(ROOT)]
@@ -38,6 +40,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 
 smartquotes = False
+highlight_language = "none"  # of blocks that name no language: commands and what they print
 default_role = "literal"  # single backquotes in docstrings
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -52,7 +55,7 @@ nitpick_ignore_regex = [("py:.*", ".*")]
 html_theme = "pydata_sphinx_theme"
 html_title = f"friction-rig {version}"
 html_math_renderer = "mathml"
-html_static_path = ["_static"]
+html_static_path = ["_static", str(Path(ziamath.__file__).parent / "fonts" / "STIXTwoMath-Regular.ttf")]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False

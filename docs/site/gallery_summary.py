@@ -13,16 +13,16 @@ _SOURCES = ("paper", "reference", "theory")
 
 
 def counts() -> Iterable[str]:
-    """How many numbers there are of each paper and source, and how many of them agree."""
+    """How many numbers there are of each source, for each paper, and how many of them agree."""
     rows: dict[str, Counter[str]] = {}
     for figure in json.loads((GALLERY / "numbers.json").read_text()):
-        row = rows.setdefault(figure["paper"], Counter())
+        row = rows.setdefault(figure["name"].partition("-")[0], Counter())
         row["figures"] += 1
         for one in figure["comparisons"]:
             row[one["source"]] += 1
             row["agree"] += one["agrees"]
     cells = [
-        (plain(paper), str(row["figures"]), *(str(row[one]) for one in _SOURCES),
+        (paper, str(row["figures"]), *(str(row[one]) for one in _SOURCES),
          str(sum(row[one] for one in _SOURCES)), str(row["agree"]))
         for paper, row in rows.items()
     ]  # fmt: skip

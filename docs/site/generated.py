@@ -14,9 +14,7 @@ _CODE = re.compile(r"(`[^`]*`)")
 def plain(text: str) -> str:
     """Text of a docstring or a help, safe in Markdown; what stands in backquotes stays code."""
     parts = _CODE.split(" ".join(text.split()))
-    return "".join(
-        part.replace("|", r"\|") if part.startswith("`") else _SPECIAL.sub(r"\\\1", part) for part in parts
-    )
+    return "".join(part.replace("|", r"\|") if part.startswith("`") else _SPECIAL.sub(r"\\\1", part) for part in parts)
 
 
 def code(text: str) -> str:

@@ -3,6 +3,8 @@
 All current browsers draw MathML. The converter is that of docutils.
 """
 
+import re
+
 from docutils import nodes
 from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
@@ -12,14 +14,13 @@ from sphinx.util.math import get_node_equation_number
 from sphinx.writers.html5 import HTML5Translator
 
 _log = logging.getLogger(__name__)
-_SHORT = {r"\tfrac": r"\frac", r"\dfrac": r"\frac"}
-"""Commands that only choose a size, and whose short form `\\tfrac12` the converter does not know."""
+_ALIGNED = re.compile(r"\\(begin|end)\{(?:align|eqnarray|gather|multline|split)\*?\}")
+_EQUATION = re.compile(r"\\(?:begin|end)\{equation\*?\}")
+"""Environments of displayed equations, which the converter knows as `aligned` only. Numbers are Sphinx's."""
 
 
 def _converted(page: HTML5Translator, node: nodes.math | nodes.math_block, block: bool) -> str:
-    text = node.astext()
-    for command, plain in _SHORT.items():
-        text = text.replace(command, plain)
+    text = _EQUATION.sub("", _ALIGNED.sub(r"\\\1{aligned}", node.astext()))
     try:
         return str(tex2mathml(text, as_block=block))
     except MathError as fault:

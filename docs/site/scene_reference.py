@@ -169,7 +169,9 @@ def _label(section: type[BaseModel]) -> str:
 
 def _title(section: type[BaseModel]) -> str:
     effect = section.__module__.rpartition(".")[2].replace("_", " ")
-    choice = next((get_args(section.model_fields[tag].annotation)[0] for tag in TAGS if tag in section.model_fields), "")
+    choice = next(
+        (get_args(section.model_fields[tag].annotation)[0] for tag in TAGS if tag in section.model_fields), ""
+    )
     if choice:
         return f"{effect}: {choice}"
     words = "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in section.__name__).strip()
@@ -182,7 +184,7 @@ def _first(thing: Any) -> str:
 
 
 def prose(thing: Any) -> Iterator[str]:
-    """The paragraphs of a docstring without its rows `key   text`, which stand in the table of keys; formulas as code."""
+    """The paragraphs of a docstring, formulas as code; without its rows `key   text`, which the table of keys has."""
     for paragraph in inspect.cleandoc(thing.__doc__ or "").split("\n\n"):
         lines = paragraph.splitlines()
         if ENTRY.match(lines[0] if lines else "") and TAG.search(paragraph):
@@ -220,9 +222,14 @@ def shared() -> Iterator[str]:
                     found.setdefault(one, set()).add(name)
     modules = sorted({one.__module__ for one in found})
     for module in modules:
-        yield from (f"## {module.rpartition('.')[2].replace('_', ' ')}", "", *prose(import_module(module)))
-        for one in (one for one in found if one.__module__ == module):
-            yield from (f"({_label(one)})=", f"### {_title(one)}", "", *prose(one))
+        head = module.rpartition(".")[2].replace("_", " ")
+        tables = [one for one in found if one.__module__ == module]
+        alone = [_title(one) for one in tables] == [head]
+        yield from (f"({_label(tables[0])})=",) if alone else ()
+        yield from (f"## {head}", "", *prose(import_module(module)))
+        for one in tables:
+            yield from () if alone else (f"({_label(one)})=", f"### {_title(one)}", "")
+            yield from prose(one)
             yield from (f"In the plants {', '.join(code(plant) for plant in sorted(found[one]))}.", "")
             yield from table(HEADS, rows(one))
 

@@ -38,24 +38,25 @@ DECLARED = {
 """Message type -> its fields, `name:kind`, in order; `*` marks a repeated one."""
 
 ABOUT = {
-    "Step": "One frame. `values`: latest sample of every sensor in the order of the scene, NaN before the first. `fresh`: "
-    "number of new samples in this frame. `samples`: all new samples of the sensors with the indices `heard`, for "
-    "controllers that want all.",
+    "Step": "One frame. `values`: latest sample of every sensor in the order of the scene, NaN before the first. "
+    "`fresh`: number of new samples in this frame. `samples`: all new samples of the sensors with the indices "
+    "`heard`, for controllers that want all.",
     "Act": "Commands that answer the step of `tick`. `values` are in the order of the controller's drives.",
     "Applied": "Commands in force from `tick` on. `values`: as they took effect, an answer to the step of `answered`. "
-    "`status`: 0 as sent, 1 clamped or completed, 2 safe values because no answer came. With several commands in one "
-    "message, `ticks`, `answers` and `statuses` have one entry for each, `values` is concatenated, and `tick`, `answered` "
-    "and `status` are those of the first.",
+    "`status`: 0 as sent, 1 clamped or completed, 2 safe values because no answer came. With several commands "
+    "in one message, `ticks`, `answers` and `statuses` have one entry for each, `values` is concatenated, and "
+    "`tick`, `answered` and `status` are those of the first.",
     "Block": "Samples. `v[i]` was published at `t0_ns` + i `dt_ns` or, if the spacing is not a whole number of ns, at "
     "`t_ns[i]`. `tick`: the frame in which the block was completed.",
     "Checkpoint": "State of plant and instruments, from which a run can be continued.",
     "Event": "What happened. `data` is a JSON object; its fields depend on the `kind` of event.",
-    "Health": "How the run goes. `rate`: real-time factor since the last message. `lateness_us`, `worst_us`: 99th percentile "
-    "and largest value of the lateness [us]. `energy_error`: residual of the energy balance. `eta_s`: remaining wall time "
-    "[s], -1 for a run without an end. The integers count since the start of the run.",
+    "Health": "How the run goes. `rate`: real-time factor since the last message. `lateness_us`, `worst_us`: 99th "
+    "percentile and largest value of the lateness [us]. `energy_error`: residual of the energy balance. "
+    "`eta_s`: remaining wall time [s], -1 for a run without an end. The integers count since the start of the "
+    "run.",
     "Batch": "Several messages. Payload `said[i]`, number and time `header[i]`, is from `user[place[i]]` on "
     "`topic[place[i]]`.",
-    "Totals": "Number of messages that one process sent, received and lost (gaps in the message numbers), for each topic.",
+    "Totals": "Number of messages that one process sent, received and lost (gaps in the numbers), for each topic.",
 }
 """Message type -> what it is and what its fields hold."""
 

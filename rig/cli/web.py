@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rig.bus.address import directory
 from rig.cli import printing
 from rig.errors import UsageError
 
@@ -22,6 +23,7 @@ def web(
     The page is reachable from this machine only, under the printed address.
     Ctrl-C ends the run that is going on, and the server.
     """
+    directory()  # where no run can be live, the page would be of no use
     try:
         from rig.web.server import serve
     except ModuleNotFoundError as fault:

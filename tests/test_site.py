@@ -1,0 +1,201 @@
+"""The site that `make site` builds: complete, without anything from another host, its formulas and its reference."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+import rig
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+SITE = DOCS / "site"
+TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+def toctree_entries():
+    """Every page that a table of contents names, without suffix, from the folder of the pages; patterns as they are."""
+    for page in DOCS.rglob("*.md"):
+        for body in TOCTREE.findall(page.read_text()):
+            for line in body.splitlines():
+                if line and not line.startswith(":"):
+                    yield os.path.normpath(page.parent.relative_to(DOCS) / line)
+
+
+def test_every_page_is_in_a_table_of_contents():
+    entries = set(toctree_entries())
+    pages = {one.relative_to(DOCS).with_suffix("").as_posix() for one in DOCS.rglob("*.md")} - {"index"}
+    assert len(pages) > 30
+    assert {one for one in pages if one not in entries and f"{os.path.dirname(one)}/*" not in entries} == set()
+    assert {one for one in entries if "*" not in one} <= pages
+
+
+def test_the_reference_of_python_has_every_function():
+    page = (DOCS / "reference" / "python.md").read_text()
+    assert set(
+        re.findall(r"^\.\. autofunction:: (\w+)$", page.partition("## Scenes and runs")[0], re.MULTILINE)
+    ) == set(rig.__all__)
+
+
+def test_every_message_is_described():
+    from rig.bus import messages
+
+    assert messages.ABOUT.keys() == messages.DECLARED.keys()
+    for name, text in messages.ABOUT.items():
+        fields = {one.partition(":")[0] for one in messages.DECLARED[name].split()}
+        assert set(re.findall(r"`(\w+)", text)) <= fields, name
+
+
+@pytest.fixture
+def site(monkeypatch):
+    """The modules of the site can be imported; skipped without Sphinx."""
+    pytest.importorskip("sphinx", reason="Sphinx is not installed: make site installs it")
+    monkeypatch.syspath_prepend(str(SITE))
+
+
+@pytest.mark.usefixtures("site")
+def test_a_value_of_the_reference_has_its_unit_range_and_default():
+    import scene_reference
+
+    rows = {row[0]: row[1:] for row in scene_reference.rows(scene_reference.PLANTS["belt"].Parameters)}
+    assert rows["`body.mass`"][:3] == ("`kg`", "1e-09 to 1e+06", "required")
+    assert rows["`body.damping`"][:3] == ("`N*s/m`", "0 to 1e+09", "`0`")
+    clock = "\n".join(scene_reference.section("rig.scenes.clock:Clock"))
+    assert "| `frame` | `s` | 1e-06 to 1 | `0.001` | loop period" in clock
+    disc = "\n".join(scene_reference.section("rig.effects.disc_modes:Disc"))
+    assert "| `poisson` | `1` | 0 to below 0.5 | required |" in disc
+
+
+@pytest.mark.usefixtures("site")
+def test_every_key_of_a_shipped_scene_is_in_the_reference():
+    """By its last name; the entries of a table of numbers, such as coordinates of points, have names of their own."""
+    import scene_reference as reference
+
+    from rig import scenes
+    from rig.scenes.sections import field_of, values_of
+
+    writers = (reference.plants, reference.shared, reference.instruments, reference.controllers)
+    lines = [line for write in writers for line in write()]
+    listed = {found[1].rpartition(".")[2] for line in lines if (found := re.match(r"\| `\[?([\w.]+)", line))}
+    for name in scenes.names():
+        scene = scenes.load(name)
+        for section in (scene.parameters, *scene.sensors.values(), *scene.controllers.values()):
+            keys = [key for key, _ in values_of(section) if field_of(section, key) is not None]
+            assert {key.rpartition(".")[2] for key in keys} - listed <= {"kind"}, name
+
+
+@pytest.mark.usefixtures("site")
+def test_a_command_of_the_reference_has_its_options_and_its_example():
+    import command_reference
+
+    text = "\n".join(command_reference.commands())
+    for name, command in command_reference.program.commands.items():
+        assert f"### rig {name}" in text
+        shown = [one for one in command.params if one.name != "help" and not getattr(one, "hidden", False)]
+        for one in shown if not hasattr(command, "commands") else ():
+            word = one.opts[0] if one.param_type_name == "option" else one.metavar.replace("|", r"\|")
+            assert f"| `{word}" in text, (name, one.opts)
+
+
+class Loaded(HTMLParser):
+    """Collects what a page loads by itself, and its links to files."""
+
+    def __init__(self):
+        super().__init__()
+        self.loaded, self.links, self.formulas = [], [], 0
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        if tag in ("script", "img", "iframe", "source", "video", "audio", "embed"):
+            self.loaded += [given[key] for key in ("src", "srcset") if given.get(key)]
+        elif tag == "link" and given.get("rel") not in ("canonical", "next", "prev", "index", "search"):
+            self.loaded.append(given.get("href", ""))
+        elif tag == "a":
+            self.links.append(given.get("href", ""))
+        self.formulas += tag == "math"
+
+
+@pytest.mark.slow
+def test_the_site_stands_alone(tmp_path):
+    """Built with every warning an error; nothing that a page loads is on another host, and every file is there."""
+    pytest.importorskip("sphinx", reason="Sphinx is not installed: make site installs it")
+    out = tmp_path / "site"
+    options = ["--quiet", "--fail-on-warning", "--keep-going", "--nitpicky", "-c", str(SITE), str(DOCS), str(out)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    found = subprocess.run(
+        [sys.executable, "-m", "sphinx", *options], capture_output=True, text=True, env=environment, timeout=300
+    )
+    assert found.returncode == 0, found.stderr
+    built = sorted(page for page in out.rglob("*.html") if "_static" not in page.parts)
+    assert len(built) > 40
+    for page in built:
+        seen = Loaded()
+        seen.feed(page.read_text())
+        for address in seen.loaded:
+            assert not re.match(r"(https?:)?//", address), f"{page}: {address}"
+            assert address.startswith("data:") or (page.parent / address.partition("?")[0]).exists(), (
+                f"{page}: {address}"
+            )
+        for address in seen.links:
+            file = address.partition("#")[0].partition("?")[0]
+            assert re.match(r"\w+:", file) or (page.parent / file).exists(), f"{page}: {address}"
+    for sheet in out.rglob("*.css"):
+        assert not re.search(r"(url\(|@import )\s*['\"]?(https?:)?//", sheet.read_text()), sheet
+    assert (out / "searchindex.js").read_text().startswith("Search.setIndex(")
+
+
+FORMULA = r"""# Formulas
+
+Inline $\mu_s = \tfrac{1}{2}$, and a block with a number, see {eq}`motion`:
+
+$$
+M \ddot{q} + D \dot{q} + K q = \sum_p t_p T_p
+$$ (motion)
+
+\begin{align} a &= \begin{cases} 1 & x < 0 \\ 2 & x \ge 0 \end{cases} \\ b &= \frac{c}{d} \end{align}
+"""
+
+
+@pytest.mark.slow
+def test_a_formula_becomes_mathml_and_a_wrong_one_is_an_error(tmp_path):
+    pytest.importorskip("sphinx", reason="Sphinx is not installed: make site installs it")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+
+    def build(text):
+        source = tmp_path / "pages"
+        source.mkdir(exist_ok=True)
+        (source / "index.md").write_text(text)
+        options = ["--quiet", "--fail-on-warning", "-c", str(SITE), str(source), str(tmp_path / "out")]
+        return subprocess.run(
+            [sys.executable, "-m", "sphinx", *options], capture_output=True, text=True, env=environment, timeout=120
+        )
+
+    found = build(FORMULA)
+    assert found.returncode == 0, found.stderr
+    page = (tmp_path / "out" / "index.html").read_text()
+    seen = Loaded()
+    seen.feed(page)
+    assert seen.formulas == 3
+    assert "<mfrac>" in page
+    assert '<span class="eqno">(1)' in page
+    assert "mathjax" not in page.lower()
+    wrong = build(FORMULA + "\n$\\nosuchcommand x$\n")
+    assert wrong.returncode != 0
+    assert "cannot be made MathML" in wrong.stderr
+
+
+@pytest.mark.usefixtures("site")
+def test_the_summary_of_the_gallery_counts_what_the_gallery_has():
+    import gallery_summary
+
+    figures = json.loads((DOCS / "gallery" / "numbers.json").read_text())
+    rows = [line.split(" | ") for line in gallery_summary.counts() if line.startswith("| ") and "---" not in line][1:]
+    assert sum(int(row[1]) for row in rows) == len(figures)
+    assert sum(int(row[-1].rstrip(" |")) for row in rows) == sum(
+        one["agrees"] for figure in figures for one in figure["comparisons"]
+    )
