@@ -31,6 +31,7 @@ extensions = [
 ]
 root_doc = "index"
 exclude_patterns = ["site"]
+suppress_warnings = ["ref.python"]  # a signature that names one of two classes called Section: it is not linked
 
 myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
 myst_heading_anchors = 4
@@ -44,8 +45,12 @@ highlight_language = "none"  # of blocks that name no language: commands and wha
 default_role = "literal"  # single backquotes in docstrings
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
-autodoc_default_options = {"members": True, "exclude-members": "model_config, model_post_init"}
-autodoc_class_signature = "separated"
+autodoc_default_options = {
+    "members": True,
+    "undoc-members": True,
+    "exclude-members": "__init__, __new__, model_config, model_post_init",
+}
+autodoc_class_signature = "separated"  # and its part left out: users build no results, and the fields are listed
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
 toc_object_entries_show_parents = "hide"
@@ -60,7 +65,7 @@ html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
 html_show_copyright = False
-html_sidebars = {"index": [], "changelog": [], "decisions": []}
+html_sidebars = {page: [] for page in ("index", "getting_started", "changelog", "decisions", "paper")}  # no sub-pages
 html_theme_options = {
     "show_prev_next": True,
     "navigation_with_keys": False,
