@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from rig.bus.address import directory
 from rig.cli import printing
 from rig.errors import UsageError
 
@@ -23,6 +22,8 @@ def web(
     The page is reachable from this machine only, under the printed address.
     Ctrl-C ends the run that is going on, and the server.
     """
+    from rig.bus.address import directory  # slow to import: only where a page is served
+
     directory()  # where no run can be live, the page would be of no use
     try:
         from rig.web.server import serve
