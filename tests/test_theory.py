@@ -1,0 +1,135 @@
+"""The pages of docs/theory: closed forms that they state, evaluated against the program; their labels and figures."""
+
+import importlib.util
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rig
+from rig.analysis.cycle import limit_cycle
+from rig.model.formulation import assemble
+from rig.solve.state_codes import SLIP_PLUS, STICK
+
+THEORY = Path(__file__).parents[1] / "docs" / "theory"
+PAGES = sorted(THEORY.glob("*.md"))
+
+
+def growth(scene, changes):
+    return max(mode.growth for mode in rig.modes(rig.load(scene, changes)).sliding.modes)
+
+
+def test_the_landing_projection_is_mass_weighted():
+    """eq-landing, on a rig whose mass matrix is not diagonal."""
+    system = rig.load("belt_tuned_mass").assemble().system()
+    nq = len(system.coordinates)
+    direction = np.array([patch.direction for patch in system.patches]).T
+    pushed = np.linalg.solve(system.mass, direction)
+    own = -system.slip_rows[:, nq : 2 * nq]
+    expected = np.eye(system.n)
+    expected[nq : 2 * nq] += pushed @ np.linalg.solve(own @ pushed, system.slip_rows)
+    landing = assemble(system, system.key([STICK], [0], [])).landing
+    assert landing == pytest.approx(expected, abs=1e-15)
+    assert np.abs(system.slip_rows @ landing).max() < 1e-15
+    assert not np.allclose(landing[nq + 1], np.eye(system.n)[nq + 1])  # the absorber takes part
+
+
+@pytest.mark.parametrize("speed", [0.06, 0.15, 0.3])
+def test_growth_of_the_mass_on_a_belt(speed):
+    """eq-belt-growth."""
+    scene = rig.load("belt", {"drive.speed": speed})
+    p = scene.parameters
+    slope = p.friction.friction().slope(speed)
+    expected = -(p.body.damping + p.load.force * slope) / (2.0 * p.body.mass)
+    assert growth("belt", {"drive.speed": speed}) == pytest.approx(expected, rel=1e-9)
+
+
+def test_cycle_of_the_mass_on_a_belt_with_coulomb_friction():
+    """eq-belt-cycle."""
+    scene = rig.load("belt_c")
+    p = scene.parameters
+    assert p.body.damping == 0.0
+    omega, v = math.sqrt(p.body.stiffness / p.body.mass), p.drive.speed
+    a = (p.friction.mu_static - p.friction.mu_kinetic) * p.load.force / p.body.stiffness
+    b = v / omega
+    stick, slip = 2.0 * a / v, (2.0 * math.pi - 2.0 * math.atan(a / b)) / omega
+    cycle = limit_cycle(scene)
+    assert cycle.stick_time["contact"] == pytest.approx(stick, rel=1e-12)
+    assert cycle.period == pytest.approx(stick + slip, rel=1e-12)
+    reach = math.hypot(a, b)
+    assert min(cycle.extremes["velocity"]) == pytest.approx(-omega * reach, rel=1e-9)
+    top = p.friction.mu_kinetic * p.load.force / p.body.stiffness + reach
+    assert max(cycle.extremes["displacement"]) == pytest.approx(top, rel=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_two_degrees_of_freedom_flutter_beyond_the_coalescence(share):
+    """eq-two-dof-flutter."""
+    free = {"spring_1.damping": 0.0, "spring_2.damping": 0.0}
+    p = rig.load("two_dof", free).parameters
+    k3, struts = p.contact.stiffness, (p.spring_1, p.spring_2)
+    k11 = sum(s.stiffness * math.cos(s.angle) ** 2 for s in struts)
+    k12 = sum(s.stiffness * math.sin(s.angle) * math.cos(s.angle) for s in struts)
+    k22 = sum(s.stiffness * math.sin(s.angle) ** 2 for s in struts) + k3
+    assert k12 < 0.0
+    critical = -((k11 - k22) ** 2 / (4.0 * k12) + k12) / k3
+    law = {"friction.law": "constant", "friction.mu": share * critical}
+    found = growth("two_dof", free | law)
+    assert (found > 1e-3) == (share > 1.0)
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_a_tread_block_flutters_beyond_the_coalescence(share):
+    """eq-tread-flutter."""
+    free = {"tip.tangential_damping": 0.0, "tip.normal_damping": 0.0}
+    p = rig.load("tread", free).parameters
+    cx, cz, cxz, cc = p.tip.tangential_stiffness, p.tip.normal_stiffness, p.tip.coupling, p.contact.stiffness
+    critical = ((cx - cz - cc) ** 2 / (4.0 * cxz) + cxz) / cc
+    found = growth("tread", free | {"friction.law": "constant", "friction.mu": share * critical})
+    assert (found > 1e-3) == (share > 1.0)
+
+
+def test_an_absorber_jams_where_the_page_says():
+    """eq-tuned-mass-jam: det Me, with the mass m1 of the body alone."""
+    scene = rig.load("belt_tuned_mass")
+    p = scene.parameters
+    m1, m2, angle = p.body.mass, p.tuned_mass.mass, p.tuned_mass.angle
+    s, c = math.sin(angle), math.cos(angle)
+    for mu in (0.3, 0.9):
+        system = rig.load("belt_tuned_mass", {"friction.law": "constant", "friction.mu": mu}).assemble().system()
+        jam = assemble(system, system.key([SLIP_PLUS], [0], [])).jam
+        assert jam == pytest.approx((m1 + m2 * c * c - mu * m2 * s * c) / (m1 + m2 * c * c), rel=1e-12)
+
+
+def test_a_tip_in_sliding_is_stiffer_and_pressed_less():
+    """eq-tip-sliding."""
+    changes = {"friction.law": "constant", "friction.mu": 0.3, "tip.damping": 0.0, "tip.retardation": 0.0}
+    changes |= {"waviness": "none", "drive.speed": 0.1}
+    scene = rig.load("tip", changes)
+    tip, mu = scene.parameters.at_fixed_height, 0.3
+    assert tip.relief > 0.0
+    (mode,) = rig.modes(scene).sliding.modes
+    omega = math.sqrt((1.0 + tip.relief * mu) * tip.stiffness / tip.mass)
+    assert 2.0 * math.pi * mode.frequency == pytest.approx(omega, rel=1e-9)
+
+
+def test_references_to_equations_resolve():
+    labels = [
+        label for page in PAGES for label in re.findall(r"^\$\$ \((eq-[\w-]+)\)$", page.read_text(), re.MULTILINE)
+    ]
+    used = {label for page in PAGES for label in re.findall(r"\{eq\}`([\w-]+)`", page.read_text())}
+    assert len(labels) == len(set(labels)) > 50
+    assert used <= set(labels)
+
+
+def test_the_figures_are_those_of_the_page(tmp_path):
+    spec = importlib.util.spec_from_file_location("theory_figures", THEORY / "figures.py")
+    figures = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(figures)
+    figures.draw(tmp_path)
+    drawn = {path.name for path in tmp_path.glob("*.svg")}
+    shown = set(re.findall(r"^```\{image\} (\S+)$", (THEORY / "plants.md").read_text(), re.MULTILINE))
+    kept = {path.name for path in THEORY.glob("*.svg")}
+    assert drawn == shown == kept
