@@ -124,6 +124,12 @@ def test_references_to_equations_resolve():
     assert used <= set(labels)
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_numbers_in_fractions_have_braces(page):
+    r"""The site's converter reads \frac12 k as the fraction 12 over k."""
+    assert re.findall(r"\\[td]?frac\s*\d", page.read_text()) == []
+
+
 def test_the_figures_are_those_of_the_page(tmp_path):
     spec = importlib.util.spec_from_file_location("theory_figures", THEORY / "figures.py")
     figures = importlib.util.module_from_spec(spec)
