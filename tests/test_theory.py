@@ -125,9 +125,10 @@ def test_references_to_equations_resolve():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_numbers_in_fractions_have_braces(page):
-    r"""The site's converter reads \frac12 k as the fraction 12 over k."""
+def test_formulas_avoid_what_the_converter_of_the_site_misreads(page):
+    r"""It reads \frac12 k as the fraction 12 over k, and puts the subscript of \dot q_i below q, without {} between."""
     assert re.findall(r"\\[td]?frac\s*\d", page.read_text()) == []
+    assert re.findall(r"\\(?:hat|bar|d?dot|tilde) *\\?[a-zA-Z]+[_^]", page.read_text()) == []
 
 
 def test_the_figures_are_those_of_the_page(tmp_path):
