@@ -6,6 +6,7 @@
 #   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
 #                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
 #   make docs       docs/gallery, made again: the figures of the papers and how their numbers compare
+#   make lessons    the figures of docs/lessons, made again by the commands of the lessons
 #   make site       the documentation as a site, build/site/index.html (installs Sphinx into .venv the first time)
 #   make golden     recordings/golden, made again
 #   make lock       requirements.lock and requirements-site.lock, made again from pyproject.toml (needs uv)
@@ -23,7 +24,7 @@ RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
-.PHONY: install demo test test-slow test-browser check bench docs site golden lock clean
+.PHONY: install demo test test-slow test-browser check bench docs lessons site golden lock clean
 
 install: $(VENV)/.installed
 
@@ -61,6 +62,10 @@ bench: install
 
 docs: install
 	@$(BIN)/rig reproduce all --out docs/gallery --force
+
+lessons: install
+	@cd docs/lessons && PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$(sed -n 's/^\(rig .*--\(figure\|out\) .*\)$$/\1 --force >&2/p' [0-9]*.md)"
+	@rm -f docs/lessons/*.mcap
 
 site: $(VENV)/.installed-site # every warning is an error: a link that leads nowhere, a page in no table of contents
 	@$(RUN) sphinx --quiet --fail-on-warning --keep-going --nitpicky -c docs/site docs build/site

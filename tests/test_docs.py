@@ -18,6 +18,7 @@ from rig.qualify.torture import case
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "recordings" / "README.md",
          *sorted(path for path in (ROOT / "docs").glob("*.md") if path.name != "decisions.md"),
+         *sorted((ROOT / "docs" / "lessons").glob("*.md")),
          *sorted((ROOT / "docs" / "reference").glob("*.md")),
          *sorted((ROOT / "docs" / "theory").glob("*.md"))]  # fmt: skip
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)

@@ -15,6 +15,7 @@ logs        replay, verify, amplitude, sound, recover
 recorded    spectrum, pressure, hysteresis
 cost, torture   the commands of these names
 host        doctor, warmup
+lesson      lesson
 
 Exit codes: rig.errors.ExitCode.
 Nothing heavy is imported before it is needed.

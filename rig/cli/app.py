@@ -15,6 +15,7 @@ from rig.cli import (
     diff,
     export,
     host,
+    lesson,
     library,
     live,
     logs,
@@ -46,6 +47,7 @@ _app = typer.Typer(
 PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
     "Run a scene": {**runs.COMMANDS, **simulate.COMMANDS, **web.COMMANDS},
     "Look at scenes": scenes.COMMANDS,
+    "Learn": lesson.COMMANDS,
     "Analyse a rig": {**analysis.COMMANDS, **maps.COMMANDS, **reproduce.COMMANDS},
     "Choose the accuracy": cost.COMMANDS,
     "Test the methods": torture.COMMANDS,

@@ -1,0 +1,143 @@
+"""rig lesson: lists the lessons, or walks through one of them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rig.cli import printing
+from rig.cli.options import Json
+from rig.errors import ExitCode
+
+if TYPE_CHECKING:
+    from rig.lessons import Command, Lesson
+
+RESULTS = Path("lessons")
+"""Folder for what the commands of lessons write, one folder per lesson in it."""
+
+
+def lesson(
+    number: Annotated[
+        int | None, typer.Argument(metavar="N", help="Number of the lesson. Default: list all lessons.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the lessons, or walk through lesson N.
+
+    In a terminal: asks the question, waits for your answer, offers to run each
+    command and compares the numbers. What the commands write is in the folder
+    lessons/N. Without a terminal: prints the page.
+    """
+    from rig.lessons import lesson as of
+    from rig.lessons import lessons
+
+    if number is None:
+        _list(lessons(), as_json)
+        return
+    one = of(number)
+    if as_json:
+        printing.report(_card(one) | {"page": one.file.read_text(encoding="utf-8")})
+    elif sys.stdin.isatty() and sys.stdout.isatty():
+        _walk(one)
+    else:
+        for text in one.file.read_text(encoding="utf-8").splitlines():
+            printing.line(text)
+
+
+def _card(one: Lesson) -> dict[str, Any]:
+    return {"number": one.number, "title": one.title, **one.facts, "scene": one.scene, "question": one.question}
+
+
+def _list(all_of_them: list[Lesson], as_json: bool) -> None:
+    if as_json:
+        printing.report([_card(one) for one in all_of_them])
+        return
+    rows = [(one.number, one.title, one.facts["time"], one.question.split("\n\n")[0].replace("\n", " "))
+            for one in all_of_them]  # fmt: skip
+    printing.table("", ("lesson", "title", "time", "question"), rows)
+    printing.line("\nnext: rig lesson 1")
+
+
+class _Left(Exception):
+    """The user wants to stop."""
+
+
+def _walk(one: Lesson) -> None:
+    """Show the parts of a lesson one by one. Exits with 1 if a number did not agree."""
+    _show(f"# Lesson {one.number}: {one.title}")
+    for name in ("time", "needed before", "you learn"):
+        printing.line(f"{name}: {one.facts[name]}")
+    _show(f"## Question\n\n{one.question}")
+    disagreed = 0
+    try:
+        _ask("Think first, then write your answer down. Enter: go on, q: quit", "q")
+        for part in one.experiment:
+            if isinstance(part, str):
+                _show(part)
+            else:
+                disagreed += _offer(part, one)
+        _ask("\nEnter: show the solutions, q: quit", "q")
+        _show(f"## Solutions\n\n{one.solutions}")
+        _show(f"## What to try next\n\n{one.next}")
+    except _Left:
+        pass
+    if disagreed:
+        printing.note(f"{disagreed} numbers did not agree with the page")
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _offer(command: Command, one: Lesson) -> int:
+    """Run a command if the user wants to; returns how many numbers did not agree."""
+    from rig.lessons import attempt, compare
+
+    printing.line(f"\n    {command.text}\n")
+    if _ask("Enter: run it, s: skip it, q: quit", "sq") == "s":
+        rows = [(expected.quantity, expected.text) for expected in command.expected]
+        printing.table("", ("quantity", "expected"), rows)
+        return 0
+    folder = RESULTS / str(one.number)
+    folder.mkdir(parents=True, exist_ok=True)
+    outcome = attempt(command, folder)
+    if outcome.notes:
+        printing.note(outcome.notes.rstrip())
+    found = compare(command, outcome)
+    printing.table("", ("quantity", "expected", "found", "agrees"),
+                   [(each.expected.quantity, each.expected.text, each.text, each.agrees) for each in found])  # fmt: skip
+    if figure := _figure(command):
+        printing.line(f"figure: {folder / figure}")
+    return sum(not each.agrees for each in found)
+
+
+def _figure(command: Command) -> str | None:
+    """The file that the command draws."""
+    words = list(command.words)
+    return words[words.index("--figure") + 1] if "--figure" in words else None
+
+
+def _ask(text: str, answers: str) -> str:
+    """Wait for Enter or one of the letters. Raises _Left for q and at the end of the input."""
+    while True:
+        sys.stdout.write(f"{text} > ")
+        sys.stdout.flush()
+        line = sys.stdin.readline()
+        answer = line.strip().lower()
+        if not line or (answer == "q" and "q" in answers):
+            raise _Left
+        if answer in ("", *answers):
+            return answer
+
+
+def _show(text: str) -> None:
+    """Print Markdown in the width of the terminal."""
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    Console(width=min(Console().width, 100)).print(Markdown(text, hyperlinks=False))
+    printing.line()
+
+
+COMMANDS: Mapping[str, tuple[Any, str]] = {"lesson": (lesson, "rig lesson 1")}

@@ -1,0 +1,13 @@
+"""Lessons: pages with questions, commands and expected numbers, which `rig lesson` walks through.
+
+page       a page in parts: question, text, commands, expected numbers, solutions
+trial      runs a command of a lesson and compares its report with the expected numbers
+pages/     the pages themselves, with their figures: docs/lessons
+"""
+
+from __future__ import annotations
+
+from rig.lessons.page import FOLDER, Command, Expected, Lesson, lesson, lessons
+from rig.lessons.trial import Found, Outcome, attempt, compare
+
+__all__ = ["FOLDER", "Command", "Expected", "Found", "Lesson", "Outcome", "attempt", "compare", "lesson", "lessons"]

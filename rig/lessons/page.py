@@ -1,0 +1,159 @@
+"""The page of a lesson, in parts.
+
+A page is Markdown with the sections Question, Experiment, Solutions and What to try next. A table at its head states the
+time, what is needed before, what one learns and the scene. In Experiment a fence holds one command. A table behind it
+states what its report (`--json`) must contain:
+
+    | quantity | in the report | expected | tolerance |
+    |---|---|---|---|
+    | growth rate | `modes.0.growth` | 3.655 1/s | 0.1 % |
+
+A place is a path of keys and indices. A tolerance is a number in the unit of the expected value, a share of it in %, or
+`exact`. The place `exit code` is that of the command; without such a row it must be 0.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.errors import UsageError
+
+FOLDER = Path(__file__).parent / "pages"
+"""Folder of the pages and their figures."""
+EXIT_CODE = "exit code"
+SECTIONS = ("Question", "Experiment", "Solutions", "What to try next")
+
+_NUMBER = re.compile(r"([-+]?\d[\d.]*(?:e[-+]?\d+)?)\s*(.*)")
+_COMMAND = re.compile(r"^```\n(rig .+)\n```\n(?:\n(\| quantity \|.*\n\|[-|]+\n(?:\|.*(?:\n|\Z))+))?", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """One expected number of a report. `tolerance` is in the unit of `value`; 0 means equal."""
+
+    quantity: str
+    place: str
+    value: float | str
+    unit: str
+    tolerance: float
+
+    @property
+    def text(self) -> str:
+        """Value with unit and tolerance, for a reader."""
+        if isinstance(self.value, str):
+            return self.value
+        bound = f" ± {self.tolerance:.2g}" if self.tolerance else ""
+        return f"{self.value:g}{bound} {self.unit}".strip()
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of a lesson, without `rig`, and what its report must contain."""
+
+    words: tuple[str, ...]
+    expected: tuple[Expected, ...]
+
+    @property
+    def text(self) -> str:
+        """The command as it is typed."""
+        return "rig " + shlex.join(self.words)
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """A lesson. `facts`: the rows of the table at the head; `experiment`: texts and commands in their order."""
+
+    number: int
+    file: Path
+    title: str
+    facts: dict[str, str]
+    question: str
+    experiment: tuple[str | Command, ...]
+    solutions: str
+    next: str
+
+    @property
+    def commands(self) -> list[Command]:
+        """The commands, in their order."""
+        return [part for part in self.experiment if isinstance(part, Command)]
+
+    @property
+    def scene(self) -> str:
+        """The scene to start with."""
+        return self.facts["scene"].strip("`")
+
+
+def lessons() -> list[Lesson]:
+    """All lessons, by number."""
+    return [read(file) for file in sorted(FOLDER.glob("[0-9][0-9]_*.md"))]
+
+
+def lesson(number: int) -> Lesson:
+    """The lesson of this number. Raises UsageError if there is none."""
+    files = sorted(FOLDER.glob("[0-9][0-9]_*.md"))
+    for file in files:
+        if int(file.name[:2]) == number:
+            return read(file)
+    raise UsageError(f"{number}: no lesson has this number; there are {len(files)}: rig lesson")
+
+
+def read(file: Path) -> Lesson:
+    """Read the page of a lesson. Raises ValueError for a page that does not have the parts of one."""
+    head, *sections = re.split(r"^## (.+)\n", file.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    found = dict(zip(sections[::2], map(str.strip, sections[1::2])))
+    if tuple(found) != SECTIONS:
+        raise ValueError(f"{file}: has the sections {', '.join(found)}; expected {', '.join(SECTIONS)}")
+    title = re.match(r"# (.+)\n", head)
+    if title is None:
+        raise ValueError(f"{file}: begins without a title")
+    rows = [_cells(line) for line in head.splitlines() if line.startswith("| ") and line.strip("| ")]
+    facts = dict(row for row in rows if len(row) == 2)
+    if missing := {"time", "needed before", "you learn", "scene"} - facts.keys():
+        raise ValueError(f"{file}: the table at the head has no row {', '.join(sorted(missing))}")
+    experiment = _parts(found["Experiment"] + "\n", file)
+    return Lesson(
+        int(file.name[:2]), file, title[1], facts, found["Question"], experiment, found["Solutions"], found[SECTIONS[3]]
+    )
+
+
+def _parts(text: str, file: Path) -> tuple[str | Command, ...]:
+    parts: list[str | Command] = []
+    end = 0
+    for match in _COMMAND.finditer(text):
+        parts.append(text[end : match.start()].strip())
+        rows = (match[2] or "").splitlines()[2:]
+        parts.append(Command(tuple(shlex.split(match[1]))[1:], tuple(_expected(row, file) for row in rows)))
+        end = match.end()
+    parts.append(text[end:].strip())
+    left = "\n".join(part for part in parts if isinstance(part, str))
+    if re.search(r"^(```\nrig |\| quantity)", left, re.MULTILINE):
+        raise ValueError(f"{file}: a fence must hold one command, and the table of its numbers must follow it")
+    return tuple(part for part in parts if part)
+
+
+def _cells(row: str) -> list[str]:
+    return [cell.strip() for cell in row.strip().strip("|").split("|")]
+
+
+def _expected(row: str, file: Path) -> Expected:
+    cells = _cells(row)
+    if len(cells) != 4:
+        raise ValueError(f"{file}: {row}: expected four columns")
+    quantity, place, value, tolerance = cells
+    place = place.strip("`")
+    if tolerance == "exact":
+        number = _NUMBER.fullmatch(value)
+        return Expected(
+            quantity, place, float(number[1]) if number else value.strip("`"), number[2] if number else "", 0.0
+        )
+    number, bound = _NUMBER.fullmatch(value), _NUMBER.fullmatch(tolerance)
+    if number is None or bound is None:
+        raise ValueError(f"{file}: {row}: expected a number and a tolerance")
+    share = bound[2] == "%"
+    width = abs(float(number[1])) * float(bound[1]) / 100 if share else float(bound[1])
+    if not share and bound[2] not in ("", number[2]):
+        raise ValueError(f"{file}: {row}: the tolerance is in another unit than the value")
+    return Expected(quantity, place, float(number[1]), number[2], width)

@@ -1,0 +1,185 @@
+"""The lessons: every page has its parts, every number comes out, and `rig lesson` walks through them."""
+
+import os
+import pty
+import select
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from rig import scenes
+from rig.errors import UsageError
+from rig.lessons import FOLDER, attempt, compare, lesson, lessons
+from rig.lessons.page import read
+from rig.lessons.trial import at
+
+ROOT = Path(__file__).parents[2]
+ALL = lessons()
+QUICK = 1
+
+
+@pytest.fixture(autouse=True)
+def _found_by_commands(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+
+
+def every_number(one, folder):
+    """Run the commands of a lesson in their order; returns how many numbers were compared."""
+    count = 0
+    for command in one.commands:
+        outcome = attempt(command, folder)
+        for found in compare(command, outcome):
+            assert found.agrees, f"{command.text}: {found.expected}, found {found.value}\n{outcome.notes}"
+            count += 1
+        if "--figure" in command.words:
+            assert (folder / command.words[command.words.index("--figure") + 1]).stat().st_size > 1000
+    return count
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda one: one.file.stem)
+def test_a_page_has_its_parts(one):
+    assert one.scene in scenes.names()
+    assert "?" in one.question
+    assert "Common wrong answers" in one.solutions
+    assert one.next
+    assert sum(len(command.expected) for command in one.commands) >= 5
+    figures = {
+        command.words[command.words.index("--figure") + 1] for command in one.commands if "--figure" in command.words
+    }
+    text = one.file.read_text()
+    assert figures
+    for name in figures:
+        assert f"]({name})" in text
+        assert (FOLDER / name).is_file(), f"{name}: make lessons draws it"
+    for line in text.splitlines():
+        assert len(line) <= 130 or line.startswith(("rig ", "|")), line
+
+
+def test_lessons_are_numbered_one_after_the_other():
+    assert [one.number for one in ALL] == [*range(1, len(ALL) + 1)]
+
+
+def test_the_numbers_of_a_short_lesson_come_out(tmp_path):
+    assert every_number(lesson(QUICK), tmp_path) >= 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("one", ALL, ids=lambda one: one.file.stem)
+def test_all_numbers_of_a_lesson_come_out_within_two_minutes(one, tmp_path):
+    begin = time.monotonic()
+    assert every_number(one, tmp_path) >= 5
+    assert time.monotonic() - begin < 120
+
+
+PAGE = """# T
+
+| subject | content |
+|---|---|
+| time | 1 minute |
+| needed before | nothing |
+| you learn | x |
+| scene | `belt` |
+
+## Question
+
+Why?
+
+## Experiment
+
+```
+rig modes belt
+```
+
+| quantity | in the report | expected | tolerance |
+|---|---|---|---|
+| growth rate | `modes.0.growth` | 3.6 1/s | 0.01 |
+| stable | `stable` | yes | exact |
+
+## Solutions
+
+x
+
+## What to try next
+
+y
+"""
+
+
+def test_a_wrong_number_does_not_agree(tmp_path):
+    file = tmp_path / "01_t.md"
+    file.write_text(PAGE)
+    (command,) = read(file).commands
+    code, growth, stable = compare(command, attempt(command, tmp_path))
+    assert code.agrees
+    assert (growth.agrees, stable.agrees, stable.value) == (False, False, "no")
+    assert growth.value == pytest.approx(3.6553, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("## Solutions", "## Answers", "expected Question, Experiment, Solutions"),
+        ("| scene | `belt` |", "", "no row scene"),
+        ("| 0.01 |", "| 0.01 m |", "another unit"),
+        ("| 3.6 1/s |", "| much |", "a number and a tolerance"),
+        ("```\n\n|", "```\n\nSo:\n\n|", "must follow"),
+    ],
+)
+def test_a_page_without_its_parts_is_refused(old, new, why, tmp_path):
+    file = tmp_path / "01_t.md"
+    file.write_text(PAGE.replace(old, new, 1))
+    with pytest.raises(ValueError, match=why):
+        read(file)
+
+
+def test_a_place_that_is_not_there_is_nothing():
+    report = {"a": [{"b": 1.0}], "c": None}
+    assert at(report, "a.0.b") == 1.0
+    assert at(report, "a.-1.b") == 1.0
+    assert [at(report, place) for place in ("a.1.b", "a.x", "d", "c.e", "a.0.b.c")] == [None] * 5
+
+
+def test_an_unknown_number_is_refused():
+    with pytest.raises(UsageError, match=r"99: no lesson has this number"):
+        lesson(99)
+
+
+def test_without_a_terminal_the_page_is_printed(tmp_path):
+    done = subprocess.run([sys.executable, "-m", "rig", "lesson", "1"], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stdout == lesson(1).file.read_text()
+    listed = subprocess.run([sys.executable, "-m", "rig", "lesson"], capture_output=True, text=True, cwd=tmp_path)
+    assert all(one.title in listed.stdout for one in ALL)
+
+
+def test_in_a_terminal_commands_are_run_and_compared(tmp_path):
+    """Enter, run the first command, skip the others, see the solutions."""
+    mine, its = pty.openpty()
+    with subprocess.Popen([sys.executable, "-m", "rig", "lesson", "1"], stdin=its, stdout=its, stderr=its, cwd=tmp_path,
+                          env={**os.environ, "TERM": "dumb", "COLUMNS": "100"}) as child:  # fmt: skip
+        os.close(its)
+        seen = ""
+        answers = ["\n", "\n", "s\n", "s\n", "\n"]
+        deadline = time.monotonic() + 120
+        try:
+            while time.monotonic() < deadline:
+                if not select.select([mine], [], [], 1.0)[0]:
+                    continue
+                try:
+                    text = os.read(mine, 65536).decode(errors="replace")
+                except OSError:  # the child has closed the terminal
+                    break
+                seen += text
+                while answers and seen.count(" > ") > 5 - len(answers):
+                    os.write(mine, answers.pop(0).encode())
+            assert child.wait(20.0) == 0, seen
+        finally:
+            child.kill()
+            os.close(mine)
+    assert "growth rate" in seen
+    assert "3.65529 1/s" in seen
+    assert seen.index("Solutions") > seen.index("3.65529 1/s")
+    assert "What to try next" in seen
