@@ -105,8 +105,8 @@ def _offer(command: Command, one: Lesson) -> int:
     if outcome.notes:
         printing.note(outcome.notes.rstrip())
     found = compare(command, outcome)
-    printing.table("", ("quantity", "expected", "found", "agrees"),
-                   [(each.expected.quantity, each.expected.text, each.text, each.agrees) for each in found])  # fmt: skip
+    compared = [(each.expected.quantity, each.expected.text, each.text, each.agrees) for each in found]
+    printing.table("", ("quantity", "expected", "found", "agrees"), compared)
     if figure := _figure(command):
         printing.line(f"figure: {folder / figure}")
     return sum(not each.agrees for each in found)

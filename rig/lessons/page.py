@@ -1,8 +1,8 @@
 """The page of a lesson, in parts.
 
-A page is Markdown with the sections Question, Experiment, Solutions and What to try next. A table at its head states the
-time, what is needed before, what one learns and the scene. In Experiment a fence holds one command. A table behind it
-states what its report (`--json`) must contain:
+A page is Markdown with the sections Question, Experiment, Solutions and What to try next. A table at its head states
+the time, what is needed before, what one learns and the scene. In Experiment a fence holds one command. A table behind
+it states what its report (`--json`) must contain:
 
     | quantity | in the report | expected | tolerance |
     |---|---|---|---|
