@@ -12,6 +12,8 @@
     POST /api/recordings/work     {what, name, other} -> a job that verifies, reports, exports, compares or views
     GET  /api/studies             maps and cost tables;  GET /studies/KIND/NAME/FILE: a figure or a table of one
     POST /api/studies/work        {what, scene, changes, x, y} -> a job: eigenvalues, a map or a cost table
+    GET  /api/lessons             the lessons;  GET /lessons/NAME: a figure of one
+    POST /api/lesson              {number} -> the text of a lesson as HTML
     GET  /api/jobs                jobs, the newest first;  GET /jobs/NUMBER: the result of one
     POST /api/jobs/stop           {number} -> the jobs
     POST /api/view                {run} -> a job that shows the live run in rerun's page
@@ -40,6 +42,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from rig.bus.arrivals import Message
 from rig.errors import RigError, UsageError
 from rig.user_files import RUNS
+from rig.web import lessons
 from rig.web.broadcast import Broadcast
 from rig.web.catalogue import Catalogue, as_text, timing
 from rig.web.form import form
@@ -169,6 +172,9 @@ def app(bench: Bench) -> Starlette:
         Route("/api/studies", _answers(bench.studied)),
         Route("/api/studies/work", _answers(bench.studies.work), methods=["POST"]),
         Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
+        Route("/api/lessons", _answers(lessons.listed)),
+        Route("/api/lesson", _answers(lessons.text), methods=["POST"]),
+        Route("/lessons/{name}", _file(lambda given: lessons.figure(given["name"]))),
         Route("/api/jobs", _answers(bench.working)),
         Route("/api/jobs/stop", _answers(bench.stop_job), methods=["POST"]),
         Route("/jobs/{number:int}", _file(lambda given: bench.jobs.job(given["number"]).file())),

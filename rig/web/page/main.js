@@ -23,8 +23,9 @@ import * as events from "/page/panes/events.js";
 import * as hear from "/page/panes/hear.js";
 import * as recordings from "/page/panes/recordings.js";
 import * as studies from "/page/panes/studies.js";
+import * as lessons from "/page/panes/lessons.js";
 
-const COLUMNS = [[choose, touch], [rig, strip, signals, studies], [protocol, trust, portrait, hear, events, recordings]];
+const COLUMNS = [[choose, touch], [rig, strip, signals, studies, lessons], [protocol, trust, portrait, hear, events, recordings]];
 
 const store = new Store();
 const bench = {

@@ -28,6 +28,7 @@ export function create(bench) {
   const body = () => ({ scene: list.value, changes, duration: duration.value.trim() ? typed(duration.value) : null });
 
   bench.chosen = () => ({ scene: list.value, changes, form });
+  bench.choose = (scene) => { list.value = scene; clear(); show(); };
 
   async function show() {
     asked += 1;

@@ -1,0 +1,34 @@
+"""The lessons on the page: listed, as HTML without a link to elsewhere, with their figures, and nothing beside them."""
+
+import re
+
+from rig.lessons import lessons
+from rig.web.lessons import html
+
+
+def test_lessons_are_listed_and_shown_with_their_figures(client):
+    listed = client.get("/api/lessons").json()
+    assert [one["title"] for one in listed] == [one.title for one in lessons()]
+    for one in listed:
+        shown = client.post("/api/lesson", number=one["number"]).json()["html"]
+        assert f"<h1>{one['title']}</h1>" in shown
+        assert "<table>" in shown
+        assert "<a " not in shown
+        figures = re.findall(r'<img src="([^"]+)"', shown)
+        assert figures
+        for address in figures:
+            figure = client.get(address)
+            assert figure.status_code == 200
+            assert figure.content.startswith(b"\x89PNG")
+
+
+def test_what_is_no_lesson_is_refused(client):
+    for number in (99, -1, "1", None, 1.0, [1]):
+        assert client.post("/api/lesson", number=number).status_code == 422
+    for name in ("index.md", "..%2Fpage.py", "nothing.png"):
+        assert client.get(f"/lessons/{name}").status_code in (404, 422)
+
+
+def test_html_of_a_page_is_text():
+    assert html("a <script>x</script>") == "<p>a &lt;script&gt;x&lt;/script&gt;</p>\n"
+    assert html("see [this](javascript:x) and [that](../tip.md)") == "<p>see [this](javascript:x) and that</p>\n"
