@@ -1,5 +1,6 @@
 """The lessons: every page has its parts, every number comes out, and `rig lesson` walks through them."""
 
+import json
 import os
 import pty
 import select
@@ -23,7 +24,7 @@ QUICK = 1
 
 @pytest.fixture(autouse=True)
 def _found_by_commands(monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH")))))
 
 
 def every_number(one, folder):
@@ -72,6 +73,28 @@ def test_all_numbers_of_a_lesson_come_out_within_two_minutes(one, tmp_path):
     begin = time.monotonic()
     assert every_number(one, tmp_path) >= 5
     assert time.monotonic() - begin < 120
+
+
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
+def test_the_code_of_a_notebook_runs_and_no_output_is_kept(file, tmp_path):
+    cells = [cell for cell in json.loads(file.read_text())["cells"] if cell["cell_type"] == "code"]
+    assert all(cell["outputs"] == [] for cell in cells)
+    code = "\n".join("".join(cell["source"]) for cell in cells)
+    assert code.count("assert ") >= 1
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, cwd=tmp_path,
+                          env={**os.environ, "MPLBACKEND": "agg"})  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
+def test_a_notebook_runs_in_jupyter(file):
+    client = pytest.importorskip("nbclient", reason="nbclient is not installed: make site installs it")
+    nbformat = pytest.importorskip("nbformat")
+    client.NotebookClient(nbformat.read(file, as_version=4), timeout=120).execute()
 
 
 PAGE = """# T
