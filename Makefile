@@ -64,7 +64,7 @@ docs: install
 	@$(BIN)/rig reproduce all --out docs/gallery --force
 
 lessons: install
-	@cd docs/lessons && PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$(sed -n 's/^\(rig .*--\(figure\|out\) .*\)$$/\1 --force >&2/p' [0-9]*.md)"
+	@cd docs/lessons && PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$(sed -n 's/^\(rig .*--\(figure\|out\) .*\)$$/\1 --force/p' [0-9]*.md)"
 	@rm -f docs/lessons/*.mcap
 
 site: $(VENV)/.installed-site # every warning is an error: a link that leads nowhere, a page in no table of contents

@@ -56,8 +56,7 @@ def _list(all_of_them: list[Lesson], as_json: bool) -> None:
     if as_json:
         printing.report([_card(one) for one in all_of_them])
         return
-    rows = [(one.number, one.title, one.facts["time"], one.question.split("\n\n")[0].replace("\n", " "))
-            for one in all_of_them]  # fmt: skip
+    rows = [(one.number, one.title, one.facts["time"], one.asked) for one in all_of_them]
     printing.table("", ("lesson", "title", "time", "question"), rows)
     printing.line("\nnext: rig lesson 1")
 
@@ -97,7 +96,8 @@ def _offer(command: Command, one: Lesson) -> int:
     printing.line(f"\n    {command.text}\n")
     if _ask("Enter: run it, s: skip it, q: quit", "sq") == "s":
         rows = [(expected.quantity, expected.text) for expected in command.expected]
-        printing.table("", ("quantity", "expected"), rows)
+        if rows:
+            printing.table("", ("quantity", "expected"), rows)
         return 0
     folder = RESULTS / str(one.number)
     folder.mkdir(parents=True, exist_ok=True)

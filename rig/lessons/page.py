@@ -81,6 +81,12 @@ class Lesson:
         return [part for part in self.experiment if isinstance(part, Command)]
 
     @property
+    def asked(self) -> str:
+        """The questions alone, without what they are about."""
+        sentences = re.split(r"(?<=[.?]) ", " ".join(self.question.split()))
+        return " ".join(one for one in sentences if one.endswith("?"))
+
+    @property
     def scene(self) -> str:
         """The scene to start with."""
         return self.facts["scene"].strip("`")
