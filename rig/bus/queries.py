@@ -93,10 +93,12 @@ class Server(ABC):
         return answered
 
     def give_up(self, why: str) -> None:
-        """Refuse all queries that still wait for a later answer, since `poll` is not called any more."""
+        """Refuse all queries that wait for an answer, read or not, since `poll` is not called any more."""
         for request, _, _ in self._later:
             request.refuse(why)
         self._later = []
+        while (unread := self._next(0.0)) is not None:
+            unread.refuse(why)
 
     def _serve(self, request: Request, body: dict[str, Any], answer: Callable[[], Any]) -> None:
         """Answer or refuse a request, or keep it for the next poll."""

@@ -232,6 +232,21 @@ def test_a_refusal_reaches_the_asker_with_its_reason(wire):
     thread.join()
 
 
+def test_a_question_that_nobody_has_read_is_refused_at_the_end(wire):
+    server = wire.plant.serve("param/plant", lambda body: {})
+
+    def end():
+        time.sleep(0.5)  # the question is waiting by then
+        server.give_up("the run ended before it was done")
+
+    thread = threading.Thread(target=end)
+    one = wire.join()
+    thread.start()
+    with pytest.raises(BusError, match="the run ended before it was done"):
+        one.ask("param/plant", {}, 3.0, patient=True)
+    thread.join()
+
+
 def test_nobody_answers_is_said_within_the_time(wire):
     one = wire.join()
     begun = time.monotonic()
