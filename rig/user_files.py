@@ -1,18 +1,22 @@
-"""Checks of files that a user names: a file to read must be regular and not too large, a file to write not a pipe.
+"""Files that a user names: a file to read must be regular and not too large, one to write is written completely or not.
 
 A pipe would block until another process opens its other end, and reading a device may never end.
 """
 
 from __future__ import annotations
 
+import csv
 import errno
+import io
 import os
 import shutil
 import stat
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rig import file_locks
-from rig.errors import UsageError
+from rig.errors import OutputError, UsageError
 
 RUNS = Path("recordings/runs")
 """Where runs are recorded unless their user names a file."""
@@ -68,6 +72,42 @@ def replace(path: Path, content: bytes) -> None:
         part.replace(target)
     finally:
         part.unlink(missing_ok=True)
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file, completely or not at all. Raises OutputError."""
+    with draft_of(path) as draft:
+        draft.write_bytes(content)
+
+
+@contextmanager
+def draft_of(path: Path) -> Iterator[Path]:
+    """A file beside `path` that takes its place if all goes well: a full disk or Ctrl-C leaves what was there.
+
+    Raises OutputError if it cannot be written.
+    """
+    try:
+        target = path.resolve()  # a symbolic link stays a link
+        if target.exists() and not target.is_file():  # a device, such as /dev/null
+            yield target
+            return
+        draft = target.with_name(f".draft-{os.getpid()}")  # short, whatever the length of the name
+        try:
+            yield draft
+            if target.exists():
+                draft.chmod(target.stat().st_mode)
+            draft.replace(target)
+        finally:
+            draft.unlink(missing_ok=True)
+    except OSError as fault:
+        raise OutputError(f"{path} cannot be written: {fault.strerror}") from None
+
+
+def csv_table(rows: Iterable[Iterable[object]]) -> bytes:
+    """Rows as the content of a CSV file."""
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows(rows)
+    return text.getvalue().encode()
 
 
 def contents(path: Path, most: int = TEXT) -> bytes:

@@ -77,7 +77,7 @@ def run(arguments: list[str] | None = None) -> None:
     except BrokenPipeError:  # whoever read the output has seen enough
         pass
     except OSError as error:  # of the system, as a full disk
-        printing.note(str(error))
+        printing.note(f"{error.filename}: {error.strerror}" if error.filename else error.strerror or str(error))
         sys.exit(ExitCode.FAILED)
     except Exception as error:
         from rig.parts import foreign_fault

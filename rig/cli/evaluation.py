@@ -58,7 +58,7 @@ def show(values: dict[str, Any], text: str, figure: Path | None, csv: Path | Non
 
 def write(csv: Path, head: list[str], rows: Iterable[Iterable[str | float]]) -> None:
     """Write a table as CSV, numbers with nine digits. Raises OutputError."""
-    from rig.view.save_figure import write_file
+    from rig.user_files import write_file
 
     text = io.StringIO()
     writer = writes(text, lineterminator="\n")

@@ -172,7 +172,7 @@ def sound(
     from rig.analysis.sound import hear
     from rig.analysis.sound.figure import draw
     from rig.record.wav import write
-    from rig.view.save_figure import draft_of
+    from rig.user_files import draft_of
 
     sensor = renamed("--channel", channel, "--signal", signal)
     run = opened(log, trust)

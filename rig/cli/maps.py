@@ -74,7 +74,7 @@ def map_(
     """
     from rig.analysis.map import Store, chart, job
     from rig.analysis.map.figure import draw
-    from rig.view.save_figure import write_file
+    from rig.user_files import write_file
 
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
@@ -111,7 +111,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
     from rig.analysis.axis import axes
     from rig.analysis.map import Store, survey, surveyed
     from rig.analysis.regions import draw
-    from rig.view.save_figure import write_file
+    from rig.user_files import write_file
 
     if y is None:
         raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")

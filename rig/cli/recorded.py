@@ -66,7 +66,7 @@ def hysteresis(
     """Compute the RMS of a vibration over rising and falling drive speed, and the speeds at which the contact stuck."""
     from rig.analysis.recorded import hysteresis as find
     from rig.analysis.recorded.figure import draw_hysteresis as draw
-    from rig.view.save_figure import write_file
+    from rig.user_files import write_file
 
     faults = Faults()
     run, length, begin, end = opened_span(faults, log, window, first, last, trust)

@@ -11,6 +11,7 @@ from rig.cli import printing
 from rig.cli.options import Force, Json
 from rig.cli.outputs import refuse
 from rig.errors import ExitCode
+from rig.user_files import write_file
 
 
 def reproduce(
@@ -53,7 +54,7 @@ def reproduce(
         progress(len(wanted), len(wanted))
     machine = provenance(0, ())
     host = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
-    (out / "README.md").write_text(again.page(again.keep(results, out), host))
+    write_file(out / "README.md", again.page(again.keep(results, out), host).encode())
     if as_json:
         printing.report([result.to_json() for result in results])
     else:

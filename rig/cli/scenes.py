@@ -14,7 +14,7 @@ from rig.cli import printing
 from rig.cli.options import Changes, Force, Json, SceneName, changes, the_scene
 from rig.cli.outputs import held, named, new
 from rig.errors import SceneError, UsageError
-from rig.user_files import replace
+from rig.user_files import replace, write_file
 
 if TYPE_CHECKING:
     from rig.qualify.effects_measured import Part, Rate
@@ -265,7 +265,7 @@ def new_scene(
         raise UsageError(f"{name}: is a scene that the new one would be based on; name another file")
     base = based_on if shipped else os.path.relpath(based_on, file.parent)
     with held("NAME", file, force):
-        file.write_text(draft(scene, base, str(file)), encoding="utf-8")
+        write_file(file, draft(scene, base, str(file)).encode())
     if as_json:
         printing.report({"file": str(file), "based_on": base})
         return

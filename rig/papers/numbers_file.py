@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.papers.entry import Comparison, Result, entries
+from rig.user_files import write_file
 
 _FILE = "numbers.json"
 
@@ -21,7 +22,7 @@ def keep(results: Iterable[Result], folder: Path) -> list[Result]:
     found = {one.entry.name: one for one in (*_kept(folder), *results)}
     held = [found[name] for name in entries() if name in found]
     text = json.dumps([{**one.to_json(), "picture": one.picture.name} for one in held], indent=1, allow_nan=False)
-    (folder / _FILE).write_text(text + "\n")
+    write_file(folder / _FILE, f"{text}\n".encode())
     return held
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from rig.record.curves import topic_of
+from rig.user_files import write_file
 from rig.view.channels import Panel
 from rig.view.drawing import Drawing
-from rig.view.save_figure import write_file
 
 _PLAIN = re.compile(r"[A-Za-z0-9_/-]+")
 _LARGE = 6

@@ -13,8 +13,8 @@ import numpy as np
 from rig.errors import OutputError
 from rig.process import stopping
 from rig.record.run import Run
+from rig.user_files import draft_of
 from rig.view.drawing import Drawing, send
-from rig.view.save_figure import draft_of
 
 if TYPE_CHECKING:
     import rerun as rr

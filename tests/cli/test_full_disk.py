@@ -6,6 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.analysis.map import Store
+from rig.child_process import Child
+from rig.errors import OutputError
+from rig.qualify.cost import Table, delay
+from rig.qualify.torture import report
+from rig.qualify.torture.cells import Cell
+from rig.qualify.torture.test_result import CellResult
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
 
@@ -38,10 +45,10 @@ def logs(tmp_path_factory):
 
 @pytest.fixture
 def full(logs):
-    """Files of this process stay small, as if the disk were full."""
+    """Files of this process and its children stay small, as if the disk were full: LARGEST, or what a test asks for."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST, hard))
-    yield
+    yield lambda largest: resource.setrlimit(resource.RLIMIT_FSIZE, (largest, hard))
     resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
@@ -67,3 +74,56 @@ def test_a_view_that_does_not_fit_is_named_and_goes(rig, tmp_path, monkeypatch):
     assert code == 1
     assert "cannot be written (Failed to write: No space left on device)" in err
     assert not [*tmp_path.iterdir()]
+
+
+MAP = ("belt", "--eigenvalues", "--x", "drive.speed=0.1 m/s:0.5 m/s:30", "--y", "load.force=10 N:30 N:32")
+
+
+@pytest.mark.parametrize(("largest", "file"), [(100, "job.json"), (12_000, "regions.csv")])
+def test_a_file_of_a_map_that_does_not_fit_is_named(rig, tmp_path, full, largest, file):
+    full(largest)
+    code, out, err = rig("map", *MAP, "--workers", 1, "--out", tmp_path)
+    assert code == 1
+    assert f"{file} cannot be written: File too large" in err
+    assert "Traceback" not in out + err
+
+
+def test_a_part_of_a_map_that_does_not_fit_ends_its_worker_with_a_sentence(rig, tmp_path, full):
+    full(1 << 30)
+    assert rig("map", *MAP, "--workers", 1, "--out", tmp_path)[0] == 0
+    part = min(tmp_path.glob("*/*.npz"))
+    part.unlink()
+    Store(part.parent).plan([[int(part.stem)]])
+    full(100)
+    worker = Child("worker", ["rig.analysis.map.workers", str(part.parent)])
+    assert worker.wait(60.0)
+    assert worker.ending == f"worker ended with code 1: {part} cannot be written: File too large"
+    assert not [*part.parent.glob(".draft*")]
+
+
+def test_a_scene_that_does_not_fit_is_named_and_goes(rig, tmp_path, full):
+    full(500)
+    code, _, err = rig("new", tmp_path / "mine", "--based-on", "brake")
+    assert code == 1
+    assert "mine.toml cannot be written: File too large" in err
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.usefixtures("full")
+def test_tables_of_studies_that_do_not_fit_are_named_and_leave_the_old_ones(tmp_path):
+    many = "x" * LARGEST
+    cell = Cell(many, "exact", 1e-3, True, CellResult("green"), 0.1, {})
+    rates = delay.Delayed(many, 1.0, ((0.0, 0.0),), (), (0.0, 0.0, 0.0))
+    table = Table("belt", many, "", "", 1.0, 1e-3, 1e-3, {}, {})
+    writers = {
+        "delay.csv": lambda path: delay.write([rates], path),
+        "junit.xml": lambda path: report.junit([cell], path),
+        "machine.json": lambda path: table.write(path.parent),
+    }
+    for name, write in writers.items():
+        path = tmp_path / name
+        path.write_text("old")
+        with pytest.raises(OutputError, match=f"{name} cannot be written: File too large"):
+            write(path)
+        assert path.read_text() == "old"
+    assert not [*tmp_path.glob(".draft*")]

@@ -21,6 +21,7 @@ import numpy as np
 from rig import file_locks
 from rig.analysis.map.job import Arrays, Job
 from rig.errors import UsageError
+from rig.user_files import draft_of, write_file
 
 
 class Store:
@@ -75,15 +76,12 @@ class Store:
         return True
 
     def save(self, found: dict[int, Arrays]) -> None:
-        """Save the results of a batch."""
-        path = self.folder / f"{min(found):06d}.npz"
-        draft = path.with_suffix(f".{os.getpid()}")
-        with draft.open("wb") as file:
+        """Save the results of a batch. Raises OutputError."""
+        with draft_of(self.folder / f"{min(found):06d}.npz") as draft, draft.open("wb") as file:
             flat = {f"{unit}/{name}": array for unit, arrays in found.items() for name, array in arrays.items()}
             np.savez(file, allow_pickle=False, **flat)  # type: ignore[arg-type]
             file.flush()
             os.fsync(file.fileno())
-        draft.replace(path)
 
     def load(self) -> dict[int, Arrays]:
         """Return the results of every finished unit; unreadable files are skipped."""
@@ -100,6 +98,4 @@ class Store:
         return found
 
     def _write(self, name: str, text: str) -> None:
-        draft = self.folder / f"{name}.{os.getpid()}"
-        draft.write_text(text)
-        draft.replace(self.folder / name)
+        write_file(self.folder / name, text.encode())

@@ -17,7 +17,7 @@ from rig.analysis.map.job import Arrays, Job
 from rig.analysis.map.store import Store
 from rig.analysis.map.track import Track
 from rig.child_process import Child, end
-from rig.errors import ExitCode, WorkerError
+from rig.errors import ExitCode, RigError, WorkerError
 
 _ROUNDS = 8  # batches for each worker: a small number at the end keeps the other workers idle only briefly
 _MOST = 16  # units in a batch: the most that an interruption loses
@@ -90,6 +90,8 @@ def main() -> None:
                 return
             if store.claim(batch):
                 store.save(compute(job, batch, lambda _: sys.stdout.write(f"{_DONE}\n") and sys.stdout.flush()))
+    except RigError as fault:  # as a full disk
+        sys.exit(str(fault))
     except KeyboardInterrupt:
         sys.exit(ExitCode.INTERRUPTED)
 

@@ -13,8 +13,9 @@ from pathlib import Path
 from rig.analysis.repeat.measure import Seen, measure
 from rig.bench.simulate import simulate
 from rig.child_process import Child, end
-from rig.errors import ExitCode, WorkerError
+from rig.errors import ExitCode, RigError, WorkerError
 from rig.scenes.scene import Scene
+from rig.user_files import write_file
 
 _LOOK = 0.05  # s
 
@@ -57,7 +58,7 @@ def work(
     if why := stop():
         return [], why
     progress(1, total)
-    (folder / "job.json").write_text(job.to_json())
+    write_file(folder / "job.json", job.to_json().encode())
     count = min(workers or os.cpu_count() or 1, total - 1)
     children = [Child(f"repeat worker {k + 1}", [__name__, str(folder)]) for k in range(count)]
     why = ""
@@ -85,9 +86,9 @@ def main() -> None:
                 os.close(os.open(folder / f"{seed}.claim", os.O_CREAT | os.O_EXCL))
             except FileExistsError:  # another worker has this seed
                 continue
-            draft = folder / f"{seed}.draft"
-            draft.write_text(json.dumps(job.run(seed).to_json()))
-            draft.replace(folder / f"{seed}.seen")
+            write_file(folder / f"{seed}.seen", json.dumps(job.run(seed).to_json()).encode())
+    except RigError as fault:  # as a full disk
+        sys.exit(str(fault))
     except KeyboardInterrupt:
         sys.exit(ExitCode.INTERRUPTED)
 

@@ -20,9 +20,9 @@ from rig.record.run import Integers, Run
 from rig.record.statistics import FRACTION
 from rig.record.user_notes import Notes
 from rig.scenes.scene import Scene
+from rig.user_files import write_file
 from rig.view import contact, timeline
 from rig.view.caption import scene_of
-from rig.view.save_figure import write_file
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 """What the page may load: nothing. A browser then refuses what an escaped text must not have become."""

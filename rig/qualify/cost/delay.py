@@ -8,7 +8,6 @@ table, drawn over the step, so that one diagram shows where a shorter time helps
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +19,7 @@ from rig.qualify.cost.figure import COLOURS, LEAST, MARKS, sheet
 from rig.qualify.cost.order import step
 from rig.qualify.cost.table import WORST, Table
 from rig.scenes.scene import Scene
+from rig.user_files import csv_table, write_file
 
 IDEAL = 1_000  # ns, the sample period of the ideal loop
 FINE = 20  # samples in a delay: so many pending commands are states of the loop
@@ -93,13 +93,14 @@ def _with(scene: Scene, name: str, period: int, delay: int) -> Scene:
 
 
 def write(found: Sequence[Delayed], path: Path) -> None:
-    """Write the errors as CSV."""
-    with path.open("w", newline="") as file:
-        out = csv.writer(file)
-        out.writerow(["controller", "varied", "time_s", "error"])
-        for one in found:
-            for varied, points in (("delay", one.delays), ("period", one.periods)):
-                out.writerows([one.controller, varied, time, error] for time, error in points)
+    """Write the errors as CSV. Raises OutputError."""
+    rows = [
+        (one.controller, varied, time, error)
+        for one in found
+        for varied, points in (("delay", one.delays), ("period", one.periods))
+        for time, error in points
+    ]
+    write_file(path, csv_table([("controller", "varied", "time_s", "error"), *rows]))
 
 
 def draw(found: Sequence[Delayed], table: Table, path: Path) -> None:

@@ -23,6 +23,7 @@ from rig.motion.memory import SEGMENTS
 from rig.qualify.cost.measures import Seen, errors, observe
 from rig.qualify.cost.problem import Problem
 from rig.qualify.cost.settings import TIGHTEST, Setting, ladder
+from rig.user_files import write_file
 
 WALL = 4.0  # s, for one run of a reference
 _UNSURE = 1e-3  # a reference that differs so much from itself at twice the step is refined
@@ -116,7 +117,7 @@ def _kept(problem: Problem, folder: Path | None, runs: tuple[Setting, ...], orde
         seen[-1] = extrapolated(seen[0], seen[-1], (runs[0].step_ns / last.step_ns) ** order)
     made = Reference(last, seen[-1], apart, name)
     if path is not None:
-        path.write_text(json.dumps(made.to_json(), indent=1))
+        write_file(path, json.dumps(made.to_json(), indent=1).encode())
     return made
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from rig.errors import UsageError
 from rig.qualify.cost.settings import Setting
 from rig.qualify.cost.timing import Cost, Spread
+from rig.user_files import csv_table, draft_of, write_file
 
 WORST = "worst"
 
@@ -120,17 +121,14 @@ class Table:
         return found
 
     def write(self, folder: Path) -> None:
-        """Write cost.csv, cost.parquet and machine.json atomically."""
+        """Write cost.csv, cost.parquet and machine.json, each completely or not at all. Raises OutputError."""
         rows = [row.flat() for row in self.rows]
         columns = list(dict.fromkeys(name for row in rows for name in row))
         lines = [[row.get(name) for name in columns] for row in rows]
-        path = folder / "cost.csv.part"
-        with path.open("w", newline="") as file:
-            csv.writer(file).writerows([columns, *lines])
-        path.replace(folder / "cost.csv")
+        write_file(folder / "cost.csv", csv_table([columns, *lines]))
         write_parquet(folder / "cost.parquet", {c: [row.get(c) for row in rows] for c in columns})
         about = {name: value for name, value in vars(self).items() if name != "rows"}
-        (folder / "machine.json").write_text(json.dumps(about, indent=1))
+        write_file(folder / "machine.json", json.dumps(about, indent=1).encode())
 
     @classmethod
     def read(cls, folder: Path) -> Table:
@@ -145,10 +143,9 @@ class Table:
 
 
 def write_parquet(path: Path, columns: dict[str, Sequence[Any]]) -> None:
-    """Write columns by name as a Parquet file."""
+    """Write columns by name as a Parquet file, completely or not at all. Raises OutputError."""
     import pyarrow as pa
     from pyarrow import parquet
 
-    part = path.with_suffix(".part")
-    parquet.write_table(pa.table(columns), part)
-    part.replace(path)
+    with draft_of(path) as draft:
+        parquet.write_table(pa.table(columns), draft)

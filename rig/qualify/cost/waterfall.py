@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,23 +9,23 @@ from pathlib import Path
 from rig.qualify.cost.effects import Paired
 from rig.qualify.cost.figure import sheet
 from rig.qualify.cost.table import Table
+from rig.user_files import csv_table, write_file
 
 
 def write(found: Sequence[Paired], path: Path) -> None:
-    """Write one line for each effect and measure."""
-    with path.open("w", newline="") as file:
-        out = csv.writer(file)
-        out.writerow(
-            ["effect", "measured", "states", "ns_per_step", "low", "high", "noise_ns", "measure", "unit", "with",
-             "without", "change", "told", "note"]
-        )  # fmt: skip
-        for one, how in [(one, "as held") for one in found] + [(p.closed, "closed") for p in found if p.closed]:
-            head = [one.name, how, one.states, *one.to_json()["tick"].values(), one.to_json()["noise"]]
-            note = one.fault or one.note
-            for c in one.changes:
-                out.writerow([*head, c.measure, c.unit, c.whole, c.less, c.size, c.significant, note])
-            if not one.changes:
-                out.writerow([*head, *[""] * 6, note])
+    """Write one line for each effect and measure. Raises OutputError."""
+    rows: list[list[object]] = [
+        ["effect", "measured", "states", "ns_per_step", "low", "high", "noise_ns", "measure", "unit", "with",
+         "without", "change", "told", "note"]
+    ]  # fmt: skip
+    for one, how in [(one, "as held") for one in found] + [(p.closed, "closed") for p in found if p.closed]:
+        head = [one.name, how, one.states, *one.to_json()["tick"].values(), one.to_json()["noise"]]
+        note = one.fault or one.note
+        for c in one.changes:
+            rows.append([*head, c.measure, c.unit, c.whole, c.less, c.size, c.significant, note])
+        if not one.changes:
+            rows.append([*head, *[""] * 6, note])
+    write_file(path, csv_table(rows))
 
 
 def text(one: Paired) -> str:

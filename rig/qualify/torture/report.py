@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 from rig.qualify.torture import figure
 from rig.qualify.torture.cells import Cell
 from rig.record.provenance import provenance
+from rig.user_files import write_file
 
 
 def keep(cells: Sequence[Cell], folder: Path, quick: bool) -> None:
@@ -17,7 +18,7 @@ def keep(cells: Sequence[Cell], folder: Path, quick: bool) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     machine = provenance(0, ())
     matrix = {"quick": quick, "machine": machine, "cells": [cell.to_json() for cell in cells]}
-    (folder / "matrix.json").write_text(json.dumps(matrix, indent=1, ensure_ascii=False, default=str))
+    write_file(folder / "matrix.json", json.dumps(matrix, indent=1, ensure_ascii=False, default=str).encode())
     junit(cells, folder / "junit.xml")
     line = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
     for ending in ("png", "svg"):
@@ -47,4 +48,4 @@ def junit(cells: Sequence[Cell], path: Path) -> None:
             skipped += 1
             ElementTree.SubElement(one, "skipped", message=f"{verdict}: {result.told}")
     suite.attrib |= {"tests": str(len(cells)), "failures": str(failures), "skipped": str(skipped)}
-    ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)
+    write_file(path, ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True))

@@ -13,6 +13,7 @@ from typing import Any
 from rig.errors import UsageError
 from rig.qualify.torture.case import FOLDER, Case
 from rig.qualify.torture.cells import Cell, cells
+from rig.user_files import write_file
 
 EXAMPLES = 30
 PLACES = 1000
@@ -91,7 +92,7 @@ def write(case: Case, values: dict[str, float], cell: Cell, folder: Path) -> Pat
     expect = at(case, values).expect.model_dump(mode="json", exclude_defaults=True)
     if expect:
         lines += ["", "[expect]", *_lines(expect)]
-    path.write_text("\n".join(lines) + "\n")
+    write_file(path, ("\n".join(lines) + "\n").encode())
     return path
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
 
 from rig.qualify.cost.figure import sheet
 from rig.qualify.cost.peers.race import OURS, Entry, cheapest
+from rig.user_files import csv_table, write_file
 
 COLUMNS = ("solver", "setting", "error of event times", "real-time factor", "rig is faster by", "")
 _COLOURS = ("#1d4f91", "#2a9d77", "#7a5fb0", "#d1802f", "#c03a76", "#5a5a5a")
@@ -31,11 +31,8 @@ def lines(found: Sequence[Entry], target: float) -> list[tuple[str, ...]]:
 
 
 def write(found: Sequence[Entry], path: Path) -> None:
-    """Write the comparison as CSV."""
-    with path.open("w", newline="") as file:
-        out = csv.writer(file)
-        out.writerow(list(vars(found[0])))
-        out.writerows(list(vars(one).values()) for one in found)
+    """Write the comparison as CSV. Raises OutputError."""
+    write_file(path, csv_table([vars(found[0]), *(vars(one).values() for one in found)]))
 
 
 def draw(found: Sequence[Entry], title: str, machine: dict[str, str], target: float, path: Path) -> None:
