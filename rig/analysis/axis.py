@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
 class Axis:
     """Parameter `key` at `values` (SI, in `unit`), in the given order. `shown` is the unit for output.
 
-    `scale`: SI value of one `shown`.
+    `scale`: SI value of one `shown`. `words`: the parameter in words, for a figure.
     """
 
     key: str
@@ -41,6 +41,7 @@ class Axis:
     values: tuple[float, ...]
     shown: str
     scale: float = 1.0
+    words: str = ""
 
     @classmethod
     def parse(cls, text: str, scene: Scene, controller: str = "") -> Self:
@@ -73,7 +74,7 @@ class Axis:
         one = 1.0 if shown == unit else si(f"1 {shown}", unit) - si(f"0 {shown}", unit)
         whole = bool(np.isfinite(ends).all())  # else the values between are undefined, and the scene refuses the ends
         values = np.linspace(ends[0], ends[1], count).tolist() if whole else ends
-        axis = cls(key, unit, tuple(values), shown, one)
+        axis = cls(key, unit, tuple(values), shown, one, _in_words(key, scene))
         axis._check(text, scene)
         return axis
 
@@ -94,7 +95,7 @@ class Axis:
             faults.append("values must rise or fall throughout")
         if faults:
             raise SceneError(key, faults)
-        axis = cls(key, known[key], given, known[key])
+        axis = cls(key, known[key], given, known[key], words=_in_words(key, scene))
         axis._check(key, scene)
         return axis
 
@@ -126,8 +127,14 @@ class Axis:
 
     @property
     def label(self) -> str:
-        """The key with its unit, for a figure or a table."""
+        """The key with its unit, for a table."""
         return self.key if self.shown == "1" else f"{self.key} [{self.shown}]"
+
+    @property
+    def title(self) -> str:
+        """The parameter in words with its unit, for a figure."""
+        words = self.words or self.key
+        return words if self.shown == "1" else f"{words} [{self.shown}]"
 
     @property
     def shown_values(self) -> Array:
@@ -178,6 +185,17 @@ def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]
                     yield from sweepable(part, f"{key}.{entry}")
         elif (value is None or (isinstance(value, float | int) and not isinstance(value, bool))) and unit_of(info):
             yield key, unit_of(info)
+
+
+def _in_words(key: str, scene: Scene) -> str:
+    """A parameter in words: the title that its field declares, else its key without dots and underscores."""
+    room, _, rest = key.partition(".")
+    *path, name = (rest if room == "controllers" else key).split(".")
+    section: Any = scene.controllers if room == "controllers" else scene.parameters
+    for part in path:
+        section = section[part] if isinstance(section, Mapping) else getattr(section, part)
+    declared = type(section).model_fields[name].title
+    return declared or " ".join([*path, name]).replace("_", " ")
 
 
 def _unit(part: str) -> str:

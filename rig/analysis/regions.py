@@ -243,7 +243,7 @@ def draw(found: Regions, path: Path) -> None:
         points = np.array([(value / scale, y[j]) for j, row in enumerate(found.edges) for value, _ in row])
         if len(points):
             axes.plot(points[:, 0], points[:, 1], ".", color="black", ms=3.0, label="sliding loses or gains stability")
-        axes.set(xlabel=found.x.label, ylabel=found.y.label)
+        axes.set(xlabel=found.x.title, ylabel=found.y.title)
         axes.margins(0.0)
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=2)

@@ -50,7 +50,7 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
     shades = np.broadcast_to(x[:, None], rates.shape)
     seen = np.isfinite(rates)
     dots = locus.scatter(rates[seen], hertz[seen], c=shades[seen], s=13, cmap="viridis", zorder=3)
-    bar = figure.colorbar(dots, ax=locus, pad=0.02, label=sweep.axis.label)
+    bar = figure.colorbar(dots, ax=locus, pad=0.02, label=sweep.axis.title)
     bar.outline.set_visible(False)  # type: ignore[operator]
     _critical(sweep, growth, frequency, locus)
     for axes in (growth, locus):
@@ -58,7 +58,7 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
     growth.set_ylabel("growth [1/s]")
     growth.tick_params(labelbottom=False)
     frequency.set_ylabel("frequency [Hz]")
-    frequency.set_xlabel(sweep.axis.label)
+    frequency.set_xlabel(sweep.axis.title)
     if np.any(seen):
         low, high = float(np.nanmin(hertz)), float(np.nanmax(hertz))
         margin = max(0.08 * (high - low), 0.02 * high, 1e-9)  # a nearly constant curve must look constant

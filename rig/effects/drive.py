@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from rig.about import About, Bound
 from rig.model.assembly import Assembly, Input
@@ -46,7 +46,7 @@ class _Drive(Section):
 class BeltDrive(_Drive):
     """The drive of a belt; speeds in m/s."""
 
-    speed: MetrePerSecond
+    speed: Annotated[MetrePerSecond, Field(title="belt speed")]
     speed_min: Annotated[MetrePerSecond | None, _LOW] = None
     speed_max: Annotated[MetrePerSecond | None, _HIGH] = None
 
@@ -54,7 +54,7 @@ class BeltDrive(_Drive):
 class DiscDrive(_Drive):
     """The drive of a disc; speeds in rad/s (a scene may state rpm)."""
 
-    speed: RadianPerSecond
+    speed: Annotated[RadianPerSecond, Field(title="disc speed")]
     speed_min: Annotated[RadianPerSecond | None, _LOW] = None
     speed_max: Annotated[RadianPerSecond | None, _HIGH] = None
 

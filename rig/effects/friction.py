@@ -45,8 +45,8 @@ class Stribeck(_OverSpeed):
     """The Stribeck law: an exponential fall from the static to the dynamic coefficient."""
 
     law: Literal["stribeck"]
-    mu_static: Ratio
-    mu_dynamic: Ratio
+    mu_static: Annotated[Ratio, Field(title="static coefficient of friction")]
+    mu_dynamic: Annotated[Ratio, Field(title="dynamic coefficient of friction")]
     speed_scale: PositiveMetrePerSecond
 
     def friction(self) -> Law:
@@ -77,8 +77,8 @@ class Coulomb(_OverSpeed):
     """Coulomb friction: one coefficient in stick, one in slip."""
 
     law: Literal["coulomb"]
-    mu_static: Ratio
-    mu_kinetic: Ratio
+    mu_static: Annotated[Ratio, Field(title="static coefficient of friction")]
+    mu_kinetic: Annotated[Ratio, Field(title="kinetic coefficient of friction")]
 
     @model_validator(mode="after")
     def _static_is_larger(self) -> Self:
@@ -98,7 +98,7 @@ class Constant(_OverSpeed):
     """One coefficient in stick and slip. It does not fall with the speed; instability then comes from mode coupling."""
 
     law: Literal["constant"]
-    mu: Ratio
+    mu: Annotated[Ratio, Field(title="coefficient of friction")]
 
     def friction(self) -> Law:
         """The law for the solver."""
@@ -112,8 +112,8 @@ class Exponential(_OverSpeed):
     """
 
     law: Literal["exponential"]
-    mu_static: Ratio
-    mu_kinetic: Ratio
+    mu_static: Annotated[Ratio, Field(title="static coefficient of friction")]
+    mu_kinetic: Annotated[Ratio, Field(title="kinetic coefficient of friction")]
     decay: PositiveSecondPerMetre
 
     @field_validator("decay", mode="before")

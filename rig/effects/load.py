@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from rig.about import About, Bound
 from rig.effects.drive import Lag, actuator
@@ -26,7 +26,7 @@ class Load(Section):
 
     declares: ClassVar = About("presses the bodies together")
 
-    force: NonNegativeNewton
+    force: Annotated[NonNegativeNewton, Field(title="load")]
     lag: Lag = None
     force_min: NonNegativeNewton = 0.0
     force_max: Annotated[NonNegativeNewton | None, Bound(of="force")] = None

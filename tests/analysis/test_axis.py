@@ -1,13 +1,15 @@
 """An axis of a sweep: read with units, and everything that can be wrong with it told at once."""
 
 import math
+from functools import reduce
 
 import numpy as np
 import pytest
 
 import rig
-from rig.analysis.axis import Axis, axes
+from rig.analysis.axis import Axis, axes, sweepable
 from rig.errors import SceneError
+from rig.scenes import shipped
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +23,7 @@ def test_both_ends_may_have_units_of_their_own(belt):
     assert axis.values == pytest.approx(np.linspace(0.05, 0.4, 8), rel=1e-12)
     assert axis.shown_values == pytest.approx(np.linspace(50.0, 400.0, 8), rel=1e-12)
     assert axis.label == "drive.speed [mm/s]"
+    assert axis.title == "belt speed [mm/s]"
     assert axis.text(0.05) == "50 mm/s"
 
 
@@ -68,3 +71,28 @@ def test_the_faults_of_all_axes_are_told_at_once(belt):
     assert axes(belt, {"--x": "drive.speed=0:1:3", "--y": None})[0].key == "drive.speed"
     with pytest.raises(SceneError, match="more than one axis"):
         axes(belt, {"--x": "drive.speed=0:1:3", "--y": "drive.speed=0:1:4"})
+
+
+@pytest.mark.parametrize("name", shipped.names())
+def test_a_figure_names_every_parameter_in_words(name):
+    scene = rig.load(name)
+    for key, unit in sweepable(scene.parameters):
+        value = reduce(
+            lambda part, field: part[field] if isinstance(part, dict) else getattr(part, field),
+            key.split("."),
+            scene.parameters,
+        )
+        if value is None:
+            continue
+        try:
+            title = Axis.of(key, [value, value * 1.001 or 0.001], scene).title
+        except SceneError:  # this value cannot be another one
+            continue
+        assert key not in title
+        assert not set("._") & set(title.partition(" [")[0])
+        assert unit == "1" or title.endswith(f" [{unit}]")
+
+
+def test_a_parameter_of_a_controller_is_named_in_words():
+    axis = Axis.parse("controllers.nf.gain=1:2:3", rig.load("belt_normal_force"), "nf")
+    assert axis.title.startswith("nf gain")

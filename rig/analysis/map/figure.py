@@ -66,7 +66,7 @@ def _regions(axes: Axes, found: Map) -> None:
         if not np.isnan(ends).all():
             colour, marker = _RUNS[run]
             _line(axes, np.column_stack([ends, y]), "-", colour, marker, f"{label} loses vibration")
-    axes.set(xlabel=job.x.label, ylabel=job.y.label)
+    axes.set(xlabel=job.x.title, ylabel=job.y.title)
     axes.margins(0.0)
     _legend(axes, _there(found))
 
@@ -117,7 +117,7 @@ def _bifurcation(figure: Figure, found: Map) -> None:
     top.set_ylabel(f"{settings.output} [{unit}]\nextremes, local maxima")
     middle.set_ylabel(f"rms about\nthe mean [{unit}]")
     bottom.set_ylabel("share of\ntime stuck")
-    bottom.set_xlabel(found.job.x.label)
+    bottom.set_xlabel(found.job.x.title)
     top.legend(loc="upper left", ncols=4)
     _legend(bottom, _there(found))
     bottom.get_legend().set_bbox_to_anchor((0.0, -0.42))  # type: ignore[union-attr]
@@ -142,6 +142,6 @@ def _dither(axes: Axes, found: Boundary) -> None:
     axes.errorbar(
         x.shown_values[seen], middle / y.scale, half / y.scale, fmt="o", ms=4, color=_RUNS["up"][0], label="simulated"
     )
-    axes.set(xlabel=x.label, ylabel=y.label)
+    axes.set(xlabel=x.title, ylabel=y.title)
     axes.margins(0.0)
     _legend(axes, {1: "dither keeps the rig sliding", 3: "sliding is lost"})

@@ -118,7 +118,7 @@ class Job:
     def digest(self) -> str:
         """Hash (12 hex digits) of everything that the numbers depend on, sources included."""
         found = hashlib.sha256(f"{kernel.source_key()} {np.__version__} {self.scene.digest}".encode())
-        found.update(json.dumps([asdict(self.x), self.y and asdict(self.y), asdict(self.settings)]).encode())
+        found.update(json.dumps([_numbers(self.x), self.y and _numbers(self.y), asdict(self.settings)]).encode())
         for path in sorted(path for source in _SOURCES for path in _ROOT.glob(f"{source}.py")):
             found.update(path.name.encode() + path.read_bytes())
         return found.hexdigest()[:12]
@@ -135,6 +135,11 @@ class Job:
         x, y = (a and Axis(**{**a, "values": tuple(a["values"])}) for a in raw["axes"])
         settings = Settings(**{**raw["settings"], "runs": tuple(raw["settings"]["runs"])})
         return cls(Scene.from_json(json.dumps(raw["scene"])), x, y, settings)
+
+
+def _numbers(axis: Axis) -> dict[str, Any]:
+    """What an axis has besides words, which change no number."""
+    return {name: value for name, value in asdict(axis).items() if name != "words"}
 
 
 def checked(job: Job) -> Job:
