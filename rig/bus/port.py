@@ -304,7 +304,8 @@ class Session(ABC):
             if not patient:
                 break
             time.sleep(0.02)
-        raise BusError(f"no process answered {topic} in run {self.run} within {timeout:g} s")
+        waited = f" within {timeout:g} s" if time.monotonic() >= deadline else ""  # else there is none to wait for
+        raise BusError(f"no process answered {topic} in run {self.run}{waited}")
 
     def totals(self) -> bytes:
         """Encode a Totals message: numbers of messages sent, received and lost by this session so far."""
