@@ -139,6 +139,10 @@ def _curves(axes: Axes, found: Table, metric: str, at: At, spread: Sequence[tupl
     axes.set_ylim(min(max(0.2 * min([floor, *shown]), LEAST), 0.1 * top), top)
 
 
+_SHORT = 100.0
+"""Ratio of the ends of an axis up to which the labels of its minor ticks have room beside those of the decades."""
+
+
 def _second(axes: Axes, converted: Callable[[float], float], label: str) -> None:
     """Draw a second horizontal axis on top: the same values in another unit."""
     top = axes.twiny()
@@ -147,7 +151,7 @@ def _second(axes: Axes, converted: Callable[[float], float], label: str) -> None
     top.grid(visible=False)
     for one in (axes, top):
         one.xaxis.set_major_formatter("{x:g}")
-        one.xaxis.set_minor_formatter(_some)
+        one.xaxis.set_minor_formatter(_some if high < _SHORT * low else "")
 
 
 def _some(value: float, _: float) -> str:

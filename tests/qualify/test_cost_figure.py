@@ -1,0 +1,32 @@
+"""The figure of a cost table: what stands on its axes can be read."""
+
+from itertools import pairwise
+
+import matplotlib as mpl
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from rig.qualify.cost import figure
+
+
+@pytest.mark.parametrize("ratio", [1.5, 10.0, 99.0, 101.0, 1e4, 1e6])
+@pytest.mark.parametrize("low", [0.0003, 0.02, 3.3, 3000.0])
+def test_labels_of_the_two_horizontal_axes_stay_apart(ratio, low):
+    with mpl.rc_context(figure.STYLE):
+        sheet = Figure(figsize=(10.8, 6.4), dpi=125, layout="constrained")
+        canvas = FigureCanvasAgg(sheet)
+        for axes, converted in zip(sheet.subplots(1, 2), (figure._percent, figure._factor)):
+            axes.set(xscale="log", xlim=(low, low * ratio))
+            figure._second(axes, converted, "share of a frame [%]")
+        canvas.draw()
+        shown = 0
+        for axes in sheet.axes:
+            begin, end = sorted(axes.get_xlim())
+            ticks = [*axes.xaxis.get_major_ticks(), *axes.xaxis.get_minor_ticks()]
+            texts = [text for tick in ticks for text in (tick.label1, tick.label2) if begin <= tick.get_loc() <= end]
+            seen = [text for text in texts if text.get_visible() and text.get_text()]
+            boxes = sorted((box.x0, box.x1) for box in (text.get_window_extent() for text in seen))
+            assert all(left[1] < right[0] for left, right in pairwise(boxes))
+            shown += len(boxes)
+    assert shown or ratio < 10.0
