@@ -84,7 +84,7 @@ golden: install # by the commands in the table of recordings/README.md
 
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	  --fork-strategy fewest --extra data --extra web --group dev --group build pyproject.toml -o requirements.lock
+	  --fork-strategy fewest --extra cluster --extra data --extra fmi --extra gym --extra web --group dev --group build pyproject.toml -o requirements.lock
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
 	  --fork-strategy fewest --constraint requirements.lock --group site -o requirements-site.lock
 
