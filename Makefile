@@ -9,6 +9,7 @@
 #   make lessons    the figures of docs/lessons, made again by the commands of the lessons
 #   make site       the documentation as a site, build/site/index.html (installs Sphinx into .venv the first time)
 #   make golden     recordings/golden, made again
+#   make proto      rig/bus/rig_pb2.py, made again from rig/bus/rig.proto (needs protoc: apt-get install protobuf-compiler)
 #   make lock       requirements.lock and requirements-site.lock, made again from pyproject.toml (needs uv)
 
 PYTHON ?= python3
@@ -24,7 +25,7 @@ RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
-.PHONY: install demo test test-slow test-browser check bench docs lessons site golden lock clean
+.PHONY: install demo test test-slow test-browser check bench docs lessons site golden proto lock clean
 
 install: $(VENV)/.installed
 
@@ -81,6 +82,9 @@ golden: install # by the commands in the table of recordings/README.md
 	@PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$(sed -n 's/^| `golden.*`\(rig .*\)` |$$/\1/p' recordings/README.md)"
 	@for file in recordings/golden/*.mcap; do $(BIN)/rig verify $$file || exit 1; done
 	@$(BIN)/rig view recordings/golden/pendulum.mcap --foxglove recordings/golden/pendulum.foxglove.json --force
+
+proto:
+	protoc --proto_path=rig/bus --python_out=rig/bus rig.proto
 
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \

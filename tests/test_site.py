@@ -42,15 +42,6 @@ def test_the_reference_of_python_has_every_function():
     ) == set(rig.__all__)
 
 
-def test_every_message_is_described():
-    from rig.bus import messages
-
-    assert messages.ABOUT.keys() == messages.DECLARED.keys()
-    for name, text in messages.ABOUT.items():
-        fields = {one.partition(":")[0] for one in messages.DECLARED[name].split()}
-        assert set(re.findall(r"`(\w+)", text)) <= fields, name
-
-
 @pytest.fixture
 def site(monkeypatch):
     """The modules of the site can be imported; skipped without Sphinx."""

@@ -1,20 +1,23 @@
-"""Reference of topics and messages, generated from the tables of the bus."""
+"""Reference of topics and messages, generated from the table of topics and from rig.proto."""
 
 from collections.abc import Iterable
+from pathlib import Path
 
+import proto_source
 from generated import code, directive, plain, table
 from sphinx.application import Sphinx
 
-from rig.bus import messages
+import rig.bus
 from rig.bus.topics import TABLE
 
-_TYPES = {"int": "int64", "real": "float64", "text": "text", "data": "bytes"}
+_TYPES = {"sfixed64": "int64", "double": "float64", "string": "text"}
+_MESSAGES = proto_source.messages((Path(rig.bus.__file__).parent / "rig.proto").read_text())
 
 
 def topics() -> Iterable[str]:
     """The table of all topics."""
     heads = ("topic", "content", "message", "sender", "recorded", "transport")
-    for_message = {name: f"[{name}](#message-{name.lower()})" for name in messages.DECLARED}
+    for_message = {name: f"[{name}](#message-{name.lower()})" for name in [one.name for one in _MESSAGES]}
     return table(
         heads,
         [
@@ -33,14 +36,13 @@ def topics() -> Iterable[str]:
 
 def message_types() -> Iterable[str]:
     """A section for each type of message: what it is, and its fields in order."""
-    for name, fields in messages.DECLARED.items():
-        yield from (f"(message-{name.lower()})=", f"### {name}", "", plain(messages.ABOUT[name]), "")
+    for message in _MESSAGES:
+        yield from (f"(message-{message.name.lower()})=", f"### {message.name}", "", plain(message.about), "")
         rows = []
-        for number, field in enumerate(fields.split(), 1):
-            key, _, kind = field.partition(":")
-            many = kind.endswith("*")
-            rows.append((str(number), code(key), _TYPES[kind.rstrip("*")] + (", repeated" if many else "")))
-        yield from table(("number", "field", "type"), rows)
+        for field in message.fields:
+            kind = _TYPES.get(field.type, field.type) + (", repeated" if field.repeated else "")
+            rows.append((str(field.number), code(field.name), kind, plain(field.about)))
+        yield from table(("number", "field", "type", "meaning"), rows)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

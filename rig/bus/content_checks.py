@@ -22,8 +22,8 @@ ContentCheck = Callable[[str, Any, dict[str, Count], Count, float], None]
 """(topic, message, counts of all topics, count of this topic, time [s]): raises Refused if the content is wrong."""
 
 FIELDS = {"State": (("tick", TICKS), ("t_ns", TIMES_NS))} | {
-    kind: tuple((name, limit) for name, limit in _BOUNDS.items() if f"{name}:int" in fields.split())
-    for kind, fields in messages.DECLARED.items()
+    kind: tuple((name, limit) for name, limit in _BOUNDS.items() if isinstance(getattr(made(), name, None), int))
+    for kind, made in messages.TYPES.items()
 }
 """Kind of message -> its bounded fields and the bound of each."""
 

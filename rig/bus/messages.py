@@ -1,8 +1,8 @@
-"""The protobuf message types of the bus, built at run time from the table `DECLARED`.
+"""The protobuf message types of the bus: those of `rig.proto`, and the type `State` of a scene.
 
-Integers are sfixed64 and reals are double. Therefore the length of a message does not depend on its values, and
-`rig.bus.encode` packs it in a microsecond. Times `t_ns` and `t0_ns` are nanoseconds of simulated time; `tick` counts
-frames. Readers of a recording do not need this table: each channel contains its schema, `file_descriptor_set(kind)`.
+`rig_pb2.py` is generated from `rig.proto` by `make proto`. The length of a message does not depend on its values, so
+`rig.bus.encode` packs it in a microsecond. Readers of a recording need neither: each channel contains its schema,
+`file_descriptor_set(kind)`.
 """
 
 from __future__ import annotations
@@ -20,73 +20,18 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 from google.protobuf.message import DecodeError, Message
 from numpy.typing import NDArray
 
-from rig.bus import topics
+from rig.bus import rig_pb2, topics
 from rig.errors import BusError
 
-DECLARED = {
-    "Step": "tick:int t_ns:int values:real* fresh:int* heard:int* samples:real*",
-    "Act": "tick:int t_ns:int values:real*",
-    "Applied": "tick:int t_ns:int answered:int status:int values:real* ticks:int* answers:int* statuses:int*",
-    "Block": "tick:int t0_ns:int dt_ns:int v:real* t_ns:int*",
-    "Checkpoint": "t_ns:int tick:int state:data",
-    "Event": "t_ns:int tick:int source:text kind:text text:text data:text",
-    "Health": "t_ns:int tick:int phase:text rate:real lateness_us:real worst_us:real late:int overruns:int drops:int "
-    "held:int energy_error:real stick_share:real eta_s:real refused:int",
-    "Batch": "user:text* topic:text* place:int* header:data* said:data*",
-    "Totals": "process:text sent_topic:text* sent:int* heard_topic:text* received:int* lost:int*",
+TYPES: dict[str, type[Message]] = {
+    name: message_factory.GetMessageClass(described)
+    for name, described in rig_pb2.DESCRIPTOR.message_types_by_name.items()
 }
-"""Message type -> its fields, `name:kind`, in order; `*` marks a repeated one."""
+"""Name -> message type, for all types of `rig.proto`."""
 
-ABOUT = {
-    "Step": "One frame. `values`: latest sample of every sensor in the order of the scene, NaN before the first. "
-    "`fresh`: number of new samples in this frame. `samples`: all new samples of the sensors with the indices "
-    "`heard`, for controllers that want all.",
-    "Act": "Commands that answer the step of `tick`. `values` are in the order of the controller's drives.",
-    "Applied": "Commands in force from `tick` on. `values`: as they took effect, an answer to the step of `answered`. "
-    "`status`: 0 as sent, 1 clamped or completed, 2 safe values because no answer came. With several commands "
-    "in one message, `ticks`, `answers` and `statuses` have one entry for each, `values` is concatenated, and "
-    "`tick`, `answered` and `status` are those of the first.",
-    "Block": "Samples. `v[i]` was published at `t0_ns` + i `dt_ns` or, if the spacing is not a whole number of ns, at "
-    "`t_ns[i]`. `tick`: the frame in which the block was completed.",
-    "Checkpoint": "State of plant and instruments, from which a run can be continued.",
-    "Event": "What happened. `data` is a JSON object; its fields depend on the `kind` of event.",
-    "Health": "How the run goes. `rate`: real-time factor since the last message. `lateness_us`, `worst_us`: 99th "
-    "percentile and largest value of the lateness [us]. `energy_error`: residual of the energy balance. "
-    "`eta_s`: remaining wall time [s], -1 for a run without an end. The integers count since the start of the "
-    "run.",
-    "Batch": "Several messages. Payload `said[i]`, number and time `header[i]`, is from `user[place[i]]` on "
-    "`topic[place[i]]`.",
-    "Totals": "Number of messages that one process sent, received and lost (gaps in the numbers), for each topic.",
-}
-"""Message type -> what it is and what its fields hold."""
-
-_KINDS = {
-    "int": FieldDescriptorProto.TYPE_SFIXED64,
-    "real": FieldDescriptorProto.TYPE_DOUBLE,
-    "text": FieldDescriptorProto.TYPE_STRING,
-    "data": FieldDescriptorProto.TYPE_BYTES,
-}
-
-_FRAMING = "number and time before the payload"
-FINGERPRINT = hashlib.sha256(repr((_FRAMING, sorted(DECLARED.items()))).encode()).hexdigest()[:8]
-"""Hash of `DECLARED` and the framing. It is part of every message's encoding: other versions are detected by it."""
-
-
-def _built(kinds: dict[str, str], file: str) -> dict[str, type[Message]]:
-    proto = descriptor_pb2.FileDescriptorProto(name=file, package="rig", syntax="proto3")
-    for kind, fields in kinds.items():
-        declared = proto.message_type.add(name=kind)
-        for number, field in enumerate(fields.split(), start=1):
-            name, _, what = field.partition(":")
-            many = what.endswith("*")
-            label = FieldDescriptorProto.LABEL_REPEATED if many else FieldDescriptorProto.LABEL_OPTIONAL
-            declared.field.add(name=name, number=number, type=_KINDS[what.rstrip("*")], label=label)
-    pool = descriptor_pool.DescriptorPool()
-    pool.AddSerializedFile(proto.SerializeToString())
-    return {kind: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"rig.{kind}")) for kind in kinds}
-
-
-TYPES: dict[str, type[Message]] = _built(DECLARED, "rig.proto")
+_FRAMING = b"number and time before the payload"
+FINGERPRINT = hashlib.sha256(_FRAMING + rig_pb2.DESCRIPTOR.serialized_pb).hexdigest()[:8]
+"""Hash of `rig.proto` and the framing. It is part of every message's encoding: other versions are detected by it."""
 
 
 def field_name(name: str) -> str:
@@ -95,23 +40,31 @@ def field_name(name: str) -> str:
 
 
 @cache
-def _sampled(kind: str, head: str, names: tuple[str, ...]) -> type[Message]:
-    taken = [part.partition(":")[0] for part in head.split()]
-    fields = [field_name(name) for name in names]
-    twice = sorted({f for f in fields if (fields + taken).count(f) > 1})
-    if twice:
+def _state_type(names: tuple[str, ...]) -> type[Message]:
+    whole = ("t_ns", "tick", "mode")
+    fields = [*whole, *map(field_name, names)]
+    if twice := sorted({field for field in fields if fields.count(field) > 1}):
         raise BusError(
             f"the names {', '.join(names)} cannot all be fields of one message: {', '.join(twice)} occurs twice"
         )
-    return _built({kind: " ".join([head, *(f"{field}:real" for field in fields)])}, f"{kind.lower()}.proto")[kind]
+    proto = descriptor_pb2.FileDescriptorProto(name="state.proto", package="rig", syntax="proto3")
+    declared = proto.message_type.add(name="State")
+    for number, field in enumerate(fields, start=1):
+        kind = FieldDescriptorProto.TYPE_SFIXED64 if field in whole else FieldDescriptorProto.TYPE_DOUBLE
+        declared.field.add(name=field, number=number, type=kind, label=FieldDescriptorProto.LABEL_OPTIONAL)
+    pool = descriptor_pool.DescriptorPool()
+    pool.AddSerializedFile(proto.SerializeToString())
+    made: type[Message] = message_factory.GetMessageClass(pool.FindMessageTypeByName("rig.State"))
+    return made
 
 
 def state_type(outputs: Sequence[str]) -> type[Message]:
     """The type `State` of a scene: t_ns, tick, mode and one field for each output.
 
-    `mode` is the number of the mode set; with one contact -1, 0, 1 are slip-, stick, slip+.
+    `mode` is the number of the mode set; with one contact -1, 0, 1 are slip-, stick, slip+. Raises BusError for outputs
+    that cannot be fields of one message.
     """
-    return _sampled("State", "t_ns:int tick:int mode:int", tuple(outputs))
+    return _state_type(tuple(outputs))
 
 
 def encoding(topic: str) -> str:

@@ -1,0 +1,87 @@
+"""The generated code of the messages is that of rig.proto, and recordings keep the schemas that they had."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from google.protobuf import descriptor_pb2
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto
+from mcap.reader import make_reader
+
+import rig.bus
+from rig.bus import messages, rig_pb2
+
+ROOT = Path(__file__).parents[2]
+SOURCE = Path(rig.bus.__file__).parent / "rig.proto"
+PROTOC = shutil.which("protoc")
+
+
+@pytest.fixture
+def proto_source(monkeypatch):
+    """The reader of .proto files that the site uses."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    import proto_source
+
+    return proto_source
+
+
+def test_the_generated_code_has_exactly_the_messages_of_the_proto_file(proto_source):
+    text = SOURCE.read_text()
+    generated = descriptor_pb2.FileDescriptorProto()
+    rig_pb2.DESCRIPTOR.CopyToProto(generated)
+    assert proto_source.package(text) == f"{generated.syntax} {generated.package}" == "proto3 rig"
+    read = {one.name: [field[:4] for field in one.fields] for one in proto_source.messages(text)}
+    assert len(read) == len(generated.message_type) == 9
+    for message in generated.message_type:
+        assert read[message.name] == [
+            (
+                field.number,
+                field.name,
+                FieldDescriptorProto.Type.Name(field.type).removeprefix("TYPE_").lower(),
+                field.label == FieldDescriptorProto.LABEL_REPEATED,
+            )
+            for field in message.field
+        ]
+
+
+def test_a_line_that_the_reader_does_not_know_is_refused(proto_source):
+    text = SOURCE.read_text()
+    with pytest.raises(ValueError, match="cannot be read: map"):
+        proto_source.messages(text.replace("  sfixed64 tick = 1;", "  map<string, double> tick = 1;", 1))
+    with pytest.raises(ValueError, match="cannot be read: enum"):
+        proto_source.messages(text + "\nenum Kind { A = 0; }\n")
+
+
+@pytest.mark.skipif(PROTOC is None, reason="protoc is not installed (Debian: protobuf-compiler)")
+def test_protoc_makes_the_same_of_the_proto_file(tmp_path):
+    subprocess.run([PROTOC, f"-I{SOURCE.parent}", f"--python_out={tmp_path}", SOURCE.name], check=True, timeout=30)
+    made = "import rig_pb2; print(rig_pb2.DESCRIPTOR.serialized_pb.hex())"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    found = subprocess.run([sys.executable, "-c", made], capture_output=True, text=True, env=environment, timeout=30)
+    assert found.stdout.strip() == rig_pb2.DESCRIPTOR.serialized_pb.hex(), found.stderr
+
+
+def test_every_field_that_a_comment_names_exists(proto_source):
+    for message in proto_source.messages(SOURCE.read_text()):
+        assert message.about
+        text = " ".join([message.about, *(field.about for field in message.fields)])
+        assert set(re.findall(r"`(\w+)", text)) <= {field.name for field in message.fields}, message.name
+
+
+@pytest.mark.parametrize("name", ["late_joiner", "pendulum"])
+def test_the_schemas_of_recordings_still_hold(name):
+    """No type of theirs has changed; types were added since. The newest has the very bytes that are written today."""
+    with (ROOT / "recordings" / "golden" / f"{name}.mcap").open("rb") as file:
+        schemas = make_reader(file).get_summary().schemas.values()
+    recorded = {one.data for one in schemas if one.name.removeprefix("rig.") in messages.TYPES}
+    today = descriptor_pb2.FileDescriptorSet.FromString(messages.file_descriptor_set(messages.TYPES["Act"]))
+    assert recorded
+    for data in recorded:
+        found = descriptor_pb2.FileDescriptorSet.FromString(data)
+        assert all(one in today.file[0].message_type for one in found.file[0].message_type)
+    if name == "late_joiner":
+        assert recorded == {messages.file_descriptor_set(kind) for kind in messages.TYPES.values()}
