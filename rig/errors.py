@@ -11,6 +11,7 @@ RigError
 │   ├── Diverged      the state exceeded the stated limit or is not finite
 │   ├── Jammed        no mode set is consistent with the equations (Painleve)
 │   └── Chatter       more events in one block than the scene allows
+├── ControllerLost    a controller whose compiled code has failed; the run continues without it
 ├── WorkerError       a worker process that ended before its work was done
 ├── BusError          a connection, a topic or a message that failed
 ├── LogError          a recording that cannot be read
@@ -110,6 +111,12 @@ class Jammed(NumericsError):
 
 class Chatter(NumericsError):
     """More events in one block than the scene allows."""
+
+
+class ControllerLost(RigError):
+    """A controller's compiled code has crashed, hangs, or reports an error; the run continues without it."""
+
+    exit_code = ExitCode.FAILED
 
 
 class WorkerError(RigError):

@@ -199,6 +199,19 @@ def unit_fault(unit: Any) -> str:
     )
 
 
+def same_unit(one: str, other: str) -> bool:
+    """Whether two SI units are the same, however they are written ("N*s/m", "kg/s"); Hz is not rad/s."""
+    if one == other:
+        return True
+    turns = [("Hz" in unit, "rad" in unit) for unit in (one, other)]
+    return sorted(turns) != [(False, True), (True, False)] and _exponents(one) == _exponents(other)
+
+
+@cache
+def _exponents(unit: str) -> Any:
+    return _registry().parse_units("" if unit == "1" else unit).dimensionality
+
+
 def finite(value: Any, unit: str, *bounds: Gt | Ge | Lt | Le) -> float:
     """Read `value` as `si` does and check it against `bounds` and the sizes of its unit. Raises ValueError."""
     within = Range(unit, bounds)

@@ -12,12 +12,15 @@ from rig.controllers.blocks.base import Controller, Values
 from rig.controllers.runtime.body import Untranslatable
 from rig.controllers.runtime.loop import Loop
 from rig.controllers.runtime.native import Native
+from rig.errors import ControllerLost
 
 TRIALS = 200
 """Answers of a compiled controller that are compared with Python's before it is used. # chosen"""
 WORTH = 500_000
 """Number of answers of one class of controllers in this process that makes compiling worth it: Python takes 1.4 s for
 them, the compiler 1 to 3 s. # chosen"""
+NEVER = 1 << 62
+"""Tick of the next answer of a controller that is lost."""
 _EXPECTED: Counter[type] = Counter()
 _TRIED: set[int] = set()
 """Addresses of compiled controllers that have passed this comparison in this process."""
@@ -44,6 +47,7 @@ class ControllerInProcess:
         self.fault: BaseException | None = None
         self.name, self.loop = name, loop
         self._runner, self._receive = experiment.runner, experiment.exchange.receive
+        self._journal = experiment.journal
         self._bank = experiment.runner.bank
         self.columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
         self._latest = self._bank.latest.item
@@ -54,7 +58,19 @@ class ControllerInProcess:
         self._worth = _EXPECTED[type(self.loop.controller)] >= WORTH
 
     def answer(self) -> None:
-        """Send a command if one is due at this tick."""
+        """Send a command if one is due at this tick. A controller whose compiled code fails is lost, not the run."""
+        try:
+            self._answer()
+        except ControllerLost as why:
+            self._lose(why)
+
+    def _lose(self, why: ControllerLost) -> None:
+        self.due, self.given, self.fault = NEVER, None, None
+        drives = ", ".join(self.queue.drives)
+        text = f"controller {self.name} is lost: {why}; {drives}: the last command is held, then safe values"
+        self._journal.note("lost", text, controller=self.name)
+
+    def _answer(self) -> None:
         tick = self._runner.tick
         if self.fault is not None:
             raise self.fault
@@ -108,8 +124,13 @@ class ControllerInProcess:
 
         `send`: because recorded commands are played; the exchange keeps the answers that are due after these.
         """
-        if self.due >= tick:
-            return
+        if self.due < tick:
+            try:
+                self._catch_up(tick, send)
+            except ControllerLost as why:
+                self._lose(why)
+
+    def _catch_up(self, tick: int, send: bool) -> None:
         frame = self._runner.frame_ns
         times = range(self.due * frame, tick * frame, self.queue.period * frame)
         recall = self._bank.published if self.loop.every_sample else self._bank.shown

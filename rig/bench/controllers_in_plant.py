@@ -12,15 +12,13 @@ from typing import Any
 
 from rig import controllers
 from rig.bench.compiled_controllers import CompiledControllers
-from rig.bench.controller_in_process import ControllerInProcess
+from rig.bench.controller_in_process import NEVER, ControllerInProcess
 from rig.bench.experiment import Experiment
 from rig.bench.simulate import carry_on
 from rig.bus.port import Session
 from rig.controllers.runtime.loop import Loop
 from rig.controllers.runtime.service import Service
 from rig.errors import UsageError
-
-_NEVER = 1 << 62
 
 
 class _Resident(ControllerInProcess):
@@ -35,19 +33,20 @@ class _Resident(ControllerInProcess):
     def answer(self) -> None:
         """See `ControllerInProcess.answer`."""
         try:
-            super().answer()
+            self._answer()
         except Exception as error:  # raised by the controller's own code
             self._fail(error)
 
     def catch_up(self, tick: int, send: bool = False) -> None:
         """See `ControllerInProcess.catch_up`."""
         try:
-            super().catch_up(tick, send)
+            if self.due < tick:
+                self._catch_up(tick, send)
         except Exception as error:
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
-        self.due, self.given, self.fault = _NEVER, None, None
+        self.due, self.given, self.fault = NEVER, None, None
         self.service.tick, self.service.t_ns = self._runner.tick, self._runner.t_ns
         self.service.failed(error)
         self.leave()

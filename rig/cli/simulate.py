@@ -160,14 +160,17 @@ def simulate(
     for event in found.told:
         if event["kind"] == "warning" or (event["kind"] == "overruled" and event["t_ns"] == since):
             printing.note(f"warning: {event['text']}")
-    if found.fault:
-        printing.note(found.fault)
+    lost = [event["text"] for event in found.told if event["kind"] == "lost"]
+    for text in [*lost, *filter(None, [found.fault])]:
+        printing.note(text)
     if figure is not None:
         from rig.view.run_figure import draw
 
         draw(found, figure)
     if found.fault or any(event["kind"] == "limit" for event in found.told):
         raise typer.Exit(ExitCode.STOPPED)
+    if lost:
+        raise typer.Exit(ExitCode.FAILED)
     if asked:
         raise typer.Exit(ExitCode.INTERRUPTED)
 

@@ -8,6 +8,7 @@ narrow_band      damping of the modes in a band through the voltage of a stack
 shunt_schedule   a shunt that is switched at stated times
 squeal_switch    a shunt that is connected when the brake squeals
 shunt_tuner      a shunt whose inductance follows the frequency of the squeal
+c                a controller compiled from C
 
 blocks           building blocks of controllers
 runtime          the code that runs controllers
@@ -24,7 +25,8 @@ from types import ModuleType
 from typing import Any
 
 from rig.controllers.blocks.base import Controller, ControllerSection, Numbers
-from rig.parts import Code, Room, calling, code_of, named, one_class
+from rig.controllers.blocks.compiled import CompiledSection
+from rig.parts import Code, Parts, Room, calling, code_of, named, one_class
 from rig.quantities import Nanoseconds, Section
 
 if __name__ != "rig.controllers":  # found through the link at the top of a checkout
@@ -66,6 +68,15 @@ KINDS: Room[Any] = Room("controllers", __name__, __path__, _section)
 """Sections of controllers by kind: `KINDS["normal_force"]` is that of rig/controllers/normal_force.py."""
 
 
+def recorded_class(table: Mapping[str, Any], parts: Parts) -> Any:
+    """The section class for a table of a recorded scene that carries `parts`.
+
+    Raises KeyError for an unknown kind, PartError for a part that fails.
+    """
+    found = KINDS.get_from(table["kind"], parts)
+    return found.of_table(table) if issubclass(found, CompiledSection) else found
+
+
 def module_of(section: Section) -> ModuleType:
     """The module that defines a section; one file contains a whole controller."""
     return sys.modules[type(section).__module__]
@@ -104,4 +115,5 @@ def restored(values: Mapping[str, Any]) -> Controller:
     """The controller that `described` returned. Raises rig.errors.Untrusted for code that is not trusted."""
     kind = values["section"]["kind"]
     parts = {(KINDS.what, kind): Code.from_json(values["part"])} if "part" in values else {}
-    return build(KINDS.get_from(kind, parts).model_validate(values["section"]), values["numbers"])
+    section = recorded_class(values["section"], parts).model_validate(values["section"])
+    return build(section, values["numbers"])

@@ -19,7 +19,7 @@ from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 from rig.errors import PartError, RigError, Untrusted
 from rig.user_files import contents
@@ -65,7 +65,7 @@ class Code:
     @property
     def trusted(self) -> bool:
         """Whether this process may run it."""
-        return self.sha256 in os.environ.get(_TRUSTED, "").split()
+        return self.sha256 in known_hashes()
 
     @classmethod
     def read(cls, path: Path) -> Code:
@@ -162,14 +162,39 @@ def calling(module: ModuleType, *expected: type[Exception]) -> Iterator[None]:
         raise PartError(text or f"{file_of(module)}: {type(error).__name__}: {error}") from error
 
 
+def known_hashes() -> list[str]:
+    """SHA-256 of all texts and contents that this process may run."""
+    return os.environ.get(_TRUSTED, "").split()
+
+
+def trust_hashes(hashes: Iterable[str]) -> None:
+    """Let this process, and those that it starts, run what has one of these hashes."""
+    os.environ[_TRUSTED] = " ".join(dict.fromkeys([*known_hashes(), *hashes]))
+
+
 def trust(codes: Iterable[Code]) -> None:
     """Let this process, and those that it starts, run these texts."""
-    given = os.environ.get(_TRUSTED, "").split()
-    os.environ[_TRUSTED] = " ".join(dict.fromkeys([*given, *(code.sha256 for code in codes)]))
+    trust_hashes(code.sha256 for code in codes)
 
 
-def require(codes: Iterable[Code]) -> None:
-    """Raise Untrusted, with all their names and hashes, if some of these texts are not trusted."""
+class Hashed(Protocol):
+    """A text or content from elsewhere that may be run if it is trusted."""
+
+    @property
+    def file(self) -> str:
+        """Base name of its file."""
+
+    @property
+    def short(self) -> str:
+        """The first digits of its hash."""
+
+    @property
+    def trusted(self) -> bool:
+        """Whether this process may run it."""
+
+
+def require(codes: Iterable[Hashed]) -> None:
+    """Raise Untrusted, with all their names and hashes, if some of these are not trusted."""
     if strange := [code for code in codes if not code.trusted]:
         names = ", ".join(f"{code.file} (SHA-256 {code.short}...)" for code in strange)
         raise Untrusted(

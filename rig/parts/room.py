@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, create_model
 
 from rig.errors import PartError
-from rig.parts.code import Code, calling, file_of, keep, trust
+from rig.parts.binary import binaries
+from rig.parts.code import Code, calling, file_of, keep, trust, trust_hashes
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -169,7 +170,9 @@ def trust_scene(text: str) -> None:
     except ValueError:  # lost by damage: whoever needs the scene says so
         return
     if isinstance(raw, dict):
+        compiled = list(binaries(raw.get("controllers")))
         trust(carried(raw.get("parts", [])).values())
+        trust_hashes(one.sha256 for one in compiled)
 
 
 _NAMED: dict[tuple[Any, ...], Any] = {}

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from annotated_types import Gt
 from pydantic import ValidationError
 
+from rig.controllers.blocks.compiled import CompiledSection
 from rig.effects import EFFECTS, knock
 from rig.errors import PartError, SceneError
 from rig.parts import Code, calling, code_of
@@ -85,6 +86,7 @@ class _Reading:
             self._tables.report(checks.readings(sensors, assembly.outputs, plant))
         if names.whole:
             self._tables.report(checks.wiring(controllers, sensors, names.inputs, plant))
+            self._tables.report(checks.units(controllers, sensors, names.inputs))
             self._tables.report(checks.hands_off(protocol, controllers))
             ramped = {step.target: "ramped" for step in flat(protocol) if isinstance(step, Load | Ramp)}
             if parameters is not None and assembly is not None:
@@ -232,16 +234,22 @@ class _Reading:
         if not isinstance(raw["kind"], str) or raw["kind"] not in kinds:
             self._fault(f"{key}.kind", _unknown_part(f"{key}.kind", raw["kind"], kinds))
             return None
+        here = f"{key}.kind"
         try:
             model = kinds[raw["kind"]]
+            if issubclass(model, CompiledSection):
+                here = f"{key}.{rooms.FILE}"
+                model = model.of_table(raw)
         except PartError as error:
-            self._fault(f"{key}.kind", f"{key}.kind: {error}")
+            self._tables.report((here, f"{here}: {line}") for line in str(error).splitlines())
             return None
         kind = rooms.name_of(raw["kind"])
-        section = self._section(model, key, raw | {"kind": kind})
-        if section is None or code_of(model) is None:
+        own: Any = {rooms.FILE: model.model_fields[rooms.FILE].default} if issubclass(model, CompiledSection) else {}
+        section = self._section(model, key, raw | {"kind": kind} | own)
+        if section is None or not (own or code_of(model)):
             return section
-        self._alone(f"{key}.kind", key.partition(".")[0], kind, model)
+        if not own:
+            self._alone(f"{key}.kind", key.partition(".")[0], kind, model)
         wrong = list(checks.foreign(key, section))
         self._tables.report(wrong)
         return None if wrong else section

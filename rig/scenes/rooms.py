@@ -21,6 +21,8 @@ from rig.quantities import Section
 
 CONTROLLERS, SENSORS = controllers.KINDS, sensors.KINDS
 ROOMS: dict[str, Room[Any]] = {room.what: room for room in (PLANTS, EFFECTS, SENSORS, CONTROLLERS)}
+FILE = "file"
+"""Key of a controller or sensor that names a file it is made of."""
 EFFECT = "effect"
 """Key of a table that names an effect the plant does not know."""
 
@@ -47,9 +49,10 @@ def anchor(tables: dict[str, Any], folder: Path) -> None:
     for key, table in tables.items():
         if isinstance(table, dict):
             inner = table.values() if key in (SENSORS.what, CONTROLLERS.what) else ()
-            named += [(table, EFFECT), *((one, "kind") for one in inner if isinstance(one, dict))]
+            files = ("kind", FILE)
+            named += [(table, EFFECT), *((one, name) for one in inner if isinstance(one, dict) for name in files)]
     for table, key in named:
-        if isinstance(text := table.get(key), str) and is_file(text):
+        if isinstance(text := table.get(key), str) and (is_file(text) or key == FILE):
             table[key] = os.path.abspath(folder / text)
 
 

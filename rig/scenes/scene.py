@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from rig import controllers
 from rig.effects import knock
 from rig.errors import SceneError
 from rig.parts import Parts
@@ -225,7 +226,7 @@ def _faults(error: Exception) -> Iterator[str]:
 
 
 def _controller(raw: dict[str, Any], parts: Parts) -> Any:
-    return rooms.CONTROLLERS.get_from(raw["kind"], parts).model_validate(raw)
+    return controllers.recorded_class(raw, parts).model_validate(raw)
 
 
 def _instrument(raw: dict[str, Any], written: int, parts: Parts) -> Any:

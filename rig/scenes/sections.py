@@ -35,7 +35,7 @@ def values_of(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple
                 else:
                     yield f"{key}.{entry}", (plain[name][entry], unit_of(info))
         elif value is not None and name in plain:  # not a flaw that an ideal instrument is free of
-            yield key, (plain[name], unit_of(info))
+            yield key, (value if isinstance(value, str) else plain[name], unit_of(info))  # of a file its name
 
 
 def field_of(section: Any, key: str) -> FieldInfo | None:

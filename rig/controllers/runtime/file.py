@@ -14,6 +14,7 @@ update.
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from pydantic import ValidationError
 from rig.controllers import build, class_of, module_of, parameters_of
 from rig.controllers.blocks.base import Controller, Numbers, explain, gets_every_sample
 from rig.controllers.runtime.loop import Loop
-from rig.errors import PartError, UsageError
+from rig.errors import ControllerLost, UsageError
 from rig.parts import Code, calling, trust
 from rig.quantities import Section, brief
 
@@ -50,7 +51,7 @@ def section_faults(section: Section, numbers: Numbers) -> list[str]:
     try:
         with calling(module_of(section)):
             return _faults(build(section, numbers))
-    except PartError as error:
+    except (UsageError, ControllerLost) as error:
         return [str(error)]
 
 
@@ -78,6 +79,8 @@ def _faults(controller: Any) -> list[str]:
         return [f"Controller.update commands {brief(commands)}; expected a tuple with one number for each of {drives}"]
     if not all(isinstance(c, int | float) and not isinstance(c, bool) for c in commands):
         return [f"Controller.update commands {brief(commands)}; expected numbers"]
+    if not all(map(isfinite, commands)):
+        return [f"Controller.update commands {brief(commands)} when all measurements are zero; expected finite numbers"]
     return []
 
 

@@ -148,7 +148,9 @@ def made(described: run_setup.Setup, name: str, file: Path | None = None) -> Con
     if name not in described.controllers:
         known = ", ".join(described.controllers) or "none"
         raise UsageError(f"the scene has no controller called {name}; it has {known}. A file of your own ends in .py")
-    return controllers.restored(described.controllers[name])
+    found = controllers.restored(described.controllers[name])
+    alone = getattr(found, "in_own_process", None)  # of compiled code, which elsewhere runs in a helper process
+    return found if alone is None else alone()
 
 
 def run(

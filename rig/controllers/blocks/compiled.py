@@ -1,0 +1,144 @@
+"""The section of a controller from a compiled file: keys that follow from what the file says of itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
+from typing import Any, ClassVar, NamedTuple, Self
+
+from annotated_types import Ge, Le
+from pydantic import create_model
+
+from rig.controllers.blocks.base import ControllerSection
+from rig.errors import PartError
+from rig.parts import Binary
+from rig.quantities import Nanoseconds, Section, quantity, unit_fault
+
+_KEY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,60}")
+
+
+class Signal(NamedTuple):
+    """An input or output of a compiled controller: name, unit [SI]; `direct`: outputs that depend on it at once."""
+
+    name: str
+    unit: str
+    direct: tuple[str, ...] = ()
+
+
+class Parameter(NamedTuple):
+    """A parameter of a compiled controller, in SI; it is a key of the scene."""
+
+    key: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    fixed: bool = False
+
+
+class CompiledSection(ControllerSection):
+    """The keys of every controller from a compiled file; subclasses say how such a file is read.
+
+    file      the library or FMU, from the folder of the scene; a recording contains it
+    reads     sensors in the order of the inputs, by default those named like the inputs
+    drives    actuators in the order of the outputs, by default those named like the outputs
+    """
+
+    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"file", "reads", "drives"}
+    inputs: ClassVar[tuple[Signal, ...]] = ()
+    outputs: ClassVar[tuple[Signal, ...]] = ()
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+
+    file: Binary
+    reads: tuple[str, ...] = ()
+    drives: tuple[str, ...] = ()
+
+    @classmethod
+    def describe(cls, file: Binary) -> dict[str, Any]:
+        """What the file says of itself, as plain JSON values. Raises PartError if it cannot be used."""
+        raise NotImplementedError
+
+    @classmethod
+    def keys(cls, file: Binary) -> tuple[Sequence[Signal], Sequence[Signal], Sequence[Parameter], int | None]:
+        """Inputs, outputs, parameters and period [ns] (None: it states none) of a file from its `about`."""
+        raise NotImplementedError
+
+    @classmethod
+    def of_table(cls, table: Mapping[str, Any]) -> type[Self]:
+        """The section class for a table of a scene or of a recording. Raises PartError for a file that is no use."""
+        given = table.get("file")
+        if isinstance(given, Mapping):
+            return _with_keys(cls, Binary.from_json(given))  # type: ignore[return-value]
+        if isinstance(given, Binary):
+            return _with_keys(cls, given)  # type: ignore[return-value]
+        if not isinstance(given, str) or not given:
+            raise PartError("is missing; expected the name of a compiled file")
+        return _with_keys(cls, Binary.read(given, cls.describe))  # type: ignore[return-value]
+
+    @property
+    def reads_or_inputs(self) -> tuple[str, ...]:
+        """The sensors that it reads."""
+        return self.reads or tuple(one.name for one in self.inputs)
+
+    @property
+    def drives_or_outputs(self) -> tuple[str, ...]:
+        """The actuators that it drives."""
+        return self.drives or tuple(one.name for one in self.outputs)
+
+    def faults(self) -> list[str]:
+        """What is wrong with the numbers of sensors and actuators, one line each."""
+        found = []
+        for key, what, signals in (("reads", "inputs", self.inputs), ("drives", "outputs", self.outputs)):
+            names = getattr(self, f"{key}_or_{what}")
+            if len(names) != len(signals):
+                listed = ", ".join(f"{one.name} [{one.unit}]" for one in signals) or "none"
+                found.append(f"{key}: names {len(names)}, but {self.file} has {len(signals)} {what}: {listed}")
+        return found
+
+    def values(self) -> tuple[float, ...]:
+        """The values of its parameters [SI], in the order of the file."""
+        return tuple([getattr(self, one.key) for one in self.parameters])
+
+
+def checked(file: Binary, signals: Iterable[Signal], parameters: Iterable[Parameter]) -> None:
+    """Raise PartError, with all faults, for units and names that no scene can have."""
+    found = []
+    for one in signals:
+        if fault := unit_fault(one.unit):
+            found.append(f"{one.name}: the unit {fault}")
+    seen: set[str] = set()
+    for p in parameters:
+        if fault := unit_fault(p.unit):
+            found.append(f"{p.key}: the unit {fault}")
+        if not _KEY.fullmatch(p.key) or hasattr(Section, p.key) or p.key in CompiledSection.model_fields:
+            rule = "it is letters, digits and _, and no key that every controller has"
+            found.append(f"{p.key!r:.80}: no parameter can have this name; {rule}")
+        elif p.key in seen:
+            found.append(f"{p.key}: two parameters have this name")
+        elif not (all(map(isfinite, (p.value, p.low, p.high))) and p.low <= p.value <= p.high):
+            found.append(f"{p.key}: its value {p.value:g} is not within {p.low:g} to {p.high:g}")
+        seen.add(p.key)
+    if found:
+        raise PartError("\n".join(f"{file}: {fault}" for fault in found))
+
+
+_MADE: dict[tuple[type, str], type[CompiledSection]] = {}
+
+
+def _with_keys(cls: type[CompiledSection], file: Binary) -> type[CompiledSection]:
+    """The class of the sections of this file, one for equal files."""
+    which = cls, file.sha256
+    if which not in _MADE:
+        inputs, outputs, parameters, period = cls.keys(file)
+        checked(file, (*inputs, *outputs), parameters)
+        fields: dict[str, Any] = {"file": (Binary, file)}
+        for p in parameters:
+            fields[p.key] = quantity(p.unit, Ge(p.low), Le(p.high)), p.value
+        if period is not None:
+            fields["period"] = Nanoseconds, period
+        made = create_model(cls.__name__, __base__=cls, __module__=cls.__module__, __doc__=cls.__doc__, **fields)
+        made.inputs, made.outputs, made.parameters = tuple(inputs), tuple(outputs), tuple(parameters)
+        made.fixed = cls.fixed | {p.key for p in parameters if p.fixed}
+        _MADE[which] = made
+    return _MADE[which]

@@ -1,0 +1,140 @@
+"""A controller that is compiled from C, or from any language that can make a library with C functions.
+
+The header rig/controllers/rig_controller.h documents what the library defines. The library is called in the process of
+its controller; a run in one process (`rig simulate`, studies) calls it through a helper process, so that a crash is
+only the controller's. With where = "plant" the plant's process calls it, in every kind of run, and a crash is that of
+the plant. State in, state out: the bits of all runs are the same.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Literal, Self
+
+from rig.controllers.blocks.base import Numbers, Values
+from rig.controllers.blocks.compiled import CompiledSection, Parameter, Signal
+from rig.controllers.runtime import c_library
+from rig.controllers.runtime.c_process import LONGEST_S, helper
+from rig.errors import ControllerLost, PartError, UsageError
+from rig.parts import Binary
+
+_OPENED: dict[str, c_library.Library] = {}
+"""SHA-256 -> library that this process has loaded."""
+
+
+class _Watch(threading.Thread):
+    """Ends this process if a call does not return within `LONGEST_S`: no signal handler runs meanwhile."""
+
+    def __init__(self) -> None:
+        super().__init__(name="watch-library", daemon=True)
+        self._calls, self._what = 0, ""
+
+    @contextmanager
+    def over(self, what: str) -> Iterator[None]:
+        """Watch a call of the library `what`."""
+        self._what = what
+        self._calls += 1
+        try:
+            yield
+        finally:
+            self._calls += 1
+
+    def run(self) -> None:
+        """See threading.Thread."""
+        while True:
+            begun = self._calls
+            time.sleep(LONGEST_S)
+            if begun % 2 and self._calls == begun:
+                os.write(2, f"{self._what}: rig_controller_step has not returned for {LONGEST_S:g} s\n".encode())
+                os._exit(1)
+
+
+_WATCH = _Watch()
+
+
+class CompiledC(CompiledSection):
+    """Parameters: those that the library declares."""
+
+    kind: Literal["c"]
+
+    @classmethod
+    def describe(cls, file: Binary) -> dict[str, Any]:
+        """See `CompiledSection.describe`; the library is loaded in the helper process."""
+        return helper(file).about
+
+    @classmethod
+    def keys(cls, file: Binary) -> tuple[Sequence[Signal], Sequence[Signal], Sequence[Parameter], int | None]:
+        """See `CompiledSection.keys`."""
+        about = file.about
+        inputs, outputs = ([Signal(*one) for one in about[name]] for name in ("inputs", "outputs"))
+        if about["period_ns"] <= 0:
+            raise PartError(f"{file}: states a period of {about['period_ns']} ns; expected at least 1")
+        return inputs, outputs, [Parameter(*one) for one in about["parameters"]], about["period_ns"]
+
+
+class CompiledController:
+    """The controller; it calls the library in this process if `numbers` say "direct", or where = "plant"."""
+
+    def __init__(self, section: CompiledC, numbers: Numbers) -> None:
+        if faults := section.faults():
+            raise UsageError("; ".join(faults))
+        self.section, self.numbers = section, numbers
+        self.reads, self.drives = section.reads_or_inputs, section.drives_or_outputs
+        self.period_ns = section.period
+        self._direct = section.where == "plant" or "direct" in numbers
+        self._watch = _WATCH if "direct" in numbers else None
+        self._parameters = section.values()
+        self._library: Any = None
+
+    def in_own_process(self) -> Self:
+        """The same controller for a process that works for nothing else: it calls the library itself.
+
+        If a step does not return within `LONGEST_S`, the process ends with a message.
+        """
+        if not _WATCH.is_alive():
+            _WATCH.start()
+        return type(self)(self.section, {**self.numbers, "direct": True})
+
+    def start(self) -> Values:
+        """The state before the first sample."""
+        code, state = self._opened().init(self._parameters)
+        return tuple(self._checked("init", code, state))
+
+    def update(self, state: Values, t_ns: int, values: Values) -> tuple[Values, Values]:
+        """Next state, and the commands [unit of each output]."""
+        library = self._library or self._opened()
+        if self._watch is None:
+            code, after, commands = library.step(self._parameters, state, t_ns, values)
+        else:
+            with self._watch.over(self.section.file):
+                code, after, commands = library.step(self._parameters, state, t_ns, values)
+        if code:
+            self._checked("step", code, after)
+        return tuple(after), tuple(commands)
+
+    def _opened(self) -> Any:
+        """The library, in this process or in its helper; asked again after a helper was lost."""
+        file = self.section.file
+        if not self._direct:
+            return helper(file)
+        if file.sha256 not in _OPENED:
+            with file.unpacked() as path:
+                try:
+                    _OPENED[file.sha256] = c_library.Library(str(path))
+                except c_library.LibraryFault as fault:
+                    raise PartError(f"{file}: {fault}") from None
+        self._library = _OPENED[file.sha256]
+        return self._library
+
+    def _checked(self, function: str, code: int, numbers: Sequence[float]) -> Sequence[float]:
+        if not code:
+            return numbers
+        name = f"{self.section.file}: rig_controller_{function}"
+        if code == c_library.OVERRUN:
+            states, outputs = self.section.file.about["states"], len(self.section.outputs)
+            raise ControllerLost(f"{name} writes more than the {states} states and {outputs} outputs that it states")
+        raise ControllerLost(f"{name} returned {code}")

@@ -1,0 +1,218 @@
+"""A compiled controller (rig/controllers/rig_controller.h), called in this process; and its helper process.
+
+The helper is this file, run alone (`python -I -S c_library.py LIBRARY DESCRIPTOR`): it imports nothing of the project,
+so that it starts within 30 ms. It answers over a socket and ends when the other end is closed:
+
+    at the start   length, then JSON: {"about": {...}} or {"fault": "..."}
+    request        code, time, parameters, state, measurements
+    answer         what the function returned, next state, commands
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import socket
+import struct
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+VERSION = 1
+INIT, STEP = 1, 2
+OVERRUN = -(1 << 31)
+"""Answer of a function that has written more numbers than the library states."""
+_MOST = 1000  # signals, parameters, states
+_GUARD = -7.25e77  # behind the last number that a function may write
+_HEAD = struct.Struct("<I")
+LOOK_S = 0.5
+"""Time [s] between two looks of a helper at whether its parent process lives."""
+
+
+class LibraryFault(Exception):
+    """A library that cannot be used."""
+
+
+class _Signal(ctypes.Structure):
+    _fields_ = [("name", ctypes.c_char_p), ("unit", ctypes.c_char_p)]
+
+
+class _Parameter(ctypes.Structure):
+    _fields_ = [("name", ctypes.c_char_p), ("unit", ctypes.c_char_p)] + [
+        (name, ctypes.c_double) for name in ("value", "low", "high")
+    ]
+
+
+class _About(ctypes.Structure):
+    _fields_ = [
+        ("version", ctypes.c_int32),
+        ("size", ctypes.c_int32),
+        ("period_ns", ctypes.c_int64),
+        *((name, ctypes.c_int32) for name in ("inputs", "outputs", "parameters", "states")),
+        ("input", ctypes.POINTER(_Signal)),
+        ("output", ctypes.POINTER(_Signal)),
+        ("parameter", ctypes.POINTER(_Parameter)),
+    ]
+
+
+def _about_of(library: ctypes.CDLL) -> dict[str, Any]:
+    """What the library says of itself, as plain values. Raises LibraryFault."""
+    try:
+        found = _About.in_dll(library, "rig_controller_about")
+    except ValueError:
+        raise LibraryFault("defines no rig_controller_about (see rig_controller.h)") from None
+    if found.version != VERSION:
+        raise LibraryFault(
+            f"was compiled with version {found.version} of rig_controller.h, this rig needs version {VERSION}: "
+            "compile it again with the header of this rig"
+        )
+    if found.size != ctypes.sizeof(_About):
+        raise LibraryFault(
+            f"states a size of {found.size} bytes for struct rig_controller, which has {ctypes.sizeof(_About)}: "
+            "compile it again with the header of this rig, for this machine"
+        )
+    lists: dict[str, list[Any]] = {}
+    for count, name, least in (("inputs", "input", 0), ("outputs", "output", 1), ("parameters", "parameter", 0)):
+        number, first = getattr(found, count), getattr(found, name)
+        if not least <= number <= _MOST or (number and not first):
+            raise LibraryFault(f"states {number} {count}; possible are {least} to {_MOST}, with a list of them")
+        lists[count] = [first[i] for i in range(number)]
+    if not 0 <= found.states <= _MOST:
+        raise LibraryFault(f"states {found.states} states; possible are 0 to {_MOST}")
+    return {
+        "period_ns": found.period_ns,
+        "states": found.states,
+        "inputs": [[_text(one.name), _text(one.unit)] for one in lists["inputs"]],
+        "outputs": [[_text(one.name), _text(one.unit)] for one in lists["outputs"]],
+        "parameters": [[_text(one.name), _text(one.unit), one.value, one.low, one.high] for one in lists["parameters"]],
+    }
+
+
+def _text(raw: bytes | None) -> str:
+    return (raw or b"").decode(errors="replace")
+
+
+class Library:
+    """The compiled controller in the file `path`. Raises LibraryFault, with the reason, if it cannot be used."""
+
+    def __init__(self, path: str) -> None:
+        try:
+            self._library = ctypes.CDLL(path)
+        except OSError as error:
+            raise LibraryFault(f"cannot be loaded: {str(error).removeprefix(f'{path}: ')}") from None
+        self.about = about = _about_of(self._library)
+        inputs, outputs, parameters = (len(about[name]) for name in ("inputs", "outputs", "parameters"))
+        states = about["states"]
+        self._parameters, self._state = (ctypes.c_double * parameters)(), (ctypes.c_double * states)()
+        self._input = (ctypes.c_double * inputs)()
+        self._next, self._output = (ctypes.c_double * (states + 1))(), (ctypes.c_double * (outputs + 1))()
+        self._next[states] = self._output[outputs] = _GUARD
+        self._states, self._outputs = states, outputs
+        self._given: Sequence[float] | None = None
+        self._init = self._function("init", ctypes.c_void_p, ctypes.c_void_p)
+        self._step = self._function("step", *[ctypes.c_void_p] * 3, ctypes.c_int64, *[ctypes.c_void_p] * 2)
+        numbers = (self._parameters, self._state, self._next, self._input, self._output)
+        self._at = [ctypes.addressof(one) for one in numbers]
+
+    def _function(self, name: str, *kinds: Any) -> Any:
+        try:
+            found = getattr(self._library, f"rig_controller_{name}")
+        except AttributeError:
+            raise LibraryFault(f"defines no rig_controller_{name} (see rig_controller.h)") from None
+        found.argtypes, found.restype = kinds, ctypes.c_int32
+        return found
+
+    def _take(self, parameters: Sequence[float]) -> None:
+        if parameters is not self._given:
+            self._parameters[:] = list(parameters)
+            self._given = parameters
+
+    def init(self, parameters: Sequence[float]) -> tuple[int, list[float]]:
+        """What init returned, and the state before the first step."""
+        self._take(parameters)
+        code = self._init(self._at[0], self._at[2])
+        return self._guarded(code), self._next[: self._states]
+
+    def step(
+        self, parameters: Sequence[float], state: Sequence[float], t_ns: int, values: Sequence[float]
+    ) -> tuple[int, list[float], list[float]]:
+        """What step returned, the next state, and the commands."""
+        self._take(parameters)
+        self._state[:], self._input[:] = list(state), list(values)
+        p, s, after, heard, given = self._at
+        code = self._step(p, s, after, t_ns, heard, given)
+        return self._guarded(code), self._next[: self._states], self._output[: self._outputs]
+
+    def _guarded(self, code: int) -> int:
+        if self._next[self._states] == _GUARD and self._output[self._outputs] == _GUARD:
+            return code
+        self._next[self._states] = self._output[self._outputs] = _GUARD
+        return OVERRUN
+
+
+def formats(about: dict[str, Any]) -> tuple[struct.Struct, struct.Struct]:
+    """The formats of requests and answers for a library."""
+    inputs, outputs, parameters = (len(about[name]) for name in ("inputs", "outputs", "parameters"))
+    states = about["states"]
+    return struct.Struct(f"<Bq{parameters + states + inputs}d"), struct.Struct(f"<i{states + outputs}d")
+
+
+def received(link: socket.socket, size: int) -> bytes:
+    """Exactly `size` bytes; fewer if the other end has closed."""
+    found = link.recv(size)
+    while found and len(found) < size:
+        more = link.recv(size - len(found))
+        if not more:
+            return b""
+        found += more
+    return found
+
+
+def _serve(path: str, link: socket.socket) -> None:
+    try:
+        library = Library(path)
+    except LibraryFault as fault:
+        _tell(link, {"fault": str(fault)})
+        return
+    _tell(link, {"about": library.about})
+    request, answer = formats(library.about)
+    parameters, states = len(library.about["parameters"]), library.about["states"]
+    given: tuple[float, ...] = ()
+    while raw := received(link, request.size):
+        what, t_ns, *numbers = request.unpack(raw)
+        if (fresh := tuple(numbers[:parameters])) != given:
+            given = fresh
+        if what == INIT:
+            code, after = library.init(given)
+            commands = [0.0] * len(library.about["outputs"])
+        else:
+            state, values = numbers[parameters : parameters + states], numbers[parameters + states :]
+            code, after, commands = library.step(given, state, t_ns, values)
+        link.sendall(answer.pack(code, *after, *commands))
+
+
+def _tell(link: socket.socket, content: dict[str, Any]) -> None:
+    raw = json.dumps(content).encode()
+    link.sendall(_HEAD.pack(len(raw)) + raw)
+
+
+def told(link: socket.socket) -> dict[str, Any]:
+    """What the helper says at its start; empty if it has ended."""
+    head = received(link, _HEAD.size)
+    raw = received(link, _HEAD.unpack(head)[0]) if head else b""
+    return dict(json.loads(raw)) if raw else {}
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended: a step that hangs would never notice it."""
+    while os.getppid() == parent:
+        time.sleep(LOOK_S)
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    _serve(sys.argv[1], socket.socket(fileno=int(sys.argv[2])))

@@ -1,0 +1,136 @@
+"""Compiled parts (a library, an FMU): read from the file that a scene names; a recording contains their content.
+
+Trust is a matter of the content, as with source text (rig.parts.code): a file that a user names is trusted, what comes
+with a recording or over the bus is trusted on the user's word.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from rig.errors import PartError
+from rig.parts.code import known_hashes, require, trust_hashes
+from rig.user_files import contents
+
+LARGEST = 16 << 20
+"""Largest file of a compiled part [bytes]. # chosen: every recording of a run contains it"""
+_SHOWN = 12  # digits of a hash
+_NAME = re.compile(r"[^/\\\0]{1,100}")
+
+
+class Binary(str):
+    """A compiled part as the value of a scene: its text is the base name of the file.
+
+    `content`: the bytes of the file. `about`: what the part says of itself (sizes, parameters), as plain JSON values.
+    """
+
+    __slots__ = ("__dict__",)
+    content: bytes
+    about: dict[str, Any]
+
+    @classmethod
+    def of(cls, file: str, content: bytes, about: dict[str, Any] | None = None) -> Self:
+        """A part with this name, content and description."""
+        if not _NAME.fullmatch(file):
+            raise PartError(
+                f"{file:.120}: the name of a compiled part has at most 100 characters, none of them / or \\"
+            )
+        found = cls(file)
+        found.content, found.about = content, about or {}
+        return found
+
+    @classmethod
+    def read(cls, path: str | Path, describe: Callable[[Binary], dict[str, Any]]) -> Self:
+        """The part in a file, which is then trusted. `describe` returns its `about`. Raises PartError."""
+        try:
+            found = cls.of(Path(path).name, contents(Path(path), LARGEST))
+        except FileNotFoundError:
+            raise PartError(f"{path}: there is no such file") from None
+        except OSError as error:
+            raise PartError(f"{path}: cannot be read: {error.strerror}") from None
+        trust_hashes([found.sha256])
+        found.about = describe(found)
+        return found
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the content [64 hex digits]."""
+        return sha256(self.content).hexdigest()
+
+    @property
+    def file(self) -> str:
+        """Base name of the file."""
+        return str(self)
+
+    @property
+    def short(self) -> str:
+        """The first digits of the hash."""
+        return self.sha256[:_SHOWN]
+
+    @property
+    def trusted(self) -> bool:
+        """Whether this process may run it."""
+        return self.sha256 in known_hashes()
+
+    @contextmanager
+    def unpacked(self) -> Iterator[Path]:
+        """A file with the content, as long as it is needed. Raises Untrusted for a part that is not trusted.
+
+        It is never the user's own file: that may be compiled again while it is in use.
+        """
+        require([self])
+        with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
+            path = Path(folder) / self.file
+            path.write_bytes(self.content)
+            yield path
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values, for recordings."""
+        content = base64.b64encode(self.content).decode()
+        return {"file": self.file, "sha256": self.sha256, "about": self.about, "content": content}
+
+    @classmethod
+    def from_json(cls, raw: Mapping[str, Any]) -> Self:
+        """The part that `to_json` described. Raises PartError where the content does not have the stated hash."""
+        try:
+            content = base64.b64decode(raw["content"], validate=True)
+            found = cls.of(str(raw["file"]), content, dict(raw["about"]))
+        except (KeyError, TypeError, ValueError):
+            raise PartError("the recording describes a compiled part in an unknown form: it is damaged") from None
+        if found.sha256 != raw.get("sha256"):
+            raise PartError(
+                f"{found.file}: its content has the SHA-256 {found.short}..., the recording states "
+                f"{str(raw.get('sha256'))[:_SHOWN]}...: it was changed or is damaged, and is not run"
+            )
+        return found
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        def read(value: Any) -> Binary:
+            if isinstance(value, Binary):
+                return value
+            if isinstance(value, Mapping):
+                return cls.from_json(value)
+            raise ValueError("expected the name of a file")
+
+        to_json = core_schema.plain_serializer_function_ser_schema(cls.to_json, when_used="json")
+        return core_schema.no_info_plain_validator_function(read, serialization=to_json)
+
+
+def binaries(controllers: Any) -> Iterator[Binary]:
+    """The compiled parts in the JSON of a scene's controllers. Raises PartError for a damaged one."""
+    for table in controllers.values() if isinstance(controllers, Mapping) else ():
+        for value in table.values() if isinstance(table, Mapping) else ():
+            if isinstance(value, Mapping) and {"sha256", "content"} <= value.keys():
+                yield Binary.from_json(value)

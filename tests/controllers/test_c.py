@@ -1,0 +1,218 @@
+"""Controllers compiled from C: the same bits in every kind of run, and faults that are only the controller's."""
+
+import json
+import os
+import signal
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from compile_c import controller
+
+from rig import controllers, design, scenes
+from rig.bench.simulate import Recorded, simulate
+from rig.controllers import c
+from rig.controllers.blocks.base import parameters, retune, tunable
+from rig.controllers.runtime import c_process, process
+from rig.controllers.runtime.loop import Loop
+from rig.errors import ControllerLost, PartError, SceneError, Untrusted, UsageError
+from rig.parts import trust_scene
+from rig.record.reader import open as opened
+from rig.record.save_run import save
+from rig.scenes.scene import Scene
+
+LATE = "if (t >= 50000000) "
+
+
+@pytest.fixture(scope="module")
+def libraries(tmp_path_factory):
+    """Compiles variants of the controller, each once."""
+    folder, made = tmp_path_factory.mktemp("libraries"), {}
+
+    def make(**changes):
+        key = json.dumps(changes, sort_keys=True)
+        if key not in made:
+            made[key] = controller(folder / f"nf{len(made)}.so", **changes)
+        return made[key]
+
+    return make
+
+
+def scene(library, base="belt", **more):
+    given = {"kind": "c", "file": str(library)} | more
+    return scenes.load(base, {f"controllers.nf.{key}": value for key, value in given.items()})
+
+
+def made(scene):
+    return controllers.restored(design.described(scene)["nf"])
+
+
+class InPython:
+    """The controller of the library, in Python."""
+
+    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000
+
+    def start(self):
+        return 0.0
+
+    def update(self, state, t_ns, values):
+        v = 0.5 * state + 0.5 * values[0]
+        return v, (min(max(20.0 - 300.0 * v, 0.0), 100.0),)
+
+
+@pytest.fixture
+def sound(libraries):
+    return scene(libraries(), gain="0.3 N*s/mm")
+
+
+def same(one, other):
+    for name, samples in one.measurements.items():
+        assert samples.v.tobytes() == other.measurements[name].v.tobytes()
+
+
+def test_a_run_has_the_bits_of_the_same_controller_in_python_through_the_helper_and_in_this_process(libraries, sound):
+    python = simulate(sound, {"nf": InPython()}, duration_ns=400_000_000)
+    through = simulate(sound, duration_ns=400_000_000)
+    inside = simulate(scene(libraries(), gain=300.0, where="plant"), duration_ns=400_000_000)
+    same(python, through)
+    same(python, inside)
+    assert np.ptp(through.measurements["vibrometer"].v) > 0.01
+
+
+def test_the_process_of_a_controller_calls_the_library_itself_with_the_same_numbers(sound):
+    description = SimpleNamespace(controllers=json.loads(json.dumps(design.described(sound))))
+    own, helped = Loop(process.made(description, "nf")), Loop(made(sound))
+    before = set(c_process._HELPERS.values())
+    for k in range(50):
+        assert own.answer(k * 1_000_000, (0.01 * k,)) == helped.answer(k * 1_000_000, (0.01 * k,))
+    assert type(own.controller._library).__name__ == "Library"
+    own.retune({"gain": 100.0})
+    helped.retune({"gain": 100.0})
+    assert own.answer(50_000_000, (0.1,)) == helped.answer(50_000_000, (0.1,))
+    assert type(own.controller._library).__name__ == "Library"
+    assert set(c_process._HELPERS.values()) == before
+
+
+def test_its_parameters_are_keys_of_the_scene_and_can_be_tuned(sound):
+    one = made(sound)
+    assert parameters(one) | {"gain": 300.0, "nominal": 20.0} == parameters(one)
+    assert tunable(one) == {"gain": "N*s/m", "nominal": "N"}
+    assert retune(one, {"gain": "250 N*s/m"}).section.gain == 250.0
+    with pytest.raises(UsageError, match="gain: Input should be less than or equal to 1000"):
+        retune(one, {"gain": 2000.0})
+    with pytest.raises(UsageError, match="file: is fixed while the rig runs"):
+        retune(one, {"file": "other.so"})
+
+
+def test_a_recording_contains_the_library_but_no_path_and_is_verified_without_it(tmp_path, sound, monkeypatch):
+    run, log = simulate(sound, duration_ns=100_000_000), tmp_path / "log.mcap"
+    run.provenance = {}
+    save(run, log)
+    assert str(sound.controllers["nf"].file) == "nf0.so"
+    assert b"libraries" not in sound.to_json().encode()
+    monkeypatch.setenv("RIG_TRUSTED", "")
+    again = opened(log)
+    recorded = Scene.from_json(again.scene)
+    assert recorded == sound
+    same(simulate(recorded, {}, 100_000_000, Recorded(again.commands, again.events)), run)
+    c._OPENED.clear()
+    monkeypatch.setattr(c_process, "_HELPERS", {})
+    with pytest.raises(Untrusted, match=r"nf0\.so \(SHA-256 "):
+        simulate(recorded, duration_ns=100_000_000)
+    trust_scene(again.scene)
+    same(simulate(recorded, duration_ns=100_000_000), run)
+
+
+def test_a_library_whose_content_was_changed_is_refused(sound):
+    text = json.loads(sound.to_json())
+    text["controllers"]["nf"]["file"]["sha256"] = "0" * 64
+    with pytest.raises(PartError, match="it was changed or is damaged, and is not run"):
+        Scene.from_json(json.dumps(text))
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (LATE + "*(volatile int *)0 = 1;", "was ended by signal 11 (SIGSEGV) in step"),
+        (LATE + "for (;;) ;", "no answer within 0.3 s in step"),
+        (LATE + "return 3;", "rig_controller_step returned 3"),
+        (LATE + "next[1] = 0;", "writes more than the 1 states and 1 outputs"),
+    ],
+)
+def test_a_crash_is_only_the_controllers(libraries, more, told, monkeypatch):
+    monkeypatch.setattr(c_process, "LONGEST_S", 0.3)
+    faulty = scene(libraries(more=more))
+    run = simulate(faulty, duration_ns=200_000_000)
+    (lost,) = [event for event in run.events if event["kind"] == "lost"]
+    assert lost["t_ns"] == 50_000_000
+    assert told in lost["text"]
+    assert run.summary["controllers"]["nf"]["updates"] == 50
+    assert run.time[-1] == pytest.approx(0.2)
+    assert run.commands["nf"].status[-1] != 0  # safe values
+    same(simulate(faulty, {}, 200_000_000, Recorded(run.commands, run.events)), run)
+
+
+def test_a_helper_that_is_killed_ends_its_controller_and_the_next_run_has_a_new_one(sound):
+    one = made(sound)
+    state = one.start()
+    first = c_process.helper(sound.controllers["nf"].file)
+    os.kill(first.pid, signal.SIGKILL)
+    with pytest.raises(ControllerLost, match=r"ended by signal 9 \(SIGKILL\)"):
+        one.update(state, 0, (0.0,))
+    assert one.update(state, 0, (0.0,))[1] == (20.0,)
+    assert c_process.helper(sound.controllers["nf"].file).pid != first.pid
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"version": "7"}, "was compiled with version 7 of rig_controller.h, this rig needs version 1"),
+        ({"size": "8"}, "states a size of 8 bytes for struct rig_controller"),
+        ({"states": "-1"}, "states -1 states"),
+        ({"unit": "mm/s"}, "vibrometer: the unit 'mm/s' is not SI"),
+        ({"more": "out[0] = 0.0 / 0.0;"}, "commands (nan,) when all measurements are zero"),
+        ({"more": "*(volatile int *)0 = 1;"}, "was ended by signal 11 (SIGSEGV)"),
+        ({"more": "return 1; } int other(void) {"}, "rig_controller_step returned 1"),
+    ],
+)
+def test_a_library_that_does_not_fit_is_named_before_the_run(libraries, changes, told):
+    with pytest.raises(SceneError) as refused:
+        scene(libraries(**changes))
+    assert told in str(refused.value)
+    assert "controllers.nf.file: " in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["about", "init", "step"])
+def test_a_symbol_that_is_missing_is_named(libraries, tmp_path, name):
+    path = tmp_path / "lacking.so"
+    path.write_bytes(
+        libraries().read_bytes().replace(b"rig_controller_" + name.encode(), b"rig_kontroller_" + name.encode())
+    )
+    with pytest.raises(SceneError, match=f"lacking.so: defines no rig_controller_{name} "):
+        scene(path)
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ({"reads": ["laser"]}, 'controllers.nf.reads = "laser": the sensor is in m, '),
+        (
+            {"reads": ["vibrometer", "laser"]},
+            "controllers.nf.reads: names 2, but nf0.so has 1 inputs: vibrometer [m/s]",
+        ),
+        ({"drives": ["drive.speed"]}, 'controllers.nf.drives = "drive.speed": the actuator is in m/s, '),
+        ({"gian": 3.0}, "controllers.nf.gian: unknown key; did you mean controllers.nf.gain?"),
+        ({"gain": "3 N"}, "expected a unit that converts to N*s/m"),
+        ({"file": "nothing.so"}, "nothing.so: there is no such file"),
+        ({"file": __file__}, "test_c.py: cannot be loaded: invalid ELF header"),
+    ],
+)
+def test_keys_of_the_scene_that_do_not_fit_are_named(libraries, more, told):
+    with pytest.raises(SceneError) as refused:
+        scene(libraries(), **more)
+    assert told in str(refused.value)
+
+
+def test_without_a_file_the_key_is_named():
+    with pytest.raises(SceneError, match=r"controllers.nf.file: is missing; expected the name of a compiled file"):
+        scenes.load("belt", {"controllers.nf.kind": "c"})
