@@ -107,27 +107,22 @@ class CompiledController:
     def update(self, state: Values, t_ns: int, values: Values) -> tuple[Values, Values]:
         """Next state, and the commands [unit of each output]."""
         library = self._library or self._opened()
-        if self._watch is None:
-            code, after, commands = library.step(self._parameters, state, t_ns, values)
-        else:
-            with self._watch.over(self.section.file):
+        try:
+            if self._watch is None:
                 code, after, commands = library.step(self._parameters, state, t_ns, values)
+            else:
+                with self._watch.over(self.section.file):
+                    code, after, commands = library.step(self._parameters, state, t_ns, values)
+        except ControllerLost:
+            self._library = None
+            raise
         if code:
             self._checked("step", code, after)
         return tuple(after), tuple(commands)
 
     def _opened(self) -> Any:
-        """The library, in this process or in its helper; asked again after a helper was lost."""
-        file = self.section.file
-        if not self._direct:
-            return helper(file)
-        if file.sha256 not in _OPENED:
-            with file.unpacked() as path:
-                try:
-                    _OPENED[file.sha256] = c_library.Library(str(path))
-                except c_library.LibraryFault as fault:
-                    raise PartError(f"{file}: {fault}") from None
-        self._library = _OPENED[file.sha256]
+        """The library, in this process or in its helper."""
+        self._library = _opened(self.section.file) if self._direct else helper(self.section.file)
         return self._library
 
     def _checked(self, function: str, code: int, numbers: Sequence[float]) -> Sequence[float]:
@@ -138,3 +133,14 @@ class CompiledController:
             states, outputs = self.section.file.about["states"], len(self.section.outputs)
             raise ControllerLost(f"{name} writes more than the {states} states and {outputs} outputs that it states")
         raise ControllerLost(f"{name} returned {code}")
+
+
+def _opened(file: Binary) -> c_library.Library:
+    """The library in this process."""
+    if file.sha256 not in _OPENED:
+        with file.unpacked() as path:
+            try:
+                _OPENED[file.sha256] = c_library.Library(str(path))
+            except c_library.LibraryFault as fault:
+                raise PartError(f"{file}: {fault}") from None
+    return _OPENED[file.sha256]

@@ -3,11 +3,12 @@
 import json
 import os
 import signal
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from compile_c import controller
+from compile_c import compiled, controller
 
 from rig import controllers, design, scenes
 from rig.bench.simulate import Recorded, simulate
@@ -21,6 +22,7 @@ from rig.record.reader import open as opened
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
+DOCS = Path(__file__).parents[2] / "docs"
 LATE = "if (t >= 50000000) "
 
 
@@ -216,3 +218,11 @@ def test_keys_of_the_scene_that_do_not_fit_are_named(libraries, more, told):
 def test_without_a_file_the_key_is_named():
     with pytest.raises(SceneError, match=r"controllers.nf.file: is missing; expected the name of a compiled file"):
         scenes.load("belt", {"controllers.nf.kind": "c"})
+
+
+def test_the_example_of_the_page_compiles_without_a_warning_and_reduces_the_limit_cycle(tmp_path):
+    text = (DOCS / "example_controller.c").read_text()
+    library = compiled(tmp_path / "example.so", text, "-I", controllers.__path__[0])
+    free, held = (simulate(one, duration_ns=8_000_000_000) for one in (scenes.load("belt"), scene(library)))
+    free_swing, swing = (np.ptp(run.signals["velocity"][-1000:]) for run in (free, held))
+    assert swing < 0.01 * free_swing
