@@ -11,11 +11,9 @@ import numpy as np
 from rig.model.system import System
 from rig.view import contact
 from rig.view.channels import PALETTE
-from rig.view.shapes import Columns, Integers, Reals
+from rig.view.shapes import Columns, Integers, Log, Reals
 
 if TYPE_CHECKING:
-    import rerun as rr
-
     from rig.model.assembly import Assembly
     from rig.scenes.scene import Scene
 
@@ -75,8 +73,8 @@ class Picture:
             contact.rgb(colours.get(name, usual)) for name, usual in zip(self.forces, PALETTE)
         )
 
-    def static(self, rec: rr.RecordingStream) -> None:
-        """Send everything that never changes."""
+    def static(self, log: Log) -> None:
+        """Pass everything that never changes to `log`."""
         raise NotImplementedError
 
     def frames(self, t_ns: Integers, signals: Mapping[str, Reals], modes: Integers, shown: Integers) -> list[Columns]:

@@ -10,11 +10,9 @@ import numpy as np
 from rig.model.system import System
 from rig.view.base import Scale, round_down
 from rig.view.belt import Belt
-from rig.view.shapes import STEEL, Columns, Integers, Reals, load, spring
+from rig.view.shapes import STEEL, Columns, Integers, Log, Reals, Shape, load, spring
 
 if TYPE_CHECKING:
-    import rerun as rr
-
     from rig.model.assembly import Assembly
     from rig.scenes.scene import Scene
 
@@ -47,16 +45,13 @@ class Tip(Belt):
         """See `Picture.of`."""
         return cls(scale(system))
 
-    def static(self, rec: rr.RecordingStream) -> None:
+    def static(self, log: Log) -> None:
         """See `Picture.static`."""
-        import rerun as rr
-
-        super().static(rec)
-        body = rr.Boxes3D(half_sizes=[(0.07, 0.16, 0.05)], centers=[(0, 0, 0.06)], fill_mode="solid")
-        rec.log("rig/mass/body", body, static=True)
-        block = rr.Boxes3D(half_sizes=[(0.2, 0.3, 0.09)], centers=[(-0.12, 0.0, 0.99)], colors=[STEEL],
-                           fill_mode="solid")  # fmt: skip
-        rec.log("rig/wall", block, static=True)
+        super().static(log)
+        body = Shape("Boxes3D", half_sizes=[(0.07, 0.16, 0.05)], centers=[(0, 0, 0.06)])
+        log("rig/mass/body", body)
+        block = Shape("Boxes3D", half_sizes=[(0.2, 0.3, 0.09)], centers=[(-0.12, 0.0, 0.99)], colors=[STEEL])
+        log("rig/wall", block)
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
         drawn = {one.path: one for one in super()._frames(t_ns, s, modes, ran)}
@@ -65,7 +60,7 @@ class Tip(Belt):
         bent = 0.5 * share[:, 0] ** 2 * (3.0 - share[:, 0])  # shape of a clamped beam under a force at its end
         strips = np.tile(_CLAMP + share * (_TIP - _CLAMP), (len(x), 1, 1))
         strips[:, :, 0] += x[:, None] * bent
-        drawn["rig/spring"] = spring(t_ns, strips, 0.03)
+        drawn["rig/spring"] = spring(t_ns, strips, radius=0.03)
         heads = np.stack((x + 0.2, np.zeros_like(x), np.full_like(x, 0.02)), axis=1)
         drawn["rig/load"] = load(t_ns, heads, s["normal_force"] / self.scale.force * 0.25, self.normal)
         return list(drawn.values())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from rig.view.shapes import (
     STEEL,
     Columns,
     Integers,
+    Log,
     Reals,
+    Shape,
     along,
     coloured,
     load,
@@ -24,9 +26,6 @@ from rig.view.shapes import (
     word,
     zigzag,
 )
-
-if TYPE_CHECKING:
-    import rerun as rr
 
 _PITCH = 0.25
 _BELT = 1.5
@@ -46,35 +45,35 @@ class Belt(Picture):
         self.forces = self._drawn.friction, self._drawn.normal
         super().__init__(scale)
 
-    def static(self, rec: rr.RecordingStream) -> None:
+    def static(self, log: Log) -> None:
         """See `Picture.static`."""
-        import rerun as rr
-
-        log = rec.log
-        log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        rollers = rr.Cylinders3D(
-            lengths=[0.9, 0.9], radii=[0.15, 0.15], centers=[(-_BELT, 0, -0.16), (_BELT, 0, -0.16)],
-            quaternions=[LYING, LYING], colors=[STEEL], fill_mode="solid",
-        )  # fmt: skip
-        log("rig/rollers", rollers, static=True)
-        bands = rr.Boxes3D(
-            half_sizes=[(_BELT, 0.42, 0.01)] * 2, centers=[(0, 0, -0.01), (0, 0, -0.31)], colors=[DISC],
-            fill_mode="solid",
-        )  # fmt: skip
-        log("rig/belt", bands, static=True)
+        rollers = Shape(
+            "Cylinders3D",
+            lengths=[0.9, 0.9],
+            radii=[0.15, 0.15],
+            centers=[(-_BELT, 0, -0.16), (_BELT, 0, -0.16)],
+            quaternions=[LYING, LYING],
+            colors=[STEEL],
+        )
+        log("rig/rollers", rollers)
+        bands = Shape(
+            "Boxes3D",
+            half_sizes=[(_BELT, 0.42, 0.01)] * 2,
+            centers=[(0, 0, -0.01), (0, 0, -0.31)],
+            colors=[DISC],
+        )
+        log("rig/belt", bands)
         places = np.arange(-_BELT, _BELT - _PITCH / 2, _PITCH)
         lines = [np.array([(x, -0.42, 0.006), (x, 0.42, 0.006)]) for x in places]
-        log("rig/marks", rr.LineStrips3D(lines, colors=[MARK], radii=[0.006]), static=True)
+        log("rig/marks", Shape("LineStrips3D", strips=lines, colors=[MARK], radii=[0.006]))
         half, centre, lean = (0.2, 0.2, 0.17), (0.0, 0.0, 0.19), self._drawn.lean
         if lean:
             half, centre = (0.06, 0.06, 0.4), (-0.26, 0.0, 0.32)
         turn: dict[str, Any] = {"quaternions": [(0.0, -np.sin(lean), 0.0, np.cos(lean))]} if lean else {}
-        log("rig/mass/body", rr.Boxes3D(half_sizes=[half], centers=[centre], fill_mode="solid", **turn), static=True)
-        log("rig/mass/friction", rr.Arrows3D.from_fields(origins=[(0, -0.27, 0.04)], colors=[self.friction],
-                                             radii=[0.018]), static=True)  # fmt: skip
-        wall = rr.Boxes3D(half_sizes=[(0.03, 0.35, 0.3)], centers=[(-1.25, 0, 0.32)], colors=[STEEL],
-                          fill_mode="solid")  # fmt: skip
-        log("rig/wall", wall, static=True)
+        log("rig/mass/body", Shape("Boxes3D", half_sizes=[half], centers=[centre], **turn))
+        log("rig/mass/friction", Shape("Arrows3D", origins=[(0, -0.27, 0.04)], colors=[self.friction], radii=[0.018]))
+        wall = Shape("Boxes3D", half_sizes=[(0.03, 0.35, 0.3)], centers=[(-1.25, 0, 0.32)], colors=[STEEL])
+        log("rig/wall", wall)
 
     def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
         """Translations and rotations of the body [frame], as components of a transform."""
@@ -90,8 +89,6 @@ class Belt(Picture):
         return placed
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        import rerun as rr
-
         zoom, colours = self.scale.motion, coloured(modes)
         x = zoom * s[self._drawn.along] if self._drawn.along else np.zeros(len(t_ns))
         zero = np.zeros_like(x)
@@ -99,12 +96,15 @@ class Belt(Picture):
         heads = np.stack((x, zero, zero + 0.37), axis=1)
         texts = self._contact_text(modes, s[self._drawn.friction], s[self._drawn.normal])
         return [
-            Columns("rig/marks", t_ns, rr.Transform3D.columns(translation=along(0, np.mod(zoom * ran, _PITCH)))),
-            Columns("rig/mass", t_ns, rr.Transform3D.columns(**self._placed(s))),
-            Columns("rig/mass/body", t_ns, rr.Boxes3D.columns(colors=colours)),
-            Columns("rig/mass/friction", t_ns,
-                    rr.Arrows3D.columns(vectors=along(0, s[self._drawn.friction] / self.scale.force * 0.6))),
+            Columns("rig/marks", t_ns, Shape("Transform3D", translation=along(0, np.mod(zoom * ran, _PITCH)))),
+            Columns("rig/mass", t_ns, Shape("Transform3D", **self._placed(s))),
+            Columns("rig/mass/body", t_ns, Shape("Boxes3D", colors=colours)),
+            Columns(
+                "rig/mass/friction",
+                t_ns,
+                Shape("Arrows3D", vectors=along(0, s[self._drawn.friction] / self.scale.force * 0.6)),
+            ),
             load(t_ns, heads, s[self._drawn.normal] / self.scale.force * 0.25, self.normal),
             spring(t_ns, zigzag(np.broadcast_to((-1.22, 0.0, 0.2), tips.shape), tips, flat=False)),
             word(t_ns, (0.0, 0.0, 1.02), texts, colours),
-        ]  # fmt: skip
+        ]

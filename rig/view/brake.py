@@ -20,23 +20,9 @@ from rig.model.system import System
 from rig.stability.linearisation import sliding_key, steady
 from rig.view import contact
 from rig.view.base import Picture, Scale, round_down
-from rig.view.shapes import (
-    DISC,
-    MARK,
-    SPRING,
-    STEEL,
-    Columns,
-    Integers,
-    Reals,
-    about,
-    along,
-    word,
-    zigzag,
-)
+from rig.view.shapes import DISC, MARK, STEEL, Columns, Integers, Log, Reals, Shape, about, along, spring, word, zigzag
 
 if TYPE_CHECKING:
-    import rerun as rr
-
     from rig.model.assembly import Assembly
     from rig.scenes.scene import Scene
 
@@ -146,24 +132,22 @@ class Brake(Picture):
         known = {f"{body}.x" for body in BODIES} <= set(system.names)
         return cls(system, assembly.outputs["displacement"].row) if known else None
 
-    def static(self, rec: rr.RecordingStream) -> None:
+    def static(self, log: Log) -> None:
         """See `Picture.static`."""
-        import rerun as rr
-
-        rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for body, boxes in _BOXES.items():
             halves, centers = zip(*boxes)
             colour = DISC if body == "disc" else STEEL
-            drawn = rr.Boxes3D(half_sizes=halves, centers=centers, colors=[colour] * len(boxes), fill_mode="solid")
-            rec.log(f"rig/{body}/body", drawn, static=True)
+            drawn = Shape("Boxes3D", half_sizes=halves, centers=centers, colors=[colour] * len(boxes))
+            log(f"rig/{body}/body", drawn)
         lines = [np.array([(x, -0.375, -0.11), (x, -0.375, 0.11)]) for x in np.arange(-1.2, 1.2, _PITCH)]
-        rec.log("rig/disc/marks", rr.LineStrips3D(lines, colors=[MARK], radii=[0.006]), static=True)
+        log("rig/disc/marks", Shape("LineStrips3D", strips=lines, colors=[MARK], radii=[0.006]))
         for name in self._contacts:
             pad, side = _where(name)
             up = -1.0 if pad == "outer_pad" else 1.0
-            lining = rr.Boxes3D(half_sizes=[(0.22, 0.3, _THICK)], centers=[(1.3 * side * _LINING, 0.0, 0.075 * up)],
-                                fill_mode="solid")  # fmt: skip
-            rec.log(f"rig/{pad}/{name}", lining, static=True)
+            lining = Shape(
+                "Boxes3D", half_sizes=[(0.22, 0.3, _THICK)], centers=[(1.3 * side * _LINING, 0.0, 0.075 * up)]
+            )
+            log(f"rig/{pad}/{name}", lining)
 
     def frames(self, t_ns: Integers, signals: Mapping[str, Reals], modes: Integers, shown: Integers) -> list[Columns]:
         """See `Picture.frames`; the stroboscope replaces the rows `shown` by earlier ones."""
@@ -187,26 +171,28 @@ class Brake(Picture):
         return moved
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        import rerun as rr
-
         placed, count = self.placed(s), len(t_ns)
         found = [
-            Columns(f"rig/{body}", t_ns, rr.Transform3D.columns(
-                translation=np.stack((_PLACES[body][0] + x, np.zeros(count), _PLACES[body][1] + z), axis=1),
-                quaternion=about(1, phi)))
+            Columns(
+                f"rig/{body}",
+                t_ns,
+                Shape(
+                    "Transform3D",
+                    translation=np.stack((_PLACES[body][0] + x, np.zeros(count), _PLACES[body][1] + z), axis=1),
+                    quaternion=about(1, phi),
+                ),
+            )
             for body, (x, z, phi) in placed.items()
-        ]  # fmt: skip
+        ]
         marks = along(0, np.mod(10.0 * ran, _PITCH))
-        found.append(Columns("rig/disc/marks", t_ns, rr.Transform3D.columns(translation=marks)))
+        found.append(Columns("rig/disc/marks", t_ns, Shape("Transform3D", translation=marks)))
         for name in self._contacts:
             pad, _ = _where(name)
             open_ = s[f"normal_force_{name}"] <= 0.0
             colours = [contact.rgb(contact.COLOURS[-1 if lifted else mode]) for lifted, mode in zip(open_, modes)]
-            found.append(Columns(f"rig/{pad}/{name}", t_ns, rr.Boxes3D.columns(colors=colours)))
+            found.append(Columns(f"rig/{pad}/{name}", t_ns, Shape("Boxes3D", colors=colours)))
         springs = [zigzag(_point(placed, a, count), _point(placed, b, count), flat=False) for a, b in _SPRINGS]
-        strips = [strip for frame in zip(*springs) for strip in frame]
-        drawn = rr.LineStrips3D.columns(strips=strips, colors=[SPRING] * len(strips), radii=[0.006] * len(strips))
-        found.append(Columns("rig/spring", t_ns, drawn.partition([len(_SPRINGS)] * count)))
+        found.append(spring(t_ns, *springs, radius=0.006))
         found += self._forces(t_ns, s, placed, count)
         magnified = (
             f"motion x {self.scale.motion:g}, {self.motion.omega / (2.0 * math.pi):.0f} Hz shown at {_SLOW:g} Hz"
@@ -215,23 +201,32 @@ class Brake(Picture):
         texts = [f"{contact.NAMES[mode]}   pad {one:.2f} um   {magnified}" for mode, one in zip(modes, size)]
         return [*found, word(t_ns, (0.0, 0.0, 0.95), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
 
-    def _forces(self, t_ns: Integers, s: Mapping[str, Reals], placed: Mapping[str, tuple[Reals, Reals, Reals]],
-                count: int) -> list[Columns]:  # fmt: skip
+    def _forces(
+        self, t_ns: Integers, s: Mapping[str, Reals], placed: Mapping[str, tuple[Reals, Reals, Reals]], count: int
+    ) -> list[Columns]:
         """Arrows of the normal forces at the contacts, and of the friction on the inner pad."""
-        import rerun as rr
-
         found = []
         for name in self._contacts:
             pad, side = _where(name)
             up = 1.0 if pad == "outer_pad" else -1.0
             end = _point(placed, (pad, (side * _LINING, -0.11 * up)), count)
             force = along(2, up * 0.25 * np.maximum(s[f"normal_force_{name}"], 0.0) / self.scale.force)
-            found.append(Columns(f"rig/load/{name}", t_ns, rr.Arrows3D.columns(
-                vectors=force, origins=end, colors=[self.normal] * count, radii=[0.012] * count)))  # fmt: skip
+            found.append(
+                Columns(
+                    f"rig/load/{name}",
+                    t_ns,
+                    Shape("Arrows3D", vectors=force, origins=end, colors=[self.normal] * count, radii=[0.012] * count),
+                )
+            )
         end = _point(placed, ("inner_pad", (0.0, 0.04)), count)
         drags = along(0, 0.25 * s["friction_force"] / self.scale.force)
-        found.append(Columns("rig/friction", t_ns, rr.Arrows3D.columns(
-            vectors=drags, origins=end, colors=[self.friction] * count, radii=[0.012] * count)))  # fmt: skip
+        found.append(
+            Columns(
+                "rig/friction",
+                t_ns,
+                Shape("Arrows3D", vectors=drags, origins=end, colors=[self.friction] * count, radii=[0.012] * count),
+            )
+        )
         return found
 
 

@@ -19,7 +19,7 @@ from rig.view import contact
 from rig.view.channels import Channels
 from rig.view.phase_portrait import Portrait
 from rig.view.picture import picture_of
-from rig.view.shapes import Columns
+from rig.view.shapes import Columns, Shape
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -109,7 +109,8 @@ class Drawing:
             states = rr.StateConfiguration(values=list(_SWITCH), labels=list(_SWITCH), colors=list(_SWITCH.values()))
             rec.log(f"strip/{name}", states, static=True)
         if self.picture is not None:
-            self.picture.static(rec)
+            rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+            self.picture.static(lambda path, shape: rec.log(path, _archetype(shape), static=True))
 
     def measured(self, sensor: str, t_ns: Integers, v: Reals) -> list[Columns]:
         """Measurements of a sensor, converted to the output that it reads."""
@@ -206,4 +207,26 @@ def send(rec: rr.RecordingStream, batch: Iterable[Columns]) -> None:
     for path, t_ns, columns in batch:
         if len(t_ns):
             time = rr.TimeColumn(TIMELINE, duration=np.asarray(t_ns).astype("timedelta64[ns]"))
-            rec.send_columns(path, indexes=[time], columns=columns)
+            rec.send_columns(path, indexes=[time], columns=_rows(columns, len(t_ns)))
+
+
+def _archetype(shape: Shape) -> Any:
+    """A shape that never changes as rerun's archetype; an arrow without a vector gets it frame by frame."""
+    import rerun as rr
+
+    kind, fields = getattr(rr, shape.kind), shape.fields
+    if shape.kind in ("Boxes3D", "Cylinders3D"):
+        fields = {"fill_mode": "solid", **fields}
+    partial = shape.kind == "Arrows3D" and "vectors" not in fields
+    return (kind.from_fields if partial else kind)(**fields)
+
+
+def _rows(columns: Any, frames: int) -> Any:
+    """The component columns of rerun for `frames` rows of one entity."""
+    if not isinstance(columns, Shape):
+        return columns
+    import rerun as rr
+
+    found = getattr(rr, columns.kind).columns(**columns.fields)
+    each = len(next(iter(columns.fields.values()))) // frames
+    return found if each == 1 else found.partition([each] * frames)

@@ -7,17 +7,13 @@ the belt is magnified less than motion along it, as in `rig.view.belt`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.picture import OnBelt
 from rig.view.base import Scale, round_down
 from rig.view.belt import ACROSS, GAP, Belt
-from rig.view.shapes import SPRING, STEEL, Columns, Integers, Reals, along, coloured, load, word, zigzag
-
-if TYPE_CHECKING:
-    import rerun as rr
+from rig.view.shapes import STEEL, Columns, Integers, Log, Reals, Shape, along, coloured, load, spring, word, zigzag
 
 _SIDE = np.array((-0.72, 0.0, GAP + 0.19))
 """Rest position of the centre of body 1."""
@@ -39,23 +35,19 @@ class ThreeBodies(Belt):
         """Use half of the usual magnification, because bodies 1 and 2 move towards each other."""
         super().__init__(scale._replace(motion=round_down(0.5 * scale.motion)), OnBelt(up="height", lifted=True))
 
-    def static(self, rec: rr.RecordingStream) -> None:
+    def static(self, log: Log) -> None:
         """See `Picture.static`."""
-        import rerun as rr
-
-        super().static(rec)
+        super().static(log)
         for name, half, place in (
             ("body_1", (_HALF, _HALF, _HALF), _SIDE),
             ("body_3", (_HALF, _HALF, _HALF), _TOP),
             ("ceiling", (0.35, 0.35, 0.03), _CEILING),
             ("post", (0.03, 0.03, 0.45), _POST - (0.0, 0.0, 0.45)),
         ):
-            box = rr.Boxes3D(half_sizes=[half], centers=[place], colors=[STEEL], fill_mode="solid")
-            rec.log(f"rig/{name}", box, static=True)
+            box = Shape("Boxes3D", half_sizes=[half], centers=[place], colors=[STEEL])
+            log(f"rig/{name}", box)
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        import rerun as rr
-
         drawn = {one.path: one for one in super()._frames(t_ns, s, modes, ran)}
         slider = self._placed(s)["translation"] + (0.0, 0.0, 0.19)
         side = along(0, self.scale.motion * s["body_1_displacement"])
@@ -74,11 +66,9 @@ class ThreeBodies(Belt):
             (_TOP + top + _HALF * upright, still(_CEILING), False),
         )
         springs = [zigzag(begin, end, flat) for begin, end, flat in ends]
-        strips = [strip for frame in zip(*springs) for strip in frame]
-        lines = rr.LineStrips3D.columns(strips=strips, colors=[SPRING] * len(strips), radii=[0.009] * len(strips))
-        drawn["rig/spring"] = Columns("rig/spring", t_ns, lines.partition([len(ends)] * count))
+        drawn["rig/spring"] = spring(t_ns, *springs)
         for name, moved in (("body_1", side), ("body_3", top)):
-            drawn[f"rig/{name}"] = Columns(f"rig/{name}", t_ns, rr.Transform3D.columns(translation=moved))
+            drawn[f"rig/{name}"] = Columns(f"rig/{name}", t_ns, Shape("Transform3D", translation=moved))
         drawn["rig/load"] = load(
             t_ns, slider + np.array((0.15, 0.0, 0.18)), s["normal_force"] / self.scale.force * 0.25, self.normal
         )

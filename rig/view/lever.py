@@ -8,7 +8,6 @@ pin's fixture on the disc (spring along y). The ends of the arm hold a spring an
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,20 +16,19 @@ from rig.view.shapes import (
     DISC,
     LYING,
     MARK,
-    SPRING,
     STEEL,
     Columns,
     Integers,
+    Log,
     Reals,
+    Shape,
     about,
     along,
     coloured,
+    spring,
     word,
     zigzag,
 )
-
-if TYPE_CHECKING:
-    import rerun as rr
 
 _RADIUS, _PIN, _ARM, _TAIL, _LEG = 0.8, 1.0, 1.5, 1.0, 0.6  # lengths of the scene
 _FRONT, _BACK = -0.25, -1.45  # y of the cylinder's two ends
@@ -46,48 +44,54 @@ class Lever(Picture):
     eye = (1.5, -3.7, 2.6)
     target = (0.0, -0.4, 0.95)
 
-    def static(self, rec: rr.RecordingStream) -> None:
+    def static(self, log: Log) -> None:
         """See `Picture.static`."""
-        import rerun as rr
 
         def box(path: str, half: tuple[float, float, float], center: tuple[float, float, float]) -> None:
-            boxes = rr.Boxes3D(half_sizes=[half], centers=[center], colors=[STEEL], fill_mode="solid")
-            rec.log(f"rig/{path}", boxes, static=True)
+            boxes = Shape("Boxes3D", half_sizes=[half], centers=[center], colors=[STEEL])
+            log(f"rig/{path}", boxes)
 
         def round_(path: str, length: float, radius: float, y: float, colour: tuple[int, int, int]) -> None:
-            turned = rr.Cylinders3D(lengths=[length], radii=[radius], centers=[(0.0, y, 0.0)], quaternions=[LYING],
-                                    colors=[colour], fill_mode="solid")  # fmt: skip
-            rec.log(f"rig/{path}", turned, static=True)
+            turned = Shape(
+                "Cylinders3D",
+                lengths=[length],
+                radii=[radius],
+                centers=[(0.0, y, 0.0)],
+                quaternions=[LYING],
+                colors=[colour],
+            )
+            log(f"rig/{path}", turned)
 
-        rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
         rays = np.stack((np.cos(turns), np.zeros(24), np.sin(turns)), axis=1)
-        spokes = [np.stack((inner * ray, 1.04 * ray)) - (0.0, 0.005, 0.0)
-                  for inner, ray in zip((0.35, 0.95, 0.95) * 8, rays)]  # fmt: skip
+        spokes = [
+            np.stack((inner * ray, 1.04 * ray)) - (0.0, 0.005, 0.0) for inner, ray in zip((0.35, 0.95, 0.95) * 8, rays)
+        ]
         round_("disc", 0.1, 1.055, 0.05, DISC)
-        rec.log("rig/disc/marks", rr.LineStrips3D(spokes, colors=[MARK], radii=[0.008]), static=True)
+        log("rig/disc/marks", Shape("LineStrips3D", strips=spokes, colors=[MARK], radii=[0.008]))
         round_("cylinder/axis", _FRONT - _BACK, 0.11, 0.5 * (_FRONT + _BACK), STEEL)
         box("cylinder/arm", (_ARM, 0.04, 0.04), (0.0, _FRONT, 0.0))
         box("cylinder/cantilever", (0.04, 0.04, 0.5 * _PIN), (0.0, _FRONT, -0.5 * _PIN))
         box("cylinder/tail", (0.04, 0.04, 0.5 * _TAIL), (0.0, _BACK, -0.5 * _TAIL))
-        weight = rr.Boxes3D(half_sizes=[(0.13, 0.13, 0.13)], centers=[(-_ARM, _FRONT, -0.3)], colors=[STEEL],
-                            fill_mode="solid")  # fmt: skip
-        rec.log("rig/cylinder/weight", weight, static=True)
-        cord = rr.LineStrips3D([np.array([(-_ARM, _FRONT, 0.0), (-_ARM, _FRONT, -0.2)])], colors=[MARK], radii=[0.012])
-        rec.log("rig/cylinder/cord", cord, static=True)
+        weight = Shape("Boxes3D", half_sizes=[(0.13, 0.13, 0.13)], centers=[(-_ARM, _FRONT, -0.3)], colors=[STEEL])
+        log("rig/cylinder/weight", weight)
+        cord = Shape(
+            "LineStrips3D",
+            strips=[np.array([(-_ARM, _FRONT, 0.0), (-_ARM, _FRONT, -0.2)])],
+            colors=[MARK],
+            radii=[0.012],
+        )
+        log("rig/cylinder/cord", cord)
         box("anchor", (0.12, 0.12, 0.05), (_ARM, _FRONT, _HEIGHT - 1.25))
-        pin = rr.Boxes3D(half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)], centers=[(0.0, 0.5 * _FRONT, -_PIN)],
-                         fill_mode="solid")  # fmt: skip
-        rec.log("rig/cylinder/pin", pin, static=True)
-        friction = rr.Arrows3D.from_fields(origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[self.friction], radii=[0.025])
-        rec.log("rig/cylinder/friction", friction, static=True)
+        pin = Shape("Boxes3D", half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)], centers=[(0.0, 0.5 * _FRONT, -_PIN)])
+        log("rig/cylinder/pin", pin)
+        friction = Shape("Arrows3D", origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[self.friction], radii=[0.025])
+        log("rig/cylinder/friction", friction)
         box("lever/tail", (0.035, 0.5 * _LEG, 0.06), (0.0, -0.5 * _LEG, 0.0))
         box("lever/fixture", (0.5 * _LEG, 0.035, 0.06), (0.5 * _LEG, 0.0, 0.0))
         box("post", (0.05, 0.05, 0.45), (_PIVOT[0], _PIVOT[1], _RADIUS - 0.45))
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        import rerun as rr
-
         zoom, colours = self.scale.motion, coloured(modes)
         phi, theta = zoom * s["angle"], zoom * s["lever_angle"]
         zero, count = np.zeros_like(phi), len(phi)
@@ -103,22 +107,38 @@ class Lever(Picture):
         presses = point(_PIVOT[0] + _LEG * np.cos(theta), _PIVOT[1] + _LEG * np.sin(theta), zero + _RADIUS)
         springs = [zigzag(a, b, flat=flat) for a, b, flat in
                    ((ground, arm, False), (leg, tail, True), (presses, pin, True))]  # fmt: skip
-        strips = [strip for frame in zip(*springs) for strip in frame]
         load = along(1, s["normal_force"] / self.scale.force * 0.25)
         heads = pin + np.array((0.0, -_FRONT, 0.16))
         texts = self._contact_text(modes, s["friction_force"], s["normal_force"])
         return [
-            Columns("rig/disc", t_ns, rr.Transform3D.columns(quaternion=about(1, zoom * ran))),
-            Columns("rig/cylinder", t_ns, rr.Transform3D.columns(
-                quaternion=about(1, -phi), translation=np.broadcast_to((0.0, 0.0, _HEIGHT), (count, 3)))),
-            Columns("rig/lever", t_ns, rr.Transform3D.columns(
-                quaternion=about(2, theta), translation=np.broadcast_to(_PIVOT, (count, 3)))),
-            Columns("rig/cylinder/pin", t_ns, rr.Boxes3D.columns(colors=colours)),
-            Columns("rig/cylinder/friction", t_ns,
-                    rr.Arrows3D.columns(vectors=along(0, s["friction_force"] / self.scale.force * 0.6))),
-            Columns("rig/load", t_ns, rr.Arrows3D.columns(
-                vectors=load, origins=heads - load, colors=[self.normal] * count, radii=[0.02] * count)),
-            Columns("rig/spring", t_ns, rr.LineStrips3D.columns(
-                strips=strips, colors=[SPRING] * len(strips), radii=[0.012] * len(strips)).partition([3] * count)),
+            Columns("rig/disc", t_ns, Shape("Transform3D", quaternion=about(1, zoom * ran))),
+            Columns(
+                "rig/cylinder",
+                t_ns,
+                Shape(
+                    "Transform3D",
+                    quaternion=about(1, -phi),
+                    translation=np.broadcast_to((0.0, 0.0, _HEIGHT), (count, 3)),
+                ),
+            ),
+            Columns(
+                "rig/lever",
+                t_ns,
+                Shape("Transform3D", quaternion=about(2, theta), translation=np.broadcast_to(_PIVOT, (count, 3))),
+            ),
+            Columns("rig/cylinder/pin", t_ns, Shape("Boxes3D", colors=colours)),
+            Columns(
+                "rig/cylinder/friction",
+                t_ns,
+                Shape("Arrows3D", vectors=along(0, s["friction_force"] / self.scale.force * 0.6)),
+            ),
+            Columns(
+                "rig/load",
+                t_ns,
+                Shape(
+                    "Arrows3D", vectors=load, origins=heads - load, colors=[self.normal] * count, radii=[0.02] * count
+                ),
+            ),
+            spring(t_ns, *springs, radius=0.012),
             word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), texts, colours),
-        ]  # fmt: skip
+        ]

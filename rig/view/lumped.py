@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rig.view.belt import ACROSS, GAP, Belt
 from rig.view.pendulum import Pendulum, disc
-from rig.view.shapes import STEEL, Columns, Integers, Reals, about, along, load, spring, zigzag
-
-if TYPE_CHECKING:
-    import rerun as rr
+from rig.view.shapes import STEEL, Columns, Integers, Log, Reals, Shape, about, along, load, spring, zigzag
 
 _PLACE = 0.83  # radius of the slider
 _STAND = np.array((_PLACE, -0.9, 0.3))
@@ -36,29 +33,24 @@ class Slider(Pendulum):
     The rotation of the disc is not magnified: at the magnification of the motion it would be a blur.
     """
 
-    def static(self, rec: rr.RecordingStream) -> None:
+    def static(self, log: Log) -> None:
         """See `Picture.static`."""
-        import rerun as rr
-
-        disc(rec)
-        body = rr.Boxes3D(half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)], fill_mode="solid")
-        rec.log("rig/pendulum/shoe", body, static=True)
-        arrow = rr.Arrows3D.from_fields(origins=[(_PLACE + 0.13, 0, 0.06)], colors=[self.friction], radii=[0.016])
-        rec.log("rig/pendulum/friction", arrow, static=True)
-        post = rr.Boxes3D(half_sizes=[(0.04, 0.04, 0.2)], centers=[_STAND - (0, 0, 0.05)], colors=[STEEL],
-                          fill_mode="solid")  # fmt: skip
-        rec.log("rig/post", post, static=True)
+        disc(log)
+        body = Shape("Boxes3D", half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)])
+        log("rig/pendulum/shoe", body)
+        arrow = Shape("Arrows3D", origins=[(_PLACE + 0.13, 0, 0.06)], colors=[self.friction], radii=[0.016])
+        log("rig/pendulum/friction", arrow)
+        post = Shape("Boxes3D", half_sizes=[(0.04, 0.04, 0.2)], centers=[_STAND - (0, 0, 0.05)], colors=[STEEL])
+        log("rig/post", post)
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        import rerun as rr
-
         zoom = self.scale.motion
         angles, up = zoom * s["displacement"] / _PLACE, zoom * ACROSS * s["height"] + GAP
         place = np.stack((_PLACE * np.cos(angles), _PLACE * np.sin(angles), up), axis=1)
         drawn = {one.path: one for one in super()._frames(t_ns, {**s, "angle": angles}, modes, ran)}
-        turn = rr.Transform3D.columns(quaternion=about(2, angles), translation=along(2, up))
+        turn = Shape("Transform3D", quaternion=about(2, angles), translation=along(2, up))
         side = place + np.array((0.0, -0.08, 0.13))
-        drawn["rig/disc"] = Columns("rig/disc", t_ns, rr.Transform3D.columns(quaternion=about(2, ran)))
+        drawn["rig/disc"] = Columns("rig/disc", t_ns, Shape("Transform3D", quaternion=about(2, ran)))
         drawn["rig/pendulum"] = Columns("rig/pendulum", t_ns, turn)
         drawn["rig/load"] = load(
             t_ns, place + np.array((0.0, 0.0, 0.23)), s["normal_force"] / self.scale.force * 0.25, self.normal

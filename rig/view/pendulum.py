@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +14,9 @@ from rig.view.shapes import (
     STEEL,
     Columns,
     Integers,
+    Log,
     Reals,
+    Shape,
     about,
     along,
     coloured,
@@ -25,25 +26,19 @@ from rig.view.shapes import (
     zigzag,
 )
 
-if TYPE_CHECKING:
-    import rerun as rr
-
 _ARM = 0.8
 _POST = np.array((0.55, -0.75, 0.2))
 
 
-def disc(rec: rr.RecordingStream) -> None:
+def disc(log: Log) -> None:
     """Send a disc of radius one that turns about the z axis, with marks."""
-    import rerun as rr
-
-    rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     rays = np.stack((np.cos(turns), np.sin(turns), np.full(24, 0.02) / 0.99), axis=1)
     spokes = [np.stack((ray * (0.93, 0.93, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays]
     spokes += [np.stack((ray * (0.3, 0.3, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays[::8]]
-    plate = rr.Cylinders3D(lengths=[0.08], radii=[1.0], centers=[(0, 0, -0.025)], colors=[DISC], fill_mode="solid")
-    rec.log("rig/disc", plate, static=True)
-    rec.log("rig/disc/marks", rr.LineStrips3D(spokes, colors=[MARK], radii=[0.006]), static=True)
+    plate = Shape("Cylinders3D", lengths=[0.08], radii=[1.0], centers=[(0, 0, -0.025)], colors=[DISC])
+    log("rig/disc", plate)
+    log("rig/disc/marks", Shape("LineStrips3D", strips=spokes, colors=[MARK], radii=[0.006]))
 
 
 class Pendulum(Picture):
@@ -61,39 +56,38 @@ class Pendulum(Picture):
         self.forces = self._drawn.friction, self._drawn.normal
         super().__init__(scale)
 
-    def static(self, rec: rr.RecordingStream) -> None:
+    def static(self, log: Log) -> None:
         """See `Picture.static`."""
-        import rerun as rr
-
-        log = rec.log
-        disc(rec)
-        shaft = rr.Cylinders3D(lengths=[0.5], radii=[0.07], centers=[(0, 0, 0.25)], colors=[STEEL], fill_mode="solid")
-        log("rig/pendulum/shaft", shaft, static=True)
-        arm = rr.Boxes3D(
-            half_sizes=[(_ARM / 2, 0.035, 0.03)], centers=[(_ARM / 2, 0, 0.2)], colors=[STEEL], fill_mode="solid"
+        disc(log)
+        shaft = Shape("Cylinders3D", lengths=[0.5], radii=[0.07], centers=[(0, 0, 0.25)], colors=[STEEL])
+        log("rig/pendulum/shaft", shaft)
+        arm = Shape(
+            "Boxes3D",
+            half_sizes=[(_ARM / 2, 0.035, 0.03)],
+            centers=[(_ARM / 2, 0, 0.2)],
+            colors=[STEEL],
         )
-        log("rig/pendulum/arm", arm, static=True)
-        shoe = rr.Boxes3D(half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)], fill_mode="solid")
-        log("rig/pendulum/shoe", shoe, static=True)
-        log("rig/pendulum/friction", rr.Arrows3D.from_fields(origins=[(_ARM + 0.1, 0, 0.06)],
-                                                 colors=[self.friction], radii=[0.016]), static=True)  # fmt: skip
-        post = rr.Boxes3D(half_sizes=[(0.04, 0.04, 0.15)], centers=[_POST - (0, 0, 0.05)], colors=[STEEL],
-                          fill_mode="solid")  # fmt: skip
-        log("rig/post", post, static=True)
+        log("rig/pendulum/arm", arm)
+        shoe = Shape("Boxes3D", half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)])
+        log("rig/pendulum/shoe", shoe)
+        log(
+            "rig/pendulum/friction",
+            Shape("Arrows3D", origins=[(_ARM + 0.1, 0, 0.06)], colors=[self.friction], radii=[0.016]),
+        )
+        post = Shape("Boxes3D", half_sizes=[(0.04, 0.04, 0.15)], centers=[_POST - (0, 0, 0.05)], colors=[STEEL])
+        log("rig/post", post)
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        import rerun as rr
-
         zoom, colours = self.scale.motion, coloured(modes)
         angles = zoom * s[self._drawn.angle]
         tips = np.stack((0.55 * np.cos(angles), 0.55 * np.sin(angles), np.full_like(angles, 0.2)), axis=1)
         friction = along(1, s[self._drawn.friction] / self.scale.force * 0.5)
         heads = np.stack((_ARM * np.cos(angles), _ARM * np.sin(angles), np.full_like(angles, 0.24)), axis=1)
         return [
-            Columns("rig/disc", t_ns, rr.Transform3D.columns(quaternion=about(2, zoom * ran))),
-            Columns("rig/pendulum", t_ns, rr.Transform3D.columns(quaternion=about(2, angles))),
-            Columns("rig/pendulum/shoe", t_ns, rr.Boxes3D.columns(colors=colours)),
-            Columns("rig/pendulum/friction", t_ns, rr.Arrows3D.columns(vectors=friction)),
+            Columns("rig/disc", t_ns, Shape("Transform3D", quaternion=about(2, zoom * ran))),
+            Columns("rig/pendulum", t_ns, Shape("Transform3D", quaternion=about(2, angles))),
+            Columns("rig/pendulum/shoe", t_ns, Shape("Boxes3D", colors=colours)),
+            Columns("rig/pendulum/friction", t_ns, Shape("Arrows3D", vectors=friction)),
             load(t_ns, heads, s[self._drawn.normal] / self.scale.force * 0.25, self.normal),
             spring(t_ns, zigzag(np.broadcast_to(_POST, tips.shape), tips, flat=True)),
             word(

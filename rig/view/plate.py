@@ -20,11 +20,9 @@ from rig.record.film_points import Points, largest_load
 from rig.scenes.scene import Scene
 from rig.view import pressure_colours
 from rig.view.base import Picture, Scale, round_down
-from rig.view.shapes import DISC, STEEL, Columns, Integers, Reals, along, load, word
+from rig.view.shapes import DISC, STEEL, Columns, Integers, Log, Reals, Shape, along, load, word
 
 if TYPE_CHECKING:
-    import rerun as rr
-
     from rig.model.assembly import Assembly
 
 _LENGTH = 0.05  # m
@@ -75,32 +73,33 @@ class Plate(Picture):
         """Position of the plate's rear edge in the picture [lengths]."""
         return -0.5 * float(self._plate.length) / _LENGTH
 
-    def static(self, rec: rr.RecordingStream) -> None:
+    def static(self, log: Log) -> None:
         """See `Picture.static`."""
-        import rerun as rr
 
         def box(path: str, size: tuple[float, float, float], top: float, colour: tuple[int, int, int]) -> None:
             half = tuple(0.5 * one / _LENGTH for one in size)
-            drawn = rr.Boxes3D(half_sizes=[half], centers=[(0, 0, top - half[2])], colors=[colour], fill_mode="solid")
-            rec.log(f"rig/{path}", drawn, static=True)
+            drawn = Shape("Boxes3D", half_sizes=[half], centers=[(0, 0, top - half[2])], colors=[colour])
+            log(f"rig/{path}", drawn)
 
         plate, slider = self._plate, self._slider
-        rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         box("plate", (plate.length, plate.width, plate.thickness), 0.0, DISC)
         box("foam", (plate.length, plate.width, self._foam.thickness), -plate.thickness / _LENGTH, _FOAM)
         half = (0.5 * slider.length / _LENGTH, 0.5 * slider.width / _LENGTH, 0.5 * slider.thickness / _LENGTH)
-        block = rr.Boxes3D(half_sizes=[half], centers=[(0, 0, -half[2])], colors=[STEEL],
-                           fill_mode="transparentfillmajorwireframe" if self._cells else "solid")  # fmt: skip
-        rec.log("rig/slider/body", block, static=True)
-        rec.log("rig/friction", rr.Arrows3D.from_fields(colors=[self.friction], radii=[0.016]), static=True)
-        ball = rr.Points3D([(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035])
-        rec.log("rig/probe", ball, static=True)
+        block = Shape(
+            "Boxes3D",
+            half_sizes=[half],
+            centers=[(0, 0, -half[2])],
+            colors=[STEEL],
+            fill_mode="transparentfillmajorwireframe" if self._cells else "solid",
+        )
+        log("rig/slider/body", block)
+        log("rig/friction", Shape("Arrows3D", colors=[self.friction], radii=[0.016]))
+        ball = Shape("Points3D", positions=[(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035])
+        log("rig/probe", ball)
         if self._cells is not None:
-            self._cells.static(rec)
+            self._cells.static(log)
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        import rerun as rr
-
         lengths = self.scale.motion / _LENGTH
         middle = self._rear + (s["position"] + 0.5 * self._slider.length) / _LENGTH
         top = self._lifted + self._slider.thickness / _LENGTH
@@ -110,13 +109,14 @@ class Plate(Picture):
             (zero + self._rear + self._probe.x / _LENGTH, zero + self._probe.y / _LENGTH,
              lengths * s["plate_displacement"]), axis=1,
         )  # fmt: skip
-        pull = rr.Arrows3D.columns(
+        pull = Shape(
+            "Arrows3D",
             vectors=along(0, s["friction_force"] / self.scale.force * 0.8),
             origins=np.stack((middle, zero - 0.6 * self._slider.width / _LENGTH, zero + 0.03), axis=1),
         )
         drawn = [
-            Columns("rig/slider", t_ns, rr.Transform3D.columns(translation=moved, quaternion=self._turned(s))),
-            Columns("rig/probe", t_ns, rr.Transform3D.columns(translation=probe)),
+            Columns("rig/slider", t_ns, Shape("Transform3D", translation=moved, quaternion=self._turned(s))),
+            Columns("rig/probe", t_ns, Shape("Transform3D", translation=probe)),
             Columns("rig/friction", t_ns, pull),
             load(t_ns, moved, s["normal_force"] / self.scale.force * 0.25, self.normal),
             word(t_ns, (0.0, 0.0, 1.1), self._text(s), [_GREY] * len(t_ns)),
@@ -148,45 +148,47 @@ class Cells:
         self._points = points
         self._unit = 2.0 / points.length  # in the map the slider is two lengths long
 
-    def static(self, rec: rr.RecordingStream) -> None:
+    def static(self, log: Log) -> None:
         """Send areas, lines between them, and the colour scale with its labels."""
-        import rerun as rr
-
         for path, unit in (("rig/film", 1.0 / _LENGTH), ("film/map", self._unit)):
             corners, triangles = self._shapes(unit)
-            rec.log(path, rr.Mesh3D(vertex_positions=corners, triangle_indices=triangles), static=True)
+            log(path, Shape("Mesh3D", vertex_positions=corners, triangle_indices=triangles))
         half = 0.5 * self._unit * np.array((self._points.length, self._points.width))
         grid = [np.array([(x, -half[1], 0.004), (x, half[1], 0.004)]) for x in self._edges(0)]
         grid += [np.array([(-half[0], y, 0.004), (half[0], y, 0.004)]) for y in self._edges(1)]
-        rec.log("film/grid", rr.LineStrips3D(grid, colors=[(60, 64, 72)], radii=[0.004]), static=True)
-        self._legend(rec, -half[1] - 0.22)
-        words = rr.Points3D(
-            [(-half[0] + 0.1, half[1] + 0.12, 0.0), (half[0] - 0.3, half[1] + 0.12, 0.0)],
-            labels=["rear", "front (travels this way)"], colors=[_GREY] * 2, radii=[0.001] * 2, show_labels=True,
-        )  # fmt: skip
-        rec.log("film/sides", words, static=True)
+        log("film/grid", Shape("LineStrips3D", strips=grid, colors=[(60, 64, 72)], radii=[0.004]))
+        self._legend(log, -half[1] - 0.22)
+        words = Shape(
+            "Points3D",
+            positions=[(-half[0] + 0.1, half[1] + 0.12, 0.0), (half[0] - 0.3, half[1] + 0.12, 0.0)],
+            labels=["rear", "front (travels this way)"],
+            colors=[_GREY] * 2,
+            radii=[0.001] * 2,
+            show_labels=True,
+        )
+        log("film/sides", words)
 
     def frames(self, t_ns: Integers, s: Mapping[str, Reals], middle: Reals) -> list[Columns]:
         """Pressures as colours, and the pressure centre; `middle`: position of the slider in the picture [lengths]."""
-        import rerun as rr
-
         cells = pressure_colours.colours(self._points.maps(s), self._points.scale).reshape(len(t_ns), -1, 3)
         corners = np.repeat(cells, 4, axis=1)
-        count = corners.shape[1]
 
-        def coloured() -> rr.ComponentColumnList:
-            return rr.Mesh3D.columns(vertex_colors=corners.reshape(-1, 3)).partition([count] * len(t_ns))
+        def coloured() -> Shape:
+            return Shape("Mesh3D", vertex_colors=corners.reshape(-1, 3))
 
         centre = np.stack((s["pressure_centre_x"], s["pressure_centre_y"]), axis=1) * self._unit
         marks = np.concatenate((centre, np.full((len(t_ns), 1), 0.03)), axis=1)
         place = np.stack((middle, np.zeros_like(middle), np.full_like(middle, 0.01)), axis=1)
         return [
             Columns("rig/film", t_ns, coloured()),
-            Columns("rig/film", t_ns, rr.Transform3D.columns(translation=place)),
+            Columns("rig/film", t_ns, Shape("Transform3D", translation=place)),
             Columns("film/map", t_ns, coloured()),
-            Columns("film/centre", t_ns, rr.Points3D.columns(
-                positions=marks, colors=[_CENTRE] * len(t_ns), radii=[0.035] * len(t_ns))),
-        ]  # fmt: skip
+            Columns(
+                "film/centre",
+                t_ns,
+                Shape("Points3D", positions=marks, colors=[_CENTRE] * len(t_ns), radii=[0.035] * len(t_ns)),
+            ),
+        ]
 
     def _edges(self, axis: int) -> Reals:
         """Borders of the areas along an axis of the map [lengths]."""
@@ -201,23 +203,25 @@ class Cells:
         first = 4 * np.arange(len(places))[:, None, None]
         return np.array(corners), (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
 
-    def _legend(self, rec: rr.RecordingStream, y: float) -> None:
+    def _legend(self, log: Log, y: float) -> None:
         """Send the colour scale at height `y`, and beside it the meaning of white."""
-        import rerun as rr
-
         count, low, high = 64, -1.0, 0.4
         x = np.linspace(low, high, count + 1)
         bars = [(x[i + a], y + b, 0.0) for i in range(count) for a, b in ((0, 0), (1, 0), (1, 0.09), (0, 0.09))]
         bars += [(0.9 + a, y + b, 0.0) for a, b in ((0, 0), (0.1, 0), (0.1, 0.09), (0, 0.09))]
         shades = pressure_colours.colours(np.append((np.arange(count) + 0.5) / count, 0.0), 1.0)
         first = 4 * np.arange(count + 1)[:, None, None]
-        mesh = rr.Mesh3D(
-            vertex_positions=bars, vertex_colors=np.repeat(shades, 4, axis=0),
+        mesh = Shape(
+            "Mesh3D",
+            vertex_positions=bars,
+            vertex_colors=np.repeat(shades, 4, axis=0),
             triangle_indices=(first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
-        )  # fmt: skip
-        rec.log("film/scale", mesh, static=True)
+        )
+        log("film/scale", mesh)
         top = 1e-6 * self._points.scale
         labels = ["0", f"{top / 2:g}", f"{top:g} MPa and more", "open"]
         places = [(low, y - 0.1, 0.0), (0.5 * (low + high), y - 0.1, 0.0), (high, y - 0.1, 0.0), (0.95, y - 0.1, 0.0)]
-        marks = rr.Points3D(places, labels=labels, colors=[_GREY] * 4, radii=[0.001] * 4, show_labels=True)
-        rec.log("film/scale/words", marks, static=True)
+        marks = Shape(
+            "Points3D", positions=places, labels=labels, colors=[_GREY] * 4, radii=[0.001] * 4, show_labels=True
+        )
+        log("film/scale/words", marks)

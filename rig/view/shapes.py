@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,8 +23,23 @@ LYING = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """Quaternion that turns a cylinder to the y axis."""
 
 
+class Shape:
+    """A solid, a line, an arrow or a motion in plain data, so that rerun and the page of `rig web` can draw it.
+
+    `kind` and the names in `fields` are those of rerun's archetypes: `Boxes3D`, `Cylinders3D`, `LineStrips3D`,
+    `Arrows3D`, `Points3D`, `Mesh3D`, `Transform3D`. Of a shape that moves, each field has its rows frame by frame.
+    """
+
+    def __init__(self, kind: str, **fields: Any) -> None:
+        self.kind, self.fields = kind, fields
+
+
+Log = Callable[[str, Shape], object]
+"""Takes a shape that never changes, with the path of its entity."""
+
+
 class Columns(NamedTuple):
-    """Rows of one entity: its path, the times [ns] and rerun's component columns."""
+    """Rows of one entity: its path, the times [ns], and a shape, or component columns of rerun."""
 
     path: str
     t_ns: Integers
@@ -60,33 +76,30 @@ def zigzag(begin: Reals, end: Reals, flat: bool) -> Reals:
     return points
 
 
-def load(t_ns: Integers, heads: Reals, lengths: Reals, colour: Colour) -> Columns:
+def load(t_ns: Integers, heads: Reals, lengths: Reals, colour: Colour, radius: float = 0.016) -> Columns:
     """Arrows of the normal force, which end at the points `heads`."""
-    import rerun as rr
-
     down = along(2, -np.maximum(lengths, 0.0))
     count = len(heads)
-    return Columns(
-        "rig/load", t_ns,
-        rr.Arrows3D.columns(vectors=down, origins=heads - down, colors=[colour] * count, radii=[0.016] * count),
-    )  # fmt: skip
+    arrows = Shape("Arrows3D", vectors=down, origins=heads - down, colors=[colour] * count, radii=[radius] * count)
+    return Columns("rig/load", t_ns, arrows)
 
 
-def spring(t_ns: Integers, strips: Reals, radius: float = 0.009) -> Columns:
-    """A spring, given by its points [frame, point, xyz]."""
-    import rerun as rr
-
-    count = len(strips)
-    columns = rr.LineStrips3D.columns(strips=list(strips), colors=[SPRING] * count, radii=[radius] * count)
-    return Columns("rig/spring", t_ns, columns)
+def spring(t_ns: Integers, *springs: Reals, radius: float = 0.009) -> Columns:
+    """Springs, each given by its points [frame, point, xyz]."""
+    strips = [strip for frame in zip(*springs) for strip in frame]
+    lines = Shape("LineStrips3D", strips=strips, colors=[SPRING] * len(strips), radii=[radius] * len(strips))
+    return Columns("rig/spring", t_ns, lines)
 
 
 def word(t_ns: Integers, place: tuple[float, float, float], texts: list[str], colours: Any) -> Columns:
     """Text at a position, one for each frame."""
-    import rerun as rr
-
     count = len(texts)
-    columns = rr.Points3D.columns(
-        positions=[place] * count, labels=texts, colors=colours, radii=[0.001] * count, show_labels=[True] * count
+    points = Shape(
+        "Points3D",
+        positions=[place] * count,
+        labels=texts,
+        colors=colours,
+        radii=[0.001] * count,
+        show_labels=[True] * count,
     )
-    return Columns("rig/word", t_ns, columns)
+    return Columns("rig/word", t_ns, points)

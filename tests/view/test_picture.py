@@ -29,9 +29,8 @@ def drawn(scene):
 
 def moving(columns, path, component):
     """Values that a frame list gives an entity."""
-    found = next(c for c in columns if c.path == path)
-    column = next(c for c in found.columns if c.component_descriptor().component.endswith(component))
-    return np.array(column.as_arrow_array().to_pylist(), float).reshape(len(found.t_ns), -1)
+    found = next(c for c in columns if c.path == path and component in c.columns.fields)
+    return np.array(found.columns.fields[component], float).reshape(len(found.t_ns), -1)
 
 
 def test_in_stick_arm_and_disc_turn_as_one():
@@ -167,7 +166,7 @@ def test_the_brake_is_drawn_under_a_stroboscope():
     turned = 2.0 * moving(columns, "rig/free_carrier", "quaternion")[:, 1]
     assert 0.01 < np.abs(turned).max() < 0.5
     colours = [moving(columns, f"rig/inner_pad/inner_{side}", "colors") for side in ("left", "right")]
-    assert [tuple(np.unique(one)) for one in colours] == [(_packed("#e08b3c"),), (_packed("#9a9a9a"),)]
+    assert [np.unique(one, axis=0).tolist() for one in colours] == [[[*contact.rgb(c)]] for c in ("#e08b3c", "#9a9a9a")]
 
 
 def test_a_disc_of_a_brake_is_drawn_as_its_contacts_feel_it():
@@ -182,11 +181,6 @@ def test_a_disc_of_a_brake_is_drawn_as_its_contacts_feel_it():
     bent = drawn(scene).motion
     assert bent.omega / (2.0 * math.pi) == pytest.approx(rig.modes(scene).sliding.modes[0].frequency, rel=1e-9)
     assert abs(bent.shape["disc"][2]) > abs(bent.shape["inner_pad"][2])
-
-
-def _packed(colour):
-    """Four bytes of rerun: red, green, blue, opaque."""
-    return int(colour[1:] + "ff", 16)
 
 
 @pytest.mark.parametrize(
