@@ -1,4 +1,4 @@
-"""Contact modes as words and colours: the contact mode of the first friction patch of a rig.
+"""Contact modes as words and colours: the contact mode of the first friction patch of a rig, or of all its contacts.
 
 open    every normal force of the patch has lifted off
 stick   no slip                slip+   w > 0, the surface is faster         slip-   w < 0
@@ -6,6 +6,7 @@ stick   no slip                slip+   w > 0, the surface is faster         slip
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,8 @@ NAMES = ("stick", "slip+", "slip-", "open")
 COLOURS = ("#3b6fb6", "#e08b3c", "#b4508a", "#9a9a9a")
 _OF_PATCH = {STICK: 0, SLIP_PLUS: 1, SLIP_MINUS: 2}
 _LIFTED = 3
+_MOST_KNOWN = 1 << 16
+"""Mode sets that are kept: a plate on many points may visit millions."""
 
 
 def read(scene: str) -> tuple[Scene, Assembly] | None:
@@ -54,6 +57,8 @@ class Modes:
     def index(self, key: int) -> int:
         """Index in `NAMES` of mode set `key`."""
         if key not in self._known:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
             self._known[key] = self._look_up(key)
         return self._known[key]
 
@@ -69,6 +74,53 @@ class Modes:
         patches, normals, *_ = system.modes(key)
         loads = [mode for normal, mode in zip(system.normals, normals) if normal.patch == 0]
         return _LIFTED if loads and all(mode == OPEN for mode in loads) else _OF_PATCH[patches[0]]
+
+
+class Contacts:
+    """The contact mode of every contact of a rig over mode sets: of each patch or, where several normal forces of a
+    patch may open, of each of these.
+
+    `names` is empty for a rig without friction, and for a film of points, whose mode sets do not tell which are open.
+    """
+
+    def __init__(self, system: System | None) -> None:
+        self._system = system
+        self._lanes = [] if system is None or system.film is not None else list(_lanes(system))
+        self.names = [name for name, _, _ in self._lanes]
+        self._known: dict[int, list[int]] = {}
+
+    def indices(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Indices in `NAMES` [contact, row] of an array of mode sets."""
+        unique, inverse = np.unique(keys, return_inverse=True)
+        return np.array([self._index(int(key)) for key in unique], np.int64).reshape(len(unique), -1)[inverse.ravel()].T
+
+    def _index(self, key: int) -> list[int]:
+        if key not in self._known:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = self._look_up(key)
+        return self._known[key]
+
+    def _look_up(self, key: int) -> list[int]:
+        system = self._system
+        if system is None or not 0 <= key < system.keys:
+            return [_LIFTED] * len(self._lanes)
+        patches, normals, *_ = system.modes(key)
+        return [
+            _LIFTED if members and all(normals[k] == OPEN for k in members) else _OF_PATCH[patches[patch]]
+            for _, patch, members in self._lanes
+        ]
+
+
+def _lanes(system: System) -> Iterator[tuple[str, int, list[int]]]:
+    """Name, patch and normal forces of each contact."""
+    for p, patch in enumerate(system.patches):
+        members = [k for k, normal in enumerate(system.normals) if normal.patch == p]
+        opening = [k for k in members if system.normals[k].opens]
+        if len(opening) > 1:
+            yield from ((system.normals[k].name, p, [k]) for k in opening)
+        else:
+            yield patch.name, p, members
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

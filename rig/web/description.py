@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rig.bus.run_setup import Setup
@@ -11,14 +12,19 @@ from rig.scenes.sections import controller_drives
 from rig.view import contact
 from rig.view.channels import Channels
 from rig.web.form import protocol
-from rig.web.picture import picture_of
+from rig.web.picture import MovingPicture
 from rig.web.sound import audible
 
 
-def description(setup: Setup, scene: Scene, assembly: Assembly) -> dict[str, Any]:
+def description(
+    setup: Setup,
+    scene: Scene,
+    assembly: Assembly,
+    channels: Channels,
+    contacts: Sequence[str],
+    picture: MovingPicture | None,
+) -> dict[str, Any]:
     """Everything that a page needs in order to read the frames of a run (`rig.web.frames`)."""
-    sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
-    channels = Channels((scene, assembly), setup.outputs, sensors)
     return {
         "run": setup.run,
         "scene": scene.name,
@@ -45,6 +51,7 @@ def description(setup: Setup, scene: Scene, assembly: Assembly) -> dict[str, Any
         ],
         "portrait": list(channels.portrait) if channels.portrait else None,
         "modes": [{"name": name, "colour": colour} for name, colour in zip(contact.NAMES, contact.COLOURS)],
+        "contacts": list(contacts),
         "controllers": {
             name: {"drives": list(controller_drives(one)), "in_plant": name in scene.in_plant}
             for name, one in scene.controllers.items()
@@ -52,5 +59,5 @@ def description(setup: Setup, scene: Scene, assembly: Assembly) -> dict[str, Any
         "protocol": protocol(scene, assembly),
         "limits": scene.limits,
         "sound": audible(setup),
-        "picture": picture_of(scene, assembly, assembly.system()),
+        "picture": picture.still if picture is not None else None,
     }

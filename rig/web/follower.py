@@ -18,11 +18,13 @@ from rig.parts import trust_scene
 from rig.plants.structures import model_store
 from rig.scenes.scene import Scene
 from rig.scheduling import stand_back
-from rig.view.contact import Modes
+from rig.view.channels import Channels
+from rig.view.contact import Contacts
 from rig.view.process import TOPICS
 from rig.web.description import description
 from rig.web.frames import Frames
 from rig.web.live_values import LiveValues
+from rig.web.picture import MovingPicture
 
 PERIOD_S = 0.045
 """Time between two frames: a little over 20 per second, because waits end late."""
@@ -114,8 +116,12 @@ class Follower:
                     trust_scene(setup.scene)
                 scene = Scene.from_json(setup.scene)
                 assembly = scene.assemble()
-                frames = Frames(setup, Modes(assembly.system()), scene.clock)
-                self._news("setup", description(setup, scene, assembly))
+                system = assembly.system()
+                sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
+                channels = Channels((scene, assembly), setup.outputs, sensors)
+                picture = MovingPicture.of(scene, assembly, system, channels.colours)
+                frames = Frames(setup, system, scene.clock, picture)
+                self._news("setup", description(setup, scene, assembly, channels, Contacts(system).names, picture))
                 values = LiveValues(operator, scene, assembly.inputs)
                 session.announce()
                 self._operator = operator

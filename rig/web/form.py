@@ -9,12 +9,14 @@ from typing import Any, Literal, Union, get_args, get_origin
 from rig.bench.build_findings import findings
 from rig.bench.protocol import Protocol
 from rig.bench.slider_edge import meets_edge
+from rig.model.assembly import Assembly
 from rig.quantities import Range
 from rig.scenes.explain import Value, explain
 from rig.scenes.protocol import Mark, Repeat
 from rig.scenes.scene import Scene
 from rig.scenes.sections import controller_drives, field_of, known, range_of
-from rig.web.picture import picture_of
+from rig.view.channels import Channels
+from rig.web.picture import MovingPicture
 
 WIDE = 20.0
 """A range that reaches beyond this multiple of the present value is not the range of a slider. # chosen"""
@@ -43,8 +45,16 @@ def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
         ],
         "protocol": protocol(scene, assembly),
         "sections": sections(scene, assembly, taken_apart.values),
-        "picture": picture_of(scene, assembly, assembly.system()),
+        "picture": picture(scene, assembly),
     }
+
+
+def picture(scene: Scene, assembly: Assembly) -> dict[str, Any] | None:
+    """The picture of the rig before a run, with its frame in `at`; None for a plant without a picture."""
+    system = assembly.system()
+    channels = Channels((scene, assembly), {name: one.unit for name, one in assembly.outputs.items()}, {})
+    found = MovingPicture.of(scene, assembly, system, channels.colours)
+    return None if found is None else {**found.still, "at": found.at_rest(assembly, system)}
 
 
 def warnings(scene: Scene, duration: float | None) -> list[str]:

@@ -4,8 +4,10 @@ A frame has the entries that there is news of:
 
     n         its number; a gap tells the page that it was too slow
     t         newest simulated time [s]
-    rows      {"t": [s], "v": [[value] for each output], "mode": [index of the contact mode]}
+    rows      {"t": [s], "v": [[value] for each output], "mode": [index of the contact mode],
+              "contacts": [[index of its mode] for each contact]}
     meas      {sensor: {"t": [s], "v": [value]}}
+    picture   what has moved in the picture (rig.web.picture)
     commands  {controller: [value of each drive]}: the latest in force
     health    the latest Health message, and `verdict`: the timing verdict so far
     events    [{"t", "source", "kind", "text", "data"}]
@@ -28,9 +30,11 @@ from numpy.typing import NDArray
 from rig.bus import messages
 from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
+from rig.model.system import System
 from rig.scenes.clock import Clock
-from rig.view.contact import Modes
+from rig.view.contact import Contacts, Modes
 from rig.view.feed import outline
+from rig.web.picture import MovingPicture
 
 ROWS, SAMPLES, EVENTS = 25, 50, 40
 """Most rows of outputs, samples of a sensor and events of one frame; events beyond are in the list of the run."""
@@ -40,8 +44,11 @@ _KEPT = 4096
 class Frames:
     """Collects messages; `take` returns the frame of what has come since the last call."""
 
-    def __init__(self, setup: Setup, modes: Modes, clock: Clock | None) -> None:
-        self._setup, self._modes, self._clock = setup, modes, clock
+    def __init__(
+        self, setup: Setup, system: System | None, clock: Clock | None, picture: MovingPicture | None = None
+    ) -> None:
+        self._setup, self._clock, self._picture = setup, clock, picture
+        self._modes, self._contacts = Modes(system), Contacts(system)
         self._fields = [messages.field_name(name) for name in setup.outputs]
         self._states: deque[Any] = deque(maxlen=_KEPT)
         self._blocks: dict[str, deque[Any]] = {}
@@ -80,6 +87,8 @@ class Frames:
         self._number += 1
         found: dict[str, Any] = {"n": self._number, "t": self._t_ns * 1e-9, "lost": lost}
         if self._states:
+            if self._picture is not None:
+                found["picture"] = self._moved(self._picture)
             found["rows"] = self._rows()
         if self._blocks:
             found["meas"] = {name: self._samples(blocks) for name, blocks in self._blocks.items()}
@@ -95,6 +104,15 @@ class Frames:
             self._events = []
         return self._number, json.dumps(_finite(found))
 
+    def _moved(self, picture: MovingPicture) -> dict[str, Any]:
+        t_ns = np.array([state.t_ns for state in self._states], np.int64)
+        modes = self._modes.indices(np.array([state.mode for state in self._states], np.int64))
+        signals = {
+            name: np.array([getattr(state, field) for state in self._states])
+            for name, field in zip(self._setup.outputs, self._fields)
+        }
+        return picture.frame(t_ns, signals, modes)
+
     def _rows(self) -> dict[str, Any]:
         states = list(self._states)
         self._states.clear()
@@ -104,6 +122,7 @@ class Frames:
             "t": [state.t_ns * 1e-9 for state in states],
             "v": [_plain([getattr(state, field) for state in states]) for field in self._fields],
             "mode": self._modes.indices(keys).tolist(),
+            "contacts": self._contacts.indices(keys).tolist(),
         }
 
     def _samples(self, blocks: Sequence[Any]) -> dict[str, Any]:

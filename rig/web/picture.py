@@ -1,27 +1,91 @@
-"""The moving picture of a rig in plain data; the page draws it from the outputs of the rig."""
+"""The moving picture of a rig in plain data: the shapes that `rig view` draws, computed here and drawn by the page.
+
+    still   {"eye", "target": [x, y, z], "shapes": [[path, kind, fields]]}, once (rig.view.shapes.Shape)
+    frame   {path: fields}: what has moved. Of a path without motion there is no entry.
+
+Paths form a tree: a body moves with those above it (`rig/mass/body` with `rig/mass`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Mapping
 from typing import Any
 
-from rig import picture
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.model.assembly import Assembly
 from rig.model.system import System
-from rig.scenes.rooms import plant_of
 from rig.scenes.scene import Scene
-from rig.view.base import scale_of
+from rig.view.base import Picture
+from rig.view.picture import picture_of
+from rig.view.shapes import Columns
+
+_ROOT = "rig"
+"""Entities of the picture; the plate has others, of a second view."""
 
 
-def picture_of(scene: Scene, assembly: Assembly, system: System) -> dict[str, Any] | None:
-    """The first declared picture whose outputs the rig has; None if there is none.
+class MovingPicture:
+    """The picture of a rig, `colours` (output -> "#rrggbb") of whose arrows are those of the plots."""
 
-    `kind` is "on_belt", "on_disc" or "own", the other entries are the fields of the declaration (`rig.picture`).
-    Motions are magnified `motion` times; `force` [N] is a typical friction force.
-    """
-    declared: tuple[picture.Picture, ...] = getattr(plant_of(scene.parameters), "PICTURES", ())
-    found = next((one for one in declared if assembly.outputs.keys() >= set(one.outputs)), None)
-    if found is None:
-        return None
-    kind = {picture.OnBelt: "on_belt", picture.OnDisc: "on_disc"}.get(type(found), "own")
-    return {"kind": kind, **asdict(found), "outputs": list(found.outputs), **scale_of(system)._asdict()}
+    def __init__(self, picture: Picture, colours: Mapping[str, str]) -> None:
+        picture.paint(colours)
+        self._picture = picture
+
+    @classmethod
+    def of(cls, scene: Scene, assembly: Assembly, system: System, colours: Mapping[str, str]) -> MovingPicture | None:
+        """The picture that the plant of a scene declares; None if it declares none that this rig can move."""
+        found = picture_of(scene, assembly, system)
+        return cls(found, colours) if found is not None else None
+
+    @property
+    def still(self) -> dict[str, Any]:
+        """Camera and everything that never changes."""
+        shapes: list[Any] = []
+        self._picture.static(lambda path, shape: shapes.append([path, shape.kind, _plain(shape.fields)]))
+        shapes = [one for one in shapes if _drawn(one[0])]
+        return {"eye": list(self._picture.eye), "target": list(self._picture.target), "shapes": shapes}
+
+    def frame(
+        self, t_ns: NDArray[np.int64], signals: Mapping[str, NDArray[np.float64]], modes: NDArray[np.int64]
+    ) -> dict[str, Any]:
+        """What has moved at the last row of `signals`; the surface has moved on over all rows."""
+        found: dict[str, Any] = {}
+        for one in self._picture.frames(t_ns, signals, modes, np.array([len(t_ns) - 1])):
+            if _drawn(one.path):
+                found.setdefault(one.path, {}).update(_last(one))
+        return found
+
+    def at_rest(self, assembly: Assembly, system: System) -> dict[str, Any]:
+        """The frame at the start of a run: its state, no friction, the surface where it is."""
+        known = dict(zip(system.names, system.start)) | {"one": 1.0}
+        known |= {f"N:{normal.name}": float(normal.row @ system.start) for normal in system.normals}
+        values = {
+            name: np.array([sum(factor * known.get(part, 0.0) for part, factor in output.row.items())])
+            for name, output in assembly.outputs.items()
+        }
+        return self.frame(np.zeros(1, np.int64), values, np.zeros(1, np.int64))
+
+
+def _drawn(path: str) -> bool:
+    return path.partition("/")[0] == _ROOT
+
+
+def _last(rows: Columns) -> dict[str, Any]:
+    """The fields of the last frame; a transform has one value for each, other shapes a list."""
+    shape, count = rows.columns, len(rows.t_ns)
+    last = {name: values[-(len(values) // count) :] for name, values in shape.fields.items()}
+    return _plain({name: values[0] for name, values in last.items()} if shape.kind == "Transform3D" else last)
+
+
+def _plain(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields as lists, numbers with four decimals: a thousandth of a pixel."""
+    return {name: _rounded(values) for name, values in fields.items()}
+
+
+def _rounded(values: Any) -> Any:
+    if isinstance(values, np.ndarray):
+        return np.round(values.astype(np.float64), 4).tolist() if values.dtype.kind == "f" else values.tolist()
+    if isinstance(values, list | tuple):
+        return [_rounded(one) for one in values]
+    return round(float(values), 4) if isinstance(values, float) else values

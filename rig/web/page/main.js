@@ -4,7 +4,8 @@
 //   state()   the state of the run, the connection or the values changed      setup()   a run has been described
 //   draw()    new frames have come; called once for an animation frame, and only while the pane is on the screen
 // `bench` has `store` (store.js: what is known of the run), `command(body)` and `set(key, value)`, which act on the run that
-// this page shows and throw Errors with the server's text, and `tell(text)`, which shows a text in the head.
+// this page shows and throw Errors with the server's text, `tell(text)`, which
+// shows a text in the head, `redraw()`, and what the pane of the scene adds: `chosen()` and `choose(scene)`.
 
 import { get, post } from "/page/api.js";
 import { connect } from "/page/socket.js";
@@ -31,6 +32,7 @@ const store = new Store();
 const bench = {
   store,
   tell: (text) => top.tell(text),
+  redraw: () => redraw(),
   command: (body) => post("/api/run/command", { ...body, run: store.setup?.run ?? "" }),
   set: (key, value) => post("/api/run/set", { key, value, run: store.setup?.run ?? "" }),
 };

@@ -2,6 +2,16 @@
 
 import { number } from "/page/dom.js";
 
+let inks = null;
+matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => { inks = null; });
+
+/** The colours of the page's scheme, for canvases: text, faint, line. */
+export function ink() {
+  const style = getComputedStyle(document.documentElement);
+  inks ??= Object.fromEntries(["text", "faint", "line"].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  return inks;
+}
+
 /** Set the size of a canvas to its place on the page; returns its context, width and height in CSS pixels. */
 export function sized(canvas, height) {
   const width = canvas.clientWidth || 300;
@@ -49,8 +59,8 @@ export function lines(canvas, height, drawn, t0, t1, range) {
   const x = (t) => left + ((t - t0) / (t1 - t0)) * (width - left - right);
   const y = (v) => top + ((high - v) / (high - low)) * (height - top - bottom);
   pen.font = "11px system-ui, sans-serif";
-  pen.fillStyle = "#98a2b0";
-  pen.strokeStyle = "#2a303a";
+  pen.fillStyle = ink().faint;
+  pen.strokeStyle = ink().line;
   pen.lineWidth = 1;
   pen.textAlign = "right";
   pen.textBaseline = "middle";

@@ -1,5 +1,7 @@
 // What the page knows of the present run. Panes read it; `take` and the other methods are called for each message.
 
+import { Solids } from "/page/solids.js";
+
 const SPAN = 10; // [s] of simulated time that curves keep
 const MOST_EVENTS = 300;
 
@@ -32,6 +34,7 @@ export class Store {
     this.t = 0;
     this.outputs = {}; // name -> Curve
     this.modes = new Curve();
+    this.contacts = (setup?.contacts ?? []).map(() => new Curve()); // indices of contact modes
     this.sensors = {}; // name -> Curve, in the unit of the sensor
     this.health = null;
     this.commands = {};
@@ -40,6 +43,7 @@ export class Store {
     this.lost = 0; // messages that the server missed
     this.dropped = 0; // frames that this page missed
     this.number = 0;
+    this.picture = setup?.picture ? new Solids(setup.picture) : null;
     for (const { name } of setup?.outputs ?? []) this.outputs[name] = new Curve();
     for (const name of Object.keys(setup?.sensors ?? {})) this.sensors[name] = new Curve();
   }
@@ -50,9 +54,11 @@ export class Store {
     this.number = frame.n;
     this.t = frame.t;
     this.lost = frame.lost;
+    if (frame.picture) this.picture?.move(frame.picture);
     if (frame.rows) {
       this.setup.outputs.forEach(({ name }, i) => this.outputs[name].push(frame.rows.t, frame.rows.v[i]));
       this.modes.push(frame.rows.t, frame.rows.mode);
+      this.contacts.forEach((curve, i) => curve.push(frame.rows.t, frame.rows.contacts[i]));
     }
     for (const [name, { t, v }] of Object.entries(frame.meas ?? {})) this.sensors[name]?.push(t, v);
     Object.assign(this.commands, frame.commands ?? {});

@@ -11,13 +11,15 @@ export function create(bench) {
   let asked = 0;
 
   const list = h("select", { id: "scene", "aria-label": "scene", onchange: () => { clear(); show(); } });
-  const title = h("strong", { id: "title" }), about = h("p", { class: "small pre" }), warnings = h("div", { class: "warn small pre" });
+  const title = h("strong", { id: "title" }), about = h("p", { class: "small pre", id: "about" }), warnings = h("div", { class: "warn small pre" });
   const effects = h("table"), steps = h("ol", { class: "small scroll" }), sections = h("div", { class: "values" });
   const fault = h("div", { class: "fault", id: "form-fault", role: "alert" });
-  const outcome = h("div", { class: "small pre", id: "outcome" });
+  const said = h("div", { class: "small pre" }), summary = h("pre", { class: "small scroll faint" });
+  const whole = h("details", { hidden: true }, h("summary", { class: "small" }, "Whole summary"), summary);
+  const outcome = h("div", { id: "outcome", role: "status" }, said, whole);
   const lines = h("div", { class: "small pre scroll faint", id: "lines" });
   const pace = h("input", { type: "text", value: "1", class: "value", id: "pace", "aria-label": "pace" });
-  const duration = h("input", { type: "text", placeholder: "as the protocol", class: "value", id: "duration",
+  const duration = h("input", { type: "text", placeholder: "as the protocol", class: "value wide", id: "duration",
     "aria-label": "duration in s", onchange: () => show() });
   const start = h("button", { class: "main", id: "start", onclick: begin }, "Start");
   const name = h("input", { type: "text", class: "value", placeholder: "name", "aria-label": "name of the new scene", id: "save-name" });
@@ -44,11 +46,12 @@ export function create(bench) {
       if (mine === asked) { good = false; fault.textContent = error.message; }
     }
     update();
+    bench.redraw();
   }
 
   function render() {
     title.textContent = form.title;
-    about.textContent = form.about;
+    about.textContent = form.about.replace(/([^\n])\n(?=\S)/g, "$1 "); // lines as long as the pane is wide
     warnings.textContent = [...form.notes, ...form.warnings, form.slow && `Paced, ${form.slow}`].filter(Boolean).join("\n");
     effects.replaceChildren(...form.effects.map((one) =>
       h("tr", { class: one.on ? "" : "faint" }, h("td", {}, one.name), h("td", {}, one.on ? "on" : "absent"), h("td", {}, one.about))));
@@ -121,9 +124,18 @@ export function create(bench) {
     const { state } = store;
     start.disabled = store.active || !store.online || !good;
     const over = state.outcome;
-    outcome.textContent = over ? over.text : state.fault ?? "";
-    outcome.className = `small pre ${state.fault ? "bad" : ""}`;
+    said.textContent = over ? told(over) : state.fault ?? "";
+    said.className = `small pre ${state.fault || over?.exit_code ? "bad" : ""}`;
+    whole.hidden = !over;
+    summary.textContent = over?.text ?? "";
     lines.textContent = (state.lines ?? []).join("\n");
+  }
+
+  /** What to know of a run that has ended: the timing verdict, how it ended, what went wrong. */
+  function told({ verdict, reasons, ended, fault: cause, died, unrecorded }) {
+    const how = verdict ? `Timing ${verdict}${reasons.length ? `: ${reasons.join("; ")}` : ""}` : "";
+    const recording = unrecorded ? "the recording is not complete: see the summary" : store.state.log && `recorded: ${store.state.log}`;
+    return [how, `ended: ${ended}`, cause && cause !== ended && cause, ...died, recording].filter(Boolean).join("\n");
   }
 
   fill("pendulum").then(show, (error) => { fault.textContent = error.message; });

@@ -1,18 +1,18 @@
 // The phase portrait: velocity over displacement of the last two seconds, in the colours of the contact modes.
 
-import { h, number, pane } from "/page/dom.js";
-import { sized } from "/page/plot.js";
+import { h, number, pane, quantity } from "/page/dom.js";
+import { ink, sized } from "/page/plot.js";
 
 const SPAN = 2;
 
 export function create({ store }) {
   const canvas = h("canvas", { "aria-label": "phase portrait" });
   const about = h("div", { class: "small faint" });
-  let reach = [0, 0];
+  let reach = [null, null]; // [low, high] of both so far
   return {
     element: pane("Phase portrait", canvas, about),
     setup() {
-      reach = [0, 0];
+      reach = [null, null];
       const pair = store.setup.portrait;
       canvas.hidden = !pair;
       about.textContent = pair ? "" : "this rig has no pair of displacement and velocity";
@@ -26,14 +26,16 @@ export function create({ store }) {
       let first = x.t.length - 1;
       while (first > 0 && x.t[first - 1] >= from) first -= 1;
       for (let i = Math.max(first, 0); i < x.t.length; i += 1) {
-        reach = [Math.max(reach[0], Math.abs(x.v[i] ?? 0)), Math.max(reach[1], Math.abs(v.v[i] ?? 0))];
+        reach = [wider(reach[0], x.v[i]), wider(reach[1], v.v[i])];
       }
-      const px = (i) => width / 2 + 0.47 * width * (x.v[i] ?? 0) / (reach[0] || 1);
-      const py = (i) => height / 2 - 0.45 * height * (v.v[i] ?? 0) / (reach[1] || 1);
-      pen.strokeStyle = "#333a45";
+      if (!reach[0] || !reach[1]) return;
+      const place = ([low, high], value, size) => size * (0.5 + 0.92 * ((value ?? 0) - (low + high) / 2) / (high - low || 1));
+      const px = (i) => place(reach[0], x.v[i], width), py = (i) => height - place(reach[1], v.v[i], height);
+      const zero = [place(reach[0], 0, width), height - place(reach[1], 0, height)];
+      pen.strokeStyle = ink().line;
       pen.beginPath();
-      pen.moveTo(0, height / 2); pen.lineTo(width, height / 2);
-      pen.moveTo(width / 2, 0); pen.lineTo(width / 2, height);
+      pen.moveTo(0, zero[1]); pen.lineTo(width, zero[1]);
+      pen.moveTo(zero[0], 0); pen.lineTo(zero[0], height);
       pen.stroke();
       pen.lineWidth = 1.6;
       for (let i = Math.max(first, 1); i < x.t.length; i += 1) {
@@ -44,14 +46,16 @@ export function create({ store }) {
       }
       const last = x.t.length - 1;
       if (last >= 0) {
-        pen.fillStyle = "#ffffff";
+        pen.fillStyle = ink().text;
         pen.beginPath();
         pen.arc(px(last), py(last), 4, 0, 2 * Math.PI);
         pen.fill();
       }
       const unit = (name) => store.setup.outputs.find((one) => one.name === name).unit;
-      about.textContent = `across ${pair[0].replaceAll("_", " ")} ±${number(reach[0], 3)} ${unit(pair[0])}, `
-        + `up ${pair[1].replaceAll("_", " ")} ±${number(reach[1], 3)} ${unit(pair[1])}`;
+      const said = (i) => `${pair[i].replaceAll("_", " ")} ${number(reach[i][0], 3)} to ${quantity(reach[i][1], unit(pair[i]), 3)}`;
+      about.textContent = `across ${said(0)}, up ${said(1)}`;
     },
   };
 }
+
+const wider = (range, value) => (value === null ? range : range === null ? [value, value] : [Math.min(range[0], value), Math.max(range[1], value)]);

@@ -25,7 +25,7 @@ export function create(bench) {
       box.replaceChildren(...plots.map(({ details }) => details));
     },
     draw() {
-      const end = store.t, begin = end - Number(span.value);
+      const end = store.t || 1e-3, begin = Math.max(end - Number(span.value), 0);
       for (const plot of plots) {
         if (!plot.details.open) continue;
         const measured = plot.sensors.map((name) => ({ ...store.sensors[name], colour: store.setup.sensors[name].colour,

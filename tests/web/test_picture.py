@@ -1,0 +1,96 @@
+"""The moving picture and the contacts of the page: for every rig, before a run and frame by frame."""
+
+import json
+
+import numpy as np
+import pytest
+
+import rig
+from rig.bus import messages
+from rig.plants import PLANTS
+from rig.scenes.shipped import names
+from rig.view import contact
+from rig.view.channels import Channels
+from rig.web.form import picture
+from rig.web.frames import Frames
+from rig.web.picture import MovingPicture
+
+
+class Setup:
+    def __init__(self, assembly, scene):
+        self.outputs = {name: one.unit for name, one in assembly.outputs.items()}
+        self.sensors, self.paced, self.run = {}, True, scene.name
+
+
+def frames_of(scene):
+    """Frames of a rig, and a function that tells them a state (outputs that are not named are 0)."""
+    assembly = scene.assemble()
+    system, setup = assembly.system(), Setup(assembly, scene)
+    channels = Channels((scene, assembly), setup.outputs, {})
+    frames = Frames(setup, system, scene.clock, MovingPicture.of(scene, assembly, system, channels.colours))
+
+    class Said:
+        def __init__(self, t_ns, key, values):
+            self.t_ns, self.mode = t_ns, key
+            for name in setup.outputs:
+                setattr(self, messages.field_name(name), values.get(name, 0.0))
+
+    def tell(t_ns, key=0, **values):
+        frames.add([type("Told", (), {"topic": "state", "said": Said(t_ns, key, values), "t_ns": t_ns})()])
+        return json.loads(frames.take()[1])
+
+    return frames, system, tell
+
+
+@pytest.mark.parametrize("plant", PLANTS.shipped)
+def test_every_rig_is_shown_before_a_run_and_moves_in_it(plant):
+    scene = next(scene for scene in map(rig.load, names()) if scene.plant == plant)
+    still = picture(scene, scene.assemble())
+    if not PLANTS[plant].__dict__.get("PICTURES"):
+        assert still is None
+        return
+    json.dumps(still, allow_nan=False)
+    paths = [path for path, _, _ in still["shapes"]]
+    assert all(path.startswith("rig/") for path in paths)
+    assert still["at"].keys() - {"rig/word"}
+    _, _, tell = frames_of(scene)
+    first = tell(0)["picture"]
+    assert first.keys() == still["at"].keys()
+    moved = tell(20_000_000, **dict.fromkeys(scene.assemble().outputs, 1e-2))["picture"]
+    assert moved != first
+
+
+def test_the_picture_of_the_pendulum_turns_arm_and_disc_as_one_in_stick():
+    _, _, tell = frames_of(rig.load("pendulum"))
+    angles = {}
+    for k in range(5):
+        found = tell(k * 45_000_000, disc_speed=0.03, angle=0.03 * 0.045 * k)["picture"]
+        for body in ("disc", "pendulum"):
+            angles.setdefault(body, []).append(2.0 * np.arcsin(found[f"rig/{body}"]["quaternion"][2]))
+    assert angles["pendulum"][-1] > 0.05
+    assert angles["disc"] == pytest.approx(angles["pendulum"], abs=3e-4)
+
+
+def test_a_state_that_is_not_finite_is_no_number_of_the_picture():
+    _, _, tell = frames_of(rig.load("belt"))
+    assert tell(0, displacement=float("nan"))["picture"]["rig/mass"]["translation"][0] is None
+
+
+def test_every_contact_has_its_own_mode():
+    _, system, tell = frames_of(rig.load("brake_3400"))
+    limits = [0] * len(system.limiters)
+    assert contact.Contacts(system).names == ["inner_left", "inner_right", "outer_left", "outer_right"]
+    key = system.key([0, 2], [0, 1, 0, 0], limits)
+    rows = tell(0, key)["rows"]
+    words = [contact.NAMES[one] for (one,) in rows["contacts"]]
+    assert words == ["slip+", "open", "stick", "stick"]
+    assert contact.NAMES[rows["mode"][0]] == "slip+"  # the first patch, which one of its forces still loads
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("belt", ["contact"]), ("tip", ["contact"]), ("plate", []), ("plate_cea", []), ("points", None)],
+)
+def test_contacts_are_named(name, told):
+    found = contact.Contacts(rig.load(name).assemble().system()).names
+    assert len(found) == 24 if told is None else found == told
