@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parents[1]
@@ -21,17 +22,21 @@ STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (getattr(signal, "SIGKILL"
 class Child:
     """A process `python -m ...` in a session of its own, so that Ctrl-C in the terminal reaches only its parent.
 
-    Its output on stdout and stderr is kept line by line: new lines in `lines`, the last ones in `tail`.
+    Its output on stdout and stderr is kept line by line: new lines in `lines`, the last ones in `tail`. `heard` is set
+    with each line and when the output ends. With `fed` the process reads what `feed` writes.
     """
 
-    def __init__(self, name: str, arguments: Sequence[str]) -> None:
+    def __init__(
+        self, name: str, arguments: Sequence[str], heard: threading.Event | None = None, fed: bool = False
+    ) -> None:
         self.name = name
+        self._heard = heard or threading.Event()
         self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.tail: list[str] = []
         path = os.pathsep.join(filter(None, (str(_ROOT), os.environ.get("PYTHONPATH", ""))))
         self.process = subprocess.Popen(
             [sys.executable, "-m", *arguments],
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE if fed else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -48,6 +53,21 @@ class Child:
             for text in stream:
                 self.tail = [*self.tail[-_KEPT:], text.rstrip()]
                 self.lines.put(text.rstrip())
+                self._heard.set()
+        self._heard.set()
+
+    def feed(self, line: str) -> None:
+        """Write a line to the standard input of the process, unless it has ended."""
+        assert self.process.stdin is not None
+        with suppress(OSError):
+            self.process.stdin.write(f"{line}\n")
+            self.process.stdin.flush()
+
+    def dismiss(self) -> None:
+        """Close the standard input of the process: nothing more will come."""
+        if self.process.stdin is not None:
+            with suppress(OSError):
+                self.process.stdin.close()
 
     def new_lines(self) -> list[str]:
         """Lines of output since the last call."""

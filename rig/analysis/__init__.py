@@ -15,5 +15,6 @@ identify            parameters of the lever rig from simulated experiments
 recorded, sound     spectra, orders, hysteresis, pressure; the sound at a microphone
 report              a recording as one page (HTML) that stands alone
 repeat              one scene simulated with many seeds
+pool                many independent units of work in worker processes, with results in a folder
 kernel_shapes       the properties that a scene's kernels are compiled for, and the shapes compiled so far
 """

@@ -9,25 +9,24 @@ from __future__ import annotations
 
 import json
 import os
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import llvmlite.binding
+import numpy as np
 
 from rig import kernel
+from rig.analysis.pool import Arrays, carry_out, temporary
 from rig.bench.runner import PlantRunner
-from rig.child_process import Child, end
 from rig.errors import NumericsError, WorkerError
 from rig.model.method import chosen, crowded
 from rig.model.system import System
 from rig.model.tables import UNROLLED
-from rig.process import as_process
 from rig.scenes.scene import Scene
 
 FRAMES = 3
@@ -104,58 +103,77 @@ class Progress:
 
     def begins(self, number: int) -> None:
         """Report that a shape is being compiled."""
-        (one, scene), count = self._missing[number], len(self._missing)
-        each = max(self.spent.values(), default=TYPICAL)
-        left = each * -(-(count - len(self.spent)) // self._workers)
+        one, scene = self._missing[number]
         states = "1 state" if one.states == 1 else f"{one.states or 'many'} states"
-        self._say(f"{number + 1} of {count}: {scene.name}, {states}; at most {left:.0f} s left")
+        self._say(f"{number + 1} of {len(self._missing)}: {scene.name}, {states}; {self._left()}")
 
     def ends(self, number: int, seconds: float) -> None:
         """Report that a shape is ready."""
-        one, _ = self._missing[number]
+        one, scene = self._missing[number]
         self.spent[one] = seconds
         note(one)
-        self._say(f"{number + 1} of {len(self._missing)}: ready after {seconds:.1f} s")
+        self._say(
+            f"{len(self.spent)} of {len(self._missing)}: {scene.name} ready after {seconds:.1f} s; {self._left()}"
+        )
+
+    def _left(self) -> str:
+        each = max(self.spent.values(), default=TYPICAL)
+        return f"at most {each * -(-(len(self._missing) - len(self.spent)) // self._workers):.0f} s left"
+
+
+@dataclass(frozen=True)
+class Compilations:
+    """The compilation for each of some scenes (JSON texts) as a work of worker processes (rig.analysis.pool).
+
+    Kernels that several workers need are compiled by each, unless another was faster; one at a time stores them.
+    """
+
+    scenes: tuple[str, ...]
+    name = "compilations"
+    digest = ""
+
+    @property
+    def total(self) -> int:
+        """Number of scenes."""
+        return len(self.scenes)
+
+    def prepare(self) -> None:
+        """Nothing is compiled before."""
+
+    def compute(self, unit: int) -> Arrays:
+        """Compile for a scene; return the time it took [s]."""
+        begin = time.perf_counter()
+        _run(Scene.from_json(self.scenes[unit]))
+        return {"seconds": np.array(time.perf_counter() - begin)}
+
+    def failed(self, unit: int, why: str) -> Arrays:
+        """Raise WorkerError: nothing runs without its kernels."""
+        raise WorkerError(f"{json.loads(self.scenes[unit])['name']}: {why}")
+
+    def to_json(self) -> str:
+        """Return the work as JSON text."""
+        return json.dumps({"scenes": self.scenes})
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return the work of a text by `to_json`."""
+        return cls(tuple(json.loads(text)["scenes"]))
 
 
 def together(scenes_: list[Scene], workers: int, progress: Progress) -> None:
-    """Compile for these scenes in several processes, each of which takes the next scene.
+    """Compile for these scenes in several processes."""
+    work = Compilations(tuple(scene.to_json() for scene in scenes_))
+    told: set[int] = set()
+    with temporary(work) as store:
 
-    Kernels that several of them need are compiled by each, unless another was faster; one at a time stores them.
-    """
-    with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
-        for number, scene in enumerate(scenes_):
-            (Path(folder) / f"{number}.json").write_text(scene.to_json())
-        crew = [Child(f"compiler {k + 1}", ["rig.analysis.kernel_shapes", folder]) for k in range(workers)]
-        try:
-            going = True
-            while going:
-                going = any(child.code is None for child in crew)
-                for words in [line.split() for child in crew for line in child.new_lines() if line[:1] == ">"]:
-                    if words[0] == ">begins":
-                        progress.begins(int(words[1]))
-                    else:
-                        progress.ends(int(words[1]), float(words[2]))
-                if lost := [child.ending for child in crew if child.code]:
-                    raise WorkerError(f"{'; '.join(lost)}. Finished kernels are kept")
-                time.sleep(0.05)
-        finally:
-            end(crew, 0.0)
+        def look(done: int, _: int) -> None:
+            if done > len(told):
+                for number, arrays in store.load().items():
+                    if number not in told:
+                        told.add(number)
+                        progress.ends(number, float(arrays["seconds"]))
 
-
-def main() -> None:
-    """A compiler: `python -m rig.analysis.kernel_shapes FOLDER`."""
-    for path in sorted(Path(sys.argv[1]).glob("*.json"), key=lambda path: int(path.stem)):
-        try:
-            os.close(os.open(path.with_suffix(".claim"), os.O_CREAT | os.O_EXCL))
-        except FileExistsError:
-            continue
-        sys.stdout.write(f">begins {path.stem}\n")
-        sys.stdout.flush()
-        begin = time.perf_counter()
-        _run(Scene.from_json(path.read_text()))
-        sys.stdout.write(f">ends {path.stem} {time.perf_counter() - begin:.3f}\n")
-        sys.stdout.flush()
+        carry_out(work, store, workers, look, apart=True)
 
 
 def _run(scene: Scene) -> None:
@@ -190,7 +208,3 @@ def note(one: Shape) -> None:
         draft.replace(place)
     except OSError:  # a read-only cache: the next start compiles again
         return
-
-
-if __name__ == "__main__":
-    as_process(main)

@@ -15,7 +15,8 @@ from rig.cli.outputs import refuse
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
-    from rig.analysis.map import Job, Store
+    from rig.analysis.map import Job
+    from rig.analysis.pool import Store
     from rig.scenes.scene import Scene
 
 XAxis = Annotated[
@@ -72,7 +73,7 @@ def map_(
     One axis gives a bifurcation diagram. Results are kept: after an
     interruption the same command continues. --force draws a finished map again.
     """
-    from rig.analysis.map import Store, chart, job
+    from rig.analysis.map import chart, job, store_of
     from rig.analysis.map.figure import draw
     from rig.user_files import write_file
 
@@ -83,7 +84,7 @@ def map_(
         return
     wanted = tuple(run.strip() for run in runs.split(",") if run.strip())
     todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
-    store = Store.of(todo, out)
+    store = store_of(todo, out)
     refuse(store.folder, ("map.csv", "map.png"), force)
     with _kept(store, todo), printing.bar("rows" if y else "parts") as progress:
         found = chart(todo, out, workers, progress)
@@ -109,7 +110,7 @@ def _kept(store: Store, todo: Job) -> Iterator[None]:
 
 def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, force: bool, as_json: bool) -> None:
     from rig.analysis.axis import axes
-    from rig.analysis.map import Store, survey, surveyed
+    from rig.analysis.map import store_of, survey, surveyed
     from rig.analysis.regions import draw
     from rig.user_files import write_file
 
@@ -117,7 +118,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
         raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
     across, along = axes(scene, {"--x": x, "--y": y})
     todo = surveyed(scene, across, along)
-    store = Store.of(todo, out)
+    store = store_of(todo, out)
     refuse(store.folder, ("regions.csv", "regions.png"), force)
     with _kept(store, todo), printing.bar("rows") as progress:
         found, folder = survey(scene, across, along, out, workers, progress)

@@ -113,7 +113,7 @@ class Status:
 
 @contextlib.contextmanager
 def bar(what: str) -> Iterator[Callable[[int, int], object]]:
-    """A progress bar with the estimated remaining time, on standard error; without a terminal a line now and then."""
+    """A progress bar with rate and remaining time, on standard error; without a terminal a line now and then."""
     if not sys.stderr.isatty():
         yield _lines(what)
         return
@@ -128,26 +128,60 @@ def bar(what: str) -> Iterator[Callable[[int, int], object]]:
     )
 
     estimate = TimeRemainingColumn(elapsed_when_finished=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), estimate)
+    counts = (MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), estimate)
+    columns = (TextColumn("{task.description}"), BarColumn(), *counts)
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None)
+        task = bar.add_task(what, total=None, rate="")
+        rate = Rate()
 
         def show(done: int, total: int) -> None:
             if bar.tasks[0].total is None:  # estimate from now on: parts that were kept from before took no time
-                bar.reset(task, completed=done, total=total)
-            bar.update(task, completed=done)
+                bar.reset(task, completed=done, total=total, rate="")
+            bar.update(task, completed=done, rate=rate.text(done))
 
         yield show
+
+
+class Rate:
+    """The speed of a work since its first report: parts that were kept from before took no time."""
+
+    def __init__(self) -> None:
+        self._first, self._begin = -1, 0.0
+
+    def per_second(self, done: int) -> float:
+        """Parts per second, after `done` of them; 0 before anything is finished."""
+        now = time.monotonic()
+        if self._first < 0:
+            self._first, self._begin = done, now
+        return (done - self._first) / (now - self._begin) if done > self._first and now > self._begin else 0.0
+
+    def text(self, done: int) -> str:
+        """The speed in words; per minute below one per second."""
+        rate = self.per_second(done)
+        if not rate:
+            return ""
+        return f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min"
 
 
 def _lines(what: str) -> Callable[[int, int], object]:
     """Progress as lines, at most one in `PROGRESS_S`: short work prints none."""
     last = time.monotonic()
+    rate = Rate()
 
     def show(done: int, total: int) -> None:
         nonlocal last
+        speed = rate.per_second(done)
         if time.monotonic() - last >= PROGRESS_S:
             last = time.monotonic()
-            note(f"{what}: {done} of {total}")
+            left = f", {rate.text(done)}, about {_span((total - done) / speed)} left" if speed else ""
+            note(f"{what}: {done} of {total}{left}")
 
     return show
+
+
+def _span(seconds: float) -> str:
+    """A remaining time in words."""
+    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"

@@ -41,17 +41,8 @@ def reproduce(
     wanted = again.pick(figure)
     page = [] if (out / "numbers.json").exists() else ["README.md"]  # else it is the page of figures made before
     refuse(out, [*(f"{entry.name}.png" for entry in wanted), *page], force)
-    results = []
     with printing.bar("figures") as progress:
-        for number, entry in enumerate(wanted):
-            progress(number, len(wanted))
-            results.append(again.make(entry, out))
-            if not as_json:
-                agree = sum(c.agrees for c in results[-1].comparisons)
-                printing.note(
-                    f"{entry.name}: {agree} of {len(results[-1].comparisons)} numbers agree; {results[-1].picture}"
-                )
-        progress(len(wanted), len(wanted))
+        results = again.make_all(wanted, out, progress)
     machine = provenance(0, ())
     host = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
     write_file(out / "README.md", again.page(again.keep(results, out), host).encode())
@@ -64,7 +55,7 @@ def reproduce(
                 for c in result.comparisons
             ]
             columns = ("number", "ours", "expected", "", "source", "bound", "")
-            printing.table(f"{result.entry.name}: {result.entry.title}", columns, numbers)
+            printing.table(f"{result.entry.name}: {result.entry.title} ({result.picture})", columns, numbers)
     if not all(result.agrees for result in results):
         raise typer.Exit(ExitCode.FAILED)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -56,8 +58,16 @@ def torture(
         return
     refuse(out, ("matrix.png", "matrix.svg", "matrix.json", "junit.xml"), force)
     status = printing.Status()
-    cells = hard_cases.matrix(wanted, not full, status.show)
-    status.done()
+    with contextlib.ExitStack() as stack:
+        shown: list[Callable[[int, int], object]] = []
+
+        def progress(done: int, total: int) -> None:
+            if not shown:  # the kernels are compiled
+                status.done()
+                shown.append(stack.enter_context(printing.bar("cases")))
+            shown[0](done, total)
+
+        cells = hard_cases.matrix(wanted, not full, status.show, progress)
     report.keep(cells, out, not full)
     if as_json:
         printing.report([cell.to_json() for cell in cells])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from rig.papers.entry import Comparison, Entry, Result, make, pick
+from rig.papers.figures import make_all
 from rig.papers.gallery_page import page
 from rig.papers.numbers_file import keep
 
-__all__ = ["Comparison", "Entry", "Result", "keep", "make", "page", "pick"]
+__all__ = ["Comparison", "Entry", "Result", "keep", "make", "make_all", "page", "pick"]

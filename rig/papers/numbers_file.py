@@ -21,29 +21,31 @@ def keep(results: Iterable[Result], folder: Path) -> list[Result]:
     """
     found = {one.entry.name: one for one in (*_kept(folder), *results)}
     held = [found[name] for name in entries() if name in found]
-    text = json.dumps([{**one.to_json(), "picture": one.picture.name} for one in held], indent=1, allow_nan=False)
+    text = json.dumps([stored(one) for one in held], indent=1, allow_nan=False)
     write_file(folder / _FILE, f"{text}\n".encode())
     return held
+
+
+def stored(result: Result) -> dict[str, Any]:
+    """Return a result as JSON values, its picture without the folder."""
+    return {**result.to_json(), "picture": result.picture.name}
+
+
+def restored(raw: dict[str, Any], folder: Path) -> Result:
+    """Return the result of `stored`, whose picture is in `folder`."""
+    compared = tuple(map(_compared, raw["comparisons"]))
+    return Result(entries()[raw["name"]], compared, folder / raw["picture"], raw["seconds"])
 
 
 def _kept(folder: Path) -> list[Result]:
     """The results of earlier calls, for figures that still exist."""
     try:
-        stored = json.loads((folder / _FILE).read_text())
+        read = json.loads((folder / _FILE).read_text())
     except (OSError, ValueError):
         return []
-    return [
-        Result(
-            entry=entries()[one["name"]],
-            comparisons=tuple(map(_compared, one["comparisons"])),
-            picture=folder / one["picture"],
-            seconds=one["seconds"],
-        )
-        for one in stored
-        if one["name"] in entries()
-    ]
+    return [restored(one, folder) for one in read if one["name"] in entries()]
 
 
-def _compared(stored: dict[str, Any]) -> Comparison:
-    values = {field.name: stored[field.name] for field in fields(Comparison) if field.name in stored}
-    return Comparison(**values | {"ours": math.nan if stored["ours"] is None else stored["ours"]})
+def _compared(raw: dict[str, Any]) -> Comparison:
+    values = {field.name: raw[field.name] for field in fields(Comparison) if field.name in raw}
+    return Comparison(**values | {"ours": math.nan if raw["ours"] is None else raw["ours"]})

@@ -10,10 +10,10 @@ import pytest
 import rig
 from rig.analysis import map as maps
 from rig.analysis.axis import Axis
-from rig.analysis.map import workers
 from rig.analysis.map.chart import REGIONS
-from rig.analysis.map.compute import compute
-from rig.analysis.map.job import _ROOT, _SOURCES, RUNS, Job, Settings
+from rig.analysis.map.compute import MapUnits
+from rig.analysis.map.job import _ROOT, _SOURCES, RUNS, Job, Settings, Unit
+from rig.analysis.map.row import Row
 from rig.analysis.map.steady_state import (
     BLANK,
     NAMES,
@@ -28,9 +28,9 @@ from rig.analysis.map.steady_state import (
     extremes,
     sticking,
 )
-from rig.analysis.map.store import Store
 from rig.analysis.map.track import Track
-from rig.errors import Singular, UsageError, WorkerError
+from rig.analysis.pool import Store, local
+from rig.errors import Singular, UsageError
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
 SPEEDS = "drive.speed=0.05:0.8:16"
@@ -51,7 +51,12 @@ def job():
 @pytest.fixture(scope="module")
 def whole(job):
     """Its units in one batch, in this process."""
-    return compute(job, range(len(job.units)))
+    return computed(job)
+
+
+def computed(job):
+    work = MapUnits(job)
+    return {unit: work.compute(unit) for unit in range(work.total)}
 
 
 def same(a, b):
@@ -188,11 +193,9 @@ def test_a_drive_that_stands_still_is_stuck(tmp_path):
 
 
 def test_numbers_do_not_depend_on_how_the_work_is_cut(job, whole, tmp_path):
-    by_one = {}
-    for unit in reversed(range(len(job.units))):
-        by_one |= compute(job, [unit])
-    assert same(whole, by_one)
-    assert same(whole, compute(Job.from_json(job.to_json()), range(len(job.units))))
+    work = MapUnits(job)
+    assert same(whole, {unit: work.compute(unit) for unit in reversed(range(work.total))})
+    assert same(whole, computed(Job.from_json(job.to_json())))
 
 
 def test_numbers_do_not_depend_on_the_number_of_workers(job, whole, tmp_path):
@@ -203,34 +206,47 @@ def test_numbers_do_not_depend_on_the_number_of_workers(job, whole, tmp_path):
     assert told[-1] == (4, 4)
 
 
-def test_a_part_of_a_row_finds_what_the_whole_row_finds():
+def test_a_map_with_one_axis_is_cut_into_parts_that_find_what_the_whole_row_finds():
+    """The carried runs are one unit, which holds the growth rates; near and far starts are cut into parts."""
+    scene = rig.load("belt")
+    axis = Axis.parse("drive.speed=0.1:0.5:12", scene)
+    job = Job(scene, axis, None, Settings("displacement"))
+    assert job.units == (
+        Unit(0, 0, 12, ("up", "down")),
+        Unit(0, 0, 10, ("near", "far"), curve=False),
+        Unit(0, 10, 12, ("near", "far"), curve=False),
+    )
+    found = maps.gathered(job, computed(job), Path())
+    row = Row(Track(scene, axis, job.settings), Unit(0, 0, 12, RUNS)).run()
+    for name in ("high", "share", "spent"):
+        assert np.array_equal(found.tables[name][:, 0], row[name], equal_nan=True)
+    assert np.array_equal(found.state[:, 0], row["state"])
+    assert np.array_equal(found.onsets[0], row["onset"])
+
+
+def test_the_growth_rates_of_parts_are_those_of_the_whole_row():
     scene = rig.load("belt")
     axis = Axis.parse("drive.speed=0.1:0.5:30", scene)
     job = Job(scene, axis, None, Settings("displacement", runs=("near",)))
-    assert [(u.first, u.last) for u in job.units] == [(0, 25), (25, 30)]
-    from rig.analysis.map.row import Row
-    from rig.analysis.map.track import Track
-
-    parts = compute(job, [0, 1])
-    row = Row(Track(scene, axis, job.settings), 0, 30).run()
-    for name in ("state", "high", "share"):
-        joined = np.concatenate([parts[0][name], parts[1][name]], axis=1)
-        assert np.array_equal(joined, row[name], equal_nan=True)
-    assert np.array_equal(np.concatenate([parts[0]["onset"], parts[1]["onset"]]), row["onset"])
+    assert [(u.first, u.last) for u in job.units if u.curve] == [(0, 25), (25, 30)]
+    found = maps.gathered(job, computed(job), Path())
+    row = Row(Track(scene, axis, job.settings), Unit(0, 0, 30, ("near",))).run()
+    assert np.array_equal(found.growth[0], row["growth"])
+    assert np.array_equal(found.onsets[0], row["onset"])
 
 
 def test_a_broken_run_goes_on_where_it_was(job, whole, tmp_path, monkeypatch):
-    store = Store.of(job, tmp_path)
-    with store.open(job):
+    store = maps.store_of(job, tmp_path)
+    with store.open(MapUnits(job)):
         store.save({1: whole[1], 2: whole[2]})
     (store.folder / "000003.npz").write_bytes(b"half a file")
     asked = []
 
-    def compute_(job, units):
-        asked.extend(units)
-        return {unit: whole[unit] for unit in units}
+    def compute(self, unit):
+        asked.append(unit)
+        return whole[unit]
 
-    monkeypatch.setattr(workers, "compute", compute_)
+    monkeypatch.setattr(MapUnits, "compute", compute)
     found = maps.chart(job, tmp_path, workers=1)
     assert asked == [0, 3]
     assert same(whole, Store(found.folder).load())
@@ -245,36 +261,44 @@ def test_another_scene_axis_or_setting_is_another_folder(job, tmp_path):
         maps.job(scene, FEW, "load.force=15:31:4", runs=("up", "down")),
         maps.job(scene, FEW, "load.force=15:30:4", runs=("up",)),
     ]
-    folders = {Store.of(one, tmp_path).folder for one in (job, *others)}
+    folders = {maps.store_of(one, tmp_path).folder for one in (job, *others)}
     assert len(folders) == 4
-    assert Store.of(maps.job(scene, FEW, "load.force=15:30:4", runs=("up", "down")), tmp_path).folder in folders
+    assert maps.store_of(maps.job(scene, FEW, "load.force=15:30:4", runs=("up", "down")), tmp_path).folder in folders
 
 
-def test_a_worker_that_is_killed_is_reported_and_what_was_done_is_kept(job, whole, tmp_path, monkeypatch):
+def test_the_batch_of_a_worker_that_is_killed_is_computed_by_another_one(job, whole, tmp_path, monkeypatch):
     started = []
-    original = workers.Child
+    original = local.Child
 
-    def child(*arguments):
-        started.append(original(*arguments))
+    def child(*arguments, **named):
+        started.append(original(*arguments, **named))
         return started[-1]
 
-    monkeypatch.setattr(workers, "Child", child)
+    monkeypatch.setattr(local, "Child", child)
 
     def kill(done, total):
-        if len(started) == 2:
+        if done == 1:
             started[0].send(signal.SIGKILL)
 
-    with pytest.raises(WorkerError, match=r"map worker 1 was killed by SIGKILL\. Finished results are kept in"):
-        maps.chart(job, tmp_path, workers=2, progress=kill)
+    found = maps.chart(job, tmp_path, workers=2, progress=kill)
+    assert started[0].code == -signal.SIGKILL
     assert all(one.code is not None for one in started)
-    monkeypatch.undo()
-    assert same(whole, Store(maps.chart(job, tmp_path, workers=2).folder).load())
+    assert same(whole, Store(found.folder).load())
+
+
+def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_path):
+    work = MapUnits(job)
+    row = work.failed(2, "ended its worker twice: worker 1 was killed by SIGSEGV")
+    found = maps.gathered(job, {unit: work.compute(unit) if unit != 2 else row for unit in range(4)}, tmp_path)
+    assert NAMES[found.state[0, 2, 0]] == "stopped"
+    assert "a run had to stop at 3 of 12 points" in found.text()
+    assert "ended its worker twice: worker 1 was killed by SIGSEGV" in found.text()
 
 
 def test_an_interruption_ends_the_workers(job, tmp_path, monkeypatch):
     started = []
-    original = workers.Child
-    monkeypatch.setattr(workers, "Child", lambda *a: started.append(original(*a)) or started[-1])
+    original = local.Child
+    monkeypatch.setattr(local, "Child", lambda *a, **n: started.append(original(*a, **n)) or started[-1])
 
     def interrupt(done, total):
         if len(started) == 2:
@@ -287,8 +311,8 @@ def test_an_interruption_ends_the_workers(job, tmp_path, monkeypatch):
 
 def test_two_runs_of_one_map_keep_apart(job, tmp_path):
     with (
-        Store.of(job, tmp_path).open(job),
-        pytest.raises(UsageError, match="another process computes this map at the moment"),
+        maps.store_of(job, tmp_path).open(MapUnits(job)),
+        pytest.raises(UsageError, match="another process computes this at the moment"),
     ):
         maps.chart(job, tmp_path)
 

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.analysis.map import Store
-from rig.child_process import Child
 from rig.errors import OutputError
 from rig.qualify.cost import Table, delay
 from rig.qualify.torture import report
@@ -86,19 +84,6 @@ def test_a_file_of_a_map_that_does_not_fit_is_named(rig, tmp_path, full, largest
     assert code == 1
     assert f"{file} cannot be written: File too large" in err
     assert "Traceback" not in out + err
-
-
-def test_a_part_of_a_map_that_does_not_fit_ends_its_worker_with_a_sentence(rig, tmp_path, full):
-    full(1 << 30)
-    assert rig("map", *MAP, "--workers", 1, "--out", tmp_path)[0] == 0
-    part = min(tmp_path.glob("*/*.npz"))
-    part.unlink()
-    Store(part.parent).plan([[int(part.stem)]])
-    full(100)
-    worker = Child("worker", ["rig.analysis.map.workers", str(part.parent)])
-    assert worker.wait(60.0)
-    assert worker.ending == f"worker ended with code 1: {part} cannot be written: File too large"
-    assert not [*part.parent.glob(".draft*")]
 
 
 def test_a_scene_that_does_not_fit_is_named_and_goes(rig, tmp_path, full):

@@ -62,6 +62,14 @@ def test_a_figure_that_is_made_again_leaves_the_others_on_the_page(tmp_path):
     assert papers.keep([first], tmp_path) == [first]
 
 
+def test_figures_that_worker_processes_make_are_the_same(tmp_path):
+    wanted = [*papers.pick("kroeger-9"), *papers.pick("bistable-8")]
+    found = papers.make_all(wanted, tmp_path / "together", workers=2)
+    alone = [papers.make(entry, tmp_path / "alone") for entry in wanted]
+    assert [(one.entry, one.comparisons) for one in found] == [(one.entry, one.comparisons) for one in alone]
+    assert [one.picture.read_bytes() for one in found] == [one.picture.read_bytes() for one in alone]
+
+
 @pytest.mark.parametrize(
     "name", ["kroeger-5", "kroeger-7", "kroeger-9", "liu000-3", "detachment-6", "detachment-8", "bistable-8"]
 )

@@ -19,6 +19,7 @@ from rig.qualify.cost.problem import held, problem
 from rig.qualify.cost.report import notes
 from rig.qualify.cost.settings import Setting, eligible, ladder
 from rig.qualify.cost.timing import Cost, Spread, measured
+from rig.qualify.cost.trials import Trials, trials
 
 
 def row(error, p99, share=0.0, method="rk4", floor=0.0):
@@ -51,6 +52,16 @@ def test_the_exact_method_is_judged_by_another_and_both_by_the_closed_form(belt)
     assert found.values["stick share contact"] == pytest.approx(2.0 * a / 0.06 / period, rel=1e-12)
     [exact] = [r for r in found.rows if r.setting.method == "exact"]
     assert 0.0 < exact.error("worst") < 1e-11
+
+
+def test_trials_in_worker_processes_measure_the_same_to_the_last_bit(belt):
+    asked = problem(belt[0])
+    settings = [Setting("exact"), *ladder("rk4", belt[0], 30.0)[:2]]
+    told = []
+    found = trials(asked, settings, workers=2, step=lambda: told.append(1))
+    assert found == [observe(asked, one) for one in settings]
+    assert len(told) == 3
+    assert Trials.from_json(Trials(asked, tuple(settings)).to_json()).problem.digest == asked.digest
 
 
 def as_run(asked, setting, seed):

@@ -27,6 +27,13 @@ def some():
     return torture.matrix(SOME, quick=True)
 
 
+def test_worker_processes_find_the_same_cells(some):
+    again = torture.matrix(SOME[1:], quick=True, workers=2)
+    assert [(one.case, one.method, one.step, one.result) for one in again] == [
+        (one.case, one.method, one.step, one.result) for one in some if one.case != SOME[0]
+    ]
+
+
 def test_cases_are_read():
     assert len(names()) >= 40
     for name in names():

@@ -39,7 +39,7 @@ def test_report(tmp_path):
 def test_exit_code_is_that_of_the_default(tmp_path, monkeypatch, capsys, last, code):
     from rig.cli.app import program
 
-    monkeypatch.setattr(torture, "matrix", lambda names, quick, report: CELLS[:last] + CELLS[1:2])
+    monkeypatch.setattr(torture, "matrix", lambda names, quick, report, progress: CELLS[:last] + CELLS[1:2])
     with pytest.raises(SystemExit) as ended:
         program(["torture", "--case", "one", "--out", str(tmp_path)])
     assert ended.value.code == code

@@ -3,7 +3,7 @@
 import pytest
 
 from rig import scenes
-from rig.analysis.map import Store, job
+from rig.analysis.map import job, store_of
 
 WORK = "/api/studies/work"
 X, Y = "drive.speed=0.1:0.4 m/s:3", "load.force=10 N:20 N:2"
@@ -34,7 +34,7 @@ def test_eigenvalues_are_those_of_the_changed_values(client, rig):
 def test_a_map_that_was_stopped_is_listed_as_unfinished(client, folder):
     started = client.post(WORK, what="map", scene="belt", x="drive.speed=0.05 m/s:0.8 m/s:2000").json()
     todo = job(scenes.load("belt"), "drive.speed=0.05 m/s:0.8 m/s:2000")
-    store = Store.of(todo, folder / "maps")
+    store = store_of(todo, folder / "maps")
     for _ in range(600):
         if (store.folder / "job.json").exists():
             break

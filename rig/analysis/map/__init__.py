@@ -1,12 +1,10 @@
 """Maps of the steady-state behaviour of a rig over one or two parameters: sliding, stick-slip, or both.
 
-job            scene, axes, settings; the units of work      compute   computes the units, in batches
+job            scene, axes, settings; the units of work      compute   computes the units (rig.analysis.pool)
 track          the rig of one row: started anywhere, moved along the x axis, simulated until it settles
 row            runs along a row: carried up and down, near and far starts
 steady_state   decides what a motion has settled to
 dither         the boundary of dither over frequency and amplitude: averaged and simulated
-store          results in a folder; an interrupted map continues from there
-workers        worker processes
 chart          the finished map                              figure    as a picture
 """
 
@@ -17,17 +15,16 @@ from pathlib import Path
 from rig.analysis.axis import Axis, axes
 from rig.analysis.many_points import refuse
 from rig.analysis.map.chart import Map, gathered
+from rig.analysis.map.compute import MapUnits
 from rig.analysis.map.dither import Boundary, put_together
 from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, checked
-from rig.analysis.map.store import Store
-from rig.analysis.map.workers import Progress, make
+from rig.analysis.pool import Arrays, Progress, Store, carry_out
 from rig.analysis.regions import Regions
 from rig.analysis.regions import put_together as put_rows_together
 from rig.errors import UsageError
 from rig.scenes.scene import Scene
-from rig.scheduling import cores
 
-__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "Store", "chart", "job", "survey", "surveyed"]
+__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "chart", "job", "store_of", "survey", "surveyed"]
 ROOT = Path("maps")
 _SECTION = 24  # local maxima kept of each point of a bifurcation diagram
 
@@ -63,10 +60,22 @@ def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Pro
     Raises UsageError if the folder cannot be used, WorkerError if a worker is lost. Finished results stay after an
     error or an interruption, and the same call continues from there.
     """
-    store = Store.of(job, root)
-    with store.open(job):
-        found = make(job, store, workers or cores(), progress or (lambda done, total: None))
-    return (put_together if job.dithered else gathered)(job, found, store.folder)
+    found, folder = _carried_out(job, root, workers, progress)
+    return (put_together if job.dithered else gathered)(job, found, folder)
+
+
+def store_of(job: Job, root: Path = ROOT) -> Store:
+    """Return the store of a map under `root`."""
+    return Store.of(MapUnits(job), root)
+
+
+def _carried_out(
+    job: Job, root: Path, workers: int | None, progress: Progress | None
+) -> tuple[dict[int, Arrays], Path]:
+    """The results of all units, and their folder."""
+    work, store = MapUnits(job), store_of(job, root)
+    with store.open(work):
+        return carry_out(work, store, workers, progress), store.folder
 
 
 def surveyed(scene: Scene, x: Axis, y: Axis) -> Job:
@@ -78,8 +87,5 @@ def survey(
     scene: Scene, x: Axis, y: Axis, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None
 ) -> tuple[Regions, Path]:
     """Compute the eigenvalues of `scene` over two axes; return regions and folder. Workers and errors as in `chart`."""
-    todo = surveyed(scene, x, y)
-    store = Store.of(todo, root)
-    with store.open(todo):
-        rows = make(todo, store, workers or cores(), progress or (lambda done, total: None))
-    return put_rows_together(scene, x, y, rows), store.folder
+    rows, folder = _carried_out(surveyed(scene, x, y), root, workers, progress)
+    return put_rows_together(scene, x, y, rows), folder

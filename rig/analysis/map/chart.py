@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.map.job import RUNS, Arrays, Job
+from rig.analysis.map.job import CARRIED, RUNS, Job
 from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STOPPED, STUCK, UNDECIDED, VIBRATION
+from rig.analysis.pool import Arrays
 from rig.analysis.text_table import columns
 
 Array = NDArray[np.float64]
@@ -189,24 +190,30 @@ def gathered(job: Job, found: dict[int, Arrays], folder: Path) -> Map:
     one = found[0]
 
     def table(name: str) -> NDArray[Any]:
-        shape = one[name].shape
-        out = np.zeros((*shape[:1], rows, count, *shape[2:]), one[name].dtype)
-        for number, (row, first, last) in enumerate(job.units):
-            out[:, row, first:last] = found[number][name]
+        shape, kind = one[name].shape, one[name].dtype
+        out = np.zeros((*shape[:1], rows, count, *shape[2:]), kind)
+        if kind.kind == "f":
+            out[:] = np.nan  # of runs that were not requested
+        for number, unit in enumerate(job.units):
+            for run in unit.runs:
+                at = RUNS.index(run)
+                out[at, unit.row, unit.first : unit.last] = found[number][name][at]
         return out
 
     def line(name: str) -> Array:
         out = np.zeros((rows, count))
-        for number, (row, first, last) in enumerate(job.units):
-            out[row, first:last] = found[number][name]
+        for number, unit in enumerate(job.units):
+            if unit.curve:
+                out[unit.row, unit.first : unit.last] = found[number][name]
         return out
 
     onsets: list[list[float]] = [[] for _ in range(rows)]
     ends = np.full((2, rows, 2), np.nan)
-    for number, (row, first, last) in enumerate(job.units):
-        onsets[row] += found[number]["onset"].tolist()
-        if (first, last) == (0, count):
-            ends[:, row] = found[number]["end"]
+    for number, unit in enumerate(job.units):
+        if unit.curve:
+            onsets[unit.row] += found[number]["onset"].tolist()
+        if set(unit.runs) & {*CARRIED}:
+            ends[:, unit.row] = found[number]["end"]
     names = ("low", "high", "rms", "share", "period", "spent", "section")
     return Map(
         job=job,

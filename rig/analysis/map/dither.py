@@ -26,8 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.averaged import averaged, fast_motion
-from rig.analysis.map.job import Arrays, Job
+from rig.analysis.map.job import Job
 from rig.analysis.modes import GENERATOR
+from rig.analysis.pool import Arrays
 from rig.analysis.text_table import columns
 from rig.bench.rig_variant import with_values
 from rig.errors import NumericsError

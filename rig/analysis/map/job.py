@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig import kernel
 from rig.analysis.axis import Axis
@@ -18,12 +17,13 @@ from rig.errors import SceneError, UsageError
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 
-Arrays = dict[str, NDArray[Any]]
 RUNS = ("up", "down", "near", "far")
+CARRIED = ("up", "down")
 PERIODS = 480.0
 """Default longest time for one point, in periods of the slowest vibration mode about sliding."""
 DITHER = ("dither.frequency", "dither.amplitude")
 _PART = 25  # points in a unit whose runs are not carried
+_FEW = 10  # points in a unit of a map with one axis, so that all cores have work
 _ROOT = Path(__file__).resolve().parents[2]
 _SOURCES = (
     "plants/**/*",
@@ -71,11 +71,13 @@ class Settings:
 
 
 class Unit(NamedTuple):
-    """Points `first` to `last` (excluded) of row `row`."""
+    """Points `first` to `last` (excluded) of row `row`: some `runs`; with `curve` the growth rates and onsets."""
 
     row: int
     first: int
     last: int
+    runs: tuple[str, ...] = ()
+    curve: bool = True
 
 
 @dataclass(frozen=True)
@@ -96,13 +98,20 @@ class Job:
     @cached_property
     def units(self) -> tuple[Unit, ...]:
         """The units of work, which do not depend on each other."""
-        count = len(self.x.values)
+        count, runs = len(self.x.values), self.settings.runs
         if self.dithered:
             return tuple(Unit(0, i, i + 1) for i in range(count))
-        carried = {"up", "down"} & {*self.settings.runs}
+        carried = tuple(run for run in runs if run in CARRIED)
         part = count if carried or self.settings.eigenvalues else _PART
+        if self.y is None and not self.settings.eigenvalues:
+            single = tuple(run for run in runs if run not in CARRIED)
+            parts = _parts(count, _FEW) if single else []
+            return (
+                *(Unit(0, first, last, carried) for first, last in _parts(count, part)),
+                *(Unit(0, first, last, single, curve=False) for first, last in parts),
+            )
         rows = range(len(self.y.values) if self.y else 1)
-        return tuple(Unit(row, i, min(i + part, count)) for row in rows for i in range(0, count, part))
+        return tuple(Unit(row, first, last, runs) for row in rows for first, last in _parts(count, part))
 
     def at(self, row: int) -> Scene:
         """Return the scene of a row. Raises SceneError if the scene refuses its value."""
@@ -113,6 +122,11 @@ class Job:
         x, y = self.x, self.y
         ends = f"{x.key} from {x.text(x.values[unit.first])} to {x.text(x.values[unit.last - 1])}"
         return ends + (f", {y.key} = {y.text(y.values[unit.row])}" if y else "")
+
+    @property
+    def name(self) -> str:
+        """Name of the scene, with which the folder of the map begins."""
+        return self.scene.name
 
     @cached_property
     def digest(self) -> str:
@@ -135,6 +149,11 @@ class Job:
         x, y = (a and Axis(**{**a, "values": tuple(a["values"])}) for a in raw["axes"])
         settings = Settings(**{**raw["settings"], "runs": tuple(raw["settings"]["runs"])})
         return cls(Scene.from_json(json.dumps(raw["scene"])), x, y, settings)
+
+
+def _parts(count: int, size: int) -> list[tuple[int, int]]:
+    """First and last (excluded) of each part of `count` points."""
+    return [(i, min(i + size, count)) for i in range(0, count, size)]
 
 
 def _numbers(axis: Axis) -> dict[str, Any]:

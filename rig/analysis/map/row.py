@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.growth_crossings import Growth, brackets, looked, root, stretches
+from rig.analysis.map.job import RUNS, Unit
 from rig.analysis.map.steady_state import BLANK, NONE, NOTHING, SLIDING, STICK_SLIP, STOPPED, VIBRATION, Point, stopped
 from rig.analysis.map.track import Place, Track
 from rig.errors import NumericsError, Singular
@@ -24,22 +25,21 @@ from rig.stability.linearisation import Steady
 
 Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[np.generic]]
-RUNS = ("up", "down", "near", "far")
 ALIVE = (STICK_SLIP, VIBRATION)
 WINDOW = ("low", "high", "rms", "share", "period")
 _LONG = 160  # characters of the reason why a run had to stop
 
 
 class Row:
-    """The runs over the values `first` to `last` (excluded) of the axis. `tables` holds their results."""
+    """The runs over the values of a unit. `tables` holds their results."""
 
-    def __init__(self, track: Track, first: int, last: int) -> None:
+    def __init__(self, track: Track, unit: Unit) -> None:
         self.track, self.settings = track, track.settings
-        self.x = track.axis.values[first:last]
-        self._next = track.axis.values[first : last + 1]  # with the first value of the next part
+        self._runs, self._curve = unit.runs, unit.curve
+        self.x = track.axis.values[unit.first : unit.last]
+        self._next = track.axis.values[unit.first : unit.last + unit.curve]  # with the first value of the next part
         self._singular: dict[int, Singular] = {}
         self._sliding = [self._steady(i, value) for i, value in enumerate(self._next)]
-        self._least = [track.least(value, at) for value, at in zip(self._next, self._sliding)]
         self._near: dict[int, tuple[Point, Place | None, Array]] = {}
         count, runs = len(self.x), len(RUNS)
         self.tables: Arrays = {
@@ -47,18 +47,19 @@ class Row:
             **{name: np.full((runs, count), np.nan) for name in (*WINDOW, "spent")},
             "why": np.full((runs, count), "", dtype=f"<U{_LONG}"),
             "section": np.full((runs, count, self.settings.section), np.nan),
-            "growth": np.full(count, np.nan),
-            "frequency": np.full(count, np.nan),
-            "onset": np.array(self._onsets(), dtype=np.float64),
             "end": np.full((2, 2), np.nan),
         }
 
     def run(self) -> Arrays:
-        """Every run that the settings ask for."""
-        asked = self.settings.runs
-        for i, (rate, none) in enumerate(self._least[: len(self.x)]):
-            self.tables["growth"][i] = 0.0 if abs(rate.real) <= none else rate.real
-            self.tables["frequency"][i] = abs(rate.imag) / (2.0 * math.pi)
+        """Every run of the unit, and its growth rates."""
+        asked = self._runs
+        if self._curve:
+            least = [self.track.least(value, at) for value, at in zip(self._next, self._sliding)]
+            seen = least[: len(self.x)]
+            rates = [0.0 if abs(rate.real) <= none else rate.real for rate, none in seen]
+            self.tables["growth"] = np.array(rates, dtype=np.float64)
+            self.tables["frequency"] = np.array([abs(rate.imag) / (2.0 * math.pi) for rate, _ in seen])
+            self.tables["onset"] = np.array(self._onsets(least), dtype=np.float64)
         numbers = range(len(self.x))
         if "up" in asked:
             self._carry("up", numbers, self._standing)
@@ -69,6 +70,16 @@ class Row:
                 self._write("near", i, *self._at_near(i))
             if "far" in asked:
                 self._write("far", i, *self._standing(i))
+        return self.tables
+
+    def stopped(self, why: str) -> Arrays:
+        """Return the tables of a unit that could not be simulated, with the reason; growth rates are nan."""
+        for run in self._runs:
+            self.tables["state"][RUNS.index(run)] = STOPPED
+            self.tables["why"][RUNS.index(run)] = why
+        if self._curve:
+            nothing = np.full(len(self.x), np.nan)
+            self.tables |= {"growth": nothing, "frequency": nothing.copy(), "onset": np.zeros(0)}
         return self.tables
 
     def _steady(self, i: int, value: float) -> Steady | None:
@@ -203,12 +214,12 @@ class Row:
         for column in WINDOW:
             t[column][run, i] = getattr(point.window, column)
 
-    def _onsets(self) -> list[float]:
+    def _onsets(self, least: list[tuple[complex, float]]) -> list[float]:
         """Values at which the growth rate of sliding passes through zero, one in every gap in which its sign changes.
 
         An onset at the first value of the next part belongs to that part.
         """
-        known = dict(zip(self._next, self._least))
+        known = dict(zip(self._next, least))
 
         def growths(value: float) -> Growth | None:
             if value not in known:

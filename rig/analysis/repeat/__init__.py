@@ -2,19 +2,19 @@
 
 random   the random parts of a scene
 measure  the numbers of one run
-workers  the processes that simulate
+runs     the runs, as a work of worker processes
 spread   the numbers of all runs: median and range
 figure   the same as a picture
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
-from rig.analysis.repeat import workers as crew
+from rig.analysis.pool import carry_out, temporary, unpacked
+from rig.analysis.repeat.measure import Seen
 from rig.analysis.repeat.random import REMEDY, sources
+from rig.analysis.repeat.runs import SeedRuns
 from rig.analysis.repeat.spread import Repeats
 from rig.errors import UsageError
 from rig.scenes.scene import Scene
@@ -43,7 +43,21 @@ def repeat(
         raise UsageError(f"{scene.name}: nothing in it is random, so that all {count} runs are the same. {REMEDY}")
     if duration is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
-    with tempfile.TemporaryDirectory(prefix="rig-repeat-") as folder:
-        job = crew.Job(scene, tuple(range(scene.seed, scene.seed + count)), duration)
-        seen, ended = crew.work(job, Path(folder), workers, progress, stop)
-    return Repeats(scene.name, found, job.seeds, tuple(seen), ended)
+    work, ended = SeedRuns(scene, tuple(range(scene.seed, scene.seed + count)), duration), ""
+
+    def watch(done: int, total: int) -> None:
+        progress(done, total)
+        if why := stop():
+            raise _Stopped(why)
+
+    with temporary(work) as store:
+        try:
+            runs = carry_out(work, store, workers, watch, apart=True)
+        except _Stopped as stopped:
+            runs, ended = store.load(), str(stopped)
+    seen = tuple(Seen.from_json(unpacked(runs[unit])) for unit in sorted(runs))
+    return Repeats(scene.name, found, work.seeds, seen, ended)
+
+
+class _Stopped(Exception):
+    """The work ends early, for the stated reason."""

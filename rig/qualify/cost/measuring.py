@@ -10,13 +10,14 @@ from pathlib import Path
 from rig.analysis.many_points import refuse
 from rig.errors import NumericsError, UsageError
 from rig.qualify.cost import timing
-from rig.qualify.cost.measures import errors, observe
+from rig.qualify.cost.measures import errors
 from rig.qualify.cost.order import orders
 from rig.qualify.cost.problem import Problem, digest, problem
 from rig.qualify.cost.reference import references
 from rig.qualify.cost.settings import eligible, fastest, ladder
 from rig.qualify.cost.table import Row, Table
 from rig.qualify.cost.timing import Contender, Cost, Spread
+from rig.qualify.cost.trials import trials
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
 
@@ -72,12 +73,11 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
         left_out={method: why for method, why in able.items() if why},
         values=truths.best.seen.values,
     )
-    for setting in settings:
-        seen, truth = observe(asked, setting), truths.of(setting.method)
+    for setting, seen in zip(settings, trials(asked, settings, step=step)):
+        truth = truths.of(setting.method)
         fault = seen.fault or (truth.seen.fault and f"no reference: {truth.setting} stops, {truth.seen.fault}")
         by_metric = {} if fault else errors(asked, seen, truth.seen)
         found.rows.append(Row(setting, by_metric, truths.floor, _unknown(), math.nan, seen.steps, fault))
-        step()
     found.orders = orders(found.rows, asked.seconds)
     if folder is not None:
         found.write(folder)

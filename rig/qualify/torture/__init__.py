@@ -10,11 +10,13 @@ rk4_without_events    Runge-Kutta across the sign of the slip speed: for compari
 wrong_methods         contact forces by other failing methods: for comparison
 test_result           green, amber or red
 cells                 the cells and their results
+case_cells            all cases, in worker processes
 figure                the matrix as a picture
 report                JSON and JUnit
 search                random search over the boxes of the cases
 """
 
-from rig.qualify.torture.cells import Cell, matrix
+from rig.qualify.torture.case_cells import matrix
+from rig.qualify.torture.cells import Cell
 
 __all__ = ["Cell", "matrix"]

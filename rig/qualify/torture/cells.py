@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Self
 
-from rig.analysis.kernel_shapes import Shape, prepare, shape
+from rig.analysis.kernel_shapes import Shape, shape
 from rig.errors import NumericsError, RigError, SceneError, UsageError
 from rig.model.method import as_integrated, chosen
 from rig.qualify.torture import case as cases
@@ -56,20 +56,10 @@ class Cell:
         del raw["result"]
         return raw
 
-
-def matrix(names: Iterable[str], quick: bool, report: Callable[[str], object] | None = None) -> list[Cell]:
-    """Compute all cells of the cases `names`, the reference of each run first; `report` gets a line for each case.
-
-    Missing kernels are compiled before the first cell.
-    """
-    say = report or (lambda _: None)
-    chosen_cases = [one for name in names for one in cases.each(cases.load(name), quick)]
-    prepare((scene for case in chosen_cases for scene in kernel_scenes(case, quick)), report)
-    found: list[Cell] = []
-    for case in chosen_cases:
-        say(case.name)
-        found += cells(case, quick)
-    return found
+    @classmethod
+    def of(cls, raw: dict[str, Any]) -> Self:
+        """Return the cell of `dataclasses.asdict`."""
+        return cls(**{**raw, "result": CellResult(**raw["result"])})
 
 
 def needed() -> Iterator[Watched]:

@@ -1,0 +1,66 @@
+"""Carrying out a work: what its folder does not contain yet is computed, here or by workers, and saved as it comes."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from rig.analysis.pool.local import SPAN, Crew
+from rig.analysis.pool.schedule import Schedule
+from rig.analysis.pool.store import Store
+from rig.analysis.pool.work import Arrays, Progress, Work
+from rig.scheduling import cores
+
+
+def carry_out(
+    work: Work, store: Store, workers: int | None = None, progress: Progress | None = None, apart: bool = False
+) -> dict[int, Arrays]:
+    """Compute what `store`, which the caller has opened, does not contain yet; return the results of all units.
+
+    `workers`: processes, one for each core by default; a single one computes in this process, unless `apart`. A unit
+    whose worker is lost is tried once more. One that ends its worker twice has the result of `Work.failed`, which is
+    not stored: the next call tries it again. Raises WorkerError for a fault that ends the whole work; what is finished
+    stays in the store.
+    """
+    say = progress or (lambda done, total: None)
+    ready = store.load()
+    todo = [unit for unit in range(work.total) if unit not in ready]
+    done = len(ready)
+    say(done, work.total)
+    count = min(workers or cores(), len(todo))
+    if not todo:
+        return ready
+    if count == 1 and not apart:
+        here(work, store, dict.fromkeys(todo, ()), lambda new: say(done + new, work.total))
+        return store.load()
+    with Crew(store.folder, count) as crew:
+        work.prepare()  # while the workers start
+        crew.compute(dict.fromkeys(todo, ()), lambda new: say(done + new, work.total))
+    return store.load() | {unit: work.failed(unit, why) for unit, why in crew.failed.items()}
+
+
+def here(work: Work, store: Store, units: Mapping[int, tuple[float, ...]], progress: Callable[[int], object]) -> None:
+    """Compute units in this process and save them, batch by batch; on an interruption also what is finished."""
+    schedule = Schedule(units, 1, SPAN)
+    while batch := schedule.batch():
+        begin, found = time.perf_counter(), dict[int, Arrays]()
+        try:
+            for unit in batch:
+                found[unit] = work.compute(unit, *units[unit])
+                progress(len(units) - schedule.left + len(found))
+        finally:
+            if found:
+                store.save(found)
+        schedule.done(batch, time.perf_counter() - begin)
+
+
+@contextmanager
+def temporary(work: Work) -> Iterator[Store]:
+    """A store in a folder that is deleted in the end, for results that are needed only once."""
+    with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
+        store = Store(Path(folder))
+        with store.open(work):
+            yield store

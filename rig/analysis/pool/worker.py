@@ -1,0 +1,67 @@
+"""A worker process: `python -m rig.analysis.pool.worker FOLDER` computes the batches that it reads, and saves them.
+
+It reads a line for each batch on standard input, a list of [unit, value, ...], and ends when there are no more. Its
+messages on standard output are lines behind the character `MARK`; other output is that of the units.
+
+ready        waits for batches             at N   units of the batch that are finished
+done S       the batch is saved, S s       fault TEXT   the whole work has to end
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+
+from rig.analysis.pool.store import Store
+from rig.analysis.pool.work import Arrays, Work
+from rig.errors import ExitCode, RigError
+from rig.process import as_process
+
+MARK = "\x01"
+_TELL = 0.1  # s between two messages on a batch
+
+
+def main() -> int:
+    """Run one worker."""
+    store = Store(Path(sys.argv[1]))
+    try:
+        work = store.work()
+        _say("ready")
+        while line := sys.stdin.readline():
+            begin = time.perf_counter()
+            _batch(work, store, json.loads(line))
+            _say(f"done {time.perf_counter() - begin:.6f}")
+    except RigError as fault:  # as a full disk
+        _say(f"fault {json.dumps(str(fault))}")
+        return 1
+    except KeyboardInterrupt:
+        return ExitCode.INTERRUPTED
+    return 0
+
+
+def _batch(work: Work, store: Store, batch: list[list[float]]) -> None:
+    """Compute a batch and save it; after an interruption, what is finished of it."""
+    found: dict[int, Arrays] = {}
+    told = time.monotonic()
+    try:
+        for unit, *given in batch:
+            found[int(unit)] = work.compute(int(unit), *given)
+            if time.monotonic() - told >= _TELL:
+                told = time.monotonic()
+                _say(f"at {len(found)}")
+    except BaseException:
+        if found:
+            store.save(found)
+        raise
+    store.save(found)
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{MARK}{text}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    as_process(main)

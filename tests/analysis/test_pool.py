@@ -1,0 +1,187 @@
+"""The pool of worker processes: nothing is lost or computed in vain, whatever happens to a worker."""
+
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pool_works import Trial
+
+from rig.analysis.pool import Store, carry_out, packed, unpacked
+from rig.analysis.pool.local import Crew
+from rig.analysis.pool.schedule import Schedule
+from rig.errors import UsageError, WorkerError
+
+SUPPORT = Path(__file__).parents[1] / "support"
+
+
+@pytest.fixture(autouse=True)
+def path(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(SUPPORT))
+
+
+def done(work, root, workers=2, progress=None, apart=False):
+    store = Store.of(work, root)
+    with store.open(work):
+        return carry_out(work, store, workers, progress, apart)
+
+
+def squares(found):
+    return {unit: float(arrays["square"][0]) for unit, arrays in sorted(found.items())}
+
+
+def test_each_unit_is_computed_once_and_the_rest_after_an_interruption(tmp_path):
+    work = Trial(str(tmp_path), total=30)
+
+    def interrupt(count, total):
+        assert total == 30
+        if count >= 10:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        done(work, tmp_path, 1, interrupt)
+    kept = Store.of(work, tmp_path).load()
+    assert 10 <= len(kept) < 30
+    told = []
+    found = done(work, tmp_path, 1, lambda *now: told.append(now))
+    assert told[0] == (len(kept), 30)
+    assert told[-1] == (30, 30)
+    assert squares(found) == {unit: unit**2 for unit in range(30)}
+    assert set(work.counts().values()) == {1}
+
+
+def test_a_unit_that_ends_its_worker_is_tried_once_more_and_then_given_up(tmp_path):
+    """One dies once, one each time, one prints half a line: all others are there, and the dead ones are not stored."""
+    does = {"2": "once", "5": "kill", "6": "talk"}
+    work = Trial(str(tmp_path), total=12, does=does)
+    found = done(work, tmp_path)
+    expected = {unit: float(unit**2) for unit in range(12) if unit != 5}
+    assert {unit: v for unit, v in squares(found).items() if unit != 5} == expected
+    assert str(found[5]["name"]).startswith("ended its worker twice: worker ")
+    assert str(found[5]["name"]).endswith(" was killed by SIGKILL")
+    assert squares(Store.of(work, tmp_path).load()) == expected
+    assert work.counts()[5] == 2
+
+
+def test_a_work_without_a_row_for_it_ends_with_the_last_words_of_the_worker(tmp_path):
+    work = Trial(str(tmp_path), total=3, does={"1": "exit"})
+    with pytest.raises(WorkerError, match=r"ended its worker twice: worker \d ended with code 3: the last words"):
+        done(work, tmp_path)
+    assert squares(Store.of(work, tmp_path).load()) == {0: 0.0, 2: 4.0}
+
+
+def test_a_fault_ends_the_work_and_what_is_finished_stays(tmp_path):
+    work = Trial(str(tmp_path), total=6, does={"4": "fault"})
+    with pytest.raises(WorkerError, match=r"worker \d: nothing is as it should be. Finished results are kept in"):
+        done(work, tmp_path)
+    kept = squares(Store.of(work, tmp_path).load())
+    with pytest.raises(UsageError):
+        done(work, tmp_path, 1)
+    assert kept.items() <= squares(Store.of(work, tmp_path).load()).items()
+    assert all(kept[unit] == unit**2 for unit in kept)
+
+
+def test_results_that_do_not_fit_on_the_disk_end_the_work_with_a_sentence(tmp_path):
+    work = Trial(str(tmp_path), total=4, size=10_000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(WorkerError, match=r"\.npz cannot be written: File too large\. Finished results are kept"):
+            done(work, tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not [*tmp_path.rglob(".draft*")]
+
+
+def test_values_that_are_given_reach_the_worker_to_the_last_bit(tmp_path):
+    work, value = Trial(str(tmp_path), total=0), 0.1 + 0.2
+    store = Store.of(work, tmp_path)
+    with store.open(work), Crew(store.folder, 1) as crew:
+        crew.compute({3: (value,)}, lambda done: None)
+        crew.compute({4: (1.0, value)}, lambda done: None)
+    assert squares(store.load()) == {3: 9.0 + value, 4: 16.0 + sum((1.0, value))}
+
+
+def test_workers_end_when_their_parent_is_killed_and_the_same_call_continues(tmp_path):
+    """kill -9 in mid-work: no unit is lost, and none is computed again of the batches that were saved."""
+    work = Trial(str(tmp_path), total=12, seconds=0.2)
+    code = f"""
+import sys; sys.path.insert(0, {str(SUPPORT)!r})
+from pathlib import Path
+from pool_works import Trial
+from rig.analysis.pool import Store, carry_out
+work = Trial({str(tmp_path)!r}, total=12, seconds=0.2)
+store = Store.of(work, Path({str(tmp_path)!r}))
+with store.open(work):
+    carry_out(work, store, 2)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code])
+    store = Store.of(work, tmp_path)
+    until = time.monotonic() + 60.0
+    while len(store.load()) < 2:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    process.kill()
+    process.wait(10.0)
+    saved = set()
+    while (now := store.load().keys()) != saved or time.monotonic() < until - 59.0:
+        saved = set(now)
+        time.sleep(0.6)
+    before = work.counts()
+    assert squares(done(work, tmp_path)) == {unit: unit**2 for unit in range(12)}
+    assert all(work.counts()[unit] == before[unit] for unit in saved)
+
+
+def test_arrays_of_one_shape_are_stacked_and_all_come_back(tmp_path):
+    store = Store(tmp_path)
+    a = {"x": np.arange(3.0), "why": np.array("", dtype="<U8"), "edges": np.zeros((0, 2))}
+    b = {"x": np.arange(3.0) + 1.0, "why": np.array("jams", dtype="<U8"), "edges": np.ones((2, 2)), "more": np.ones(1)}
+    store.save({7: a, 3: b})
+    with np.load(tmp_path / "000003.npz") as file:
+        assert set(file.files) == {"units", "x", "why", "3/edges", "7/edges", "3/more"}
+    found = store.load()
+    for unit, given_ in ((7, a), (3, b)):
+        assert found[unit].keys() == given_.keys()
+        assert all(np.array_equal(found[unit][name], given_[name]) for name in given_)
+
+
+def test_a_store_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    work = Trial(str(tmp_path))
+    with pytest.raises(UsageError, match=r"trial-0: cannot be written: Not a directory"):
+        done(work, tmp_path / "file")
+
+
+def test_json_values_are_a_result_too():
+    raw = {"a": [1.5, None, "Å"]}
+    assert unpacked(packed(raw)) == raw
+
+
+@given(
+    total=st.integers(1, 200),
+    workers=st.integers(1, 5),
+    each=st.floats(1e-4, 10.0),
+    deadly=st.sets(st.integers(0, 199), max_size=5),
+    unlucky=st.sets(st.integers(0, 20), max_size=4),
+)
+def test_whatever_is_lost_each_unit_is_done_once_or_given_up(total, workers, each, deadly, unlucky):
+    """Units in `deadly` end their worker; some batches are lost for no reason of their own."""
+    schedule = Schedule(range(total), workers, 2.0)
+    finished, given_up, turn = [], [], 0
+    while schedule.left:
+        out = [batch for _ in range(workers) if (batch := schedule.batch())]
+        for batch in out:
+            if deadly & {*batch} or turn in unlucky:
+                given_up += schedule.lost(batch)
+            else:
+                finished += batch
+                schedule.done(batch, each * len(batch))
+            turn += 1
+    assert sorted(finished + given_up) == list(range(total))
+    assert set(given_up) >= {unit for unit in deadly if unit < total}
+    assert len(given_up) <= len(deadly) + len(unlucky)
