@@ -9,58 +9,28 @@ A parameter is declared once, as a field of a `Section`:
 A value is a number (in SI units), a text with a unit ("2 rpm"), or a list [value, origin, note], whose origin says
 where the value comes from. Inside the project every number is in SI units.
 
-Every quantity has a range: its own bounds, and the sizes that are plausible for its unit (`SIZES`). Products of a few
+Every quantity has a range: its own bounds, and the sizes that are plausible for its unit (`rig.units.SIZES`). Products of a few
 values within these sizes stay far below the largest double.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
-from functools import cache, partial
+from functools import partial
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, PlainSerializer
+from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, PlainSerializer, ValidationError
 from pydantic_core import CoreSchema, core_schema
 
 from rig.about import About
+from rig.units import OTHERS, SIZES, si
 
 ORIGINS = ("paper", "public", "derived", "calibrated", "chosen", "user")
 LONGEST = 1_000_000_000_000_000
 """Longest duration [ns]: 1e6 s, eleven days."""
-
-SIZES: dict[str, tuple[float, float]] = {
-    "1": (1e-15, 1e9),
-    "kg": (1e-9, 1e6),
-    "kg*m^2": (1e-12, 1e6),
-    "kg/m^3": (1e-3, 1e5),
-    "Pa": (1e-9, 1e13),
-    "m": (1e-12, 1e4),
-    "m/s": (1e-12, 1e4),
-    "m/s^2": (1e-12, 1e9),
-    "rad": (1e-12, 1e4),
-    "rad/s": (1e-12, 1e6),
-    "N": (1e-12, 1e9),
-    "N/m": (1e-15, 1e15),
-    "N*s/m": (1e-9, 1e9),
-    "N*m/rad": (1e-15, 1e15),
-    "N*m*s/rad": (1e-12, 1e9),
-    "N*s": (1e-12, 1e6),
-    "s": (1e-9, 1e6),
-    "Hz": (1e-6, 1e6),
-    "F": (1e-15, 1.0),
-    "N/V": (1e-15, 1e6),
-    "m/V": (1e-15, 1.0),
-    "V": (1e-9, 1e6),
-    "ohm": (1e-9, 1e15),
-    "H": (1e-15, 1e6),
-}
-"""Unit -> least and largest plausible size of a value: wider than any real rig, but narrow enough to find typos."""
-OTHERS = (1e-15, 1e12)
-"""Least and largest size for all other units."""
 
 
 class Unit(str):
@@ -118,114 +88,41 @@ class Range:
         return core_schema.no_info_after_validator_function(self.check, handler(source))
 
 
-@cache
-def _registry() -> Any:
-    import pint  # takes 0.3 s, so only when a text has a unit
-
-    return pint.UnitRegistry()
-
-
-_POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
-_UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
-"""Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever."""
-_LONGEST_UNIT = 60
-_ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'
-
-
-@cache
-def _factor(text: str, unit: str) -> tuple[float, float]:
-    """Scale and offset that convert values in the unit `text` to `unit`."""
-    if len(text) > _LONGEST_UNIT or not _UNIT.fullmatch(text):
-        raise ValueError(text)
-    registry = _registry()
-    target = registry.parse_units("" if unit == "1" else unit)
-    source = registry.parse_units(text)
-    if source == target:
-        return 1.0, 0.0
-    zero = registry.Quantity(0.0, source).to(target).magnitude
-    one = registry.Quantity(1.0, source).to(target).magnitude
-    return float(one - zero), float(zero)
-
-
-def si(value: Any, unit: str) -> float:
-    """Convert `value` to `unit`: a number is already in SI, a text has a unit. Too large for a double is infinite.
-
-    Raises ValueError, which states the given value and what is expected.
-    """
-    if isinstance(value, bool):
-        raise ValueError(f"is {value}; expected a number in {_named(unit)}")
-    if isinstance(value, int | float):
-        try:
-            return float(value)
-        except OverflowError:
-            return math.inf if value > 0 else -math.inf
-    if not isinstance(value, str):
-        raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}")
-    number, _, rest = value.strip().partition(" ")
-    try:
-        magnitude = float(number)
-    except ValueError:
-        raise ValueError(f"is {brief(value)}; expected a number, a space and a unit in {_named(unit)}") from None
-    rest = rest.strip()
-    if rest == unit or (not rest and unit == "1"):
-        return magnitude
-    if not rest:
-        raise ValueError(f"is {brief(value)} without a unit; expected {_named(unit)}")
-    try:
-        scale, offset = _factor(rest, unit)
-    except Exception:  # pint raises many kinds: unknown unit, wrong dimension, bad syntax
-        raise ValueError(f"is {brief(value)}; expected a unit that converts to {_named(unit)}") from None
-    return magnitude * scale + offset
-
-
-@cache
-def unit_fault(unit: Any) -> str:
-    """What is wrong with the unit that a part declares, in words; "" for an SI unit without a prefix (kg has one)."""
-    if not isinstance(unit, str):
-        return f"{brief(unit)} is no unit; {_ALLOWED}"
-    if unit in SIZES:
-        return ""
-    try:
-        if len(unit) > _LONGEST_UNIT or not _UNIT.fullmatch(unit):
-            raise ValueError(unit)
-        registry = _registry()
-        si_value = registry.Quantity(1.0, registry.parse_units(unit)).to_base_units().magnitude
-    except Exception:  # pint raises many kinds: unknown unit, bad syntax
-        return f"{brief(unit)} is unknown; {_ALLOWED}"
-    return (
-        ""
-        if math.isclose(si_value, 1.0, rel_tol=1e-12)
-        else f"{brief(unit)} is not SI, and no number is converted to it; {_ALLOWED}"
-    )
-
-
-def same_unit(one: str, other: str) -> bool:
-    """Whether two SI units are the same, however they are written ("N*s/m", "kg/s"); Hz is not rad/s."""
-    if one == other:
-        return True
-    turns = [("Hz" in unit, "rad" in unit) for unit in (one, other)]
-    return sorted(turns) != [(False, True), (True, False)] and _exponents(one) == _exponents(other)
-
-
-@cache
-def _exponents(unit: str) -> Any:
-    return _registry().parse_units("" if unit == "1" else unit).dimensionality
-
-
 def finite(value: Any, unit: str, *bounds: Gt | Ge | Lt | Le) -> float:
     """Read `value` as `si` does and check it against `bounds` and the sizes of its unit. Raises ValueError."""
     within = Range(unit, bounds)
     return within.check(within.read(value))
 
 
-def brief(value: Any) -> str:
-    """`repr` of a value, shortened to 60 characters."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+_WORDS = {
+    "missing": "is missing",
+    "extra_forbidden": "unknown key",
+    "finite_number": "must be a finite number",
+    "string_type": "expected a text",
+    "bool_type": "expected true or false",
+    "bool_parsing": "expected true or false",
+    "int_type": "expected a whole number",
+    "int_parsing": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "float_type": "expected a number",
+    "float_parsing": "expected a number",
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "dict_type": "expected a table",
+    "tuple_type": "expected a list",
+    "list_type": "expected a list",
+}
 
 
-def _named(unit: str) -> str:
-    return "1 (no unit)" if unit == "1" else unit
+def worded(kind: str, message: str) -> str:
+    """A fault that pydantic found, of `kind` with its `message`, in the words of this project."""
+    return _WORDS.get(kind) or message.removeprefix("Value error, ")
+
+
+def spoken(error: ValidationError) -> list[tuple[str, str, Any]]:
+    """Dotted key, fault in words and given value of each fault that pydantic found in a section."""
+    found = error.errors(include_url=False)
+    return [(".".join(map(str, one["loc"])), worded(one["type"], one["msg"]), one["input"]) for one in found]
 
 
 def quantity(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:

@@ -19,9 +19,9 @@ from pydantic import BaseModel
 
 from rig.bench.rig_variant import with_values
 from rig.errors import SceneError
-from rig.quantities import si
 from rig.scenes.faults import near, shortened, unit_of
 from rig.scenes.scene import Scene
+from rig.units import si
 
 Array = NDArray[np.float64]
 MOST, POINTS = 100_000, 10_000_000

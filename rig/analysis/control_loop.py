@@ -29,8 +29,9 @@ from rig.analysis.plant import plant
 from rig.analysis.sweep import Sweep, along
 from rig.analysis.text_table import columns
 from rig.design import numbers
+from rig.design.linear_form import linear_form
 from rig.design.sampled import Sampled, sampled
-from rig.errors import SceneError, Singular
+from rig.errors import PartError, SceneError, Singular
 from rig.quantities import unit_of
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
@@ -260,20 +261,24 @@ def loop(scene: Scene, name: str) -> Loop:
         raise SceneError(
             scene.name, [f"controllers.{name}: {section.kind} is no linear feedback: it has no margins{other}"]
         )
-    sensor, own, unit = scene.sensors[section.sensor], 1.0, "1"
-    end = sensor.front_end()
-    if gain := feedback.linear().gain:
-        own, unit = getattr(section, gain), unit_of(type(section), gain)
-        feedback = controllers.build(section.model_copy(update={gain: 1.0}), made)
+    own, unit = 1.0, "1"
     try:
+        if gain := linear_form(feedback).gain:
+            own, unit = getattr(section, gain), unit_of(type(section), gain)
+            feedback = controllers.build(section.model_copy(update={gain: 1.0}), made)
+        (reads,), (drives,) = feedback.reads, feedback.drives
+        sensor = scene.sensors[reads]
+        end = sensor.front_end()
         rig = plant(scene)
         model = sampled(rig, feedback, sensor.reads, end, section.delay)
+    except PartError as fault:
+        raise SceneError(scene.name, [f"controllers.{name}: {fault}"]) from None
     except ValueError as fault:
         raise SceneError(scene.name, [f"controllers.{name}.{fault}"]) from None
     return Loop(
         scene=scene.name,
         controller=name,
-        through=f"{section.sensor} to {section.drive}",
+        through=f"{reads} to {drives}",
         gain=own,
         unit="" if unit == "1" else unit,
         delay=(end.delay_ns + section.delay) * 1e-9,

@@ -24,7 +24,7 @@ from rig.bench.command_queue import AS_SENT, CLAMPED, SAFE, CommandQueue
 from rig.bench.journal import Journal
 from rig.bus import topics
 from rig.errors import UsageError
-from rig.quantities import brief
+from rig.units import brief
 
 if TYPE_CHECKING:
     from rig.bench.rebuild import Rebuild

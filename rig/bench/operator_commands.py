@@ -28,7 +28,8 @@ from rig.bench.hub import Hub
 from rig.bench.rig_variant import Wanted
 from rig.bus.queries import Later, param_request
 from rig.errors import RigError, UsageError
-from rig.quantities import si
+from rig.quantities import spoken
+from rig.units import si
 
 MOVES = frozenset({"knock", "connect", "disconnect", "admit"})
 """Commands that a run in its safe state refuses, as it refuses changes of actuators and parameters."""
@@ -210,7 +211,7 @@ class Operator:
         try:
             asked = Admission.model_validate(body)
         except ValidationError as error:
-            faults = [f"{'.'.join(map(str, one['loc'])):.80}: {one['msg']}" for one in error.errors(include_url=False)]
+            faults = [f"{key:.80}: {fault}" for key, fault, _ in spoken(error)]
             raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
         hub, experiment, name, user = self._hub, self._experiment, asked.controller, self.cmd.asker
         arguments = (name, asked.drives, asked.period_ns, asked.hears)

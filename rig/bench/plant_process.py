@@ -17,8 +17,8 @@ from rig.bench.runner import PlantRunner
 from rig.bus import address
 from rig.errors import Interrupted, RigError
 from rig.process import as_process, told_to_stop
-from rig.quantities import si
 from rig.scenes.scene import Scene
+from rig.units import si
 
 
 def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) -> dict[str, Any]:

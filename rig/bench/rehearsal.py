@@ -22,6 +22,7 @@ from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import carry_out
 from rig.errors import RigError
+from rig.parts import foreign_fault
 from rig.scenes.scene import Scene
 
 LONGEST_S = 3.0
@@ -48,7 +49,13 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
         begun.append(now)
         return "rehearsed" if now - begun[0] >= longest_s else ""
 
-    runner = carry_out(scene, working, duration_ns, stop=stop).runner
+    try:
+        runner = carry_out(scene, working, duration_ns, stop=stop).runner
+    except Exception as error:
+        if not foreign_fault(error):
+            raise
+        begun.clear()  # the controller from a file that fails says why in the run, in its own process
+        runner = carry_out(scene, {}, duration_ns, stop=stop).runner
     _joined(runner)
     return runner.motion.mode_sets.keys
 

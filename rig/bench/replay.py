@@ -29,7 +29,7 @@ def replay(
     log: Path,
     into: Sequence[str] = (),
     pace: float | None = None,
-    changes: Mapping[str, str] | None = None,
+    changes: Mapping[str, object] | None = None,
     report: Callable[[str], object] = lambda _: None,
 ) -> Replayed:
     """Replay `log` on the bus; start the controllers `into` and compare their commands with the recorded ones.
@@ -106,9 +106,9 @@ def _of_file(path: str, name: str, setup: Setup) -> Controller:
     return made
 
 
-def _by_controller(changes: Mapping[str, str], names: Mapping[str, str]) -> dict[str, dict[str, str]]:
+def _by_controller(changes: Mapping[str, object], names: Mapping[str, str]) -> dict[str, dict[str, object]]:
     """Controller -> changes of its parameters. Raises UsageError for a key of anything else."""
-    found: dict[str, dict[str, str]] = {}
+    found: dict[str, dict[str, object]] = {}
     for key, value in changes.items():
         room, _, rest = key.partition(".")
         name, _, inner = rest.partition(".")
@@ -121,7 +121,7 @@ def _by_controller(changes: Mapping[str, str], names: Mapping[str, str]) -> dict
     return found
 
 
-def _described(setup: Setup, name: str, changes: Mapping[str, str]) -> dict[str, Any]:
+def _described(setup: Setup, name: str, changes: Mapping[str, object]) -> dict[str, Any]:
     """The description of a recorded controller with other values, after a new design step."""
     if not setup.scene:
         raise LogError("the recording has lost its scene: values of its controllers cannot be changed")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -65,9 +66,12 @@ class PlantRunner:
         except ValueError as error:
             raise SceneError(scene.name, [f"clock.method = {clock.method!r}: {error}"]) from None
         self.findings = findings(scene, system)
-        faults = [f"{one.what} ({one.number:.4g}): {one.remedy}" for one in self.findings if one.level == "error"]
-        if faults and clock.unstable == "refuse":
-            raise SceneError(scene.name, [*faults, 'clock.unstable = "run" runs it all the same, up to clock.limit'])
+        errors = [one for one in self.findings if one.level == "error"]
+        if errors and clock.unstable == "refuse":
+            faults = [f"{one.what} ({one.number:.4g}): {one.remedy}" for one in errors]
+            if all(isfinite(one.number) for one in errors):
+                faults.append('clock.unstable = "run" runs it nevertheless, up to clock.limit')
+            raise SceneError(scene.name, faults)
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
         self.controls = _room(scene)
         self.chance = Numbers(system, scene.seed)

@@ -10,10 +10,10 @@ from rig.bench.journal import OPERATOR, Journal
 from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
 from rig.errors import UsageError
-from rig.quantities import si
 from rig.scenes.faults import near, shortened, shown
 from rig.scenes.scene import Scene
 from rig.scenes.sections import values_of
+from rig.units import si
 
 
 class Tuning:

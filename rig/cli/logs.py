@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Pace, Trust, changes, pace, renamed, seconds
+from rig.cli.options import Force, Json, Pace, Trust, changes, pace, plain, renamed, seconds
 from rig.cli.outputs import named, new, reads
 from rig.errors import ExitCode, LogError, UsageError
 
@@ -97,7 +97,8 @@ def replay(
 
     allow(log, trust)
     status = printing.Status()
-    found = play(log, into or (), pace(speed), changes(p), status.show)
+    values = {key: plain(value) for key, value in changes(p).items()}
+    found = play(log, into or (), pace(speed), values, status.show)
     status.done()
     if as_json:
         printing.report(found.to_json())

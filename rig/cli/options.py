@@ -155,7 +155,7 @@ def the_scene(name: str, overrides: Mapping[str, str]) -> Scene:
 
 def number(given: str, option: str, unit: str, low: float, high: float, also: str = "") -> float:
     """A number from `low` to `high`, plain or with a unit. Raises UsageError; `also`: what else may be said."""
-    from rig.quantities import brief, si
+    from rig.units import brief, si
 
     try:
         found = float(given)

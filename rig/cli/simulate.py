@@ -75,7 +75,7 @@ def instant_of(text: str) -> tuple[Path, float | None]:
     A file with the whole text as its name comes first, so a name may have an @. Raises UsageError for an instant that
     is no time.
     """
-    from rig.quantities import si
+    from rig.units import si
 
     name, at, instant = text.rpartition("@")
     if not at or not name or "/" in instant or Path(text).exists():

@@ -22,7 +22,7 @@ from rig.design.designer import Designer
 from rig.errors import PartError, SceneError
 from rig.model.assembly import Assembly
 from rig.parts import calling, code_of, file_of
-from rig.quantities import brief
+from rig.units import brief
 
 __all__ = ["described", "numbers"]
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rig.controllers.blocks.observer import propagated
 from rig.model.assembly import Assembly
+from rig.model.system_parts import Patch
 
 Array = NDArray[np.float64]
 SETTLED = 100.0  # s; longer than the settling time of any lag of a drive
@@ -24,20 +25,33 @@ class Designer:
         self.assembly, self.sensors, self.parameters = assembly, sensors, parameters
         self.system = assembly.system()
         self.nq = len(self.system.coordinates)
-        self.contact = self.system.patches[0]
+
+    @cached_property
+    def contact(self) -> Patch:
+        """The first friction contact. Raises ValueError for a rig without contact."""
+        if not self.system.patches:
+            raise ValueError("the rig has no friction contact")
+        return self.system.patches[0]
 
     @cached_property
     def structure(self) -> Array:
         """The matrix A [2 nq, 2 nq] of the linear structure without friction, over (x, v)."""
         s, nq = self.system, self.nq
         pull = (s.force + s.coupling)[:, : 2 * nq] - np.hstack([s.stiffness, s.damping])
-        return np.block([[np.zeros((nq, nq)), np.eye(nq)], [np.linalg.solve(s.mass, pull)]])
+        return np.block([[np.zeros((nq, nq)), np.eye(nq)], [self._accelerated(pull)]])
 
     @cached_property
     def push(self) -> Array:
         """The matrix B [2 nq, patch] of the friction forces."""
-        directions = np.array([p.direction for p in self.system.patches]).T
-        return np.vstack([np.zeros_like(directions), np.linalg.solve(self.system.mass, directions)])
+        directions = np.array([p.direction for p in self.system.patches]).reshape(-1, self.nq).T
+        return np.vstack([np.zeros_like(directions), self._accelerated(directions)])
+
+    def _accelerated(self, forces: Array) -> Array:
+        """The accelerations by forces on the coordinates. Raises ValueError for a singular mass matrix."""
+        try:
+            return np.asarray(np.linalg.solve(self.system.mass, forces), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            raise ValueError("the mass matrix of the rig is singular; expected a mass of each coordinate") from None
 
     @cached_property
     def frequency(self) -> float:
@@ -128,8 +142,11 @@ class Designer:
 
     @cached_property
     def load(self) -> Array:
-        """The normal force on the first patch, as a row over the states."""
-        out: Array = np.sum([n.row for n in self.system.normals if n.patch == 0], axis=0)
+        """The normal force on the first contact, as a row over the states. Raises ValueError if there is none."""
+        rows = [n.row for n in self.system.normals if n.patch == 0]
+        if not rows:
+            raise ValueError("the rig has no friction contact with a normal force")
+        out: Array = np.sum(rows, axis=0)
         return out
 
 

@@ -24,7 +24,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.controllers.blocks.design import Feedback, Linear
+from rig.controllers.blocks.design import Feedback
+from rig.design.linear_form import arithmetic
 from rig.design.linearised import Plant
 from rig.sensors.chain.front_end import FrontEnd
 
@@ -88,7 +89,7 @@ class _Period:
         self.end, self.period, self.own = end, period, len(plant.states)
         drive = plant.inputs.index(feedback.drives[0])
         self.A, self.B, self.reading = _with_front_end(plant, drive, reads, end)
-        self.controller = _arithmetic(feedback.linear())
+        self.controller = arithmetic(feedback)
         updates = range(0, period, feedback.period_ns)
         late = [divmod(at + delay_ns, period) for at in updates]  # (periods later, instant) at which a command acts
         self.wait_sample, self.at_sample = -(-end.delay_ns // period), -end.delay_ns % period
@@ -181,20 +182,3 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
         at += len(block)
     direct = 0.0 if end.averages else end.direct
     return A, B, end.gain * np.concatenate([direct * c, out, [direct * d]])
-
-
-def _arithmetic(form: Linear) -> tuple[Array, Array, Array, float]:
-    """The matrices A, b, c, d of xi+ = A xi + b y, u = c xi + d y, from the controller's own linear update."""
-
-    def step(xi: Array, y: float) -> tuple[Array, float]:
-        after, u = form.step(xi.tolist(), y)
-        return np.array(after), u
-
-    count = form.states
-    b, d = step(np.zeros(count), 1.0)
-    columns = [step(unit, 0.0) for unit in np.eye(count)]
-    A, c = np.array([xi for xi, _ in columns]).T, np.array([u for _, u in columns])
-    seen = c != 0.0
-    for _ in range(count):  # drop states without influence on commands, e.g. the copy for a prediction over zero time
-        seen |= np.any(A[seen] != 0.0, axis=0)
-    return A[np.ix_(seen, seen)], b[seen], c[seen], d

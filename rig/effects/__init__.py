@@ -39,7 +39,8 @@ from pydantic import BaseModel, create_model
 from rig.about import About
 from rig.errors import PartError
 from rig.parts import Room, file_of, named, one_class
-from rig.quantities import Section, brief
+from rig.quantities import Section
+from rig.units import brief
 
 
 class Effect(Section):

@@ -33,8 +33,8 @@ from rig.quantities import (
     SecondPerMetre,
     Section,
     Speed,
-    si,
 )
+from rig.units import si
 
 
 class _OverSpeed(Section):

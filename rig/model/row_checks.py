@@ -6,18 +6,25 @@ Rows of shipped plants are not checked, because they are right and are built oft
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from math import isfinite
+from math import isfinite, isnan
 from typing import Any, get_args
 
 from rig.model.assembly import Assembly, Input, Output, Role
 from rig.model.friction_law import Law
 from rig.picture import Plot
-from rig.quantities import brief, unit_fault
+from rig.units import brief, unit_fault
 
 
 def faults(a: Assembly) -> Iterator[str]:
     """Yield the faults of a rig that cannot be computed, one line each: unknown names, numbers that are not finite."""
+    unnamed = [what for what in ("outputs", "inputs", "start") if not isinstance(getattr(a, what), dict)]
+    yield from (f"{what} is {brief(getattr(a, what))}; expected a dict, by name" for what in unnamed)
+    if unnamed:
+        return
     coordinates, states = set(a.coordinates), {*a.names}
+    if not coordinates:
+        yield "the rig has no coordinate; expected one at least, a.coordinate(name, mass)"
+    yield from (f"coordinate {c!r} has no mass" for c in a.coordinates if (c, c) not in a.mass)
     products = {*a.products}
     contacts, normals = [entry[0] for entry in a.patches], [entry[0] for entry in a.normals]
     for what, names in (("friction contact", contacts), ("normal force", normals)):
@@ -31,6 +38,7 @@ def faults(a: Assembly) -> Iterator[str]:
             yield f"a force acts on {coordinate!r}, {_near(coordinates)}"
     for name, row in a.signals.items():
         yield from _row(f"rate of {name!r}", row, states | products)
+    yield from (f"start of {line}" for name, value in a.start.items() for line in _entry(name, value, states))
     for name, direction, surface, law, travel in a.patches:
         yield from _row(f"direction of contact {name!r}", {**direction, **(travel or {})}, coordinates)
         yield from _row(f"surface speed of contact {name!r}", surface, states | products)
@@ -66,16 +74,35 @@ def _outputs(a: Assembly, known: set[str], contacts: Collection[str], normals: C
     for name, one in a.inputs.items():
         if not isinstance(one, Input):
             yield f"input {name!r} is {brief(one)}; expected a rig.model.assembly.Input"
-        elif fault := unit_fault(one.unit):
+            continue
+        if fault := unit_fault(one.unit):
             yield f"unit of input {name!r}: {fault}"
+        numbers = (one.low, one.value, one.high, one.safe)
+        if not all(isinstance(number, int | float) and not isnan(number) for number in numbers):
+            yield f"input {name!r} has the numbers {brief(numbers)} (low, value, high, safe); expected four numbers"
+        elif not one.low <= one.value <= one.high:
+            yield f"input {name!r} begins with {one.value:g}, outside its range {one.low:g} to {one.high:g} {one.unit}"
+        named = {state for state in (one.state, one.slope, one.lagging) if state} - set(a.names)
+        yield from (f"input {name!r} names the state {state!r}, {_near(a.names)}" for state in sorted(named))
 
 
 def _row(what: str, row: Mapping[str, Any], known: Collection[str]) -> Iterator[str]:
+    if not isinstance(row, Mapping):
+        yield f"{what} is {brief(row)}; expected a dict of numbers by name"
+        return
     for name, value in row.items():
         if name not in known:
             yield f"{what} names {name!r}, {_near(known)}"
         elif not isinstance(value, int | float) or not isfinite(value):
             yield f"{what} contains {brief(value)}; expected a finite number"
+
+
+def _entry(name: str, value: Any, known: Collection[str]) -> Iterator[str]:
+    """Faults of the value of a state."""
+    if name not in known:
+        yield f"{name!r}, {_near(known)}"
+    elif not isinstance(value, int | float) or not isfinite(value):
+        yield f"{name!r} is {brief(value)}; expected a finite number"
 
 
 def _near(known: Collection[str]) -> str:

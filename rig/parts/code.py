@@ -104,10 +104,12 @@ class Code:
 
         Raises Untrusted for a text that is not trusted, PartError with line and reason for one that fails.
         """
+        name = f"<{self.file} {self.sha256}>"
         if (found := sys.modules.get(self.called)) is not None:
+            if path is not None:  # of two files with one text, messages name the one that was read last
+                _PATHS[name] = str(path)
             return found
         require([self])
-        name = f"<{self.file} {self.sha256}>"
         _PATHS[name] = str(path or self.file)
         linecache.cache[name] = len(self.text), None, self.text.splitlines(keepends=True), name
         module = ModuleType(self.called)

@@ -15,7 +15,8 @@ from types import ModuleType
 from rig.errors import PartError
 from rig.parts import Room, file_of
 from rig.picture import Own, Picture
-from rig.quantities import Section, brief
+from rig.quantities import Section
+from rig.units import brief
 
 
 def _plant(module: ModuleType, name: str) -> ModuleType:

@@ -18,13 +18,14 @@ from rig.controllers.blocks.base import gets_every_sample
 from rig.controllers.blocks.compiled import CompiledSection
 from rig.errors import PartError
 from rig.parts import calling, file_of
-from rig.quantities import LONGEST, brief, same_unit, unit_fault
+from rig.quantities import LONGEST
 from rig.scenes.clock import Clock
-from rig.scenes.faults import near, shown
+from rig.scenes.faults import near, shown, unit_of
 from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat
 from rig.scenes.sections import controller_drives, controller_reads
 from rig.scenes.step_sequences import longest_ns
 from rig.sensors.chain.front_end import FrontEnd
+from rig.units import brief, same_unit, unit_fault
 
 Fault = tuple[str, str]
 TIMES = ("over", "time", "duration", "timeout", "window")
@@ -111,6 +112,18 @@ def units(controllers: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Ma
                     yield key, f"{key} = {shown(other)}: the {what} is in {known[other]}, {own}"
 
 
+def misdeclared(section: BaseModel, key: str) -> Iterator[Fault]:
+    """Defaults of quantities that are texts, in sections of foreign parts. Only what a scene gives is converted."""
+    for name, info in type(section).model_fields.items():
+        value, inner = getattr(section, name), f"{key}.{name}" if key else name
+        if isinstance(value, BaseModel):
+            yield from misdeclared(value, inner)
+        elif isinstance(value, str) and name not in section.model_fields_set and (unit := unit_of(info)):
+            where = file_of(sys.modules[type(section).__module__])
+            what = f"{where}: {type(section).__name__}.{name} has the default {brief(value)}"
+            yield inner, f"{inner}: {what}; expected a number in {unit}"
+
+
 def unwritable(section: BaseModel, key: str) -> Iterator[Fault]:
     """Values that JSON, and so a recording, cannot hold: only sections of foreign parts have such fields."""
     try:
@@ -183,7 +196,7 @@ def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str)
             yield (
                 key,
                 f"{key} = {shown(section.reads)}: is in {outputs[section.reads].unit}, a {section.kind} reads "
-                f"{section.reads_unit}; fitting: {', '.join(fitting)}",
+                f"{section.reads_unit}; outputs in this unit: {', '.join(fitting) or 'none'}",
             )
 
 

@@ -17,7 +17,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from rig.quantities import Unit, brief
+from rig.quantities import Unit, worded
+from rig.units import brief
 
 BOUNDS = {
     "greater_than": ("greater than", "gt"),
@@ -69,13 +70,7 @@ def _reason(kind: str, context: Mapping[str, Any], message: str, given: Any, uni
         return f"must be {words} {bound:g}{suffix}"
     if kind == "literal_error":
         return f"unknown; known: {context['expected']}".replace("'", "").replace(" or ", ", ")
-    if kind == "finite_number":
-        return "must be a finite number"
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return "expected a table"
-    if kind in ("tuple_type", "list_type"):
-        return "expected a list"
-    return reworded(message.removeprefix("Value error, "), given)
+    return reworded(worded(kind, message), given)
 
 
 def reworded(message: str, given: Any) -> str:

@@ -120,7 +120,7 @@ class _Reading:
         try:
             with calling(sys.modules[model.__module__], ValidationError):
                 found = model.model_validate(raw)
-            wrong = list(checks.unwritable(found, prefix))
+            wrong = list(checks.misdeclared(found, prefix)) or list(checks.unwritable(found, prefix))
             self._tables.report(wrong)
             return None if wrong else found
         except ValidationError as error:

@@ -34,19 +34,9 @@ from pydantic import (
     model_validator,
 )
 
-from rig.quantities import (
-    LONGEST,
-    Nanoseconds,
-    NonNegativeNewton,
-    Range,
-    Section,
-    Unit,
-    finite,
-    nanoseconds,
-    quantity,
-    si,
-)
+from rig.quantities import LONGEST, Nanoseconds, NonNegativeNewton, Range, Section, Unit, finite, nanoseconds, quantity
 from rig.scenes.faults import near
+from rig.units import si
 
 Length = Annotated[
     int,

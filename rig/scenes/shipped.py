@@ -34,8 +34,8 @@ def path(name_or_path: str | Path, folder: Path = Path()) -> Path:
         raise SceneError(repr(text), ["names no scene; rig list shows the shipped ones"])
     if given.suffix == ".toml" or "/" in text:
         return folder / given
-    from rig.quantities import brief
     from rig.scenes.faults import near
+    from rig.units import brief
 
     beside = given.with_suffix(".toml")
     hint = f"the file is called {beside}" if os.path.isfile(folder / beside) else near(text, names(), "rig list")

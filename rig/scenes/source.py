@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import SceneError
-from rig.quantities import ORIGINS, brief
+from rig.quantities import ORIGINS
 from rig.scenes.faults import TAGS, shown, unknown_choice
 from rig.scenes.places import Origin
+from rig.units import brief
 from rig.user_files import contents
 
 FIXED = ("format", "based_on", "title", "plant", "about", "protocol")

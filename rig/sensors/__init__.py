@@ -29,8 +29,8 @@ from typing import Any
 
 from rig.errors import PartError
 from rig.parts import Room, code_of, file_of, named, one_class
-from rig.quantities import brief
 from rig.sensors.chain.instrument import Instrument
+from rig.units import brief
 
 if __name__ != "rig.sensors":  # found through the link at the top of a checkout
     raise ImportError("friction-rig's sensors are imported as rig.sensors")

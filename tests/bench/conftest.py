@@ -9,7 +9,7 @@ from plant_in_thread import SCENE
 
 from rig import scenes
 from rig.model.assembly import Input
-from rig.quantities import si
+from rig.units import si
 
 MS = 1_000_000
 

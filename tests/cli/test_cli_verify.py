@@ -98,9 +98,10 @@ def test_replay_into_a_controller_gives_the_recorded_answers(rig, log):
     assert told["divergence"] is None
 
 
+@pytest.mark.parametrize("gain", ["150 N*s/m", "150"])
 @pytest.mark.usefixtures("runs")
-def test_a_changed_gain_differs_where_it_first_acts_and_the_timing_error_is_stated(rig, log):
-    change = "controllers.nf.gain=150 N*s/m"
+def test_a_changed_gain_differs_where_it_first_acts_and_the_timing_error_is_stated(rig, log, gain):
+    change = f"controllers.nf.gain={gain}"
     code, out, err = rig("replay", log, "--into", "nf", "--pace", "5", "-p", change, "--json")
     told = json.loads(out)
     assert code == 1, out + err

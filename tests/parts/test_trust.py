@@ -153,7 +153,7 @@ def test_commands_tell_of_a_recorded_scene_that_is_none(rig, log, tmp_path, comm
     if command == "verify":
         assert code == 2
         assert "the recorded scene:" in err
-        assert "block.colour: Extra inputs are not permitted" in err
+        assert "block.colour: unknown key" in err
 
 
 def test_a_report_without_trust_says_what_it_does_not_show(rig, log, strangers):

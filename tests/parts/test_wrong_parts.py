@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import rig as lab
+from rig.bench.job import Job
+from rig.bench.rehearsal import visited
 from rig.errors import PartError, SceneError, UsageError
 
 TOYS = Path(__file__).parent / "two_masses"
@@ -118,6 +120,54 @@ def test_they_are_right_as_they_are(toys):
             "from rig.picture import Own\n\nFIGURE = Own(':nope', ('v_left',))\n\n\nclass Mass(",
             "twin.py: names ':nope' as what draws it, and defines no nope",
         ),
+        ("twin.py", X_LEFT, 'Output(None, "m")', "output 'x_left' is None; expected a dict of numbers by name"),
+        (
+            "twin.py",
+            "    return a\n",
+            "    a.outputs = [1]\n    return a\n",
+            r"twin.py: outputs is \[1\]; expected a dict",
+        ),
+        (
+            "twin.py",
+            "    return a\n",
+            "    return Assembly(title='nothing')\n",
+            "twin.py: the rig has no coordinate; expected one at least",
+        ),
+        (
+            "twin.py",
+            "    return a\n",
+            "    a.coordinates.append('q')\n    return a\n",
+            "twin.py: coordinate 'q' has no mass",
+        ),
+        *(
+            ("twin.py", "    return a\n", f"    a.start[{name!r}] = {value}\n    return a\n", told)
+            for name, value, told in [
+                ("q", "1.0", "twin.py: start of 'q', which does not exist; known: l, l', one, r, r'"),
+                ("l", "float('nan')", "twin.py: start of 'l' is nan; expected a finite number"),
+                ("l", "'far'", "twin.py: start of 'l' is 'far'; expected a finite number"),
+            ]
+        ),
+        *(
+            (
+                "twin.py",
+                "    return a\n",
+                "    from rig.model.assembly import Input\n"
+                f"    a.inputs['lamp'] = Input('N', {numbers})\n    return a\n",
+                f"twin.py: input 'lamp' {told}",
+            )
+            for numbers, told in [
+                ("0, 3, 5, 0", "begins with 5, outside its range 0 to 3 N"),
+                ("4, 3, 4, 0", "begins with 4, outside its range 4 to 3 N"),
+                ("0, 'high', 1, 0", r"has the numbers \(0, 1, 'high', 0\) \(low, value, high, safe\); expected four"),
+                ("0, 3, 1, 0, state='lit'", "names the state 'lit', which does not exist; known: l, l'"),
+            ]
+        ),
+        (
+            "eddy.py",
+            '    lag: quantity("s") = 0.01',
+            '    lag: quantity("s") = "10 ms"',
+            "eddy.lag: eddy.py: Eddy.lag has the default '10 ms'; expected a number in s",
+        ),
         ("twin.py", "= -c", '= float("nan")', r"stiffness\['l', 'r'\] contains nan"),
         ("twin.py", 'a.stiffness["l", "r"]', 'a.stiffness["l", "q"]', r"stiffness\['l', 'q'\] names 'q'"),
         ("twin.py", LEFT, 'a.coordinate("l", "heavy"', r"mass\['l', 'l'\] contains 'heavy'"),
@@ -203,9 +253,80 @@ def test_a_plant_that_takes_no_moved_actuators_is_told_where_some_move(toys):
         lab.simulate(scene, 0.1)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            "return Linear(1, step, ",
+            "return (1, step, ",
+            r"lead.py: linear gives \(1, <function .*; expected a rig.contr",
+        ),
+        (
+            "return Linear(1, step, ",
+            "return Linear(2, step, ",
+            r"step of linear gives .*; expected \(2 states, command\)",
+        ),
+        ('step, "gain")', 'step, "grain")', "lead.py: linear names the gain 'grain'; its parameters: .*gain, pole"),
+        (
+            "            return (y,),",
+            "            1 / 0\n            return (y,),",
+            r"lead.py: ZeroDivisionError: .*line \d+",
+        ),
+        (
+            WIRED,
+            WIRED.replace("(section.sensor,)", '(section.sensor, "coil")'),
+            "lead.reads: v, coil; a linear form needs",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_linear_form_is_told(toys, old, new, told):
+    scene = lab.load(changed(toys, "lead.py", old, new))
+    with pytest.raises(SceneError, match=told):
+        lab.loop(scene, "lead")
+
+
+def test_a_linear_form_without_states_has_margins(toys):
+    """A filter with its pole at zero is none."""
+    with_filter = lab.loop(lab.load(toys / "scene.toml", {"controllers.lead.pole": 0.0}), "lead")
+    scale = 'return Linear(0, lambda states, sample: ((), -self.section.gain * sample * self.numbers["scale"] '
+    scene = changed(
+        toys, "lead.py", 'return Linear(1, step, "gain")', f'{scale}* self.numbers["drive_scale"]), "gain")'
+    )
+    without = lab.loop(lab.load(scene), "lead")
+    assert without.gain_range == pytest.approx(with_filter.gain_range)
+    assert without.model.states == with_filter.model.states
+
+
+def test_a_rig_without_contact_has_no_numbers_that_need_one(toys):
+    """The controller asks for the scale of a velocity, which is that of the contact."""
+    changed(
+        toys,
+        "twin.py",
+        "    return a\n",
+        "    a.patches.clear()\n    a.normals.clear()\n    del a.outputs['grip']\n    return a\n",
+    )
+    scene = lab.load(toys / "scene.toml")
+    with pytest.raises(SceneError, match=r"controllers\.lead: the rig has no friction contact with a normal force"):
+        lab.simulate(scene, 0.1)
+
+
+def test_a_controller_that_fails_late_does_not_keep_a_paced_run_from_beginning(toys):
+    """Its own process says so; the rehearsal in the process of the plant goes on without it."""
+    scene = lab.load(changed(toys, "lead.py", COMMAND, f"assert t_ns < 20_000_000\n        {COMMAND}"))
+    assert visited(scene, Job(scene.to_json(), duration=0.1))
+
+
+def test_of_two_files_with_one_text_the_one_that_the_scene_names_is_told(toys):
+    shutil.copytree(toys, toys / "second")
+    fails = '[eddy]\nlag = "0 s"'
+    for folder in (toys, toys / "second"):
+        with pytest.raises(SceneError, match=rf"{folder}/eddy\.py: ZeroDivisionError"):
+            lab.load(changed(folder, "scene.toml", "[eddy]", fails))
+
+
 def test_a_rig_without_inertia_has_no_numbers_for_a_controller(toys):
     scene = lab.load(changed(toys, "twin.py", LEFT, 'a.coordinate("l", 0.0'))
-    with pytest.raises(SceneError, match=r"controllers\.lead: Singular matrix"):
+    with pytest.raises(SceneError, match=r"controllers\.lead: the mass matrix of the rig is singular"):
         lab.simulate(scene, 0.1)
 
 
@@ -226,5 +347,5 @@ def test_a_controller_on_its_own_is_checked_alike(toys):
 def test_a_controller_on_its_own_needs_defaults(toys):
     from rig.controllers.runtime.file import load_file
 
-    with pytest.raises(UsageError, match=r"lead\.py: Lead\.sensor: Field required"):
+    with pytest.raises(UsageError, match=r"lead\.py: Lead\.sensor: is missing"):
         load_file(toys / "lead.py")

@@ -188,13 +188,32 @@ def test_a_case_may_set_a_list(tmp_path):
     assert watched(read(path), "kick", 1000).parameters.start.velocities == (1.0, 2.0)
 
 
+def test_a_case_names_a_scene_file_by_its_path_from_its_own_folder(tmp_path):
+    (tmp_path / "cases").mkdir()
+    (tmp_path / "mine.toml").write_text('based_on = "belt_c"\n[load]\nforce = "25 N"\n')
+    path = tmp_path / "cases" / "case.toml"
+    path.write_text('title = "x"\nabout = "y"\nscene = "../mine.toml"\nduration = "1 ms"\n')
+    assert watched(read(path), "exact", 1_000_000).parameters.load.force == 25.0
+
+
 def test_faults_of_a_case_are_told_together(tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text('title = "x"\nabout = "y"\nscene = "belt_c"\nduration = "3 m"\nspeed = 1\n')
     with pytest.raises(SceneError) as told:
         read(path)
-    assert "duration" in str(told.value)
-    assert "speed" in str(told.value)
+    assert 'duration = "3 m": expected a unit that converts to s' in told.value.faults
+    assert any(fault.startswith("speed: unknown key; ") for fault in told.value.faults)
+    path.write_text('title = 3\nscene = "belt_c"\nduration = "1 s"\n[[act]]\ndo = "push"\n')
+    with pytest.raises(SceneError) as told:
+        read(path)
+    assert [fault.partition(";")[0] for fault in told.value.faults] == [
+        "title = 3: expected a text",
+        "about: is missing",
+        'act[1].do = "push": unknown',
+    ]
+    path.write_text('title = "x"\nbased_on = "belt"\n')
+    with pytest.raises(SceneError, match=r'is a scene; a case names one, scene = "bad.toml"'):
+        read(path)
     with pytest.raises(UsageError, match="did you mean grazing"):
         load("grasing")
     assert FOLDER.is_dir()

@@ -101,7 +101,8 @@ def test_a_plain_scene_loads(tmp_path):
         (
             'kind = "laser_vibrometer"',
             'kind = "laser_vibrometer"\nreads = "displacement"',
-            'sensors.vibrometer.reads = "displacement": is in m, a laser_vibrometer reads m/s; fitting: velocity, ',
+            'sensors.vibrometer.reads = "displacement": is in m, a laser_vibrometer reads m/s; '
+            "outputs in this unit: velocity, ",
         ),
         (
             'kind = "laser_vibrometer"',

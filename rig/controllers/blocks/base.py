@@ -24,7 +24,8 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import ValidationError
 
 from rig.errors import UsageError
-from rig.quantities import Nanoseconds, Section, brief, duration, optional, quantity, unit_of
+from rig.quantities import Nanoseconds, Section, duration, optional, quantity, spoken, unit_of
+from rig.units import brief
 
 Numbers = Mapping[str, Any]
 Values = tuple[float, ...]
@@ -125,11 +126,11 @@ def tunable(controller: Controller) -> dict[str, str]:
 
 def explain(error: ValidationError) -> list[str]:
     """One line for each fault of a section: key, fault, given value."""
-    lines = []
-    for fault in error.errors(include_url=False):
-        key = ".".join(str(part) for part in fault["loc"]) or "the parameters"
-        lines.append(f"{key}: {fault['msg'].removeprefix('Value error, ')} (given: {brief(fault['input'])})")
-    return lines
+    shown = {"is missing": ""}  # what was given is then the whole section
+    return [
+        f"{key or 'the parameters'}: {fault}{shown.get(fault, f' (given: {brief(given)})')}"
+        for key, fault, given in spoken(error)
+    ]
 
 
 def _near(key: str, known: Mapping[str, object]) -> str:

@@ -13,7 +13,8 @@ from pydantic import create_model
 from rig.controllers.blocks.base import ControllerSection
 from rig.errors import PartError
 from rig.parts import Binary
-from rig.quantities import Nanoseconds, Section, quantity, unit_fault
+from rig.quantities import Nanoseconds, Section, quantity
+from rig.units import unit_fault
 
 _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,60}")
 

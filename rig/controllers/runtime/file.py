@@ -25,7 +25,8 @@ from rig.controllers.blocks.base import Controller, Numbers, explain, gets_every
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerLost, UsageError
 from rig.parts import Code, calling, trust
-from rig.quantities import Section, brief
+from rig.quantities import Section
+from rig.units import brief
 
 
 def load_file(path: str | Path) -> Controller:

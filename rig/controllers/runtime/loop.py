@@ -12,7 +12,7 @@ from typing import Any
 
 from rig.controllers.blocks.base import Controller, State, Values, gets_every_sample, retune
 from rig.errors import UsageError
-from rig.quantities import brief
+from rig.units import brief
 
 
 def _finite(values: Values) -> bool:

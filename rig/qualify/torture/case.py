@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -69,7 +71,9 @@ class Expect(Section):
 
 
 class Case(Section):
-    """One case. `scene`: a shipped one, "*" for each, or `rig`: one of rig.qualify.torture.rigs; `set` changes it.
+    """One case. `scene`: a shipped one, "*" for each, a scene file, or `rig`: one of rig.qualify.torture.rigs.
+
+    `set` changes values of the rig.
 
     `steps`: sample steps to try. `frame`: loop period, at whose begin modes are settled; by default a step. `wrong`:
     methods of rig.qualify.torture.wrong_methods that must fail in this case. `limited`: the run ends where the motion
@@ -104,17 +108,22 @@ class Case(Section):
 
 
 def read(path: Path, overrides: Mapping[str, Any] | None = None) -> Case:
-    """Return the case of a file. Raises SceneError with every fault."""
+    """Return the case of a file. A scene file is sought from its folder. Raises SceneError with every fault."""
     raw = source.tree(path)
+    if {"plant", "based_on"} & raw.keys():
+        example = f'a case names one, scene = "{path.name}", with title, about and duration (docs/torture.md)'
+        raise SceneError(str(path), [f"is a scene; {example}"])
     raw["set"] = raw.get("set", {}) | dict(overrides or {})
     raw["acts"] = raw.pop("act", [])
     try:
         case = Case.model_validate({"name": path.stem, **raw})
     except ValidationError as error:
-        lines = [f"{'.'.join(map(str, f['loc']))}: {f['msg'].removeprefix('Value error, ')}" for f in error.errors()]
-        raise SceneError(path.name, lines) from None
+        lines = [re.sub(r"\bacts\b", "act", line) for _, line in faults.lines(error, Case, raw)]
+        raise SceneError(str(path), lines) from None
     if bool(case.scene) == bool(case.rig):
-        raise SceneError(path.name, ["give either scene, the name of a shipped scene, or rig"])
+        raise SceneError(str(path), ["give either scene, the name of a shipped scene or a scene file, or rig"])
+    if case.scene.endswith(".toml"):
+        return case.model_copy(update={"scene": os.path.abspath(path.parent / case.scene)})
     return case
 
 

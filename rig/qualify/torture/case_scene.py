@@ -16,6 +16,7 @@ from rig.qualify.torture.case import Case
 from rig.qualify.torture.rigs import RIGS
 from rig.quantities import Section
 from rig.scenes.clock import Clock
+from rig.scenes.faults import lines
 from rig.scenes.scene import Scene
 
 
@@ -77,8 +78,8 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         try:
             parameters = RIGS[case.rig][0].model_validate(case.set)
         except ValidationError as error:
-            lines = [f"set.{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in error.errors()]
-            raise SceneError(case.name, lines) from None
+            faults = [line for _, line in lines(error, RIGS[case.rig][0], case.set, "set")]
+            raise SceneError(case.name, faults) from None
         base: dict[str, Any] = {
             "plant": case.rig,
             "parameters": parameters,

@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from rig.quantities import brief
 from rig.sensors.chain.instants import Instants
+from rig.units import brief
 
 _POSITIVE = ("noise", "resolution", "dropout_rate", "dropout_shortest", "dropout_longest")
 _NUMBERS = ("direct", "gain", "offset", "slope", "warmth", "fade", "rise", *_POSITIVE)

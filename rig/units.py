@@ -1,0 +1,142 @@
+"""Units of physical quantities: plausible sizes, and the conversion of numbers and texts to SI."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import Any
+
+SIZES: dict[str, tuple[float, float]] = {
+    "1": (1e-15, 1e9),
+    "kg": (1e-9, 1e6),
+    "kg*m^2": (1e-12, 1e6),
+    "kg/m^3": (1e-3, 1e5),
+    "Pa": (1e-9, 1e13),
+    "m": (1e-12, 1e4),
+    "m/s": (1e-12, 1e4),
+    "m/s^2": (1e-12, 1e9),
+    "rad": (1e-12, 1e4),
+    "rad/s": (1e-12, 1e6),
+    "N": (1e-12, 1e9),
+    "N/m": (1e-15, 1e15),
+    "N*s/m": (1e-9, 1e9),
+    "N*m/rad": (1e-15, 1e15),
+    "N*m*s/rad": (1e-12, 1e9),
+    "N*s": (1e-12, 1e6),
+    "s": (1e-9, 1e6),
+    "Hz": (1e-6, 1e6),
+    "F": (1e-15, 1.0),
+    "N/V": (1e-15, 1e6),
+    "m/V": (1e-15, 1.0),
+    "V": (1e-9, 1e6),
+    "ohm": (1e-9, 1e15),
+    "H": (1e-15, 1e6),
+}
+"""Unit -> least and largest plausible size of a value: wider than any real rig, but narrow enough to find typos."""
+OTHERS = (1e-15, 1e12)
+"""Least and largest size for all other units."""
+
+
+@cache
+def _registry() -> Any:
+    import pint  # takes 0.3 s, so only when a text has a unit
+
+    return pint.UnitRegistry()
+
+
+_POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
+_UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
+"""Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever."""
+_LONGEST_UNIT = 60
+_ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'
+
+
+@cache
+def _factor(text: str, unit: str) -> tuple[float, float]:
+    """Scale and offset that convert values in the unit `text` to `unit`."""
+    if len(text) > _LONGEST_UNIT or not _UNIT.fullmatch(text):
+        raise ValueError(text)
+    registry = _registry()
+    target = registry.parse_units("" if unit == "1" else unit)
+    source = registry.parse_units(text)
+    if source == target:
+        return 1.0, 0.0
+    zero = registry.Quantity(0.0, source).to(target).magnitude
+    one = registry.Quantity(1.0, source).to(target).magnitude
+    return float(one - zero), float(zero)
+
+
+def si(value: Any, unit: str) -> float:
+    """Convert `value` to `unit`: a number is already in SI, a text has a unit. Too large for a double is infinite.
+
+    Raises ValueError, which states the given value and what is expected.
+    """
+    if isinstance(value, bool):
+        raise ValueError(f"is {value}; expected a number in {_named(unit)}")
+    if isinstance(value, int | float):
+        try:
+            return float(value)
+        except OverflowError:
+            return math.inf if value > 0 else -math.inf
+    if not isinstance(value, str):
+        raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}")
+    number, _, rest = value.strip().partition(" ")
+    try:
+        magnitude = float(number)
+    except ValueError:
+        raise ValueError(f"is {brief(value)}; expected a number, a space and a unit in {_named(unit)}") from None
+    rest = rest.strip()
+    if rest == unit or (not rest and unit == "1"):
+        return magnitude
+    if not rest:
+        raise ValueError(f"is {brief(value)} without a unit; expected {_named(unit)}")
+    try:
+        scale, offset = _factor(rest, unit)
+    except Exception:  # pint raises many kinds: unknown unit, wrong dimension, bad syntax
+        raise ValueError(f"is {brief(value)}; expected a unit that converts to {_named(unit)}") from None
+    return magnitude * scale + offset
+
+
+@cache
+def unit_fault(unit: Any) -> str:
+    """What is wrong with the unit that a part declares, in words; "" for an SI unit without a prefix (kg has one)."""
+    if not isinstance(unit, str):
+        return f"{brief(unit)} is no unit; {_ALLOWED}"
+    if unit in SIZES:
+        return ""
+    try:
+        if len(unit) > _LONGEST_UNIT or not _UNIT.fullmatch(unit):
+            raise ValueError(unit)
+        registry = _registry()
+        si_value = registry.Quantity(1.0, registry.parse_units(unit)).to_base_units().magnitude
+    except Exception:  # pint raises many kinds: unknown unit, bad syntax
+        return f"{brief(unit)} is unknown; {_ALLOWED}"
+    return (
+        ""
+        if math.isclose(si_value, 1.0, rel_tol=1e-12)
+        else f"{brief(unit)} is not SI, and no number is converted to it; {_ALLOWED}"
+    )
+
+
+def same_unit(one: str, other: str) -> bool:
+    """Whether two SI units are the same, however they are written ("N*s/m", "kg/s"); Hz is not rad/s."""
+    if one == other:
+        return True
+    turns = [("Hz" in unit, "rad" in unit) for unit in (one, other)]
+    return sorted(turns) != [(False, True), (True, False)] and _exponents(one) == _exponents(other)
+
+
+@cache
+def _exponents(unit: str) -> Any:
+    return _registry().parse_units("" if unit == "1" else unit).dimensionality
+
+
+def brief(value: Any) -> str:
+    """`repr` of a value, shortened to 60 characters."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _named(unit: str) -> str:
+    return "1 (no unit)" if unit == "1" else unit
