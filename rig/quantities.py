@@ -9,8 +9,8 @@ A parameter is declared once, as a field of a `Section`:
 A value is a number (in SI units), a text with a unit ("2 rpm"), or a list [value, origin, note], whose origin says
 where the value comes from. Inside the project every number is in SI units.
 
-Every quantity has a range: its own bounds, and the sizes that are plausible for its unit (`rig.units.SIZES`). Products of a few
-values within these sizes stay far below the largest double.
+Every quantity has a range: its own bounds, and the sizes that are plausible for its unit (`rig.units.SIZES`).
+Products of a few values within these sizes stay far below the largest double.
 """
 
 from __future__ import annotations
