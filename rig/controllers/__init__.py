@@ -7,6 +7,7 @@ dither_sampled   dither as a sampled and held signal, to show its error
 narrow_band      damping of the modes in a band through the voltage of a stack
 shunt_schedule   a shunt that is switched at stated times
 squeal_switch    a shunt that is connected when the brake squeals
+lti              a linear controller from a file or from python-control
 shunt_tuner      a shunt whose inductance follows the frequency of the squeal
 c                a controller compiled from C
 
@@ -88,8 +89,8 @@ def controller_class(section: Section) -> Any:
 
 
 def connections(section: Section, what: str) -> tuple[str, ...]:
-    """Names that a controller `reads` or `drives`, from its class or else from a controller built from `section`."""
-    stated = getattr(controller_class(section), what, None)
+    """Names that a controller `reads` or `drives`: stated by its section, its class, or the controller itself."""
+    stated = getattr(section, what, None) or getattr(controller_class(section), what, None)
     return stated if isinstance(stated, tuple) else tuple(getattr(build(section, {}), what))
 
 

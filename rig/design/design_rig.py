@@ -65,7 +65,7 @@ class DesignRig:
     def actuator(self, name: str) -> Actuator | None:
         """See `Rig.actuator`."""
         found = self._designer.assembly.inputs.get(name)
-        return None if found is None else Actuator(found.unit, found.value)
+        return None if found is None else Actuator(found.unit, found.value, found.low, found.high)
 
     def value(self, key: str) -> Any:
         """See `Rig.value`."""

@@ -11,6 +11,7 @@ import pytest
 import rig
 from rig import controllers
 from rig.controllers.blocks.base import retune
+from rig.controllers.lti import LTI
 from rig.controllers.runtime.body import Untranslatable
 from rig.controllers.runtime.native import Native
 from rig.controllers.runtime.translate import translate
@@ -46,6 +47,16 @@ def compared(controller, count=1500, size=0.05):
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_controller_gives_the_bits_of_python(name):
     assert compared(of_scene(name)) == 1500
+
+
+def test_a_linear_system_gives_the_bits_of_python_at_its_limits_too():
+    draw, states = np.random.default_rng(3), 3
+    a = draw.normal(size=(states, states))
+    shapes = {"B": (states, 2), "C": (2, states), "D": (2, 2)}
+    matrices = {name: draw.normal(size=shape).tolist() for name, shape in shapes.items()}
+    matrices["A"] = (0.95 * a / abs(np.linalg.eigvals(a)).max()).tolist()
+    keys = {"reads": ["a", "b"], "drives": ["u", "v"], "lowest": -0.05, "highest": 0.1}
+    assert compared(controllers.build(LTI.model_validate({"kind": "lti", **matrices, **keys}), {}), 500) == 500
 
 
 def test_it_goes_on_as_a_retuned_controller():

@@ -21,10 +21,12 @@ if TYPE_CHECKING:
 
 
 class Actuator(NamedTuple):
-    """An actuator: its unit, and its value at the start."""
+    """An actuator: its unit, its value at the start, and the range of its commands."""
 
     unit: str
     value: float
+    low: float
+    high: float
 
 
 class Linear(NamedTuple):

@@ -1,0 +1,268 @@
+"""Reads a linear system from a file (.json, .npz, .mat) or from python-control.
+
+    A, B, C, D        state space, row by row; leave out A, B and C for a constant gain
+    num, den          transfer function: coefficients of falling powers; with several inputs or outputs one list of
+                      coefficients for each output and input, num[output][input]
+    dt                sample period [s], 0 for a continuous system
+    inputs, outputs   optional: names of the signals
+
+All functions raise ValueError with everything that is wrong.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.quantities import brief
+from rig.user_files import contents
+
+Matrix = NDArray[np.float64]
+STATES, SIGNALS = 100, 16
+"""Most states, and most inputs or outputs, of a controller. # chosen"""
+_LARGEST = 1 << 24  # bytes
+_KEYS = ("A", "B", "C", "D", "num", "den", "dt", "inputs", "outputs")
+_AS_MATRICES = "save its matrices: [A, B, C, D] = ssdata(K); dt = K.Ts; save('K.mat', 'A', 'B', 'C', 'D', 'dt', '-v7')"
+
+
+class System(NamedTuple):
+    """x(k+1) = A x + B y, u = C x + D y for `dt` > 0 [s]; x' = A x + B y for `dt` 0. The names may be empty."""
+
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+    dt: float
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+
+def read(path: Path) -> System:
+    """The system in a file."""
+    if path.suffix not in READERS:
+        raise ValueError(f"{path.name}: the name of a linear system ends in {', '.join(READERS)}")
+    try:
+        found = READERS[path.suffix](contents(path, _LARGEST))
+    except FileNotFoundError:
+        raise ValueError(f"{path}: there is no such file") from None
+    except OSError as fault:
+        raise ValueError(f"{path}: cannot be read: {fault.strerror or fault}") from None
+    except NotImplementedError:  # scipy's, for MATLAB's format 7.3
+        raise ValueError(f"{path.name}: is in MATLAB's format 7.3, which is not read here; {_AS_MATRICES}") from None
+    except Exception as fault:  # of libraries that read damaged files, of many kinds
+        raise ValueError(f"{path.name}: cannot be read: {fault!s:.200}") from None
+    return system(found, path.name)
+
+
+def _json(data: bytes) -> dict[str, Any]:
+    found = json.loads(data)
+    if not isinstance(found, dict):
+        raise ValueError("it is no JSON object")
+    return found
+
+
+def _npz(data: bytes) -> dict[str, Any]:
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        if not hasattr(file, "files"):
+            raise ValueError("it holds one array without a name; write it with numpy.savez")
+        return {name: file[name].tolist() for name in file.files}
+
+
+def _mat(data: bytes) -> dict[str, Any]:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatlabFunction, MatlabOpaque
+
+    found = {name: value for name, value in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
+    if any(isinstance(value, MatlabFunction | MatlabOpaque) for value in found.values()) or "None" in found:
+        raise ValueError(f"it holds an object of MATLAB; {_AS_MATRICES}")
+    read = {"dt" if name == "Ts" else name: _plain(value) for name, value in found.items()}
+    for name in {"num", "den"} & read.keys():
+        if np.ndim(read[name]) == 2 and len(read[name]) == 1:  # MATLAB has no vectors
+            read[name] = read[name][0]
+    return read
+
+
+def _plain(value: Any) -> Any:
+    """A value of a .mat file: matrices as lists of rows, cells as lists, texts as texts."""
+    if value.dtype == object:
+        return [[_row(_plain(cell)) for cell in row] for row in value]
+    if value.dtype.kind == "U":
+        return value.tolist()
+    return value.item() if value.size == 1 else value.tolist()
+
+
+def _row(cell: Any) -> Any:
+    return cell[0] if isinstance(cell, list) and len(cell) == 1 else cell
+
+
+READERS: dict[str, Callable[[bytes], dict[str, Any]]] = {".json": _json, ".npz": _npz, ".mat": _mat}
+"""Suffix of a file -> what reads it."""
+
+
+def of_control(given: Any) -> System:
+    """The system in a StateSpace or TransferFunction of python-control."""
+    import control
+
+    if isinstance(given, control.TransferFunction):
+        numerators, denominators = given.num_list, given.den_list
+        found: dict[str, Any] = {
+            "num": [[one.tolist() for one in row] for row in numerators],
+            "den": [[one.tolist() for one in row] for row in denominators],
+        }
+    elif isinstance(given, control.StateSpace):
+        found = {name: getattr(given, name).tolist() for name in "ABCD"}
+        if not given.nstates:
+            found = {"D": found["D"]}
+    else:
+        raise ValueError(
+            f"a {type(given).__name__} of python-control is no linear system with a matrix form; "
+            "give a StateSpace or a TransferFunction"
+        )
+    names = {
+        key: [] if labels == [f"{letter}[{i}]" for i in range(len(labels))] else labels
+        for key, labels, letter in (("inputs", given.input_labels, "u"), ("outputs", given.output_labels, "y"))
+    }
+    return system({**found, "dt": given.dt, **names}, f"the {type(given).__name__}")
+
+
+def system(found: Mapping[str, Any], where: str) -> System:
+    """The system that these values describe; `where`: what contains them, for messages."""
+    if "E" in found:
+        raise ValueError(f"{where}: is a descriptor system (E): solve its algebraic equations and state A, B, C, D")
+    faults = [f"{key!r:.60} is unknown; known: {', '.join(_KEYS)}" for key in found if key not in _KEYS]
+    names = []
+    for key in ("inputs", "outputs"):
+        try:
+            names.append(_names(found.get(key)))
+        except ValueError as fault:
+            faults.append(f"{key} {fault}")
+    dt = found.get("dt")
+    if dt is None or isinstance(dt, bool) or not isinstance(dt, int | float) or not (math.isfinite(dt) and dt >= 0.0):
+        given = "is missing" if dt is None else f"= {brief(dt)}"
+        faults.append(f"dt {given}: state the sample period [s], or 0 for a continuous system")
+    matrices: tuple[Matrix, Matrix, Matrix, Matrix] | None = None
+    try:
+        matrices = _fraction(found) if "num" in found or "den" in found else _state_space(found)
+        (outputs, inputs), states = matrices[3].shape, len(matrices[0])
+        if states > STATES or max(inputs, outputs) > SIGNALS:
+            raise ValueError(
+                f"has {states} states, {inputs} inputs and {outputs} outputs; at most {STATES} states and {SIGNALS} "
+                "inputs or outputs are possible"
+            )
+        counts = (("inputs", inputs), ("outputs", outputs))
+        faults += [
+            f"{key} names {len(own)} signals; the system has {count}"
+            for own, (key, count) in zip(names, counts)
+            if own and len(own) != count
+        ]
+    except ValueError as fault:
+        faults.append(str(fault))
+    if faults or matrices is None:
+        raise ValueError("; ".join(f"{where}: {fault}" for fault in faults))
+    return System(*matrices, float(dt), *names)  # type: ignore[arg-type]  # no faults: a number
+
+
+def _names(given: Any) -> tuple[str, ...]:
+    flat = [given] if isinstance(given, str) else given or []
+    if isinstance(flat, list) and flat and all(isinstance(one, list) for one in flat):  # a row or column of cells
+        flat = [one for row in flat for one in row]
+    if not isinstance(flat, list) or not all(isinstance(one, str) for one in flat):
+        raise ValueError(f"= {brief(given)}: expected a list of names")
+    return tuple(one.strip() for one in flat)
+
+
+def _numbers(given: Any, name: str) -> Matrix:
+    """A matrix of finite numbers."""
+    try:
+        made = np.array(given)
+        if made.dtype.kind not in "iuf" and made.size:
+            raise ValueError
+        made = made.astype(np.float64)
+    except ValueError:
+        raise ValueError(f"{name} = {brief(given)}: expected rows of real numbers, all of one length") from None
+    if not np.isfinite(made).all():
+        raise ValueError(f"{name} contains a number that is not finite")
+    return made
+
+
+def _state_space(found: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    missing = [name for name in "ABCD" if name not in found]
+    if missing not in ([], ["A", "B", "C"]):
+        raise ValueError(f"{', '.join(missing)} is missing; state A, B, C, D, or num and den, or D alone for a gain")
+    d = np.atleast_2d(_numbers(found["D"], "D"))
+    outputs, inputs = d.shape
+    if missing:
+        return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0)), d
+    a = np.atleast_2d(_numbers(found["A"], "A"))
+    states = len(a)
+    b, c = _numbers(found["B"], "B"), _numbers(found["C"], "C")
+    if b.ndim < 2:
+        b = b.reshape(states, -1) if b.size == states * inputs else np.atleast_2d(b)
+    c = np.atleast_2d(c)
+    shapes = {"A": (states, states), "B": (states, inputs), "C": (outputs, states)}
+    wrong = [
+        f"{name} is {' x '.join(map(str, made.shape))}, expected {' x '.join(map(str, shapes[name]))}"
+        for name, made in (("A", a), ("B", b), ("C", c))
+        if made.shape != shapes[name]
+    ]
+    if wrong:
+        raise ValueError(f"{'; '.join(wrong)} (D is {outputs} x {inputs})")
+    return a, b, c, d
+
+
+def _fraction(found: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """A transfer function in state space: the controllable canonical form of each entry."""
+    if missing := [name for name in ("num", "den") if name not in found]:
+        raise ValueError(f"{missing[0]} is missing; state num and den, or A, B, C, D")
+    entries = []
+    for name in ("num", "den"):
+        given = found[name]
+        single = isinstance(given, int | float) or (
+            isinstance(given, list) and not any(isinstance(g, list) for g in given)
+        )
+        entries.append([[given]] if single else given)
+    num, den = entries
+    rows = [len(row) if isinstance(row, list) else -1 for row in (*num, *den)]
+    if len(num) != len(den) or not num or len({*rows}) != 1 or rows[0] < 1:
+        raise ValueError("num and den differ in their numbers of outputs and inputs")
+    outputs, inputs = len(num), rows[0]
+    blocks = [
+        [_canonical(num[i][j], den[i][j], f"[{i + 1}][{j + 1}]" if outputs * inputs > 1 else "") for j in range(inputs)]
+        for i in range(outputs)
+    ]
+    states = sum(len(one[0]) for row in blocks for one in row)
+    a, b, c = np.zeros((states, states)), np.zeros((states, inputs)), np.zeros((outputs, states))
+    d, at = np.zeros((outputs, inputs)), 0
+    for i, row in enumerate(blocks):
+        for j, (top, last, direct) in enumerate(row):
+            n = len(top)
+            if n:
+                a[at, at : at + n] = -top
+                a[at + 1 : at + n, at : at + n - 1] = np.eye(n - 1)
+                b[at, j], c[i, at : at + n] = 1.0, last
+            d[i, j], at = direct, at + n
+    return a, b, c, d
+
+
+def _canonical(num: Any, den: Any, place: str) -> tuple[Matrix, Matrix, float]:
+    """Coefficients of the denominator behind the first, those of the proper part, and the direct term."""
+    above, below = (
+        np.trim_zeros(np.atleast_1d(_numbers(given, f"{name}{place}")).ravel(), "f")
+        for name, given in (("num", num), ("den", den))
+    )
+    if not below.size:
+        raise ValueError(f"den{place} is zero")
+    if above.size > below.size:
+        raise ValueError(
+            f"is improper{f' at {place}' if place else ''}: num has degree {above.size - 1}, den {below.size - 1}; add "
+            "a pole, such as a low-pass filter"
+        )
+    above, below = np.pad(above, (below.size - above.size, 0)) / below[0], below / below[0]
+    return below[1:], above[1:] - above[0] * below[1:], float(above[0])

@@ -1,0 +1,241 @@
+"""A linear controller from a file, from matrices in the scene, or from python-control.
+
+    v = nominal + gain (C x + D y),  u = v within the limits,  x(k+1) = A x + B y + L (u - v) / gain
+
+y: measurements in the order of `reads`; u: commands in the order of `drives`. L keeps the state from winding up while a
+command is at a limit (rig.controllers.blocks.discrete_system). A continuous system is discretised when the scene is
+read: scene and recording contain the discrete matrices, and need the file no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Gt
+from pydantic import field_validator, model_validator
+
+from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Values
+from rig.controllers.blocks.design import Linear, Rig
+from rig.controllers.blocks.discrete_system import METHODS, Discrete, discrete
+from rig.controllers.blocks.system_file import READERS, System, of_control, read, system
+from rig.errors import UsageError
+from rig.quantities import Number, finite, nanoseconds
+
+Rows = tuple[tuple[float, ...], ...]
+Levels = tuple[float | str, ...]
+MATRICES = ("A", "B", "C", "D", "L")
+_PERIOD = 1e-9 * ControllerSection.model_fields["period"].default
+
+
+class LTI(ControllerSection):
+    """A linear controller; matrices stated in a scene are discrete, with the period of the controller.
+
+    file       linear system: .json, .npz or .mat, from the folder of the scene
+    method     discretisation of a continuous system: zoh, foh, tustin, impulse, euler, backward_diff
+    prewarp    frequency at which the method tustin is exact
+    reads      sensors in the order of the inputs, by default those named like the inputs
+    drives     actuators in the order of the outputs, by default those named like the outputs
+    gain       factor of the linear part [chosen]
+    nominal    command without a measurement, by default the value of the actuator at the start; one for all or one each
+    lowest, highest   limits of the command, by default the range of the actuator; one for all or one each
+    A, B, C, D   matrices, row by row
+    L          gain of the anti-windup, by default computed
+    """
+
+    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {
+        "file", "method", "prewarp", "reads", "drives", *MATRICES,
+    }  # fmt: skip
+    files: ClassVar[tuple[str, ...]] = tuple(READERS)
+
+    kind: Literal["lti"]
+    file: str = ""
+    method: Literal["zoh", "foh", "tustin", "impulse", "euler", "backward_diff"] | None = None
+    prewarp: OptionalHertz = None
+    reads: tuple[str, ...] = ()
+    drives: tuple[str, ...] = ()
+    gain: Number = 1.0
+    nominal: Levels | None = None
+    lowest: Levels | None = None
+    highest: Levels | None = None
+    A: Rows = ()
+    B: Rows = ()
+    C: Rows = ()
+    D: Rows = ()
+    L: Rows = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_system(cls, raw: Any) -> Any:
+        """Read the file, and compute what follows from the matrices."""
+        if not isinstance(raw, Mapping) or "L" in raw:  # a recording
+            return raw
+        if "D" in raw:
+            matrices = {key: raw[key] for key in "ABCD" if key in raw}
+            given = system({**matrices, "dt": _period(raw) or _PERIOD}, "the matrices")
+        elif raw.get("file"):
+            given = read(Path(str(raw["file"])))
+        else:
+            raise ValueError("file: is missing, and so are the matrices A, B, C, D; state one of them")
+        return {**raw, **table(given, raw)}
+
+    @field_validator("reads", "drives", mode="before")
+    @classmethod
+    def _listed(cls, given: Any) -> Any:
+        """A single name, or several with commas between them, as a list."""
+        return [one.strip() for one in given.split(",")] if isinstance(given, str) else given
+
+    @field_validator("nominal", "lowest", "highest", mode="before")
+    @classmethod
+    def _each(cls, given: Any) -> Any:
+        """A single level as a list of one."""
+        return [given] if isinstance(given, int | float | str) and not isinstance(given, bool) else given
+
+    @model_validator(mode="after")
+    def _fits(self) -> LTI:
+        outputs, inputs = len(self.D), len(self.D[0]) if self.D else 0
+        faults = []
+        for key, names, count in (("reads", self.reads, inputs), ("drives", self.drives, outputs)):
+            what = "inputs" if key == "reads" else "outputs"
+            if not names:
+                faults.append(f"{key}: is missing, and the system does not name its {count} {what}")
+            elif len(names) != count or len({*names}) != count:
+                faults.append(f"{key}: names {', '.join(names)}; expected {count} different ones, for the {what}")
+        for key in ("nominal", "lowest", "highest"):
+            levels = getattr(self, key)
+            if levels is not None and len(levels) not in (1, outputs):
+                faults.append(f"{key}: has {len(levels)} values; expected one, or one for each of {outputs} outputs")
+        if faults:
+            raise ValueError("; ".join(faults))
+        return self
+
+
+def _period(raw: Mapping[str, Any]) -> float | None:
+    """The period that a table states [s], or that of every controller; None for one that is no duration."""
+    try:
+        return nanoseconds(raw["period"]) * 1e-9 if "period" in raw else _PERIOD
+    except ValueError:
+        return None
+
+
+def table(given: System, raw: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of the table `raw` that follow from a linear system."""
+    own: dict[str, Any] = {}
+    if given.dt and "period" not in raw:
+        own["period"] = given.dt
+        if abs(given.dt * 1e9 - round(given.dt * 1e9)) > 1e-3:
+            raise ValueError(f"period: the system has dt = {given.dt!r} s, which is no whole number of nanoseconds")
+    method, period = raw.get("method"), _period({**raw, **own})
+    try:
+        prewarp = None if raw.get("prewarp") is None else finite(raw["prewarp"], "Hz", Gt(0.0))
+        known = period is not None and (method is None or method in METHODS)
+    except ValueError:
+        known = False
+    if known and period is not None:
+        made = discrete(given, period, method, prewarp)
+    else:  # the declaration of the key at fault reports it
+        made = Discrete(*given[:4], np.zeros((len(given.A), len(given.D))))
+    own |= {name: [[float(x) for x in row] for row in matrix] for name, matrix in zip(MATRICES, made)}
+    if raw.get("file"):
+        own["file"] = Path(str(raw["file"])).name
+    names = {"reads": given.inputs, "drives": tuple(map(_actuator, given.outputs))}
+    return own | {key: list(one) for key, one in names.items() if one and not raw.get(key)}
+
+
+def _actuator(name: str) -> str:
+    """The actuator that a system names: python-control has no dots in names, so that load_force is load.force."""
+    return name if "." in name else name.replace("_", ".", 1)
+
+
+def of_python_control(given: Any, **keys: Any) -> LTI:
+    """The section of a StateSpace or TransferFunction of python-control; `keys`: others of the table.
+
+    Raises ValueError for a system that cannot be a controller.
+    """
+    return LTI.model_validate({"kind": "lti", **keys, **table(of_control(given), keys)})
+
+
+class LinearController:
+    """The controller. Its state is that of the linear system."""
+
+    def __init__(self, section: LTI, numbers: Numbers) -> None:
+        self.section, self.numbers = section, numbers
+        self.reads, self.drives, self.period_ns = section.reads, section.drives, section.period
+        self.a, self.b, self.c, self.d, self.back = (getattr(section, name) for name in MATRICES)
+        count = len(self.drives)
+        units = numbers.get("unit", (None,) * count)
+        self.gain = section.gain
+        self.inverse = 1.0 / self.gain if self.gain else 0.0
+        self.nominal = self._levels("nominal", units, numbers.get("value", (0.0,) * count))
+        self.low = self._levels("lowest", units, numbers.get("low", (-np.inf,) * count))
+        self.high = self._levels("highest", units, numbers.get("high", (np.inf,) * count))
+        for drive, low, level, high in zip(self.drives, self.low, self.nominal, self.high):
+            if not low < high:
+                raise UsageError(f"highest: is {high:g} for {drive}, not above lowest = {low:g}")
+            if not low <= level <= high:
+                raise UsageError(f"nominal: is {level:g} for {drive}, outside {low:g} to {high:g}")
+
+    def _levels(self, key: str, units: Sequence[str | None], default: Sequence[float]) -> Values:
+        """One level for each actuator, in its unit."""
+        given = getattr(self.section, key)
+        levels = tuple(default) if given is None else given * (len(self.drives) if len(given) == 1 else 1)
+        found = []
+        for level, drive, unit in zip(levels, self.drives, units):
+            if isinstance(level, str) and unit is None:
+                raise UsageError(f"{key}: is {level!r}; the unit of {drive} is not known here, state a number in SI")
+            try:
+                found.append(finite(level, unit or "1") if isinstance(level, str) else float(level))
+            except ValueError as fault:
+                raise UsageError(f"{key}: {fault}, the unit of {drive}") from None
+        return tuple(found)
+
+    @staticmethod
+    def design(rig: Rig, section: LTI) -> dict[str, Any]:
+        """Unit, value at the start and range of each actuator."""
+        found = [(drive, rig.actuator(drive)) for drive in section.drives]
+        if missing := [drive for drive, one in found if one is None]:
+            raise ValueError(f"drives: the rig has no actuator {', '.join(missing)}")
+        numbers = dict(zip(("unit", "value", "low", "high"), map(list, zip(*(one for _, one in found if one)))))
+        try:
+            LinearController(section, numbers)
+        except UsageError as fault:
+            raise ValueError(str(fault)) from None
+        return numbers
+
+    def linear(self) -> Linear:
+        """See `Linear`; for one input and one output."""
+
+        def step(xi: Sequence[float], y: float) -> tuple[Sequence[float], float]:
+            x = tuple(xi)
+            after = [_dot(a, x) + _dot(b, (y,)) for a, b in zip(self.a, self.b)]
+            return after, self.gain * (_dot(self.c[0], x) + _dot(self.d[0], (y,)))
+
+        return Linear(len(self.a), step, gain="gain")
+
+    def start(self) -> Values:
+        """The state at rest."""
+        return (0.0,) * len(self.a)
+
+    def update(self, state: Values, t_ns: int, values: Values) -> tuple[Values, Values]:
+        """Next state, and the commands [unit of each actuator]."""
+        free = tuple([
+            nominal + self.gain * (_dot(c, state) + _dot(d, values))
+            for nominal, c, d in zip(self.nominal, self.c, self.d)
+        ])  # fmt: skip
+        given = tuple([
+            low if v < low else high if v > high else v for v, low, high in zip(free, self.low, self.high)
+        ])  # fmt: skip
+        cut = tuple([self.inverse * (u - v) for low, u, v in zip(self.low, given, free)])
+        after = tuple([
+            _dot(a, state) + _dot(b, values) + _dot(back, cut) for a, b, back in zip(self.a, self.b, self.back)
+        ])  # fmt: skip
+        return after, given
+
+
+def _dot(a: Values, b: Values) -> float:
+    total = 0.0
+    for x, y in zip(a, b):  # `sum` rounds differently in newer Python versions
+        total += x * y
+    return total

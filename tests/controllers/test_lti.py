@@ -1,0 +1,260 @@
+"""Linear controllers: from files and python-control, discretised, kept from winding up, and working like all others."""
+
+import json
+import math
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+import rig as package
+from rig import controllers
+from rig.analysis.control_loop import loop
+from rig.bench.verify import verify
+from rig.controllers.blocks import discrete_system, system_file
+from rig.controllers.blocks.base import retune, tunable
+from rig.controllers.lti import LTI, of_python_control
+from rig.errors import SceneError, UsageError
+from rig.record.save_run import save
+
+SCENE = """
+format = 1
+based_on = "belt_normal_force"
+title = "a linear controller"
+
+[controllers.nf]
+kind = "lti"
+reads = "vibrometer"
+drives = "load.force"
+nominal = "20 N"
+lowest = "0 N"
+highest = "0.1 kN"
+"""
+
+
+def section(**keys):
+    return LTI.model_validate({"kind": "lti", "reads": "y", "drives": "u", **keys})
+
+
+def system(found, **keys):
+    """The system at 1 ms."""
+    made = section(A=found.A.tolist(), B=found.B.tolist(), C=found.C.tolist(), D=found.D.tolist(), **keys)
+    return controllers.build(made, {})
+
+
+@pytest.mark.parametrize("method", discrete_system.METHODS)
+def test_a_continuous_system_is_discretised_as_python_control_does(method):
+    given = control.ss([[-3.0, 2.0], [-50.0, -1.0]], [[0.1], [1.0]], [[7.0, -2.0]], [[0.0]])
+    expected = control.c2d(given, 1e-3, method)
+    made = of_python_control(given, reads="y", drives="u", method=method)
+    for name in "ABCD":
+        np.testing.assert_allclose(getattr(made, name), getattr(expected, name), rtol=1e-13, atol=1e-16)
+
+
+def test_prewarping_makes_one_frequency_exact():
+    given = control.tf([1.0, 5.0], [1.0, 2.0, 4e4])
+    made = of_python_control(given, reads="y", drives="u", method="tustin", prewarp="31 Hz")
+    turn = 2.0 * math.pi * 31.0
+    found = control.ss(made.A, made.B, made.C, made.D, 1e-3)
+    assert found(np.exp(1e-3j * turn)) == pytest.approx(given(1j * turn), rel=1e-12)
+
+
+def test_a_transfer_function_of_several_inputs_and_outputs_keeps_its_response():
+    num = [[[1.0], [2.0, 1.0], [0.5]], [[3.0], [1.0, 0.0], [-1.0]]]
+    den = [[[1.0, -0.5], [1.0, 0.2, 0.1], [1.0]], [[2.0, 1.0], [1.0, -0.9], [4.0, 0.1, 0.3]]]
+    given = control.tf(num, den, 1e-3)
+    made = of_python_control(given, reads="a, b, c", drives="u, v")
+    found = control.ss(made.A, made.B, made.C, made.D, 1e-3)
+    for z in (1.0, 1j, np.exp(0.3j)):
+        np.testing.assert_allclose(found(z), given(z), rtol=1e-12)
+
+
+def test_all_files_and_python_control_give_the_same_controller(tmp_path):
+    found = {"A": [[0.9, 0.1], [0.0, 0.5]], "B": [[0.0], [1.0]], "C": [[1.0, 2.0]], "D": [[0.25]], "dt": 2e-3}
+    names = {"inputs": ["vibrometer"], "outputs": ["load.force"]}
+    (tmp_path / "k.json").write_text(json.dumps({**found, **names}))
+    np.savez(tmp_path / "k.npz", **found, **names)
+    cells = {key: np.array(one, dtype=object).reshape(1, -1) for key, one in names.items()}
+    savemat(tmp_path / "k.mat", {**found, **cells})
+    matrices = [found[name] for name in "ABCD"]
+    expected = of_python_control(control.ss(*matrices, 2e-3, inputs="vibrometer", outputs="load_force"))
+    assert (expected.period, expected.reads, expected.drives) == (2_000_000, ("vibrometer",), ("load.force",))
+    for suffix in system_file.READERS:
+        read = LTI.model_validate({"kind": "lti", "file": str(tmp_path / f"k{suffix}")})
+        assert read == expected.model_copy(update={"file": f"k{suffix}"})
+
+
+def test_a_transfer_function_of_matlab_is_read(tmp_path):
+    savemat(tmp_path / "k.mat", {"num": [[0.0, 2.0]], "den": [[1.0, -0.5]], "Ts": 1e-3})
+    read = section(file=str(tmp_path / "k.mat"))
+    assert (read.A, read.B, read.C, read.D) == (((0.5,),), ((1.0,),), ((2.0,),), ((0.0,),))
+
+
+FAULTS = {
+    "dt is missing": {"D": 1.0},
+    "dt = True: state the sample period": {"D": 1.0, "dt": True},
+    "dt = -1: state": {"D": 1.0, "dt": -1},
+    "method: is missing, and the system is continuous": {"num": [1], "den": [1, 1], "dt": 0},
+    "period: is 0.001 s, but the system is discrete with dt = 0.002 s": {"D": 1.0, "dt": 0.002},
+    "improper: num has degree 2, den 1": {"num": [1, 2, 3], "den": [1, 1], "dt": 0.001},
+    "D contains a number that is not finite": {"D": math.nan, "dt": 0.001},
+    "den contains a number that is not finite": {"num": [1], "den": [1, math.inf], "dt": 0.001},
+    "den is zero": {"num": [1], "den": [0, 0], "dt": 0.001},
+    r"A is 1 x 2, expected 1 x 1; B is 1 x 1, expected 1 x 2 \(D is 1 x 2\)": {
+        "A": [[1, 2]], "B": [[1]], "C": [[1]], "D": [[0, 1]], "dt": 0.001,
+    },
+    "A, B is missing": {"C": [[1]], "D": [[0]], "dt": 0.001},
+    "descriptor system": {"E": [[1]], "A": [[1]], "dt": 0.001},
+    "'K' is unknown; known: A, B": {"D": 1.0, "K": 1.0, "dt": 0.001},
+    "inputs names 2 signals; the system has 1": {"D": 1.0, "inputs": ["a", "b"], "dt": 0.001},
+    "expected rows of real numbers": {"D": [[1.0, "a"]], "dt": 0.001},
+    "101 states": {"num": [1], "den": [1] * 102, "dt": 0.001},
+    "has no effect on the outputs": {
+        "A": [[1, 0], [0, 1]], "B": [[1], [0]], "C": [[1, 0]], "D": [[0]], "dt": 0.001,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("told", FAULTS)
+def test_a_system_that_cannot_work_is_refused(tmp_path, told):
+    (tmp_path / "k.json").write_text(json.dumps(FAULTS[told]))
+    (tmp_path / "mine.toml").write_text(SCENE + 'file = "k.json"\nperiod = "1 ms"\n')
+    with pytest.raises(SceneError, match=told) as refused:
+        package.load(tmp_path / "mine.toml")
+    assert "controllers.nf" in refused.value.faults[0]
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ({"reads": "laser"}, r"controllers.nf.reads\[1\] = \"laser\": unknown sensor"),
+        ({"drives": "load.speed"}, "load.speed"),
+        ({"reads": "vibrometer, normal_force"}, "reads: names vibrometer, normal_force; expected 1 different"),
+        ({"prewarp": "10 Hz"}, "prewarp: has no meaning, the system is discrete"),
+        ({"method": "zoh"}, "method: has no meaning, the system is discrete"),
+        ({"method": "zoe"}, "unknown; known: zoh, foh"),
+        ({"lowest": "[1.0, 2.0]"}, "lowest: has 2 values; expected one"),
+        ({"file": "none.json"}, "there is no such file"),
+        ({"file": "k.txt"}, r"ends in .json, .npz, .mat"),
+    ],
+)
+def test_keys_that_do_not_fit_are_refused(tmp_path, monkeypatch, keys, told):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "k.json").write_text('{"D": 1.0, "dt": 0.001}')
+    (tmp_path / "mine.toml").write_text(SCENE + 'file = "k.json"\n')
+    with pytest.raises(SceneError, match=told):
+        package.load(tmp_path / "mine.toml", {f"controllers.nf.{key}": value for key, value in keys.items()})
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ({"lowest": "5 V"}, "controllers.nf.lowest: is '5 V'; expected a unit that converts to N"),
+        ({"lowest": "200 N"}, "controllers.nf.highest: is 100 for load.force, not above lowest = 200"),
+        ({"nominal": -3.0}, "controllers.nf.nominal: is -3 for load.force, outside 0 to 100"),
+    ],
+)
+def test_limits_that_the_actuator_does_not_have_are_refused_before_the_run(tmp_path, keys, told):
+    (tmp_path / "mine.toml").write_text(SCENE + "D = [[-200.0]]\n")
+    scene = package.load(tmp_path / "mine.toml", {f"controllers.nf.{key}": value for key, value in keys.items()})
+    with pytest.raises(SceneError, match=told):
+        package.simulate(scene, 0.01)
+
+
+@pytest.mark.parametrize("dt", [None, True])
+def test_a_system_of_python_control_without_a_period_is_refused(dt):
+    with pytest.raises(ValueError, match="state the sample period"):
+        of_python_control(control.ss(1.0, 1.0, 1.0, 0.0, dt), reads="y", drives="u")
+
+
+def test_a_nonlinear_system_of_python_control_is_refused():
+    with pytest.raises(ValueError, match="NonlinearIOSystem of python-control is no linear system"):
+        of_python_control(control.nlsys(None, lambda t, x, u, p: u**3, inputs=1, outputs=1, dt=1e-3))
+
+
+def test_within_its_limits_it_is_the_linear_system():
+    given = control.drss(3, 1, 1, strictly_proper=False, dt=1e-3)
+    given.A = 0.9 * given.A / abs(np.linalg.eigvals(given.A)).max()
+    controller = system(given, gain=2.0, nominal=0.5)
+    y = np.random.default_rng(4).normal(size=200)
+    expected = control.forced_response(given, inputs=y).outputs
+    state, commands = controller.start(), []
+    for k, value in enumerate(y):
+        state, command = controller.update(state, k * 1_000_000, (float(value),))
+        commands += command
+    np.testing.assert_allclose(commands, 0.5 + 2.0 * expected, rtol=1e-10, atol=1e-10)
+
+
+def test_the_gain_against_windup_of_a_pi_controller_is_that_of_hanus():
+    pi = control.ss(1.0, 0.002, 1.0, 0.5, 1e-3)
+    assert section(A=pi.A.tolist(), B=pi.B.tolist(), C=pi.C.tolist(), D=pi.D.tolist()).L[0][0] == pytest.approx(
+        0.002 / 0.5, rel=1e-3
+    )
+    integrator = section(A=[[1.0]], B=[[0.01]], C=[[1.0]], D=[[0.0]])
+    assert integrator.L[0][0] == pytest.approx(1.0, rel=2e-4)  # the state follows the command in force
+
+
+@given(st.floats(0.01, 10.0), st.floats(0.1, 100.0), st.integers(10, 3000))
+def test_a_pi_controller_leaves_its_limit_at_once(gain, rate, ticks):
+    """However long it was at the limit. Without the correction it needs as long as it was wound up."""
+    h = 1e-3
+    controller = system(control.ss(1.0, gain * rate * h, 1.0, gain, h), lowest=-1.0, highest=1.0)
+    state = controller.start()
+    for k in range(ticks):
+        state, (command,) = controller.update(state, k, (5.0 / gain,))
+    assert command == 1.0
+    assert abs(state[0]) < 10.0
+    for k in range(3):
+        state, (command,) = controller.update(state, k, (-5.0 / gain,))
+    assert command < 0.0
+
+
+def test_gain_and_limits_are_tuned_and_the_matrices_are_not():
+    controller = system(control.ss(0.5, 1.0, 1.0, 0.0, 1e-3))
+    assert set(tunable(controller)) == {"gain", "nominal", "lowest", "highest"}
+    new = retune(controller, {"gain": 3.0, "highest": 2.0})
+    assert new.update((1.0,), 0, (0.0,))[1] == (2.0,)
+    with pytest.raises(UsageError, match="A: is fixed while the rig runs"):
+        retune(controller, {"A": [[0.1]]})
+    with pytest.raises(UsageError, match="state a number in SI"):  # no plant has told the units
+        retune(controller, {"highest": "2 N"})
+
+
+@pytest.fixture
+def scenes(tmp_path):
+    """A feedback of the velocity as a linear controller of a file, and the same as normal-force feedback."""
+    (tmp_path / "k.json").write_text('{"D": -200.0, "dt": 0.001}')
+    (tmp_path / "mine.toml").write_text(SCENE + 'file = "k.json"\n')
+    return package.load(tmp_path / "mine.toml"), package.load("belt_normal_force", {"controllers.nf.enable_at": "0 s"})
+
+
+def test_a_constant_gain_is_normal_force_feedback_to_the_bit(scenes):
+    mine, theirs = (package.simulate(one, 0.5) for one in scenes)
+    for name, values in mine.signals.items():
+        assert values.tobytes() == theirs.signals[name].tobytes(), name
+    mine, theirs = (loop(one, "nf") for one in scenes)
+    np.testing.assert_allclose(mine.spectrum.rates, theirs.spectrum.rates, rtol=1e-12)
+    np.testing.assert_allclose(mine.gain_range, np.array(theirs.gain_range) / 200.0, rtol=1e-6)
+
+
+def test_a_recording_needs_the_file_no_more(scenes, tmp_path):
+    run = package.simulate(scenes[0], 0.2)
+    save(run, tmp_path / "run.mcap")
+    (tmp_path / "k.json").unlink()
+    assert verify(tmp_path / "run.mcap").passed
+
+
+def test_it_works_as_a_process_in_lockstep_and_is_tuned(rig, runs, tmp_path, scenes):
+    log, how = tmp_path / "live.mcap", ("--lockstep", "--pace", "max", "--duration", "0.3")
+    code, out, err = rig("run", tmp_path / "mine.toml", *how, "-p", "controllers.nf.where=process", "--out", log)
+    assert code == 0, out + err
+    assert "nf: 300 commands" in out
+    live, here = package.open(log), package.simulate(scenes[0], 0.3)
+    t_ns, v = live.measurements["vibrometer"]
+    count = len(t_ns)
+    assert v.tobytes() == here.measurements["vibrometer"][1][:count].tobytes()
+    assert count > 290
+    assert rig("verify", log)[0] == 0
