@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.quantities import brief
+from rig.units import brief
 from rig.user_files import contents
 
 Matrix = NDArray[np.float64]
