@@ -50,6 +50,7 @@ class ControllerInProcess:
         self._journal = experiment.journal
         self._bank = experiment.runner.bank
         self.columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
+        self._speaks = hasattr(loop.controller, "take_messages")
         self._latest = self._bank.latest.item
 
     def expect(self, answers: int) -> None:
@@ -91,6 +92,9 @@ class ControllerInProcess:
             heard = tuple([self._latest(i) for i in self.columns])
         t_ns = tick * self._runner.frame_ns
         self.given = self.loop.answer(t_ns, heard)
+        if self._speaks:
+            for text in self.loop.controller.take_messages():  # type: ignore[attr-defined]
+                self._journal.note_at(tick, "log", text, controller=self.name)
         if self._trial:
             self._try(t_ns, heard)
         return self.given

@@ -30,8 +30,11 @@ class Journal:
         self._noted: dict[str, tuple[int, int]] = {}
 
     def note(self, kind: str, text: str, **data: Any) -> None:
-        """Add an event."""
-        tick = self._now()
+        """Add an event of this tick."""
+        self.note_at(self._now(), kind, text, **data)
+
+    def note_at(self, tick: int, kind: str, text: str, **data: Any) -> None:
+        """Add an event of tick `tick`."""
         self.events.append(Event(tick * self._frame_ns, tick, self._source, kind, text, data))
 
     def repeated(self, kind: str, text: str, **data: Any) -> None:

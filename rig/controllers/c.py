@@ -83,7 +83,7 @@ class CompiledController:
         if faults := section.faults():
             raise UsageError("; ".join(faults))
         self.section, self.numbers = section, numbers
-        self.reads, self.drives = section.reads_or_inputs, section.drives_or_outputs
+        self.reads, self.drives = section.connected_sensors, section.connected_actuators
         self.period_ns = section.period
         self._direct = section.where == "plant" or "direct" in numbers
         self._watch = _WATCH if "direct" in numbers else None
@@ -130,7 +130,7 @@ class CompiledController:
             return numbers
         name = f"{self.section.file}: rig_controller_{function}"
         if code == c_library.OVERRUN:
-            states, outputs = self.section.file.about["states"], len(self.section.outputs)
+            states, outputs = self.section.file.about["states"], len(self.section.all_outputs)
             raise ControllerLost(f"{name} writes more than the {states} states and {outputs} outputs that it states")
         raise ControllerLost(f"{name} returned {code}")
 

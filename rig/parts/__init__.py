@@ -13,7 +13,7 @@ A part from a file or from another package is called foreign. A recording holds 
 
 from __future__ import annotations
 
-from rig.parts.binary import Binary
+from rig.parts.binary import Binary, is_binary
 from rig.parts.code import Code, calling, code_of, file_of, foreign_fault, require, trust
 from rig.parts.room import Parts, Room, carried, is_file, named, one_class, package_of, trust_scene
 
@@ -27,6 +27,7 @@ __all__ = [
     "code_of",
     "file_of",
     "foreign_fault",
+    "is_binary",
     "is_file",
     "named",
     "one_class",

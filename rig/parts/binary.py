@@ -128,9 +128,14 @@ class Binary(str):
         return core_schema.no_info_plain_validator_function(read, serialization=to_json)
 
 
+def is_binary(value: Any) -> bool:
+    """Whether a value in the JSON of a scene is a compiled part."""
+    return isinstance(value, Mapping) and {"file", "sha256", "content"} <= value.keys()
+
+
 def binaries(controllers: Any) -> Iterator[Binary]:
     """The compiled parts in the JSON of a scene's controllers. Raises PartError for a damaged one."""
     for table in controllers.values() if isinstance(controllers, Mapping) else ():
         for value in table.values() if isinstance(table, Mapping) else ():
-            if isinstance(value, Mapping) and {"sha256", "content"} <= value.keys():
+            if is_binary(value):
                 yield Binary.from_json(value)

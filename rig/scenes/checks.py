@@ -19,13 +19,14 @@ from rig.controllers.blocks.compiled import CompiledSection
 from rig.errors import PartError
 from rig.parts import calling, file_of
 from rig.quantities import LONGEST
+from rig.scenes import compiled_checks
 from rig.scenes.clock import Clock
 from rig.scenes.faults import near, shown, unit_of
 from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat
 from rig.scenes.sections import controller_drives, controller_reads
 from rig.scenes.step_sequences import longest_ns
 from rig.sensors.chain.front_end import FrontEnd
-from rig.units import brief, same_unit, unit_fault
+from rig.units import brief, unit_fault
 
 Fault = tuple[str, str]
 TIMES = ("over", "time", "duration", "timeout", "window")
@@ -72,7 +73,9 @@ def foreign(key: str, section: Any) -> Iterator[Fault]:
 
         made = controller_class(section)
         if isinstance(section, CompiledSection):
-            yield from ((f"{key}.{line.partition(':')[0]}", f"{key}.{line}") for line in compiled_faults(section))
+            yield from (
+                (f"{key}.{line.partition(':')[0]}", f"{key}.{line}") for line in compiled_checks.faults(section)
+            )
             return
         if not hasattr(made, "design"):  # one with a design step needs numbers: rig.design tries it
             found = section_faults(section, {})
@@ -84,32 +87,6 @@ def foreign(key: str, section: Any) -> Iterator[Fault]:
         if _whole_ns(period) and period != section.period:
             found.append(f"it works every {_ms(period)} (Controller.period_ns), not every {_ms(section.period)}")
     yield from ((key, f"{key}.kind: {line}") for line in found)
-
-
-def compiled_faults(section: CompiledSection) -> Iterator[str]:
-    """A compiled controller has the right numbers of sensors and actuators, and answers: the faults, one line each."""
-    from rig.controllers.runtime.file import section_faults  # where a scene names a file
-
-    found = section.faults()
-    if not found:  # a crash is that of its helper process
-        found = [f"file: {line}" for line in section_faults(section.model_copy(update={"where": "process"}), {})]
-    yield from found
-
-
-def units(controllers: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Mapping[str, str]) -> Iterator[Fault]:
-    """The inputs and outputs of compiled controllers have the units of the sensors and actuators (name -> unit)."""
-    for name, section in controllers.items():
-        if not isinstance(section, CompiledSection):
-            continue
-        heard = {sensor: one.unit for sensor, one in sensors.items()}
-        both = (("reads", section.reads_or_inputs, section.inputs, heard, "sensor"),
-                ("drives", section.drives_or_outputs, section.outputs, inputs, "actuator"))  # fmt: skip
-        for field, names, signals, known, what in both:
-            for other, signal in zip(names, signals):
-                if other in known and not same_unit(known[other], signal.unit):
-                    key = f"controllers.{name}.{field}"
-                    own = f"{section.file} has it as {signal.name} in {signal.unit}"
-                    yield key, f"{key} = {shown(other)}: the {what} is in {known[other]}, {own}"
 
 
 def misdeclared(section: BaseModel, key: str) -> Iterator[Fault]:

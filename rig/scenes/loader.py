@@ -17,7 +17,7 @@ from rig.errors import PartError, SceneError
 from rig.parts import Code, calling, code_of
 from rig.plants import PLANTS
 from rig.quantities import Section, finite
-from rig.scenes import checks, faults, inherit, rooms
+from rig.scenes import checks, compiled_checks, faults, inherit, rooms
 from rig.scenes.clock import Clock
 from rig.scenes.merged import MOST, OWN, Merged
 from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Known, Load, Mark, Ramp, Step, flat, knock_durations
@@ -86,7 +86,8 @@ class _Reading:
             self._tables.report(checks.readings(sensors, assembly.outputs, plant))
         if names.whole:
             self._tables.report(checks.wiring(controllers, sensors, names.inputs, plant))
-            self._tables.report(checks.units(controllers, sensors, names.inputs))
+            self._tables.report(compiled_checks.units(controllers, sensors, names.inputs))
+            self._compiled(controllers, sensors, parameters, frame_ns)
             self._tables.report(checks.hands_off(protocol, controllers))
             ramped = {step.target: "ramped" for step in flat(protocol) if isinstance(step, Load | Ramp)}
             if parameters is not None and assembly is not None:
@@ -111,6 +112,18 @@ class _Reading:
             notes=tuple(self._tables.notes),
             places=self._tables.places,
         )
+
+    def _compiled(
+        self, controllers: Mapping[str, Any], sensors: Mapping[str, Any], parameters: Section | None, frame_ns: int
+    ) -> None:
+        """Report algebraic loops through compiled controllers."""
+        compiled = {name: one for name, one in controllers.items() if isinstance(one, CompiledSection)}
+        if not compiled or parameters is None or self._tables.faults:
+            return
+        moved = {actuator: "held" for one in compiled.values() for actuator in one.connected_actuators}
+        made = assembled(parameters, frame_ns, moved)
+        inputs = {name: one for name, one in made.inputs.items() if name in moved}
+        self._tables.report(compiled_checks.algebraic_loops(compiled, sensors, made.outputs, inputs))
 
     def _fault(self, key: str, line: str) -> None:
         self._tables.report([(key, line)])
@@ -248,7 +261,9 @@ class _Reading:
         section = self._section(model, key, raw | {"kind": kind} | own)
         if section is None or not (own or code_of(model)):
             return section
-        if not own:
+        if own:
+            self._tables.notes += [f"{key}: {note}" for note in section.notes()]
+        else:
             self._alone(f"{key}.kind", key.partition(".")[0], kind, model)
         wrong = list(checks.foreign(key, section))
         self._tables.report(wrong)

@@ -22,6 +22,7 @@ from rig.analysis.amplitude import growth, index
 from rig.analysis.text_table import columns
 from rig.analysis.three_stages import stuck
 from rig.errors import RigError, UsageError
+from rig.parts import is_binary
 from rig.record.compare import Comparison, Difference, Series, series_of
 from rig.record.compare import compare as compare_signals
 from rig.record.run import Run
@@ -203,7 +204,9 @@ def _flat(run: Run) -> dict[str, str]:
     found: dict[str, str] = {}
 
     def walk(value: Any, key: str) -> None:
-        if isinstance(value, dict):
+        if is_binary(value):
+            found[key] = f"{value['file']} (SHA-256 {value['sha256']:.12}...)"
+        elif isinstance(value, dict):
             for name, inner in value.items():
                 if key or name not in _PLAIN:
                     walk(inner, f"{key}.{name}" if key and key != "parameters" else name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -20,11 +20,14 @@ _KEY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,60}")
 
 
 class Signal(NamedTuple):
-    """An input or output of a compiled controller: name, unit [SI]; `direct`: outputs that depend on it at once."""
+    """An input or output of a compiled controller: name, unit [SI; "" if it states none].
+
+    `direct`: inputs on which an output depends at the same instant; None: nothing is known of it.
+    """
 
     name: str
     unit: str
-    direct: tuple[str, ...] = ()
+    direct: tuple[str, ...] | None = None
 
 
 class Parameter(NamedTuple):
@@ -47,8 +50,8 @@ class CompiledSection(ControllerSection):
     """
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"file", "reads", "drives"}
-    inputs: ClassVar[tuple[Signal, ...]] = ()
-    outputs: ClassVar[tuple[Signal, ...]] = ()
+    all_inputs: ClassVar[tuple[Signal, ...]] = ()
+    all_outputs: ClassVar[tuple[Signal, ...]] = ()
     parameters: ClassVar[tuple[Parameter, ...]] = ()
 
     file: Binary
@@ -78,24 +81,40 @@ class CompiledSection(ControllerSection):
         return _with_keys(cls, Binary.read(given, cls.describe))  # type: ignore[return-value]
 
     @property
-    def reads_or_inputs(self) -> tuple[str, ...]:
-        """The sensors that it reads."""
-        return self.reads or tuple(one.name for one in self.inputs)
+    def used_inputs(self) -> tuple[Signal, ...]:
+        """The inputs that sensors are connected to, in the order of `reads`."""
+        return self.all_inputs
 
     @property
-    def drives_or_outputs(self) -> tuple[str, ...]:
+    def used_outputs(self) -> tuple[Signal, ...]:
+        """The outputs that drive actuators, in the order of `drives`."""
+        return self.all_outputs
+
+    @property
+    def connected_sensors(self) -> tuple[str, ...]:
+        """The sensors that it reads."""
+        return self.reads or tuple(one.name for one in self.used_inputs)
+
+    @property
+    def connected_actuators(self) -> tuple[str, ...]:
         """The actuators that it drives."""
-        return self.drives or tuple(one.name for one in self.outputs)
+        return self.drives or tuple(one.name for one in self.used_outputs)
 
     def faults(self) -> list[str]:
         """What is wrong with the numbers of sensors and actuators, one line each."""
         found = []
-        for key, what, signals in (("reads", "inputs", self.inputs), ("drives", "outputs", self.outputs)):
-            names = getattr(self, f"{key}_or_{what}")
+        for key, what, names, signals in (
+            ("reads", "inputs", self.connected_sensors, self.used_inputs),
+            ("drives", "outputs", self.connected_actuators, self.used_outputs),
+        ):
             if len(names) != len(signals):
-                listed = ", ".join(f"{one.name} [{one.unit}]" for one in signals) or "none"
+                listed = ", ".join(f"{one.name} [{one.unit}]" if one.unit else one.name for one in signals) or "none"
                 found.append(f"{key}: names {len(names)}, but {self.file} has {len(signals)} {what}: {listed}")
         return found
+
+    def notes(self) -> Iterator[str]:
+        """What its user must know before a run, one line each."""
+        yield from ()
 
     def values(self) -> tuple[float, ...]:
         """The values of its parameters [SI], in the order of the file."""
@@ -106,7 +125,7 @@ def checked(file: Binary, signals: Iterable[Signal], parameters: Iterable[Parame
     """Raise PartError, with all faults, for units and names that no scene can have."""
     found = []
     for one in signals:
-        if fault := unit_fault(one.unit):
+        if one.unit and (fault := unit_fault(one.unit)):
             found.append(f"{one.name}: the unit {fault}")
     seen: set[str] = set()
     for p in parameters:
@@ -139,7 +158,7 @@ def _with_keys(cls: type[CompiledSection], file: Binary) -> type[CompiledSection
         if period is not None:
             fields["period"] = Nanoseconds, period
         made = create_model(cls.__name__, __base__=cls, __module__=cls.__module__, __doc__=cls.__doc__, **fields)
-        made.inputs, made.outputs, made.parameters = tuple(inputs), tuple(outputs), tuple(parameters)
+        made.all_inputs, made.all_outputs, made.parameters = tuple(inputs), tuple(outputs), tuple(parameters)
         made.fixed = cls.fixed | {p.key for p in parameters if p.fixed}
         _MADE[which] = made
     return _MADE[which]

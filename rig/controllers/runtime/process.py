@@ -60,6 +60,7 @@ class Worker(Service):
         if changes:
             self.loop.retune(changes)
         self._long = 0
+        self._speaks = hasattr(controller, "take_messages")
         sensors = list(described.sensors)
         missing = [name for name in controller.reads if name not in sensors]
         if missing:
@@ -111,6 +112,9 @@ class Worker(Service):
             first, begin = self.loop.held == 0, time.perf_counter_ns()
             self.answered = encode.act(step.tick, step.t_ns, self.loop.answer(step.t_ns, values))
             self.act.put(self.answered, step.t_ns)
+            if self._speaks:
+                for text in self.loop.controller.take_messages():  # type: ignore[attr-defined]
+                    self.publish("log", text, {})
             self._long = self._long + 1 if time.perf_counter_ns() - begin > LONG_NS else 0
             if self._long == LONG_ANSWERS:
                 anywhere()

@@ -15,10 +15,11 @@ from functools import partial
 from pathlib import Path
 
 from rig.errors import OutputError, UsageError
+from rig.extras import needed
 from rig.record import wav
 from rig.record.even_times import grid
 from rig.record.export import arrow_files, mat_file, package
-from rig.record.export.frames import needed, tree
+from rig.record.export.frames import tree
 from rig.record.export.tables import MODE, Column, Table, Tables
 from rig.record.run_data import Samples
 from rig.user_files import regular
@@ -75,7 +76,7 @@ def export(tables: Tables, to: str, path: Path, facts: Facts, report: Report = l
         raise UsageError("the recording has nothing to export")
     facts = {**facts, "signals": "; ".join(tables.notes)} if tables.notes else facts
     for library in chosen.needs:
-        needed(library)
+        needed(library, "data")
     try:
         with _draft(path) as draft:
             written = chosen.write(tables, draft, facts, report)

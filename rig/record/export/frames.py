@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rig.errors import UsageError
+from rig.extras import needed
 from rig.record.export.tables import TIME, Column, Table
 
 if TYPE_CHECKING:
@@ -14,20 +13,12 @@ if TYPE_CHECKING:
     from xarray import DataTree
 
 
-def needed(name: str) -> Any:
-    """Return the module of an optional library. Raises UsageError with what to install if it cannot be loaded."""
-    try:
-        return importlib.import_module(name)
-    except ImportError as fault:
-        raise UsageError(f"{name} cannot be loaded ({fault}); pip install friction-rig[data] installs it") from None
-
-
 def frames(tables: Iterable[Table]) -> dict[str, DataFrame]:
     """Return each table by name as a frame over the time [s], with the units in `attrs["units"]`.
 
     Raises rig.errors.UsageError if pandas is not installed.
     """
-    pandas = needed("pandas")
+    pandas = needed("pandas", "data")
     found: dict[str, DataFrame] = {}
     for table in tables:
         columns = {column.name: column.values for column in table.columns}
@@ -43,7 +34,7 @@ def tree(tables: Iterable[Table], facts: Mapping[str, str]) -> DataTree:
     `facts` are scalar variables of its root, not attributes: HDF5 limits those to 64 KiB, and a scene may be longer.
     Raises rig.errors.UsageError if xarray is not installed.
     """
-    xarray = needed("xarray")
+    xarray = needed("xarray", "data")
     parts = {"/": xarray.Dataset({name: ((), text) for name, text in facts.items()})}
     for table in tables:
         variables = {one.name: ((TIME,), one.values, _attributes(one)) for one in table.columns}

@@ -1,0 +1,272 @@
+"""FMUs as controllers (FMI 2.0 and 3.0): built from C here, and compared with the same controller in Python."""
+
+import builtins
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from rig import controllers, design, scenes
+from rig.bench.simulate import Recorded, simulate
+from rig.controllers.blocks.base import tunable
+from rig.controllers.runtime import fmi_description, process
+from rig.controllers.runtime.loop import Loop
+from rig.errors import ControllerLost, SceneError, UsageError
+from rig.parts import Binary
+from rig.scenes.scene import Scene
+
+pytest.importorskip("fmpy", reason="fmpy is not installed")
+from compile_fmu import UNITS, unit
+
+LATE = "if (t > 0.0495) "
+
+
+@pytest.fixture(scope="module")
+def units(tmp_path_factory):
+    """Builds variants of the FMU, each once."""
+    folder, made = tmp_path_factory.mktemp("units"), {}
+
+    def make(**changes):
+        key = json.dumps(changes, sort_keys=True)
+        if key not in made:
+            made[key] = unit(folder / f"nf{len(made)}.fmu", **changes)
+        return made[key]
+
+    return make
+
+
+def scene(file, base="belt", **more):
+    given = {"kind": "fmu", "file": str(file), "reads": ["vibrometer"], "drives": ["load.force"]} | more
+    return scenes.load(base, {f"controllers.nf.{key}": value for key, value in given.items()})
+
+
+def made(scene):
+    return controllers.restored(json.loads(json.dumps(design.described(scene)["nf"])))
+
+
+class InPython:
+    """The controller of the FMU, in Python."""
+
+    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000
+
+    def start(self):
+        return 0.0
+
+    def update(self, state, t_ns, values):
+        v = 0.5 * state + 0.5 * values[0]
+        return v, (min(max(20.0 - 300.0 * v, 0.0), 100.0),)
+
+
+def same(one, other):
+    for name, samples in one.measurements.items():
+        assert samples.v.tobytes() == other.measurements[name].v.tobytes()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_run_has_the_bits_of_the_same_controller_in_python(units, version):
+    one = scene(units(version=version), gain="0.3 N*s/mm")
+    run = simulate(one, duration_ns=200_000_000)
+    same(run, simulate(one, {"nf": InPython()}, duration_ns=200_000_000))
+    same(run, simulate(one, duration_ns=200_000_000))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_units_are_converted_by_exponents_factor_and_offset_whatever_they_are_called(units, version):
+    one = scene(units(version=version, v="mm per s", gain="N.s/mm", start="0.2", most="1"))
+    assert one.controllers["nf"].gain == pytest.approx(200.0)
+    assert tunable(made(one)) == {"gain": "N*s/m"}
+    loop = Loop(made(one))
+    # the FMU of this test multiplies numbers: 0.2 N.s/mm by 0.5 * 0.01 m/s in mm/s
+    assert loop.answer(0, (0.01,)) == (pytest.approx(20.0 - 0.2 * 5.0),)
+    with pytest.raises(SceneError, match=r'nf.reads = "laser": the sensor is in m, .* has it as v in m/s'):
+        scene(units(version=version), reads=["laser"])
+
+
+def test_temperatures_have_an_offset(units):
+    warm = UNITS.replace(
+        '<Unit name="Newton">', '<Unit name="C"><BaseUnit K="1" offset="273.15"/></Unit><Unit name="Newton">'
+    )
+    one = scene(units(units=warm, gain="C", start="20", most="100"))
+    assert one.controllers["nf"].gain == pytest.approx(293.15)
+    assert made(one)._values[0] == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_tuning_tries_the_new_parameters_and_leaves_the_state_as_it_was(units, version):
+    file = units(version=version)
+    tuned, plain = Loop(made(scene(file))), Loop(made(scene(file)))
+    for k in range(5):
+        assert tuned.answer(k * 1_000_000, (0.01,)) == plain.answer(k * 1_000_000, (0.01,))
+    tuned.retune({"gain": 100.0})
+    tuned.retune({"gain": 200.0})
+    with pytest.raises(UsageError, match="nominal: is fixed while the rig runs"):
+        tuned.retune({"nominal": 30.0})
+    for k in range(5, 10):
+        assert tuned.answer(k * 1_000_000, (0.02,)) == plain.answer(k * 1_000_000, (0.02,))
+    tuned.retune({"gain": 0.0})
+    assert tuned.answer(10_000_000, (0.02,)) == (20.0,)
+
+
+def test_steps_that_had_no_measurement_are_done_with_the_last_inputs(units):
+    file = units()
+    gap, whole = Loop(made(scene(file))), Loop(made(scene(file)))
+    for loop in (gap, whole):
+        loop.answer(0, (0.01,))
+    for k in (1, 2):
+        assert gap.answer(k * 1_000_000, (float("nan"),)) == gap.command
+        whole.answer(k * 1_000_000, (0.01,))
+    assert gap.answer(3_000_000, (0.02,)) == whole.answer(3_000_000, (0.02,))
+
+
+def test_a_controller_that_joins_late_begins_at_that_time(units):
+    file = units(more="x[2] = t > 0.9999 && t < 1.0001 ? 1 : 2;")
+    assert Loop(made(scene(file))).answer(1_000_000_000, (0.0,)) == (1.0,)
+
+
+def test_a_recording_is_verified_without_fmpy_and_without_the_fmu(units, monkeypatch):
+    one = scene(units())
+    run = simulate(one, duration_ns=50_000_000)
+    real = builtins.__import__
+
+    def without(name, *more):
+        if name.partition(".")[0] == "fmpy":
+            raise AssertionError("fmpy was imported")
+        return real(name, *more)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    same(simulate(Scene.from_json(run.scene), {}, 50_000_000, Recorded(run.commands, run.events)), run)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"more": LATE + "return 3;"}, "the step from t = 0.05 s ended with the status error"),
+        ({"more": LATE + '{ SAY(3, "no fuel"); return 3; }'}, "its log: error: no fuel"),
+    ],
+)
+def test_an_error_of_the_fmu_ends_its_controller_and_is_passed_on_with_its_log(units, version, changes, told):
+    changes = {**changes, "step": changes["more"].replace("return 3;", "status = 3;"), "more": ""}
+    run = simulate(scene(units(version=version, **changes)), duration_ns=100_000_000)
+    (lost,) = [event for event in run.events if event["kind"] == "lost"]
+    assert told in lost["text"]
+    assert lost["t_ns"] == 50_000_000
+    assert run.time[-1] == pytest.approx(0.1)
+
+
+def test_warnings_of_its_log_are_events_of_the_run(units):
+    run = simulate(
+        scene(units(step='if (t > 0.0095 && t < 0.0105) SAY(1, "warm"); SAY(0, "fine");')), duration_ns=20_000_000
+    )
+    said = [(event["t_ns"], event["text"]) for event in run.events if event["kind"] == "log"]
+    assert [text.partition(": ")[2] for _, text in said] == ["warning: warm"]
+    assert said[0][0] == 10_000_000
+
+
+def test_an_fmu_of_fmi_3_that_returns_early_or_asks_to_end_is_lost(units):
+    for step, told in (("*ends = 1;", "asked to end the simulation"), ("*early = 1; *last = t;", "ended the step")):
+        loop = Loop(made(scene(units(version=3, step=f"if (t > 0.0005) {{ {step} }}"))))
+        loop.answer(0, (0.0,))
+        with pytest.raises(ControllerLost, match=told):
+            loop.answer(1_000_000, (0.0,))
+
+
+def test_one_that_cannot_return_to_its_state_is_marked_and_its_parameters_are_fixed(units):
+    one = scene(units(state="false"))
+    assert any("so it is not repeatable" in note for note in one.notes)
+    assert tunable(made(one)) == {}
+    assert not scene(units()).notes
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"platform": "win64"}, "has code for win64; this machine needs linux64"),
+        ({"version": 3, "platform": "aarch64-darwin"}, "has code for aarch64-darwin; this machine needs"),
+        ({"variable": "false", "step": None, "described_step": "0.0007"}, "no multiple of 0.0007 s, the fixed step of"),
+        ({"more": "x[2] = 0.0 / 0.0;"}, "commands (nan,) when all measurements are zero"),
+        ({"start": "2000"}, "gain: its value 2000 is not within 0 to 1000"),
+    ],
+)
+def test_an_fmu_that_cannot_be_used_is_named_before_the_run(units, tmp_path, changes, told):
+    changes = dict(changes)
+    if "described_step" in changes:
+        file = unit(tmp_path / "nf.fmu", **{"variable": "false"})
+        _rewrite(file, lambda xml: xml.replace('stepSize="0.001"', f'stepSize="{changes["described_step"]}"'))
+    else:
+        file = units(**changes)
+    with pytest.raises(SceneError) as refused:
+        scene(file)
+    assert told in str(refused.value)
+
+
+def _rewrite(file, change):
+    with zipfile.ZipFile(file) as archive:
+        content = {name: archive.read(name) for name in archive.namelist()}
+    content["modelDescription.xml"] = change(content["modelDescription.xml"].decode()).encode()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, data in content.items():
+            archive.writestr(name, data)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"no zip", "is no FMU: it is not a zip file"),
+        ("", "is no FMU that can be used"),
+        ("<fmiModelDescription fmiVersion='9.0'/>", "is no FMU that can be used"),
+    ],
+)
+def test_what_is_no_fmu_is_named(tmp_path, content, told):
+    file = tmp_path / "some.fmu"
+    if isinstance(content, bytes):
+        file.write_bytes(content)
+    else:
+        with zipfile.ZipFile(file, "w") as archive:
+            archive.writestr("modelDescription.xml", content)
+    with pytest.raises(SceneError, match=f"controllers.nf.file: some.fmu: {told}"):
+        scene(file)
+
+
+def test_names_of_inputs_and_outputs_that_it_does_not_have_are_named(units):
+    with pytest.raises(SceneError, match=r"nf.outputs: nf\d.fmu has no real output F; it has force"):
+        scene(units(), outputs=["F"])
+    with pytest.raises(SceneError, match=r"nf.drives: names 2, but nf\d.fmu has 1 outputs: force \[N\]"):
+        scene(units(), drives=["load.force", "drive.speed"])
+
+
+def test_an_algebraic_loop_is_named_and_a_delay_or_a_declared_dependency_breaks_it(units):
+    force = UNITS.replace('<Unit name="meter/sec"><BaseUnit m="1" s="-1"/></Unit>',
+                          '<Unit name="meter/sec"><BaseUnit kg="1" m="1" s="-2"/></Unit>')  # fmt: skip
+    sensor = {"sensors.cell.kind": "normal_force", "sensors.cell.ideal": True}
+    keys = {"kind": "fmu", "file": str(units(units=force)), "reads": ["cell"], "drives": ["load.force"]}
+    given = sensor | {f"controllers.nf.{key}": value for key, value in keys.items()}
+    with pytest.raises(SceneError, match=r"nf.delay: load.force -> cell -> nf -> load.force: .* an algebraic loop"):
+        scenes.load("belt", given)
+    scenes.load("belt", given | {"controllers.nf.delay": "1 ms"})
+    scenes.load("belt", given | {"controllers.nf.file": str(units(units=force, depends=' dependencies=""'))})
+    scenes.load("belt", given | {"sensors.cell.ideal": False})
+
+
+def test_without_fmpy_the_line_that_installs_it_is_named(units, monkeypatch):
+    file = Binary.of("nf.fmu", units().read_bytes())
+    monkeypatch.setitem(__import__("sys").modules, "fmpy", None)
+    with pytest.raises(UsageError, match=r"fmpy cannot be loaded .*pip install 'friction-rig\[fmi\]' installs it"):
+        fmi_description.described(file)
+
+
+def test_the_process_of_a_controller_gives_the_same_answers(units):
+    from types import SimpleNamespace
+
+    one = scene(units())
+    description = SimpleNamespace(controllers=json.loads(json.dumps(design.described(one))))
+    own, here = Loop(process.made(description, "nf")), Loop(made(one))
+    values = np.random.default_rng(1).normal(size=20) * 0.01
+    for k, v in enumerate(values.tolist()):
+        assert own.answer(k * 1_000_000, (v,)) == here.answer(k * 1_000_000, (v,))
+
+
+def test_inputs_and_outputs_that_are_not_named_keep_their_values(units):
+    one = scene(units(), inputs=["v"], outputs=["force"])
+    assert made(one).reads == ("vibrometer",)
