@@ -32,6 +32,8 @@ def run(folder, values="1.0", **environment):
     if not source.exists() or source.read_text() != code:  # a new time of modification would recompile it
         source.write_text(code)
     path = os.pathsep.join([str(folder), *sys.path])
+    for note in Path(environment.get("RIG_KERNELS", folder)).rglob("seconds"):
+        note.unlink()  # of a compilation of some seconds, on a busy machine: the next message would state it
     return subprocess.run(
         [sys.executable, "-m", "made"],
         capture_output=True,
