@@ -6,6 +6,8 @@
                   {"do": "emergency"}: actuators to their safe values at once; half a second later the run ends
                   {"do": "knock", "impulse": N s}
                   {"do": "connect" | "disconnect", "controller": name}
+                  {"do": "status"}: changes nothing; the answer has the timing verdict so far ("" if not paced), its
+                  reasons, the number of protocol steps that have begun, with repeats unrolled, "paused", "pace"
                   {"do": "admit", "controller": name, "drives": [actuators], "period_ns": ns,
                    "reads": [sensors], "hears": whether it wants every sample of them}
     param/plant   {"get": [keys]} or {"set": {key: value}}: actuators and parameters of the rig, by their scene keys;
@@ -61,10 +63,12 @@ class Operator:
         self.excused: set[str] = set()
         """Processes ("role name") for which the plant need not wait."""
         self.paused = False
+        self.status: Callable[[], dict[str, Any]] = dict
+        """How the run goes: the answer to `status`."""
         self.steps = 0
         """Frames that a paused run shall compute; each is a batch of frames if the plant computes several at once."""
         self._hub, self._experiment, self._runner = hub, hub.experiment, hub.runner
-        self._does = {
+        self._does: dict[str, Callable[[dict[str, Any]], dict[str, Any] | None]] = {
             "begin": self._begin,
             "stop": self._stop,
             "pause": self._pause,
@@ -74,6 +78,7 @@ class Operator:
             "knock": self._knock,
             "connect": self._switch,
             "disconnect": self._switch,
+            "status": lambda _: self.status(),
         }
         self._param = hub.session.serve("param/plant", self.parameters)
         self.cmd = hub.session.serve("cmd/plant", self.command)
@@ -161,8 +166,7 @@ class Operator:
         def done() -> dict[str, Any]:
             if what not in self._does:
                 raise UsageError(f"the plant cannot {what!r:.80}; it can: {', '.join([*self._does, 'admit'])}")
-            self._does[what](body)
-            return {}
+            return self._does[what](body) or {}
 
         if what == "disconnect":
             return self._rebuilt(lambda: self._experiment.given_back(str(body["controller"])), done)

@@ -24,7 +24,7 @@ from typing import Any
 from rig import pinned_memory, placement, scheduling
 from rig.bench import pace
 from rig.bench.experiment import BEGIN
-from rig.bench.finalise import finalise
+from rig.bench.finalise import finalise, timing_verdict
 from rig.bench.job import Job, called
 from rig.bench.lockstep import Lockstep
 from rig.bench.plant_parts import PlantParts
@@ -47,6 +47,7 @@ class Plant(PlantParts):
     def __init__(self, session: Session, job: Job, stopping: Callable[[], str], sets: Iterable[int] = ()) -> None:
         super().__init__(session, job)
         self._stopping, self._sets = stopping, sets
+        self.operator.status = self._status
 
     def gather(self, say: Say) -> None:
         """Wait for the expected processes; `say` gets their names."""
@@ -196,6 +197,21 @@ class Plant(PlantParts):
                 rows.rows.append((begin, late, pacer.waited, *spans, spent))
             if not goes_on:
                 return
+
+    def _status(self) -> dict[str, Any]:
+        """How the run goes: the timing verdict if it ended now, its reasons, the step of the protocol, pause and pace.
+
+        What other processes missed is counted at the end.
+        """
+        verdict = timing_verdict(self, self.hub.commands.lost(), [])
+        word, reasons = (verdict.word, list(verdict.reasons)) if self.job.pace is not None else ("", [])
+        return {
+            "verdict": word,
+            "reasons": reasons,
+            "step": self.experiment.progress().step,
+            "paused": self.operator.paused,
+            "pace": self.job.pace,
+        }
 
     def _fell_back(self) -> None:
         assert self.ahead is not None

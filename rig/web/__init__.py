@@ -3,6 +3,7 @@
     guard           who may speak to the server: host, origin and token of every request
     catalogue       scenes to choose from; form: values with unit, range and origin; picture: what moves
     run_control     starts and ends runs under the supervisor of `rig run`, one at a time
+    live_runs       the runs of other terminals, which can be followed
     follower        a thread that follows a run over the bus; description, live_values and frames convert what it hears
     broadcast       the newest frames for every connected page; a slow page loses frames and delays nobody
     recordings      the list of recordings; studies: maps and cost tables; jobs: processes that work on them

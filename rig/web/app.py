@@ -8,6 +8,8 @@
     POST /api/run                 {scene, changes, pace, duration} -> starts a run
     POST /api/run/command         {do, run, ...} -> answer of the plant
     POST /api/run/set             {key, value, run} -> values after the change
+    GET  /api/live                runs of other terminals
+    POST /api/run/follow          {run} -> follows one of them;  /api/run/leave: no longer
     GET  /api/recordings          the recordings of the folder;  GET /recordings/NAME: one of them, to keep
     POST /api/recordings/work     {what, name, other} -> a job that verifies, reports, exports, compares or views
     GET  /api/studies             maps and cost tables;  GET /studies/KIND/NAME/FILE: a figure or a table of one
@@ -17,7 +19,7 @@
     GET  /api/jobs                jobs, the newest first;  GET /jobs/NUMBER: the result of one
     POST /api/jobs/stop           {number} -> the jobs
     POST /api/view                {run} -> a job that shows the live run in rerun's page
-    WS   /live                    messages {"kind": "state" | "setup" | "values" | "frames", ...}
+    WS   /live                    messages {"kind": "state" | "setup" | "values" | "status" | "frames", ...}
     WS   /sound/SENSOR             samples of a sensor of the run (`rig.web.sound`)
 
 A refusal has the status 422 and the body {"error": text}: the text that the command line would print.
@@ -120,9 +122,14 @@ class Bench:
         changes = body.get("changes") or {}
         scene = self.catalogue.scene(body.get("scene"), changes)
         pace, length = timing(scene, body.get("pace"), body.get("duration"))
-        self._call(self.broadcast.forget, "setup", "values")
+        self._call(self.broadcast.forget, "setup", "values", "status")
         texts = {key: as_text(value) for key, value in changes.items()}
         return self.control.start(scene, str(body["scene"]), texts, pace, length)
+
+    def follow(self, body: dict[str, Any]) -> Any:
+        """Follow a run of another terminal."""
+        self._call(self.broadcast.forget, "setup", "values", "status")
+        return self.control.follow(body)
 
     def listed(self, _: dict[str, Any]) -> Any:
         """The recordings."""
@@ -166,6 +173,9 @@ def app(bench: Bench) -> Starlette:
         Route("/api/run", _answers(bench.start), methods=["POST"]),
         Route("/api/run/command", _answers(bench.control.command), methods=["POST"]),
         Route("/api/run/set", _answers(bench.control.set), methods=["POST"]),
+        Route("/api/live", _answers(bench.control.others)),
+        Route("/api/run/follow", _answers(bench.follow), methods=["POST"]),
+        Route("/api/run/leave", _answers(bench.control.leave), methods=["POST"]),
         Route("/api/recordings", _answers(bench.listed)),
         Route("/api/recordings/work", _answers(bench.recordings.work), methods=["POST"]),
         Route("/recordings/{name:path}", _file(lambda given: bench.recordings.path(given["name"]))),

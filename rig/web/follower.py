@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from rig import bus
@@ -23,7 +24,7 @@ from rig.view.contact import Contacts
 from rig.view.process import TOPICS
 from rig.web.description import description
 from rig.web.frames import Frames
-from rig.web.live_values import LiveValues
+from rig.web.live_values import PATIENCE_S, LiveValues
 from rig.web.picture import MovingPicture
 
 PERIOD_S = 0.045
@@ -32,6 +33,12 @@ LOOK_S = 1.0
 """Time between two looks at the actuators."""
 KEPT = 500
 """Number of events that a page which connects later gets."""
+_BEGUN = ("state", "health")
+"""Topics of a run whose first frame has been computed; a paused one has only its health."""
+_PHASES = {"paused": "paused", "resumed": "running", "end": "ending"}
+"""Kinds of events of the plant -> the phase of the run that begins with them."""
+_TELLING = frozenset({"step", "mark", "left", "missing", "pause", "overrun", "safe", "fault"})
+"""Kinds of events after which the page is told at once how the run goes."""
 _NICE, _DEPTH, _JOIN_S, _LAST_WORDS_S, _ASK_S = 5, 1024, 30.0, 0.3, 10.0
 
 
@@ -47,9 +54,15 @@ def _reason() -> Iterator[None]:
 class Follower:
     """Follows `run` from `start` until it has ended or `stop` is called.
 
-    Called from its thread: `frame(number, text)` with each frame (`rig.web.frames`); `news(kind, content)` with the
-    description of the run ("setup"), its values ("values"), and with a fault in words ("fault") if it cannot follow;
-    `arrived(messages)` with everything that has arrived since its last call.
+    Called from its thread: `frame(number, text)` with each frame (`rig.web.frames`); `news(kind, content)` of the kinds
+
+        setup    description of the run          values   its values
+        status   how it goes: the plant's answer to the command `status`
+        phase    "paused", "running", "ending": it has begun
+        summary  the summary of the plant        fault    why it cannot be followed, in words
+        left     the last news
+
+    and `arrived(messages)` with everything that has arrived since its last call.
     """
 
     def __init__(
@@ -120,7 +133,7 @@ class Follower:
                 sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
                 channels = Channels((scene, assembly), setup.outputs, sensors)
                 picture = MovingPicture.of(scene, assembly, system, channels.colours)
-                frames = Frames(setup, system, scene.clock, picture)
+                frames = Frames(setup, system, picture)
                 self._news("setup", description(setup, scene, assembly, channels, Contacts(system).names, picture))
                 values = LiveValues(operator, scene, assembly.inputs)
                 session.announce()
@@ -132,6 +145,12 @@ class Follower:
                     self._operator = None
         except RigError as fault:
             self._news("fault", str(fault))
+        finally:
+            self._news("left", None)
+
+    def _tell_status(self, operator: Session) -> None:
+        with suppress(BusError):  # the run ends, or its plant is busy: the next look tells it
+            self._news("status", operator.ask("cmd/plant", {"do": "status"}, PATIENCE_S))
 
     def _listen(self, session: Session, heard: Any, plant: Any, frames: Frames, values: LiveValues) -> None:
         looked, until = -LOOK_S, 0.0
@@ -143,15 +162,24 @@ class Follower:
             for message in arrived:
                 if message.topic == "total/plant":  # the plant collects the totals of all processes
                     session.publisher(f"total/{session.name}").put(session.totals(), message.t_ns)
+            for message in arrived:
+                if message.topic == "event/plant" and message.said.kind == "verdict":
+                    self._news("summary", json.loads(message.said.data))
             events = frames.add(message for message in arrived if not message.topic.startswith("total/"))
             self.events.extend(events)
             new = bool([event for event in events if values.hear(event)])
-            if self._values is None and any(message.topic == "state" for message in arrived):
+            for event in events:
+                if event["source"] == "plant" and (phase := _PHASES.get(event["kind"])):
+                    self._news("phase", phase)
+                if event["kind"] in _TELLING:
+                    self._changed.set()
+            if self._values is None and any(message.topic in _BEGUN for message in arrived):
                 values.read()
                 self._values, new = values, True
             elif self._values is not None and (self._changed.is_set() or begin - looked > LOOK_S) and not until:
                 self._changed.clear()
                 new, looked = values.look() or new, begin
+                self._tell_status(values.session)
             if new:
                 self._news("values", list(values.entries.values()))
             if (found := frames.take(heard.lost)) is not None:

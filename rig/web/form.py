@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import types
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal, Union, get_args, get_origin
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
+
+import numpy as np
 
 from rig.bench.build_findings import findings
 from rig.bench.protocol import Protocol
@@ -20,6 +22,8 @@ from rig.web.picture import MovingPicture
 
 WIDE = 20.0
 """A range that reaches beyond this multiple of the present value is not the range of a slider. # chosen"""
+LEAST = 1e-6
+"""Least size [SI] on a logarithmic slider beside 0. # chosen"""
 
 
 def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
@@ -65,19 +69,21 @@ def warnings(scene: Scene, duration: float | None) -> list[str]:
     return [*found, *([edge] if edge else [])]
 
 
-def protocol(scene: Scene, assembly: Any) -> list[str]:
-    """The steps of the protocol in words."""
+def protocol(scene: Scene, assembly: Any) -> list[Any]:
+    """The steps of the protocol in words; steps that repeat as {"times": number or "forever", "steps": [...]}."""
     units = {name: sensor.unit for name, sensor in scene.sensors.items()}
-    return list(_lines(Protocol((), scene.frame_ns, units, assembly.inputs), scene.protocol))
+    return _steps(Protocol((), scene.frame_ns, units, assembly.inputs), scene.protocol)
 
 
-def _lines(words: Protocol, steps: Sequence[Any], before: str = "") -> Iterator[str]:
-    for step in steps:
-        if isinstance(step, Repeat):
-            yield f"{before}repeat {step.times}{'' if step.times == 'forever' else ' times'}"
-            yield from _lines(words, step.steps, f"{before}  ")
-        else:
-            yield before + (f"mark: {step.text}" if isinstance(step, Mark) else words.described(step))
+def _steps(words: Protocol, steps: Sequence[Any]) -> list[Any]:
+    return [
+        {"times": step.times, "steps": _steps(words, step.steps)}
+        if isinstance(step, Repeat)
+        else f"mark: {step.text}"
+        if isinstance(step, Mark)
+        else words.described(step)
+        for step in steps
+    ]
 
 
 def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[str, Any]]:
@@ -107,24 +113,32 @@ def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[
 
 
 def entry_of(key: str, name: str, value: Any, unit: str, limits: tuple[float, float] | None) -> dict[str, Any]:
-    """One value with its limits [low, high], and the ends of its slider; null without them."""
+    """One value with its limits [low, high], and its slider; null without them."""
     plain = isinstance(value, int | float) and not isinstance(value, bool)
-    slider = slider_of(float(value), *limits) if limits and plain else None
+    slider = slider_of(float(value), *limits)._asdict() if limits and plain and np.isfinite(limits).all() else None
     return {"key": key, "name": name, "value": value, "unit": unit, "limits": limits, "slider": slider}
 
 
-def slider_of(value: float, low: float, high: float) -> tuple[float, float] | None:
-    """Ends of a slider at `value`: the whole range, or half to twice the value if the range is much wider.
+class Slider(NamedTuple):
+    """The ends of a slider, and its least size beside 0 if its scale is logarithmic (0.0: it is linear)."""
 
-    None for a value of zero in a range of sizes that are only plausible.
+    low: float
+    high: float
+    least: float = 0.0
+
+
+def slider_of(value: float, low: float, high: float) -> Slider:
+    """The slider of `value`: the whole range, or half to twice the value if the range is much wider.
+
+    A value of zero in a wide range has no size to go by: its slider is logarithmic on both sides of 0.
     """
     if value == 0.0:
-        return (low, high) if high < 1e4 else None
+        return Slider(low, high, LEAST if max(high, -low) > WIDE else 0.0)
     size = abs(value)
     if high <= WIDE * size and low >= -WIDE * size:
-        return low, high
+        return Slider(low, high)
     ends = (0.0 if low == 0.0 else 0.5 * size, 2.0 * size)
-    return (max(low, ends[0]), min(high, ends[1])) if value > 0.0 else (max(low, -ends[1]), -ends[0])
+    return Slider(*(max(low, ends[0]), min(high, ends[1])) if value > 0.0 else (max(low, -ends[1]), -ends[0]))
 
 
 def within(scene: Scene, key: str, one: Any = None) -> tuple[float, float] | None:

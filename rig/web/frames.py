@@ -9,7 +9,7 @@ A frame has the entries that there is news of:
     meas      {sensor: {"t": [s], "v": [value]}}
     picture   what has moved in the picture (rig.web.picture)
     commands  {controller: [value of each drive]}: the latest in force
-    health    the latest Health message, and `verdict`: the timing verdict so far
+    health    the latest Health message
     events    [{"t", "source", "kind", "text", "data"}]
     lost      messages of the run that did not arrive here, since the begin
 
@@ -31,7 +31,6 @@ from rig.bus import messages
 from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
 from rig.model.system import System
-from rig.scenes.clock import Clock
 from rig.view.contact import Contacts, Modes
 from rig.view.feed import outline
 from rig.web.picture import MovingPicture
@@ -44,10 +43,8 @@ _KEPT = 4096
 class Frames:
     """Collects messages; `take` returns the frame of what has come since the last call."""
 
-    def __init__(
-        self, setup: Setup, system: System | None, clock: Clock | None, picture: MovingPicture | None = None
-    ) -> None:
-        self._setup, self._clock, self._picture = setup, clock, picture
+    def __init__(self, setup: Setup, system: System | None, picture: MovingPicture | None = None) -> None:
+        self._setup, self._picture = setup, picture
         self._modes, self._contacts = Modes(system), Contacts(system)
         self._fields = [messages.field_name(name) for name in setup.outputs]
         self._states: deque[Any] = deque(maxlen=_KEPT)
@@ -97,7 +94,7 @@ class Frames:
             found["commands"] = {name: _plain(values) for name, values in self._commands.items()}
             self._commands = {}
         if self._health:
-            found["health"] = {**_finite(self._health), "verdict": self._verdict()}
+            found["health"] = self._health
             self._health = {}
         if self._events:
             found["events"] = self._events[-EVENTS:]
@@ -130,16 +127,6 @@ class Frames:
         v = np.concatenate([np.array(block.v, np.float64) for block in blocks])
         rows: NDArray[np.int64] = outline(v, -(-v.size // SAMPLES))
         return {"t": t[rows].tolist(), "v": _plain(v[rows].tolist())}
-
-    def _verdict(self) -> str:
-        """The timing verdict if the run ended now, judged by late frames and losses alone; "" if it is not paced."""
-        ticks, health = self._health["tick"], self._health
-        if self._clock is None or not self._setup.paced or not ticks:
-            return ""
-        late = health["late"] / ticks
-        if late > self._clock.late_share_degraded:
-            return "INVALID"
-        return "DEGRADED" if late > self._clock.late_share_valid or health["drops"] else "VALID"
 
 
 def _plain(values: Iterable[float]) -> list[float | None]:

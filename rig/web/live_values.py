@@ -22,7 +22,7 @@ class LiveValues:
     """Everything that can be tuned in the run of `session`, by dotted key; `inputs`: the actuators of its rig."""
 
     def __init__(self, session: Session, scene: Scene, inputs: Mapping[str, Any]) -> None:
-        self._session, self._scene, self._inputs = session, scene, inputs
+        self.session, self._scene, self._inputs = session, scene, inputs
         self.entries: dict[str, dict[str, Any]] = {}
         """Key -> entry of the form (`rig.web.form.entry_of`), with `of` (plant or controller) and `owner`."""
 
@@ -34,7 +34,7 @@ class LiveValues:
         of_scene = self._scene.values()
         for process in ("plant", *self._scene.controllers):
             try:
-                found = self._session.ask(f"param/{process}", {"list": True}, PATIENCE_S)
+                found = self.session.ask(f"param/{process}", {"list": True}, PATIENCE_S)
             except BusError:
                 continue
             before = "" if process == "plant" else f"controllers.{process}."
@@ -51,7 +51,7 @@ class LiveValues:
     def look(self) -> bool:
         """Read the actuators and who drives them; whether something is new."""
         try:
-            found = self._session.ask("param/plant", {"get": list(self._inputs)}, PATIENCE_S)
+            found = self.session.ask("param/plant", {"get": list(self._inputs)}, PATIENCE_S)
         except BusError:
             return False
         new = False
@@ -77,5 +77,5 @@ class LiveValues:
         """Change a value at the next tick, as `rig tune` does; returns the answer of its owner. Raises BusError."""
         process = self.entries[key]["of"] if key in self.entries else "plant"
         inner = key.removeprefix(f"controllers.{process}.")
-        answer: dict[str, Any] = self._session.ask(f"param/{process}", {"set": {inner: value}}, 10.0)
+        answer: dict[str, Any] = self.session.ask(f"param/{process}", {"set": {inner: value}}, 10.0)
         return answer

@@ -1,5 +1,8 @@
 """Starts and ends runs for the page, one at a time, under the supervisor of `rig run`, in a thread of this process.
 
+A run that another terminal started can be followed instead: the page shows it and acts on it as an operator, and it
+goes on when the server ends.
+
 A run is `idle` (none yet), `starting` (processes start, kernels compile), `running`, `paused`, `ending` or `ended`.
 """
 
@@ -15,10 +18,12 @@ from typing import Any
 
 from rig.bench import supervise
 from rig.bench.outcome import Outcome
+from rig.bus import address
 from rig.bus.arrivals import Message
 from rig.errors import OutputError, RigError, UsageError
 from rig.scenes.scene import Scene
 from rig.web.follower import Follower
+from rig.web.live_runs import others
 
 LINES = 300
 """Number of lines of a run that are kept."""
@@ -48,7 +53,7 @@ class RunControl:
         self._follower: Follower | None = None
         self._interrupts: list[str] = []
         self._lines: deque[str] = deque(maxlen=LINES)
-        self._phase, self._number = "idle", 0
+        self._phase, self._number, self._looked = "idle", 0, False
         self._facts: dict[str, Any] = {}
         # Processes inherit the priority of the thread that starts them: this one has that of the user, and not that of
         # the threads that serve pages, which leave the processor to the run.
@@ -84,25 +89,35 @@ class RunControl:
         command += ["--pace", "max" if pace is None else f"{pace:g}"] if pace != 1.0 else []
         command += ["--duration", repr(duration)] if duration is not None else []
         with self._lock:
-            if self.active:
-                raise UsageError(f"run {self._facts.get('run') or 'of ' + self._facts['scene']} is going on; stop it "
-                                 "first, or wait for its end")  # fmt: skip
-            self._phase, self._number, self._follower = "starting", self._number + 1, None
-            self._interrupts, self._lines = [], deque(maxlen=LINES)
-            self._facts = {
-                "run": "",
-                "scene": scene.name,
-                "title": scene.title,
-                "pace": pace,
-                "command": shlex.join(command),
-                "fault": "",
-                "outcome": None,
-                "log": "",
-            }
+            self._refuse_second()
+            self._begin(scene.name, scene.title, pace, shlex.join(command))
             self._idle.clear()
             self._orders.put((scene, pace, duration, command))
         self._changed()
         return self.state
+
+    def follow(self, body: dict[str, Any]) -> dict[str, Any]:
+        """Follow the live run `run` of another terminal and return the state. Raises UsageError, BusError."""
+        found = address.find(str(body.get("run") or "-"))
+        with self._lock:
+            self._refuse_second()
+            self._begin(found.scene, found.scene, None, "")
+            self._facts |= {"run": found.run, "foreign": True}
+            self._follow(found.run)
+        self._changed()
+        return self.state
+
+    def leave(self, _: dict[str, Any]) -> dict[str, Any]:
+        """Stop following a run of another terminal, which goes on. Raises UsageError for a run of the page."""
+        if not (self.active and self._foreign):
+            raise UsageError("no run of another terminal is followed")
+        if self._follower is not None:
+            self._follower.stop()
+        return self.state
+
+    def others(self, _: dict[str, Any]) -> list[dict[str, Any]]:
+        """Live runs of other terminals (`rig.web.live_runs`)."""
+        return others(self._facts["run"] if self.active else "")
 
     def command(self, body: dict[str, Any]) -> dict[str, Any]:
         """Carry out a command (`COMMANDS`) in the present run, as the operators' commands of the command line do.
@@ -115,14 +130,19 @@ class RunControl:
         if what not in COMMANDS:
             raise UsageError(f"{what!r:.80} is no command; there are: {', '.join(sorted(COMMANDS))}")
         follower = self._follower
-        if what in ("stop", "emergency") and (follower is None or self._phase == "starting"):
+        if what in ("stop", "emergency") and not self._foreign and (follower is None or self._phase == "starting"):
             self._interrupt()
             return {}
         if follower is None:
             raise UsageError("the run has not begun yet")
         if what == "stop" and self._phase == "ending":  # the plant no longer answers
             return {}
-        answer = follower.command({key: value for key, value in body.items() if key != "run"})
+        try:
+            answer = follower.command({key: value for key, value in body.items() if key != "run"})
+        except UsageError:
+            if what in ("stop", "emergency") and self._phase in ("ending", "ended"):  # it ended meanwhile
+                return {}
+            raise
         phase = {"pause": "paused", "resume": "running", "stop": "ending", "emergency": "ending"}.get(what)
         if phase and self._phase in ("running", "paused"):
             self._phase = phase
@@ -139,7 +159,9 @@ class RunControl:
         return self._follower.set(body["key"], body["value"])
 
     def end(self) -> None:
-        """End the present run in order and wait for its end."""
+        """End the present run in order and wait for its end; leave one of another terminal."""
+        if self._foreign and self._follower is not None:
+            self._follower.stop()
         for _ in range(2):
             if not self._idle.is_set():
                 self._interrupt()
@@ -148,6 +170,23 @@ class RunControl:
     def kill(self) -> None:
         """End all processes of the present run at once, as a second Ctrl-C does."""
         self._interrupt()
+
+    @property
+    def _foreign(self) -> bool:
+        """Whether another terminal started the present run."""
+        return bool(self._facts.get("foreign"))
+
+    def _refuse_second(self) -> None:
+        if self.active:
+            what = self._facts["run"] or f"of {self._facts['scene']}"
+            how = "stop following it first" if self._foreign else "stop it first, or wait for its end"
+            raise UsageError(f"run {what} is going on; {how}")
+
+    def _begin(self, scene: str, title: str, pace: float | None, command: str) -> None:
+        self._phase, self._number, self._follower = "starting", self._number + 1, None
+        self._interrupts, self._lines, self._looked = [], deque(maxlen=LINES), False
+        self._facts = {"run": "", "scene": scene, "title": title, "pace": pace, "command": command}
+        self._facts |= {"fault": "", "outcome": None, "log": "", "foreign": False}
 
     def _check(self, body: dict[str, Any]) -> None:
         if not self.active:
@@ -159,7 +198,7 @@ class RunControl:
 
     def _interrupt(self) -> None:
         with self._lock:
-            if self.active:
+            if self.active and not self._foreign:
                 self._interrupts.append("the page")
                 self._phase = "ending"
         self._changed()
@@ -211,18 +250,51 @@ class RunControl:
         if word == "run" and not self._facts["run"]:
             self._facts["run"] = rest
             self._say(f"run {rest}: {self._facts['command']}")
-            self._follower = Follower(rest, self._frame, self._told, self._arrived, trust=True)
-            self._follower.start()
+            self._follow(rest, trust=True)
         self._lines.append(line)
         self._changed()
 
+    def _follow(self, run: str, trust: bool = False) -> None:
+        number = self._number
+
+        def told(kind: str, content: Any) -> None:
+            if number == self._number:  # else the last words about a run before the present one
+                self._told(kind, content)
+
+        self._follower = Follower(run, self._frame, told, self._arrived, trust)
+        self._follower.start()
+
     def _told(self, kind: str, content: Any) -> None:
         """News of the follower, in its thread."""
+        if kind in ("setup", "values", "status"):
+            self._news(kind, content)
+        before = self._phase
         if kind == "fault":
             self._lines.append(f"the page cannot follow the run: {content}")
+            if self._foreign:
+                self._facts["fault"] = str(content)
             self._changed()
-            return
-        self._news(kind, content)
-        if kind == "values" and self._phase == "starting":  # it reads them when the first frame has been computed
+        elif kind == "setup" and self._foreign:
+            self._facts |= {"scene": content["scene"], "title": content["title"]}
+            self._changed()
+        elif kind == "values" and self._phase == "starting":  # it reads them when the first frame has been computed
             self._phase = "running"
+        elif kind == "status" and self._foreign and not self._looked:  # what happened before it was followed
+            self._looked, self._facts["pace"] = True, content["pace"]
+            self._phase = "paused" if content["paused"] else self._phase
             self._changed()
+        elif kind == "phase" and self._phase in ("running", "paused"):
+            self._phase = content
+        elif kind == "summary" and self._foreign:
+            self._conclude(Outcome(content))
+        elif kind == "left" and self._foreign:
+            self._left()
+        if self._phase != before:
+            self._changed()
+
+    def _left(self) -> None:
+        """A run of another terminal is no longer followed."""
+        with self._lock:
+            self._phase = "ended"
+        if not (self._facts["outcome"] or self._facts["fault"]):
+            self._lines.append(f"run {self._facts['run']} is no longer followed")

@@ -68,7 +68,7 @@ class Listener:
     def __init__(self, client):
         self._stack = ExitStack()
         self.socket = self._stack.enter_context(client.socket())
-        self.newest, self.frames = {}, []
+        self.newest, self.frames, self.phases = {}, [], []
         self._thread = threading.Thread(target=self._read)
         self._thread.start()
 
@@ -79,6 +79,8 @@ class Listener:
                 message = json.loads(text)
                 received += 1
                 self.newest[message["kind"]] = message[message["kind"]]
+                if message["kind"] == "state":
+                    self.phases.append(message["state"]["phase"])
                 if message["kind"] == "frames":
                     self.frames += message["frames"]
                 self.socket.send(json.dumps({"ack": received}))

@@ -8,7 +8,7 @@ from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.scenes.shipped import names
 from rig.web.catalogue import Catalogue, timing
-from rig.web.form import form, slider_of
+from rig.web.form import LEAST, form, slider_of
 
 
 def test_every_shipped_scene_has_a_card_and_those_of_the_folder_come_first(tmp_path):
@@ -33,7 +33,7 @@ def test_the_form_has_every_value_with_unit_range_and_origin(name):
             assert (entries[key]["value"], entries[key]["unit"]) == (value, unit)
     for one in entries.values():
         if one["slider"]:
-            low, high = one["slider"]
+            low, high = one["slider"]["low"], one["slider"]["high"]
             assert one["limits"][0] <= low <= one["value"] <= high <= one["limits"][1]
             assert low < high
     assert all(not one["live"] for key, one in entries.items() if key.startswith(("start.", "clock.")))
@@ -47,11 +47,13 @@ def test_the_owner_of_an_actuator_is_its_controller():
 
 
 def test_the_slider_has_the_whole_range_only_where_it_is_not_much_wider_than_the_value():
-    assert slider_of(0.5, 0.0, 1.0) == (0.0, 1.0)
-    assert slider_of(20.0, 0.0, 1e5) == (0.0, 40.0)
-    assert slider_of(2500.0, 1e-15, 1e15) == (1250.0, 5000.0)
-    assert slider_of(-0.3, -100.0, 100.0) == (-0.6, -0.15)
-    assert slider_of(0.0, 0.0, 1e9) is None
+    assert slider_of(0.5, 0.0, 1.0) == (0.0, 1.0, 0.0)
+    assert slider_of(20.0, 0.0, 1e5) == (0.0, 40.0, 0.0)
+    assert slider_of(2500.0, 1e-15, 1e15) == (1250.0, 5000.0, 0.0)
+    assert slider_of(-0.3, -100.0, 100.0) == (-0.6, -0.15, 0.0)
+    assert slider_of(0.0, 0.0, 1.0) == (0.0, 1.0, 0.0)
+    assert slider_of(0.0, 0.0, 1e9) == (0.0, 1e9, LEAST)
+    assert slider_of(0.0, -1e4, 1e4) == (-1e4, 1e4, LEAST)
 
 
 def test_faults_are_those_of_the_command_line(rig, tmp_path):

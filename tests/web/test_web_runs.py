@@ -4,7 +4,10 @@ import json
 import os
 import shlex
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -14,6 +17,7 @@ from rig import scenes
 from rig.bench.plant_process import warm
 from rig.bench.verify import verify
 
+ROOT = Path(__file__).parents[2]
 SCENE = "belt_normal_force"
 
 
@@ -120,6 +124,90 @@ def test_a_killed_plant_is_told_and_another_run_can_start(client):
     assert ended["outcome"]["ended"] == "the plant died"
     assert client.post("/api/run", scene="belt").status_code == 200
     client.until("running")
+
+
+def test_the_verdict_so_far_counts_what_the_last_one_counts(client, listen):
+    """A controller that is killed makes no frame late, and yet the run is not VALID."""
+    page = listen()
+    client.post("/api/run", scene=SCENE)
+    client.until("running")
+    before = page.until("status")
+    assert set(before) >= {"verdict", "reasons", "step", "paused", "pace"}
+    assert before["pace"] == 1.0
+    nf = next(one for one in psutil.Process().children(recursive=True) if "nf" in one.cmdline())
+    os.kill(nf.pid, signal.SIGKILL)
+    page.until("status", lambda one: any("controller nf left at" in why for why in one["reasons"]), 20.0)
+    assert page.newest["status"]["verdict"] in ("DEGRADED", "INVALID")
+    client.post("/api/run/command", do="stop")
+    ended = client.until("ended", 30.0)
+    assert any("controller nf left at" in why for why in ended["outcome"]["reasons"])
+
+
+def test_a_run_that_ends_by_itself_is_ending_and_a_stop_then_waits_for_nothing(client, listen):
+    page = listen()
+    client.post("/api/run", scene="belt", duration=0.5)
+    page.until("state", lambda state: state["phase"] in ("ending", "ended"), 60.0)
+    begin = time.monotonic()
+    client.post("/api/run/command", do="stop")
+    assert time.monotonic() - begin < 5.0
+    client.until("ended", 30.0)
+    page.until("state", lambda state: state["phase"] == "ended")
+    assert page.phases.index("ending") < page.phases.index("ended")
+    assert client.state()["outcome"]["ended"] != "stopped by an operator"
+
+
+@pytest.fixture
+def elsewhere(folder):
+    """A run of the belt in another terminal."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rig", "run", "belt", "--duration", "300"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_a_run_of_another_terminal_is_followed_changed_left_and_stopped(client, another, listen, server, elsewhere):
+    page = listen()
+    deadline = time.monotonic() + 60.0
+    while not (found := client.get("/api/live").json()):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    ((run, why),) = [(one["run"], one["why"]) for one in found]
+    assert why == ""
+    assert (
+        "no run is called belt-of-yesterday" in client.post("/api/run/follow", run="belt-of-yesterday").json()["error"]
+    )
+    assert client.post("/api/run/leave").json() == {"error": "no run of another terminal is followed"}
+    assert client.post("/api/run/follow", run=run).status_code == 200
+    client.until("running")
+    assert another.get("/api/live").json() == []
+    assert "stop following it first" in another.post("/api/run", scene="belt").json()["error"]
+    page.until("setup", lambda one: one["run"] == run)
+    page.until("status", lambda one: one["pace"] == 1.0)
+    assert client.post("/api/run/set", key="drive.speed", value=0.07, run=run).json()["values"]["drive.speed"] == 0.07
+    client.post("/api/run/command", do="pause", run=run)
+    assert client.post("/api/run/leave").status_code == 200
+    client.until("ended")
+    assert elsewhere.poll() is None
+
+    client.post("/api/run/follow", run=run)
+    client.until("paused")  # as it was left
+    server.bench.control.end()  # at the end of the server
+    client.until("ended")
+    assert elsewhere.poll() is None
+    client.post("/api/run/follow", run=run)
+    client.until("paused")
+    client.post("/api/run/command", do="resume", run=run)
+    client.until("running")
+    client.post("/api/run/command", do="stop", run=run)
+    ended = client.until("ended", 30.0)
+    assert ended["outcome"]["ended"] == "stopped by an operator"
+    elsewhere.wait(30.0)
 
 
 def test_a_recording_that_cannot_be_written_is_told(client, folder):

@@ -39,7 +39,7 @@ export class Store {
     this.health = null;
     this.commands = {};
     this.events = [];
-    this.step = "";
+    this.status = null; // {verdict, reasons, step} so far
     this.lost = 0; // messages that the server missed
     this.dropped = 0; // frames that this page missed
     this.number = 0;
@@ -67,10 +67,7 @@ export class Store {
   }
 
   hear(events) {
-    for (const event of events) {
-      this.events.push(event);
-      if (event.source === "plant" && event.kind === "step") this.step = event.text;
-    }
+    this.events.push(...events);
     this.events.splice(0, this.events.length - MOST_EVENTS);
   }
 
@@ -79,6 +76,9 @@ export class Store {
     const curve = this.outputs[name];
     return curve && curve.v.length ? curve.v[curve.v.length - 1] ?? NaN : NaN;
   }
+
+  /** The timing verdict: at the end of the run, or so far; "" if the run does not follow the clock. */
+  get verdict() { return this.state.outcome?.verdict ?? this.status?.verdict ?? ""; }
 
   get active() { return !["idle", "ended"].includes(this.state.phase); }
 }

@@ -1,6 +1,7 @@
 // Choose a scene, look at what it contains, change its values, start it.
 
 import { get, post } from "/page/api.js";
+import { listed } from "/page/panes/protocol.js";
 import { h, number, pane, typed } from "/page/dom.js";
 
 export function create(bench) {
@@ -9,6 +10,7 @@ export function create(bench) {
   let form = null;
   let good = false; // whether the values as they are can be started
   let asked = 0;
+  let wasActive = false;
 
   const list = h("select", { id: "scene", "aria-label": "scene", onchange: () => { clear(); show(); } });
   const title = h("strong", { id: "title" }), about = h("p", { class: "small pre", id: "about" }), warnings = h("div", { class: "warn small pre" });
@@ -18,6 +20,9 @@ export function create(bench) {
   const whole = h("details", { hidden: true }, h("summary", { class: "small" }, "Whole summary"), summary);
   const outcome = h("div", { id: "outcome", role: "status" }, said, whole);
   const lines = h("div", { class: "small pre scroll faint", id: "lines" });
+  const others = h("div", { id: "others" }), foreign = h("details", { ontoggle: () => foreign.open && look() },
+    h("summary", {}, "Runs of other terminals"), others);
+  const leave = h("button", { id: "leave", hidden: true, title: "the run goes on", onclick: () => act(() => post("/api/run/leave", {})) }, "Stop following");
   const pace = h("input", { type: "text", value: "1", class: "value", id: "pace", "aria-label": "pace" });
   const duration = h("input", { type: "text", placeholder: "as the protocol", class: "value wide", id: "duration",
     "aria-label": "duration in s", onchange: () => show() });
@@ -55,7 +60,7 @@ export function create(bench) {
     warnings.textContent = [...form.notes, ...form.warnings, form.slow && `Paced, ${form.slow}`].filter(Boolean).join("\n");
     effects.replaceChildren(...form.effects.map((one) =>
       h("tr", { class: one.on ? "" : "faint" }, h("td", {}, one.name), h("td", {}, one.on ? "on" : "absent"), h("td", {}, one.about))));
-    steps.replaceChildren(...form.protocol.map((text) => h("li", {}, text)));
+    steps.replaceChildren(...listed(form.protocol));
     if (form.pace_limit && Number(pace.value) > form.pace_limit) pace.value = number(form.pace_limit);
     const { id, value } = document.activeElement; // what one is typing outlasts the new rows
     const open = new Set([...sections.querySelectorAll("details[open]")].map((one) => one.dataset.name));
@@ -89,16 +94,29 @@ export function create(bench) {
       h("td", {}, entry.name), h("td", {}, field, ` ${unit === "1" ? "" : unit}`), h("td", { class: "faint" }, entry.origin));
   }
 
-  async function begin() {
-    start.disabled = true;
-    fault.textContent = "";
+  async function act(action) {
     try {
-      const factor = pace.value.trim() === "max" ? "max" : typed(pace.value);
-      await post("/api/run", { ...body(), pace: factor });
+      fault.textContent = "";
+      await action();
     } catch (error) {
       fault.textContent = error.message;
     }
     update();
+  }
+
+  /** Live runs that this server did not start. */
+  const look = () => act(async () => {
+    const found = await get("/api/live");
+    others.replaceChildren(...found.map(({ run, started, why }) => h("div", { class: "row small" },
+      h("span", { class: "grow" }, run, h("div", { class: "faint" }, why || `since ${new Date(started * 1000).toISOString().slice(0, 19).replace("T", " ")} UTC`)),
+      h("button", { disabled: why !== "" || store.active, onclick: () => act(() => post("/api/run/follow", { run })) }, "Follow"))),
+    ...(found.length ? [] : [h("p", { class: "small faint" }, "none; runs of other users are not shown")]),
+    h("button", { class: "small", onclick: look }, "Look again"));
+  });
+
+  function begin() {
+    start.disabled = true;
+    return act(() => post("/api/run", { ...body(), pace: pace.value.trim() === "max" ? "max" : typed(pace.value) }));
   }
 
   async function save() {
@@ -128,6 +146,8 @@ export function create(bench) {
     said.className = `small pre ${state.fault || over?.exit_code ? "bad" : ""}`;
     whole.hidden = !over;
     summary.textContent = over?.text ?? "";
+    leave.hidden = !(store.active && state.foreign);
+    if (store.active !== wasActive) { wasActive = store.active; if (foreign.open) look(); }
     lines.textContent = (state.lines ?? []).join("\n");
   }
 
@@ -141,7 +161,7 @@ export function create(bench) {
   fill("pendulum").then(show, (error) => { fault.textContent = error.message; });
   return {
     element: pane("Scene", list, h("p", {}, title), about, warnings,
-      h("div", { class: "row" }, h("label", {}, "pace ", pace), h("label", {}, "duration ", duration), start), fault, outcome,
+      h("div", { class: "row" }, h("label", {}, "pace ", pace), h("label", {}, "duration ", duration), start, leave), fault, outcome, foreign,
       h("details", {}, h("summary", {}, "Messages of the run"), lines),
       h("details", {}, h("summary", {}, "Effects"), effects), h("details", {}, h("summary", {}, "Protocol"), steps),
       h("details", { open: true }, h("summary", {}, "Values"), sections),

@@ -52,7 +52,7 @@ export function create(bench) {
     },
     draw() {
       time.textContent = store.setup ? `t = ${store.t.toFixed(2)} s, pace ${number(store.health?.rate ?? 0, 3)}` : "";
-      const word = store.state.outcome?.verdict ?? store.health?.verdict ?? "";
+      const word = store.verdict;
       verdict.textContent = word;
       verdict.className = { VALID: "good", DEGRADED: "warn", INVALID: "bad" }[word] ?? "";
     },

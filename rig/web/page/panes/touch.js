@@ -3,6 +3,23 @@
 import { h, number, pane, quantity, typed } from "/page/dom.js";
 
 const EVERY = 100; // [ms] between two values of a slider that is being moved
+const STEPS = 1000; // of a slider
+
+/** The value at a place from 0 to STEPS of a slider {low, high, least}; with `least` its scale is logarithmic beside 0. */
+export function valueAt({ low, high, least }, place) {
+  if (!least) return low + ((high - low) * place) / STEPS;
+  const zero = zeroOf({ low, high }), from = place - zero, end = from < 0 ? -low : high, room = from < 0 ? zero : STEPS - zero;
+  return from === 0 ? 0 : Math.sign(from) * least * (end / least) ** (Math.abs(from) / room);
+}
+
+/** The place of a value; see `valueAt`. */
+export function placeOf({ low, high, least }, value) {
+  if (!least) return (STEPS * (value - low)) / (high - low);
+  const zero = zeroOf({ low, high }), end = value < 0 ? -low : high, room = value < 0 ? zero : STEPS - zero;
+  return Math.abs(value) < least ? zero : zero + Math.sign(value) * room * (Math.log(Math.abs(value) / least) / Math.log(end / least));
+}
+
+const zeroOf = ({ low, high }) => (low >= 0 ? 0 : high <= 0 ? STEPS : STEPS / 2);
 
 export function create(bench) {
   const { store } = bench;
@@ -44,12 +61,13 @@ export function create(bench) {
     let slider = null, held = false;
     if (entry.kind === "switch") {
       slider = h("input", { type: "checkbox", "aria-label": key, onchange: (e) => set(key, e.target.checked) });
-    } else if (entry.slider && entry.slider[0] < entry.slider[1]) {
-      const [low, high] = entry.slider;
-      slider = h("input", { type: "range", min: 0, max: 1000, step: 1, id: `slider-${key}`, "aria-label": `${key}, ${number(low)} to ${number(high)} ${unit}`,
+    } else if (entry.slider && entry.slider.low < entry.slider.high) {
+      const { low, high, least } = entry.slider;
+      slider = h("input", { type: "range", min: 0, max: STEPS, step: 1, id: `slider-${key}`,
+        "aria-label": `${key}, ${number(low)} to ${quantity(high, unit)}${least ? ", logarithmic" : ""}`,
         onpointerdown: () => { held = true; }, onpointerup: () => { held = false; }, onpointercancel: () => { held = false; },
         oninput: (e) => {
-          const value = Number((low + (high - low) * e.target.value / 1000).toPrecision(4));
+          const value = Number(valueAt(entry.slider, Number(e.target.value)).toPrecision(4));
           e.target.setAttribute("aria-valuetext", quantity(value, unit));
           field.value = number(value);
           moved(value);
@@ -63,7 +81,7 @@ export function create(bench) {
       if (document.activeElement !== field && !held) field.value = now.value === null ? "" : number(now.value, 6);
       if (slider?.type === "checkbox") slider.checked = Boolean(now.value);
       else if (slider && !held && document.activeElement !== slider) {
-        slider.value = 1000 * (now.value - entry.slider[0]) / (entry.slider[1] - entry.slider[0]);
+        slider.value = placeOf(entry.slider, now.value);
       }
       owner.textContent = now.owner ? `driven by ${now.owner}` : "";
     }

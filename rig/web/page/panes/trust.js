@@ -3,9 +3,9 @@
 import { h, number, pane } from "/page/dom.js";
 
 const MEANING = {
-  VALID: "at most 1 % of the frames are late, and nothing is lost",
-  DEGRADED: "more than 1 % of the frames are late, or commands are lost",
-  INVALID: "more than 5 % of the frames are late: do not trust times of this run",
+  VALID: "times can be trusted",
+  DEGRADED: "times can be trusted with care",
+  INVALID: "do not trust times of this run",
 };
 
 export function create({ store }) {
@@ -16,9 +16,10 @@ export function create({ store }) {
       const { health, setup, state } = store;
       if (!health || !setup) return;
       const late = (100 * health.late) / Math.max(health.tick, 1);
-      const word = state.outcome?.verdict ?? health.verdict;
+      const word = store.verdict, reasons = state.outcome?.reasons ?? store.status?.reasons ?? [];
       const rows = [
-        ["timing", word ? `${word}${state.outcome ? "" : " so far"}: ${MEANING[word] ?? ""}` : "this run does not follow the clock"],
+        ["timing", word ? `${word}${state.outcome ? "" : " so far"}: ${MEANING[word] ?? ""}` : store.status ? "this run does not follow the clock" : "not judged yet"],
+        ["because", reasons.join("; ") + (reasons.length && !state.outcome ? "; what the recorder and the controllers missed is counted at the end" : "")],
         ["late frames", `${health.late} of ${health.tick} (${number(late, 2)} %); 99 of 100 begin at most ${number(health.lateness_us / 1e3, 3)} ms late, the worst ${number(health.worst_us / 1e3, 3)} ms`],
         ["loop", `${health.held} commands held because no new one came, ${health.drops} lost`],
         ["energy", `residual of the energy balance: ${health.energy_error === null ? "none" : health.energy_error.toExponential(0)} of the largest term`],
