@@ -29,6 +29,8 @@ from rig.plants.structures import model_store
 from rig.record.run import Commands, Run
 from rig.scenes.scene import Scene
 
+Tell = Callable[[int, int], object]
+"""Gets the simulated seconds so far and of the whole run."""
 Stop = Callable[[], str]
 """Returns why to stop, or "" to continue."""
 
@@ -52,13 +54,15 @@ def simulate(
     duration_ns: int | None = None,
     recorded: Recorded | None = None,
     stop: Stop | None = None,
+    tell: Tell | None = None,
 ) -> Run:
     """Run `scene` for `duration_ns`, or for the duration of its protocol.
 
     `controllers`: by name; by default those of the scene, with their design values.
     `recorded`: actions of a recorded run to repeat. `stop` is called ten times per simulated second; it returns why to
-    stop, or "". If the integration has to stop, the run up to there is returned with `fault`, and its events say what
-    happened. Raises UsageError without a duration.
+    stop, or "". `tell` is called after each piece of the run, and changes none of them. If the integration has to
+    stop, the run up to there is returned with `fault`, and its events say what happened. Raises UsageError without a
+    duration.
     """
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; state a duration, e.g. --duration 10")
@@ -67,7 +71,7 @@ def simulate(
     if controllers is None:
         controllers = {name: restored(description) for name, description in own.items()}
     with model_store.collected() as models:
-        carried = carry_out(scene, controllers, duration_ns, recorded, stop)
+        carried = carry_out(scene, controllers, duration_ns, recorded, stop, tell)
     for one in models.values():  # drawing the run assembles its rig again
         model_store.offer(one)
     run = _run(scene.made_with(models), tuple(models.values()), *carried)
@@ -94,6 +98,7 @@ def carry_out(
     duration_ns: int | None = None,
     recorded: Recorded | None = None,
     stop: Stop | None = None,
+    tell: Tell | None = None,
 ) -> Carried:
     """Simulate like `simulate`, without making a `Run`. Without a duration the run ends when `stop` says so."""
     experiment, working = begun(scene, controllers, duration_ns, recorded)
@@ -107,6 +112,8 @@ def carry_out(
                 until = min(until, runner.tick + every - runner.tick % every)
             carry_on(experiment, working, until)
             checkpoints.look(keep=not experiment.aborted)
+            if tell is not None and duration_ns:
+                tell(runner.t_ns // 1_000_000_000, -(-duration_ns // 1_000_000_000))
             if stop is not None and (why := stop()):
                 experiment.stop(why)
     except NumericsError as error:

@@ -32,7 +32,7 @@ from rig.bench.chaotic_runs import BEFORE, SHORTEST, Openings, compared
 from rig.bench.command_checks import command_faults
 from rig.bench.history import history_end
 from rig.bench.repeated_events import differences
-from rig.bench.simulate import Recorded, simulate
+from rig.bench.simulate import Recorded, Tell, simulate
 from rig.errors import LogError
 from rig.record import reader, user_notes
 from rig.record.run import Integers, Reals, Run
@@ -108,14 +108,17 @@ class Verification:
         return [*title, *(f"    {n}" for n in self.user_notes)]
 
 
-def verify(log: Path) -> Verification:
-    """Verify the recording `log`. Raises rig.errors.LogError if the file is no recording or has lost its scene."""
+def verify(log: Path, tell: Tell | None = None) -> Verification:
+    """Verify the recording `log`; `tell` gets the progress (`rig.bench.simulate`).
+
+    Raises rig.errors.LogError if the file is no recording or has lost its scene.
+    """
     run = reader.open(log)
     if run.begin_ns:
         return _window(log, run)
     scene = Scene.from_json(run.scene_text())
     try:
-        again = simulate(scene, {}, duration_ns(run), Recorded(run.commands, run.events))
+        again = simulate(scene, {}, duration_ns(run), Recorded(run.commands, run.events), tell=tell)
     except LogError as error:
         raise LogError(f"{log}: {error}") from None
     elsewhere = changed_place(run)

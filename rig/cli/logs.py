@@ -115,7 +115,8 @@ def verify(log: Log, trust: Trust = False, as_json: Json = False) -> None:
     from rig.bench.verify import verify as check
 
     allow(log, trust)
-    found = check(log)
+    with printing.bar("seconds simulated again") as progress:
+        found = check(log, progress)
     if as_json:
         printing.report(found.to_json())
     else:

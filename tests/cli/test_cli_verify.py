@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig as lab
-from rig.cli import app
+from rig.cli import app, printing
 from rig.record.save_run import save
 
 SCENE = "belt_normal_force"
@@ -30,6 +30,13 @@ def test_a_recording_holds_to_the_bit(rig, log):
     assert told["seconds"] == 0.5
     assert told["compared"] == 501 * 10  # seven outputs, two sensors, the mode set
     assert told["elsewhere"] == []
+
+
+def test_progress_is_told_and_changes_no_bit(rig, log, monkeypatch):
+    monkeypatch.setattr(printing, "PROGRESS_S", 0.0)
+    code, _, err = rig("verify", log)
+    assert code == 0
+    assert err.splitlines()[-1] == "seconds simulated again: 0 of 1"
 
 
 def test_one_flipped_bit_is_found(rig, log, tmp_path):

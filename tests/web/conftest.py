@@ -40,13 +40,17 @@ class Client:
 
     def job(self, path, seconds=60.0, **body):
         """The job that a request starts, when it has ended."""
-        number = self.post(path, **body).json()["number"]
+        return self.ended([self.post(path, **body).json()["number"]], seconds)[0]
+
+    def ended(self, numbers, seconds=60.0):
+        """The jobs with these numbers, when they have ended."""
         deadline = time.monotonic() + seconds
         while True:
-            job = next(one for one in self.get("/api/jobs").json() if one["number"] == number)
-            if job["state"] != "working":
-                return job
-            assert time.monotonic() < deadline, job
+            found = {one["number"]: one for one in self.get("/api/jobs").json()}
+            jobs = [found[number] for number in numbers]
+            if all(job["state"] != "working" for job in jobs):
+                return jobs
+            assert time.monotonic() < deadline, jobs
             time.sleep(0.1)
 
     def state(self):

@@ -62,6 +62,20 @@ def test_a_recording_is_verified_reported_exported_and_compared(recorded):
     assert "no run is going on" in recorded.post("/api/view").json()["error"]
 
 
+def test_a_view_of_a_recording_tells_its_address_and_ends_when_it_is_stopped(recorded):
+    number = recorded.post("/api/recordings/work", what="view", name="one.mcap").json()["number"]
+    deadline, said = time.monotonic() + 60.0, []
+    while not any("http://127.0.0.1:" in line for line in said):
+        (job,) = recorded.get("/api/jobs").json()
+        said = job["lines"]
+        assert job["state"] == "working", said
+        assert time.monotonic() < deadline, said
+        time.sleep(0.1)
+    recorded.post("/api/jobs/stop", number=number)
+    (job,) = recorded.ended([number], 20.0)
+    assert job["state"] == "stopped"
+
+
 def test_jobs_can_be_stopped_and_are_limited():
     jobs = Jobs()
     try:

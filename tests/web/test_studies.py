@@ -1,5 +1,7 @@
 """Maps and cost tables on the page: listed with their figures, made by jobs, and nothing beside them is given."""
 
+import time
+
 import pytest
 
 from rig import scenes
@@ -29,6 +31,32 @@ def test_eigenvalues_are_those_of_the_changed_values(client, rig):
     assert made["code"] == 0, made
     _, printed, _ = rig("modes", "belt", "-p", "drive.speed=80 mm/s")
     assert [line for line in printed.splitlines() if line] == [line for line in made["lines"] if line]
+
+
+def test_a_map_and_a_cost_table_are_made_to_their_end_and_shown(client):
+    asked = [{"what": "map", "x": "drive.speed=0.1:0.3 m/s:2"}, {"what": "cost"}]
+    numbers = [client.post(WORK, scene="belt", **one).json()["number"] for one in asked]
+    jobs = client.ended(numbers, 120.0)
+    assert [(job["state"], job["code"]) for job in jobs] == [("done", 0)] * 2, jobs
+    found = {one["kind"]: one for one in client.get("/api/studies").json()}
+    assert all(one["finished"] for one in found.values())
+    for kind, files in (("maps", {"map.png", "map.csv"}), ("cost", {"cost.png", "cost.csv"})):
+        assert files <= {*found[kind]["files"]}
+        figure = client.get(f"/studies/{kind}/{found[kind]['name']}/{kind.removesuffix('s')}.png")
+        assert figure.content.startswith(b"\x89PNG")
+
+
+def test_a_cost_table_that_was_stopped_says_so_and_keeps_its_references(client, folder):
+    started = client.post(WORK, what="cost", scene="belt").json()
+    deadline = time.monotonic() + 60.0
+    while not (kept := [*folder.glob("cost/belt-*/reference-*.json")]):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    client.post("/api/jobs/stop", number=started["number"])
+    (job,) = client.ended([started["number"]], 20.0)
+    assert (job["state"], job["code"]) == ("stopped", 130)
+    assert any("interrupted; the results so far are in" in line for line in job["lines"])
+    assert kept[0].exists()
 
 
 def test_a_map_that_was_stopped_is_listed_as_unfinished(client, folder):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import shlex
 import signal
 import subprocess
@@ -13,6 +14,7 @@ import numpy as np
 import psutil
 import pytest
 
+import rig as package
 from rig import scenes
 from rig.bench.plant_process import warm
 from rig.bench.verify import verify
@@ -217,6 +219,30 @@ def test_a_recording_that_cannot_be_written_is_told(client, folder):
     told = ended["fault"] or ended["outcome"]["text"]
     assert "recordings" in told
     assert ended["fault"] or ended["outcome"]["unrecorded"]
+
+
+def test_a_disk_that_fills_during_a_run_is_told_and_the_run_goes_on(client, listen, folder):
+    page = listen()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, hard))
+    try:
+        client.post("/api/run", scene="belt")
+        client.until("running")
+        page.until("status", lambda one: any("recorder" in why for why in one["reasons"]), 40.0)
+        assert page.newest["status"]["verdict"] in ("DEGRADED", "INVALID")
+        before = page.frames[-1]["t"]
+        page.until("state", lambda _: page.frames[-1]["t"] > before + 0.5)
+        client.post("/api/run/command", do="stop")
+        ended = client.until("ended", 60.0)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert ended["outcome"]["unrecorded"]
+    (why,) = ended["outcome"]["died"]
+    assert "cannot be written: File too large" in why
+    assert "rig recover saves this part" in why
+    assert why in ended["outcome"]["text"]
+    (log,) = (folder / "recordings" / "runs").glob("*.mcap")
+    assert len(package.open(log).time) > 10
 
 
 def test_a_run_that_is_stopped_while_it_starts_leaves_nothing(client):

@@ -4,6 +4,7 @@ import { get, post } from "/page/api.js";
 import { h } from "/page/dom.js";
 
 const ADDRESS = /(http:\/\/\S+)/;
+const PROGRESS = /^(.*): (\d+) of (\d+)$/; // as `rig` prints it without a terminal
 const LOOK = 1000; // [ms] between two looks at jobs that work
 
 /** The jobs of some commands of rig: {element, look()}. `attempt(action)` tells faults; `ended()` is called after the last one. */
@@ -16,6 +17,13 @@ export function jobs(commands, attempt, ended = () => {}) {
     return found ? [h("a", { href: found[1], target: "_blank", rel: "noopener" }, line), "\n"] : [line, "\n"];
   }
 
+  /** The progress that a job has told last, while it works. */
+  function progress({ state, title, lines }) {
+    const said = state === "working" ? lines.map((line) => line.match(PROGRESS)).findLast(Boolean) : null;
+    return said ? h("label", { class: "row small" }, h("progress", { max: Number(said[3]), value: Number(said[2]), "aria-label": `progress of ${title}` }),
+      `${said[1]}: ${said[2]} of ${said[3]}`) : null;
+  }
+
   function drawn(one) {
     const state = one.state === "working" || one.code === 0 ? one.state : `${one.state}, exit code ${one.code}`;
     const result = one.result ? h("a", { href: `/jobs/${one.number}`, target: "_blank", rel: "noopener" }, `open the result (${one.result})`) : null;
@@ -24,7 +32,7 @@ export function jobs(commands, attempt, ended = () => {}) {
     const lines = h("div", { class: "pre scroll" }, ...one.lines.flatMap(output));
     const before = shown.get(one.number)?.element;
     return h("details", { open: before?.open ?? true, class: "small" }, h("summary", {}, `${one.title}: ${state} `),
-      h("div", { class: "row" }, result, stop), lines);
+      h("div", { class: "row" }, result, stop), progress(one), lines);
   }
 
   function draw(one) {

@@ -6,6 +6,8 @@ const PHASES = {
   idle: "no run yet", starting: "starting", running: "running", paused: "paused", ending: "ending", ended: "ended",
 };
 
+const FAULTS = ["fault", "diverged", "limit", "emergency"]; // kinds of events
+
 export function create(bench) {
   const { store } = bench;
   const run = h("span", { class: "faint", id: "run" });
@@ -13,6 +15,8 @@ export function create(bench) {
   const time = h("span", { id: "time" });
   const verdict = h("span", { id: "verdict" });
   const fault = h("div", { class: "fault", id: "fault", role: "alert", style: "flex-basis: 100%" });
+
+  const cause = h("div", { class: "fault", id: "cause", role: "alert", style: "flex-basis: 100%" });
 
   const act = (body) => async () => {
     try {
@@ -32,11 +36,17 @@ export function create(bench) {
   const emergency = button("EMERGENCY STOP", () => ({ do: "emergency" }), { id: "emergency", class: "emergency",
     title: "all actuators to their safe values at once; half a second later the run ends" });
 
+  /** The last fault that the run itself has told, while it goes on. */
+  function broken() {
+    const found = store.active ? store.events.findLast(({ kind }) => FAULTS.includes(kind)) : null;
+    return found ? `${found.source}: ${found.text}` : "";
+  }
+
   function tell(text) { fault.textContent = text; }
 
   return {
     element: h("header", {}, h("h1", {}, "friction-rig"), phase, time, verdict, run, h("span", { class: "grow" }),
-      h("span", { class: "row" }, pause, step, impulse, knock, stop, emergency), fault),
+      h("span", { class: "row" }, pause, step, impulse, knock, stop, emergency), fault, cause),
     tell,
     state() {
       const { state, online, active } = store;
@@ -51,6 +61,8 @@ export function create(bench) {
       document.title = active ? `${state.title}: ${PHASES[state.phase]}` : "friction-rig bench";
     },
     draw() {
+      const why = broken();
+      if (cause.textContent !== why) cause.textContent = why;
       time.textContent = store.setup ? `t = ${store.t.toFixed(2)} s, pace ${number(store.health?.rate ?? 0, 3)}` : "";
       const word = store.verdict;
       verdict.textContent = word;
