@@ -1,4 +1,4 @@
-"""Text of unknown origin, made safe to print.
+"""Text to print: of unknown origin made safe, and counts with their noun.
 
 File names, notes and messages of recordings may contain control characters, which a terminal would obey, and bytes that
 are not UTF-8, which Python keeps as lone surrogates and cannot write.
@@ -20,3 +20,8 @@ def unprintable(text: str) -> list[str]:
 def printable(text: str) -> str:
     r"""Return `text` with each such character as its escape, e.g. `\u001b`, which means the same in JSON."""
     return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun: "1 event", "2 events", "0 events"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

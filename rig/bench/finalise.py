@@ -16,6 +16,7 @@ from rig.bench.plant_parts import PlantParts
 from rig.bench.timing import TimingVerdict
 from rig.bus import messages
 from rig.errors import ExitCode
+from rig.printable import counted
 
 ANSWERS_S = 5.0
 """Longest wait for the totals of the other processes, and for a sign that a recorder still catches up [s]."""
@@ -98,7 +99,7 @@ def timing_verdict(plant: PlantParts, lost: dict[str, int], unknown: list[str]) 
     faults = list(plant.housekeeper.faults)
     for name, queue in plant.experiment.exchange.all_queues.items():
         if queue.counts.safe:
-            faults.append(f"safe values stepped in for {name} {queue.counts.safe} times")
+            faults.append(f"safe values stepped in for {name} {counted(queue.counts.safe, 'time')}")
     if plant.fault:
         faults.append(plant.fault.partition("\n")[0])
     clock, pacer = plant.scene.clock, plant.housekeeper.pacer

@@ -9,6 +9,8 @@ import threading
 from collections.abc import Iterable, Mapping
 from typing import Any, TextIO
 
+from rig.printable import counted
+
 LABEL = 10
 REFUSED = 5
 """Number of kinds of refused messages that the summary lists."""
@@ -182,7 +184,7 @@ def _plant(found: Mapping[str, Any]) -> list[str]:
 
 def plant(values: Mapping[str, Any], energy_error: float) -> str:
     """Method, events, stick share and residuals of the plant in one line."""
-    text = f"method {values['method']}, {values['events']} events"
+    text = f"method {values['method']}, {counted(values['events'], 'event')}"
     if "stick_share" in values:  # a rig with a friction patch
         text += f", stick {values['stick_share']:.0%}"
     text += f", energy residual {energy_error:.0e}"

@@ -34,6 +34,7 @@ from rig.bench.history import history_end
 from rig.bench.repeated_events import differences
 from rig.bench.simulate import Recorded, Tell, simulate
 from rig.errors import LogError
+from rig.printable import counted
 from rig.record import reader, user_notes
 from rig.record.run import Integers, Reals, Run
 from rig.scenes.scene import Scene
@@ -89,7 +90,7 @@ class Verification:
             agreement = "bit by bit" if self.identical or self.opened else "but for rounding"
         else:
             agreement = f"to {self.deviation:.1e} of their range"
-        events = f"; so do {self.events} events" if self.events else ""
+        events = f"; so do {counted(self.events, 'event')}" if self.events else ""
         lines = [f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {agreement}{events}"]
         if self.opened is not None:
             lines = [

@@ -177,7 +177,7 @@ def lay(
             if name not in raw:
                 hint = " or ".join(f"{key}.{one}" if key else one for one in close(name, raw))
                 hint = f"; did you mean {hint}?" if hint else ""
-                yield here, f"{here}: is not in the base, so it cannot be taken away{hint}"
+                yield here, f"{here}: is not in the base, so it cannot be removed{hint}"
             raw.pop(name, None)
             source.forget(origins, here)
             source.forget(own, here)

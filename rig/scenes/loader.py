@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from annotated_types import Gt
 from pydantic import ValidationError
 
 from rig.controllers.blocks.compiled import CompiledSection
@@ -16,8 +15,8 @@ from rig.effects import EFFECTS, knock
 from rig.errors import PartError, SceneError
 from rig.parts import Code, calling, code_of
 from rig.plants import PLANTS
-from rig.quantities import Section, finite
-from rig.scenes import checks, compiled_checks, faults, inherit, rooms
+from rig.quantities import Section
+from rig.scenes import checks, compiled_checks, faults, inherit, own_values, rooms
 from rig.scenes.clock import Clock
 from rig.scenes.merged import MOST, OWN, Merged
 from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Known, Load, Mark, Ramp, Step, flat, knock_durations
@@ -59,7 +58,7 @@ class _Reading:
         """The scene, or None if there are faults."""
         raw = self._tables.raw
         clock = self._section(Clock, "clock", raw.get("clock", {}))
-        seed = self._seed(raw.get("seed", 0))
+        seed = own_values.seed(self._tables)
         plant, parameters = self._plant()
         sensors = self._named("sensors", SENSORS)
         controllers = self._named("controllers", CONTROLLERS)
@@ -74,7 +73,7 @@ class _Reading:
         protocol = self._protocol(names)
         if assembly is not None:
             knock.add(assembly, knock_durations(protocol))
-        limits = self._limits(assembly)
+        limits = own_values.limits(self._tables, assembly)
         if clock is not None:
             self._tables.report(checks.periods(clock, controllers, raw))
             self._tables.report(
@@ -93,7 +92,7 @@ class _Reading:
             if parameters is not None and assembly is not None:
                 inputs = assembled(parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
                 self._tables.report(checks.commanded(protocol, inputs))
-        title, about = self._text("title", name), self._text("about", "").strip()
+        title, about = own_values.text(self._tables, "title", name), own_values.text(self._tables, "about", "").strip()
         if self._tables.faults or clock is None or parameters is None:
             return None
         return Scene(
@@ -149,6 +148,9 @@ class _Reading:
             for table, values in self._tables.raw.items():
                 for key in {"plant", "based_on"} & values.keys() if isinstance(values, dict) else ():
                     self._fault(f"{table}.{key}", f"{table}.{key}: put {key} above the first table of the file")
+                if not isinstance(values, dict) and table not in OWN:
+                    self._fault(table, _unknown(table, Section))
+            self._effects(Section)
             return "", None
         if not isinstance(plant, str) or plant not in PLANTS:
             self._fault("plant", _unknown_part("plant", plant, PLANTS))
@@ -157,25 +159,29 @@ class _Reading:
             model = PLANTS[plant].Parameters
         except PartError as error:
             self._fault("plant", f"plant: {error}")
+            self._effects(Section)
             return plant, None
         if taken := sorted(model.model_fields.keys() & {*OWN}):
             self._fault("plant", f"plant: {rooms.name_of(plant)}: Parameters declares {', '.join(taken)}, which every "
                         "scene has already; rename it")  # fmt: skip
             return plant, None
         tables = {key: value for key, value in self._tables.raw.items() if key not in OWN}
-        effects = {key: self._effect(key, name) for key, name in rooms.effects_in(tables, model).items()}
+        effects = self._effects(model)
         known = {key: found for key, found in effects.items() if found is not None}
         for key in known:
             tables[key] = tables[key] | {rooms.EFFECT: rooms.name_of(tables[key][rooms.EFFECT])}
         model = rooms.with_effects(model, known)
         unknown = [key for key in tables if key not in model.model_fields]
-        self._tables.report(
-            (key, faults.unknown_key(key, [*OWN, *model.model_fields])) for key in unknown if key not in effects
-        )
+        self._tables.report((key, _unknown(key, model)) for key in unknown if key not in effects)
         for key in unknown:
             del tables[key]
         found = self._section(model, "", tables)
         return rooms.name_of(plant), found if len(known) == len(effects) else None
+
+    def _effects(self, model: type[Section]) -> dict[str, Any]:
+        """Table -> section of each effect that the plant, with parameters `model`, does not know."""
+        tables = {key: value for key, value in self._tables.raw.items() if key not in OWN}
+        return {key: self._effect(key, name) for key, name in rooms.effects_in(tables, model).items()}
 
     def _effect(self, key: str, name: Any) -> Any:
         """The section of an effect that the plant does not know; None after reporting its faults."""
@@ -209,19 +215,6 @@ class _Reading:
         except PartError as error:
             self._tables.faults.append(str(error))
         return None
-
-    def _text(self, key: str, default: str) -> str:
-        text = self._tables.raw.get(key, default)
-        if not isinstance(text, str):
-            self._fault(key, f"{key} = {faults.shown(text)}: expected a text")
-            return ""
-        return text
-
-    def _seed(self, seed: Any) -> int:
-        if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-            self._fault("seed", f"seed = {faults.shown(seed)}: expected a whole number, at least 0")
-            return 0
-        return seed
 
     def _named(self, room: str, kinds: Mapping[str, type[Any]]) -> dict[str, Any]:
         """The sensors or controllers by name; None for each that has faults."""
@@ -271,11 +264,14 @@ class _Reading:
 
     def _protocol(self, names: Known) -> tuple[Step, ...]:
         raw = self._tables.raw.get("protocol", [])
+        if not isinstance(raw, list):
+            self._fault("protocol", "protocol: expected steps, each a table [[protocol]]")
+            return ()
         try:
             return STEPS.validate_python(raw, context=names)
         except ValidationError as error:
             self._tables.report(faults.lines(error, tuple[Step, ...], raw, "protocol"))
-        return tuple(self._step(entry, names) for entry in raw) if isinstance(raw, list) else ()
+        return tuple(self._step(entry, names) for entry in raw)
 
     def _step(self, raw: Any, names: Known) -> Step:
         """One step of a protocol that has faults; an empty mark replaces a faulty step."""
@@ -284,26 +280,12 @@ class _Reading:
         except ValidationError:
             return Mark(step="mark", text="")
 
-    def _limits(self, assembly: Any) -> dict[str, float]:
-        """The limits of outputs beyond which a run goes to its safe state: name -> largest absolute value [SI]."""
-        raw = self._tables.raw.get("limits", {})
-        if not isinstance(raw, dict):
-            self._fault("limits", f"limits = {faults.shown(raw)}: expected a table of outputs")
-            return {}
-        if assembly is None:
-            return {}
-        limits = {}
-        for name, given in raw.items():
-            key = f"limits.{name}"
-            if name not in assembly.outputs:
-                self._fault(key, f"{key}: this rig has no such output; {faults.near(name, assembly.outputs)}")
-                continue
-            unit = assembly.outputs[name].unit
-            try:
-                limits[name] = finite(given, unit, Gt(0.0))
-            except ValueError as error:
-                self._fault(key, f"{key} = {faults.shown(given)}: {faults.reworded(str(error), given)}")
-        return limits
+
+def _unknown(key: str, model: type[Section]) -> str:
+    """The line for a key or table that a scene with these parameters does not know."""
+    if "." in key:
+        return f'"{key}": a name in quotes is one key; write {key} without quotes'
+    return faults.unknown_key(key, [*OWN, *model.model_fields])
 
 
 def _unknown_part(key: str, name: Any, known: Iterable[str]) -> str:

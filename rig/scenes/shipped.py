@@ -33,6 +33,8 @@ def path(name_or_path: str | Path, folder: Path = Path()) -> Path:
     if not given.name:
         raise SceneError(repr(text), ["names no scene; rig list shows the shipped ones"])
     if given.suffix == ".toml" or "/" in text:
+        if given.stem in names() and given.name == text and not os.path.lexists(folder / given):
+            raise SceneError(text, [f"there is no such file; the shipped scene is called {given.stem}"])
         return folder / given
     from rig.scenes.faults import near
     from rig.units import brief

@@ -129,10 +129,10 @@ def change(
         if not all((*parents, last)) or len(parents) >= _DEEPEST:
             faults.append((key, f"{brief(key)}: is not a dotted key such as drive.speed"))
             continue
-        if (parents or [last])[0] in FIXED:
-            faults.append(
-                (key, f"{key}: stands in the file of a scene alone; write one with rig new and change it there")
-            )
+        first = (parents or [last])[0]
+        if first.partition("[")[0] in FIXED:
+            what = f"{key}: only a scene file can change {first.partition('[')[0]}"
+            faults.append((key, f"{what}; write one with rig new and change it there"))
             continue
         value = _read(value)
         if too_much := list(beyond(value, key)):
@@ -145,7 +145,7 @@ def change(
         forget(origins, key)
         if value is None:
             if table.pop(last, None) is None:
-                faults.append((key, f"{key}: is not in the scene, so it cannot be taken away"))
+                faults.append((key, f"{key}: is not in the scene, so it cannot be removed"))
             continue
         if last in KIND and parents and table.get(last, value) != value:
             recast[".".join(parents)] = last, table[last]

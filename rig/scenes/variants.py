@@ -59,7 +59,7 @@ def _closes(scene: Scene, key: str) -> str:
 
 
 def without(scene: Scene, keys: Keys) -> Scene:
-    """The scene with tables or values taken away, and what reads them. Raises SceneError where the plant needs them."""
+    """The scene without some tables or values, and what reads them. Raises SceneError where the plant needs them."""
     return _changed(scene, dict.fromkeys(keys))
 
 

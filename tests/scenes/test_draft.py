@@ -1,4 +1,4 @@
-"""The scene file that `rig new` writes: the same scene as its base, until its comments are taken away."""
+"""The scene file that `rig new` writes: the same scene as its base, until its comments are removed."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Scene files that are based on one another: what is merged, what is taken away, where each value is from."""
+"""Scene files that are based on one another: what is merged, what is removed, where each value is from."""
 
 import logging
 from pathlib import Path
@@ -127,7 +127,7 @@ def test_every_fault_says_which_file_and_line_its_value_is_from(write):
     write("base.toml", 'based_on = "belt"\n[load]\nforce = "-3 N"\n[drive]\nsped = 3\nlag = "none"\n')
     path = write("mine.toml", 'based_on = "base.toml"\n[friction]\nmu_static = "none"\n[sensors.laser]\nrate = 0\n')
     assert faults(path, {"seed": -1, "body.mass": "5 m"}) == [
-        "drive.lag: is not in the base, so it cannot be taken away (base.toml, line 6)",
+        "drive.lag: is not in the base, so it cannot be removed (base.toml, line 6)",
         "seed = -1: expected a whole number, at least 0 (given with -p)",
         'body.mass = "5 m": expected a unit that converts to kg (given with -p)',
         "drive.sped: unknown key; did you mean drive.speed? (base.toml, line 5)",
@@ -142,6 +142,10 @@ def test_every_fault_says_which_file_and_line_its_value_is_from(write):
     [
         ('based_on = "brkae"', 'based_on = "brkae": no scene has this name; did you mean brake? (mine.toml, line 1)'),
         ('\nbased_on = "no.toml"', 'based_on = "no.toml": there is no such file (mine.toml, line 2)'),
+        (
+            'based_on = "belt.toml"',
+            'based_on = "belt.toml": there is no such file; the shipped scene is called belt (mine.toml, line 1)',
+        ),
         (
             "based_on = 3",
             "based_on = 3: expected the name of a shipped scene, or the path of a scene file (mine.toml, line 1)",
@@ -174,25 +178,50 @@ def test_a_base_that_cannot_be_had_is_told(write, text, told):
         ('body = "none"', "body: is missing; expected a table with mass, stiffness (mine.toml, line 2)"),
         (
             'sensors.lasr = "none"',
-            "sensors.lasr: is not in the base, so it cannot be taken away; did you mean sensors.laser? "
+            "sensors.lasr: is not in the base, so it cannot be removed; did you mean sensors.laser? "
             "(mine.toml, line 2)",
         ),
         ('[[load]]\nforce = "3 N"', 'load = [{"force": "3 N"}]: expected a table (mine.toml, line 2)'),
-        ("[protocol]\nstep = 'hold'", "protocol: expected a list (mine.toml, line 2)"),
+        ("[protocol]\nstep = 'hold'", "protocol: expected steps, each a table [[protocol]] (mine.toml, line 2)"),
     ],
 )
 def test_faults_of_values_that_are_no_more_have_a_line(write, text, told):
     assert faults(write("mine.toml", f'based_on = "belt"\n{text}\n')) == [told]
 
 
-def test_nothing_can_be_taken_away_where_there_is_no_base(write):
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('Based_on = "belt"', "Based_on: unknown key; did you mean based_on? (mine.toml, line 1)"),
+        (
+            'based_on = "belt"\n"load.force" = 3',
+            '"load.force": a name in quotes is one key; write load.force without quotes (mine.toml, line 2)',
+        ),
+        (
+            'plant = "./no.py"\n[oil]\neffect = "./oil.py"',
+            "oil.effect: {folder}/oil.py: there is no such file (mine.toml, line 3)",
+        ),
+    ],
+)
+def test_other_faults_are_told_beside_a_missing_plant(write, text, told):
+    path = write("mine.toml", f"{text}\n")
+    assert told.format(folder=path.parent) in faults(path)
+
+
+@pytest.mark.parametrize("key", ["plant", "based_on", "title", "protocol", "protocol[1].time"])
+def test_what_only_a_file_can_change_is_told(key):
+    what = f"{key}: only a scene file can change {key.partition('[')[0]}; write one with rig new and change it there"
+    assert faults("belt", {key: "3 s"}) == [f"{what} (given with -p)"]
+
+
+def test_nothing_can_be_removed_where_there_is_no_base(write):
     text = 'plant = "belt"\n[drive]\nspeed = "1 m/s"\nlag = "none"\n'
-    assert "drive.lag: is not in the base, so it cannot be taken away (mine.toml, line 4)" in faults(
+    assert "drive.lag: is not in the base, so it cannot be removed (mine.toml, line 4)" in faults(
         write("mine.toml", text)
     )
 
 
-def test_what_is_taken_away_has_no_origin(write):
+def test_what_is_removed_has_no_origin(write):
     mine = scenes.load(write("mine.toml", 'based_on = "belt"\n[sensors]\nlaser = ["none", "chosen", "too slow"]\n'))
     assert "laser" not in mine.sensors
     assert not [key for key in mine.origins if key.startswith("sensors.laser")]

@@ -21,6 +21,7 @@ from rig.analysis.map.job import CARRIED, RUNS, Job
 from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STOPPED, STUCK, UNDECIDED, VIBRATION
 from rig.analysis.pool import Arrays
 from rig.analysis.text_table import columns
+from rig.printable import counted
 
 Array = NDArray[np.float64]
 UNKNOWN, ONE, TWO, THREE, REST = range(5)
@@ -93,7 +94,9 @@ class Map:
             span += f"; {y.key} from {y.text(y.values[0])} to {y.text(y.values[-1])}, {len(y.values)} values"
         lines = [f"{job.scene.name}: {span}", f"  runs: {', '.join(settings.runs)}; output {settings.output}", ""]
         counts = np.bincount(self.regions.ravel(), minlength=len(REGIONS))
-        lines += columns([(REGIONS[r], MEANING[r], f"{counts[r]} points") for r in (1, 2, 3, 4, 0) if counts[r]], "<<>")
+        lines += columns(
+            [(REGIONS[r], MEANING[r], counted(counts[r], "point")) for r in (1, 2, 3, 4, 0) if counts[r]], "<<>"
+        )
         if "near" in settings.runs:
             both = ~np.isnan(self.growth)
             wrong = self.disagreement

@@ -18,6 +18,7 @@ import numpy as np
 from rig.analysis.recorded.alignment import aligned
 from rig.analysis.recorded.series import Series, same, scene_name, series
 from rig.errors import UsageError
+from rig.printable import counted
 from rig.record.names import TRUE
 from rig.record.roles import portrait_pair
 from rig.record.run import Reals, Run
@@ -83,7 +84,8 @@ class Portrait:
         s = self.section
         if s is None:
             return
-        yield f"  section: {s.name} crosses {s.value:.6g} {s.unit} upwards {s.t.size} times, located on cubics"
+        times = counted(s.t.size, "time")
+        yield f"  section: {s.name} crosses {s.value:.6g} {s.unit} upwards {times}, located on cubics"
         if s.lost:
             yield f"  {s.lost} crossings beside a missing sample or an end could not be located"
         if s.returns:

@@ -11,6 +11,7 @@ from typing import Any
 from rig.analysis.report.devices import value
 from rig.analysis.report.html import Html, element, facts, joined, table
 from rig.analysis.report.outcome import plain
+from rig.printable import counted
 from rig.record import user_notes
 from rig.record.run import Run
 from rig.scenes.explain import explain
@@ -30,9 +31,9 @@ def events(run: Run) -> Html:
     found = table("Events", ("time [s]", "process", "kind", "text"), rows) or element("p", "No event was recorded.")
     if len(shown) > SHOWN:
         kinds = ", ".join(f"{kind} {count}" for kind, count in Counter(event["kind"] for event in shown).most_common())
-        found = element("details", element("summary", f"{len(shown)} events: {kinds}"), found)
+        found = element("details", element("summary", f"{counted(len(shown), 'event')}: {kinds}"), found)
     count = len(run.events) - len(shown)
-    contacts = f"{count} events of contacts (stick, slip, lift-off, contact) are not listed."
+    contacts = f"{counted(count, 'event')} of contacts (stick, slip, lift-off, contact) left out of the list."
     return joined((found, element("p", contacts) if count else ""))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from rig.analysis import amplitude
 from rig.analysis.report.html import Html, element, facts, joined, table
 from rig.bench import status
+from rig.printable import counted
 from rig.record import statistics
 from rig.record.run import Integers, Reals, Run
 from rig.view import contact, timeline
@@ -74,7 +75,7 @@ def _course(run: Run, modes: Integers) -> Iterator[str]:
     if "method" in plant:
         yield f"method {plant['method']}"
     if "events" in plant:
-        yield f"{plant['events']} events"
+        yield counted(plant["events"], "event")
     if share := stick(modes):
         yield share
     if points := statistics.contact(run):

@@ -9,6 +9,7 @@ from typing import Any, Self
 from rig.analysis.kernel_shapes import Shape, shape
 from rig.errors import NumericsError, RigError, SceneError, UsageError
 from rig.model.method import as_integrated, chosen
+from rig.printable import counted
 from rig.qualify.torture import case as cases
 from rig.qualify.torture import rk4_without_events
 from rig.qualify.torture.case import Case
@@ -174,7 +175,7 @@ def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, Ce
         return None, red("refused", _line(error))
     if case.expect.events is not None and until == case.duration and found.count != case.expect.events:
         few = found.count < case.expect.events
-        text = f"the reference has {found.count} events; {case.expect.source} gives {case.expect.events}"
+        text = f"the reference has {counted(found.count, 'event')}; {case.expect.source} gives {case.expect.events}"
         return found, red("missed event" if few else "chatter", text)
     return found, None
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from rig.bench.pace import PAUSE
 from rig.errors import Chatter, Diverged, Jammed, NumericsError
+from rig.printable import counted
 from rig.qualify.torture.case import Case
 from rig.qualify.torture.outcome import Found
 
@@ -135,7 +136,7 @@ def _events(found: Found, reference: Found | None) -> CellResult | None:
     if reference is None:
         return None
     if found.count != reference.count:
-        text = f"{found.count} events, the reference has {reference.count}"
+        text = f"{counted(found.count, 'event')}, the reference has {reference.count}"
         return red("missed event" if found.count < reference.count else "chatter", text)
     for number, (ours, theirs) in enumerate(zip(found.events, reference.events), 1):
         if ours[1] != theirs[1] and not _tie(found, reference, number - 1):
