@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from rig.analysis.modes_report import Modes
     from rig.analysis.recorded.comparison import Compared
     from rig.analysis.repeat import Repeats
+    from rig.analysis.studies import StudyResult
+    from rig.analysis.studies.distributions import Distribution
     from rig.analysis.sweep import Sweep
     from rig.record.run import Run
     from rig.scenes.scene import Scene
@@ -48,15 +50,20 @@ __all__ = [
     "diff",
     "limit_cycle",
     "load",
+    "lognormal",
     "loop",
     "map",
     "modes",
+    "normal",
     "open",
     "repeat",
     "report",
     "simulate",
     "state_space",
+    "study",
     "sweep",
+    "triangular",
+    "uniform",
 ]
 
 
@@ -211,6 +218,72 @@ def repeat(scene: Scene | str, count: int, duration: float | None = None, worker
     from rig.analysis.repeat import repeat as run
 
     return run(load(scene) if isinstance(scene, str) else scene, count, duration, workers)
+
+
+def study(
+    scene: Scene | str,
+    over: Mapping[str, object],
+    measure: Iterable[str | Callable[[Run], object]],
+    *,
+    samples: int | None = None,
+    sampling: str = "random",
+    repeat: int = 1,
+    seed: int | None = None,
+    duration: float | None = None,
+    keep: str | None = None,
+    folder: str | Path = "studies",
+    workers: int | None = None,
+) -> StudyResult:
+    """A scene over parameters: `rig.study("belt", {"load.force": [10, 20, 30]}, ["cycle.amplitude"])`.
+
+    `over`: dotted key -> values in SI or texts with units (a grid), "10 N:30 N:5", or a distribution such as
+    rig.normal(0.4, 0.02), of which `samples` values are drawn (64 by default), by `sampling`: random, latin, sobol, or
+    saltelli, from which Sobol indices follow. `measure`: names such as cycle.period, motion.growth_rate, run.rms (see
+    docs/studies.md), or functions of a Run, which return a number, or a number and its unit. Each point is run `repeat`
+    times; point number k with `seed` + k. `duration` [s] of a run: by default the length of its protocol. `keep`:
+    recordings of which runs are kept, such as "cycle.amplitude > 5 mm". Results go to a folder of their own in
+    `folder`, from which an interrupted study continues. Raises rig.errors.SceneError and UsageError with every fault,
+    WorkerError if workers fail.
+    """
+    from pathlib import Path
+
+    from rig.analysis.studies import prepared
+    from rig.analysis.studies import study as carry_out
+
+    loaded = load(scene) if isinstance(scene, str) else scene
+    wanted = [measure] if isinstance(measure, str) or callable(measure) else list(measure)
+    work = prepared(loaded, over, wanted, samples, sampling, repeat, seed, duration, keep)
+    return carry_out(work, Path(folder), workers, keep=keep)
+
+
+def normal(
+    mean: float | str, deviation: float | str, low: float | str | None = None, high: float | str | None = None
+) -> Distribution:
+    """A normal distribution for `rig.study`, in SI or as texts with units, cut off at `low` and `high`."""
+    return _distribution("normal", mean=mean, deviation=deviation, low=low, high=high)
+
+
+def lognormal(
+    median: float | str, deviation: float, low: float | str | None = None, high: float | str | None = None
+) -> Distribution:
+    """A lognormal distribution for `rig.study`; `deviation`: standard deviation of the natural logarithm."""
+    return _distribution("lognormal", median=median, deviation=deviation, low=low, high=high)
+
+
+def uniform(low: float | str, high: float | str) -> Distribution:
+    """A uniform distribution for `rig.study`, in SI or as texts with units."""
+    return _distribution("uniform", low=low, high=high)
+
+
+def triangular(low: float | str, mode: float | str, high: float | str) -> Distribution:
+    """A triangular distribution for `rig.study` with its peak at `mode`, in SI or as texts with units."""
+    return _distribution("triangular", low=low, mode=mode, high=high)
+
+
+def _distribution(kind: str, **values: float | str | None) -> Distribution:
+    from rig.analysis.studies.distributions import made
+
+    return made(kind, {name: value for name, value in values.items() if value is not None})
 
 
 def open(path: str | Path, trust: bool = False) -> Run:

@@ -16,5 +16,7 @@ recorded, sound     spectra, orders, hysteresis, pressure; the sound at a microp
 report              a recording as one page (HTML) that stands alone
 repeat              one scene simulated with many seeds
 pool                many independent units of work in worker processes, with results in a folder
+studies             a scene over parameters, with measures: grids, samples, repeated runs
+motion_measures     measures of the plant's motion with actuators held
 kernel_shapes       the properties that a scene's kernels are compiled for, and the shapes compiled so far
 """

@@ -74,7 +74,7 @@ class Axis:
         one = 1.0 if shown == unit else si(f"1 {shown}", unit) - si(f"0 {shown}", unit)
         whole = bool(np.isfinite(ends).all())  # else the values between are undefined, and the scene refuses the ends
         values = np.linspace(ends[0], ends[1], count).tolist() if whole else ends
-        axis = cls(key, unit, tuple(values), shown, one, _in_words(key, scene))
+        axis = cls(key, unit, tuple(values), shown, one, in_words(key, scene))
         axis._check(text, scene)
         return axis
 
@@ -95,7 +95,7 @@ class Axis:
             faults.append("values must rise or fall throughout")
         if faults:
             raise SceneError(key, faults)
-        axis = cls(key, known[key], given, known[key], words=_in_words(key, scene))
+        axis = cls(key, known[key], given, known[key], words=in_words(key, scene))
         axis._check(key, scene)
         return axis
 
@@ -187,11 +187,12 @@ def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]
             yield key, unit_of(info)
 
 
-def _in_words(key: str, scene: Scene) -> str:
+def in_words(key: str, scene: Scene) -> str:
     """A parameter in words: the title that its field declares, else its key without dots and underscores."""
     room, _, rest = key.partition(".")
-    *path, name = (rest if room == "controllers" else key).split(".")
-    section: Any = scene.controllers if room == "controllers" else scene.parameters
+    of_parts = room in ("controllers", "sensors")
+    *path, name = (rest if of_parts else key).split(".")
+    section: Any = getattr(scene, room) if of_parts else scene.parameters
     for part in path:
         section = section[part] if isinstance(section, Mapping) else getattr(section, part)
     declared = type(section).model_fields[name].title

@@ -28,6 +28,7 @@ from rig.cli import (
     runs,
     scenes,
     simulate,
+    study,
     torture,
     web,
 )
@@ -48,7 +49,7 @@ PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
     "Run a scene": {**runs.COMMANDS, **simulate.COMMANDS, **web.COMMANDS},
     "Look at scenes": scenes.COMMANDS,
     "Learn": lesson.COMMANDS,
-    "Analyse a rig": {**analysis.COMMANDS, **maps.COMMANDS, **reproduce.COMMANDS},
+    "Analyse a rig": {**analysis.COMMANDS, **maps.COMMANDS, **study.COMMANDS, **reproduce.COMMANDS},
     "Choose the accuracy": cost.COMMANDS,
     "Test the methods": torture.COMMANDS,
     "Recordings": {**library.COMMANDS, **report.COMMANDS, **logs.COMMANDS, **diff.COMMANDS, **export.COMMANDS},

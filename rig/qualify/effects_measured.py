@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rig.analysis.motion_measures.problem import held
+from rig.analysis.motion_measures.settings import eligible
 from rig.bench.frame_batches import length
 from rig.errors import RigError
 from rig.model.method import chosen
 from rig.qualify.cost.effects import NO_CHANCE, ROUNDS, Paired, bare, compared, effects
-from rig.qualify.cost.problem import held
-from rig.qualify.cost.settings import eligible
 from rig.record.film_points import grouped
 from rig.scenes.effects import declared
 from rig.scenes.scene import Scene

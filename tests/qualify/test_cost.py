@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 import rig
+from rig.analysis.motion_measures.measures import Seen, errors, observe
+from rig.analysis.motion_measures.problem import held, problem
+from rig.analysis.motion_measures.settings import Setting, eligible, ladder
 from rig.errors import Chatter, UsageError
 from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended, reference
 from rig.qualify.cost.figure import draw
-from rig.qualify.cost.measures import Seen, errors, observe
 from rig.qualify.cost.measuring import timed
 from rig.qualify.cost.pareto import front
-from rig.qualify.cost.problem import held, problem
 from rig.qualify.cost.report import notes
-from rig.qualify.cost.settings import Setting, eligible, ladder
 from rig.qualify.cost.timing import Cost, Spread, measured
 from rig.qualify.cost.trials import Trials, trials
 

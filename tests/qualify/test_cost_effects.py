@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import rig
+from rig.analysis.motion_measures.problem import problem
 from rig.analysis.repetition import all_round, turn_of
 from rig.errors import SceneError
 from rig.qualify.cost import effects as module
 from rig.qualify.cost.changes import Change, changed
 from rig.qualify.cost.effects import Paired, bare, effects
-from rig.qualify.cost.problem import problem
 from rig.qualify.cost.timing import Spread
 from rig.scenes.variants import dropped, opened, without
 from rig.stability.linearisation import sliding_key, steady

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import rig
+from rig.analysis.motion_measures.settings import Setting
 from rig.errors import UsageError
 from rig.qualify.cost.peers import by_rig, by_scipy
 from rig.qualify.cost.peers.oscillator import Oscillator
 from rig.qualify.cost.peers.race import Entry, cheapest
-from rig.qualify.cost.settings import Setting
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 PROBLEMS = Path(__file__).parents[1] / "problems"

@@ -5,10 +5,10 @@ import math
 import pytest
 
 import rig
+from rig.analysis.motion_measures.measures import errors, observe
+from rig.analysis.motion_measures.problem import problem
+from rig.analysis.motion_measures.settings import Setting
 from rig.bench.runner import PlantRunner
-from rig.qualify.cost.measures import errors, observe
-from rig.qualify.cost.problem import problem
-from rig.qualify.cost.settings import Setting
 
 FACTOR = 10.0
 DITHER = {"dither.frequency": 150.0, "dither.amplitude": 10.0}

@@ -5,7 +5,7 @@ maps/belt-1a2b3c4d5e6f/     named by the digest of scene, axes, settings and sou
   000012.npz                a batch, named by its first unit
   lock                      locked while a process computes
 
-A batch has an array `units` with the numbers of its units. Arrays of one shape are stacked, "name" [unit, ...];
+A batch has an array `#units` with the numbers of its units. Arrays of one shape are stacked, "name" [unit, ...];
 others are stored for each unit, "unit/name".
 """
 
@@ -25,7 +25,7 @@ from rig.errors import UsageError
 from rig.user_files import draft_of, write_file
 
 _JOB = "job.json"
-_UNITS = "units"
+_UNITS = "#units"
 
 
 class Store:

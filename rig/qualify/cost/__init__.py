@@ -1,7 +1,8 @@
 """Error against compute time, for any scene, on this machine: `rig cost`.
 
-problem    the simulation problem of a scene        settings   methods with their steps and tolerances
-measures   physical measures of a run               reference  the reference solution
+The simulation problem, its measures and the settings are in rig.analysis.motion_measures.
+
+reference  the reference solution                   trials     measures of each setting, in worker processes
 timing     the compute time of a setting            table      rows, kept as CSV and Parquet
 pareto     the recommended setting                  order      order of errors, beside theory
 """

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rig.qualify.cost.measures import SLOW, Seen, observe
-from rig.qualify.cost.problem import Problem
-from rig.qualify.cost.settings import of
+from rig.analysis.motion_measures.measures import SLOW, Seen, observe
+from rig.analysis.motion_measures.problem import Problem
+from rig.analysis.motion_measures.settings import of
 
 _NUDGE = 1e-9  # relative change of a start that reveals an irregular motion
 _LEAST_NUDGE = 1e-12

@@ -7,9 +7,9 @@ Cost: all plants alternate, round by round, and the plant with every effect runs
 effect is the difference of the compute times (rig.qualify.cost.timing). The noise floor is the difference of the plant
 from itself, or the 95 % interval of the cost if that is wider. Rounds are repeated while the noise floor is too coarse.
 
-Change: each measure (rig.qualify.cost.measures) with the effect and without it, and their difference as a share of the
-larger of both. Where one plant repeats and the other does not, both are compared as motions that do not repeat. Such a
-motion may be irregular: then it is run twice, from starts that differ by rounding, and smaller changes than the
+Change: each measure (rig.analysis.motion_measures) with the effect and without it, and their difference as a share of
+the larger of both. Where one plant repeats and the other does not, both are compared as motions that do not repeat.
+Such a motion may be irregular: then it is run twice, from starts that differ by rounding, and smaller changes than the
 difference of these two runs are not significant.
 """
 
@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
+from rig.analysis.motion_measures.problem import held, problem
+from rig.analysis.motion_measures.settings import of
 from rig.bench import pace
 from rig.errors import NumericsError, RigError
 from rig.qualify.cost.changes import Change, changed
-from rig.qualify.cost.problem import held, problem
-from rig.qualify.cost.settings import of
 from rig.qualify.cost.timing import Contender, Spread, spread
 from rig.scenes.effects import declared
 from rig.scenes.scene import Scene

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rig.analysis.motion_measures.settings import THEORY
 from rig.qualify.cost.pareto import front
-from rig.qualify.cost.settings import THEORY
 from rig.qualify.cost.table import WORST, Row, Table
 from rig.view.save_figure import put
 

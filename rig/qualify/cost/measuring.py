@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from rig.analysis.many_points import refuse
+from rig.analysis.motion_measures.measures import errors
+from rig.analysis.motion_measures.problem import Problem, digest, problem
+from rig.analysis.motion_measures.settings import eligible, fastest, ladder
 from rig.errors import NumericsError, UsageError
 from rig.qualify.cost import timing
-from rig.qualify.cost.measures import errors
 from rig.qualify.cost.order import orders
-from rig.qualify.cost.problem import Problem, digest, problem
 from rig.qualify.cost.reference import references
-from rig.qualify.cost.settings import eligible, fastest, ladder
 from rig.qualify.cost.table import Row, Table
 from rig.qualify.cost.timing import Contender, Cost, Spread
 from rig.qualify.cost.trials import trials

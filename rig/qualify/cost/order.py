@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rig.qualify.cost.settings import THEORY
+from rig.analysis.motion_measures.settings import THEORY
 from rig.qualify.cost.table import WORST, Row
 
 _CLEAR = 30.0  # multiple of the resolution above which an error is used

@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from rig.analysis.motion_measures.measures import Seen, errors, observe
+from rig.analysis.motion_measures.problem import Problem
+from rig.analysis.motion_measures.settings import TIGHTEST, Setting, ladder
 from rig.motion.memory import SEGMENTS
-from rig.qualify.cost.measures import Seen, errors, observe
-from rig.qualify.cost.problem import Problem
-from rig.qualify.cost.settings import TIGHTEST, Setting, ladder
 from rig.user_files import write_file
 
 WALL = 4.0  # s, for one run of a reference

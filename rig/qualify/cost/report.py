@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from rig.analysis.motion_measures.settings import THEORY
 from rig.qualify.cost.pareto import front
-from rig.qualify.cost.settings import THEORY
 from rig.qualify.cost.table import Row, Table
 
 COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "rt factor", "")

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rig.analysis.motion_measures.settings import Setting
 from rig.errors import UsageError
-from rig.qualify.cost.settings import Setting
 from rig.qualify.cost.timing import Cost, Spread
 from rig.user_files import csv_table, draft_of, write_file
 

@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.motion_measures.problem import Problem
+from rig.analysis.motion_measures.settings import Setting
 from rig.analysis.orbit import in_frames
 from rig.bench import pace
 from rig.errors import NumericsError
 from rig.motion.motion import Motion
-from rig.qualify.cost.problem import Problem
-from rig.qualify.cost.settings import Setting
 
 Array = NDArray[np.float64]
 ROUNDS = 7

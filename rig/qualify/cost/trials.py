@@ -9,10 +9,10 @@ from typing import Self
 
 import numpy as np
 
+from rig.analysis.motion_measures.measures import Seen, observe
+from rig.analysis.motion_measures.problem import Problem
+from rig.analysis.motion_measures.settings import Setting
 from rig.analysis.pool import Arrays, carry_out, packed, temporary, unpacked
-from rig.qualify.cost.measures import Seen, observe
-from rig.qualify.cost.problem import Problem
-from rig.qualify.cost.settings import Setting
 from rig.scenes.scene import Scene
 
 _TOLD = ("values", "kind", "length", "window", "count", "slips", "leaves")

@@ -18,9 +18,9 @@ from types import ModuleType
 
 import numpy as np
 
+from rig.analysis.motion_measures.settings import TIGHTEST, Setting
 from rig.qualify.cost.peers import by_diffrax, by_mujoco, by_pathsim, by_rig, by_scipy, by_sundials
 from rig.qualify.cost.peers.oscillator import Oscillator
-from rig.qualify.cost.settings import TIGHTEST, Setting
 from rig.scenes.scene import Scene
 
 PEERS: tuple[ModuleType, ...] = (by_scipy, by_sundials, by_diffrax, by_pathsim, by_mujoco)

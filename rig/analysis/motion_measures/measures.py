@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.motion_measures.problem import ROUNDS, Problem, lift
+from rig.analysis.motion_measures.settings import Setting
 from rig.analysis.orbit import Orbit
 from rig.analysis.output_polynomials import Dense
 from rig.errors import NumericsError
 from rig.motion.memory import Event
-from rig.qualify.cost.problem import ROUNDS, Problem, lift
-from rig.qualify.cost.settings import Setting
 
 Array = NDArray[np.float64]
 FIRST = 12  # mode changes whose times are compared, for a motion that does not repeat

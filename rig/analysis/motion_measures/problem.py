@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from rig import kernel
 from rig.analysis.cycle import stuck
+from rig.analysis.motion_measures.settings import Setting, of
 from rig.analysis.orbit import Orbit
 from rig.analysis.repetition import all_round, repeating, turn_of
 from rig.bench.rig_variant import with_values
@@ -35,7 +36,6 @@ from rig.bench.runner import PlantRunner
 from rig.model.assembly import Assembly, portrait
 from rig.model.system import System
 from rig.motion.memory import Event
-from rig.qualify.cost.settings import Setting, of
 from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import sliding_key, steady
@@ -136,15 +136,16 @@ def digest(scene: Scene) -> str:
 def _own_sources() -> str:
     """The sources that define the measurement."""
     rooms = Path(__file__).parents[2]
-    names = [f"qualify/cost/{name}" for name in ("problem", "measures", "reference")]
+    names = ["qualify/cost/reference", *(f"analysis/motion_measures/{name}" for name in ("problem", "measures"))]
     names += [f"analysis/{name}" for name in ("output_polynomials", "orbit", "repetition")]
     return "".join((rooms / f"{name}.py").read_text() for name in names)
 
 
-def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
+def problem(scene: Scene, values: Mapping[str, float] | None = None, patience: float = _WALL) -> Problem:
     """Determine the problem to measure for `scene`. Raises rig.errors.NumericsError if the simulation has to stop.
 
-    `values`: of actuators that the rig has; by default those that the protocol holds for the longest.
+    `values`: of actuators that the rig has; by default those that the protocol holds for the longest. `patience` [s]:
+    wall time of the first run; without a limit the result does not depend on the load of the machine.
     """
     assembly = scene.assemble()
     values = held(scene, assembly) if values is None else {k: v for k, v in values.items() if k in assembly.inputs}
@@ -163,7 +164,7 @@ def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
         if sliding.exists:
             system = replace(system, start=stuck(system, sliding.x))
     first = Problem(scene, assembly, system, values, "smooth", 0, 0, 0)
-    return _watched(first)
+    return _watched(first, patience)
 
 
 def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
@@ -187,7 +188,7 @@ def lift(what: str) -> bool:
     return what.endswith((" opens", " closes"))
 
 
-def _watched(first: Problem) -> Problem:
+def _watched(first: Problem, patience: float) -> Problem:
     """Simulate it once to find the kind of motion and the duration."""
     scene, step = first.scene, first.step
     setting = of(scene, first.system)
@@ -196,7 +197,7 @@ def _watched(first: Problem) -> Problem:
     longest = min(max(scene.duration_ns or 10**10, _turns(turn)), int(_LONGEST * 1e9)) // scene.step_ns
     events: list[Event] = []
     count, enough, asked = 0, longest, 0
-    end = time.perf_counter() + _WALL
+    end = time.perf_counter() + patience
     while orbit.motion.tick < enough and len(events) < _EVENTS and time.perf_counter() < end:
         events += orbit.block(min(orbit.longest, enough - orbit.motion.tick))
         if beyond := orbit.beyond():

@@ -1,0 +1,102 @@
+"""Studies: a scene over parameters, with measures; grids, samples of distributions, repeated runs, and a search.
+
+distributions   normal, lognormal, uniform, triangular
+factors         the varied parameters                       plan      the points
+measures        of cycle, motion and run; functions: own    runs      the points as a work of worker processes
+condition       which recordings are kept; recordings       file      a study as a TOML file
+result          values, units, reasons (result_data)        dataset   the same for xarray, as a file
+figure          curves, heat map, scatter matrix, tornado
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rig.analysis.pool import Progress, Store, carry_out
+from rig.analysis.repeat.random import REMEDY, sources
+from rig.analysis.studies.condition import condition
+from rig.analysis.studies.functions import check_not_loading
+from rig.analysis.studies.measures import measures
+from rig.analysis.studies.plan import plan
+from rig.analysis.studies.recordings import keep as keep_recordings
+from rig.analysis.studies.result import StudyResult, gathered
+from rig.analysis.studies.runs import StudyRuns
+from rig.errors import RigError, UsageError
+from rig.record.provenance import provenance
+from rig.record.run import Run
+from rig.scenes.scene import Scene
+
+__all__ = ["ROOT", "StudyResult", "StudyRuns", "prepared", "study"]
+ROOT = Path("studies")
+
+
+def prepared(
+    scene: Scene,
+    over: Mapping[str, Any],
+    measure: Sequence[str | Callable[[Run], Any]],
+    samples: int | None = None,
+    sampling: str = "random",
+    repeat: int = 1,
+    seed: int | None = None,
+    duration: float | None = None,
+    keep: str | None = None,
+) -> StudyRuns:
+    """Return a checked study of `scene`. Raises SceneError, UsageError with every fault that is found."""
+    check_not_loading()
+    faults: list[str] = []
+
+    def checked(make: Callable[[], Any]) -> Any:
+        try:
+            return make()
+        except RigError as fault:
+            faults.append(str(fault))
+
+    wanted = checked(lambda: measures(scene, [measure] if isinstance(measure, str) or callable(measure) else measure))
+    points = checked(lambda: plan(scene, over, samples, sampling, repeat, seed))
+    if wanted and keep is not None:
+        checked(lambda: condition(keep, wanted))
+    runs = keep is not None or any(one.source in ("run", "") for one in wanted or ())
+    if runs and duration is None and scene.duration_ns is None:
+        faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
+    if repeat > 1 and not sources(scene):
+        faults.append(
+            f"{scene.name}: nothing in it is random, so that all {repeat} runs of a point are the same. {REMEDY}"
+        )
+    if faults:
+        raise UsageError("\n".join(faults))
+    return StudyRuns(scene, points, wanted, duration)
+
+
+def study(
+    work: StudyRuns,
+    root: Path = ROOT,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    keep: str | None = None,
+) -> StudyResult:
+    """Carry out a study; what its folder under `root` contains already is not computed again.
+
+    `workers`: processes, one for each core by default. `keep`: condition of the runs whose recordings are kept in the
+    folder. Raises UsageError for a folder that cannot be used and for a measure that several processes cannot compute,
+    WorkerError if workers fail; what is finished stays.
+    """
+    if not work.portable and workers != 1:
+        names = ", ".join(one.name for one in work.measures if one.function and not one.function.portable)
+        if workers is not None:
+            raise UsageError(
+                f"measure {names}: worker processes cannot load it; define it at the top level of a .py file, "
+                "or compute in this process with one worker"
+            )
+        workers = 1
+    store = Store.of(work, root)
+    with store.open(work):
+        found = carry_out(work, store, workers, progress)
+    result = gathered(work, found, provenance(work.plan.seed), store.folder)
+    if keep is None:
+        return result
+    wanted = condition(keep, work.measures)
+    points = [k for k, value in enumerate(result.values[:, wanted.measure].tolist()) if wanted.holds(value)]
+    return replace(result, recordings=keep_recordings(work, points, store.folder / "runs", workers))

@@ -1,0 +1,108 @@
+"""A study as a TOML file.
+
+scene = "belt"                              a shipped scene, or a file beside this one
+measure = ["cycle.amplitude", "mine.py:late"]
+samples = 64                                and the other arguments of rig.study
+
+[set]                                       changed values, as with -p
+"body.damping" = "2 N*s/m"
+
+[over]
+"load.force" = "10 N:30 N:5"
+"friction.mu_static" = "normal(0.4, 0.02)"
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rig.errors import UsageError
+from rig.quantities import si
+from rig.scenes.faults import near
+from rig.user_files import contents
+
+_KINDS: dict[str, tuple[type, ...]] = {
+    "scene": (str,),
+    "measure": (str, list),
+    "over": (dict,),
+    "set": (dict,),
+    "samples": (int,),
+    "sampling": (str,),
+    "repeat": (int,),
+    "seed": (int,),
+    "duration": (str, int, float),
+    "keep": (str,),
+}
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """What a file says: `scene`, `changes` of its values, and `given`, the other arguments of a study."""
+
+    scene: str
+    changes: dict[str, Any]
+    given: dict[str, Any] = field(default_factory=dict)
+
+
+def is_study(path: Path) -> bool:
+    """Return whether a file is a study: TOML with measures or varied parameters."""
+    try:
+        raw = tomllib.loads(contents(path).decode())
+    except (OSError, ValueError):
+        return False
+    return bool(raw.keys() & {"measure", "over"})
+
+
+def read(path: Path) -> StudyFile:
+    """Read a study. Raises UsageError with every fault."""
+    try:
+        raw = tomllib.loads(contents(path).decode())
+    except OSError as fault:
+        raise UsageError(f"{path}: {fault.strerror}") from None
+    except ValueError as fault:
+        raise UsageError(f"{path}: {fault}") from None
+    faults = []
+    for key, value in raw.items():
+        if key not in _KINDS:
+            faults.append(f"{key}: unknown; {near(key, _KINDS)}")
+        elif isinstance(value, bool) or not isinstance(value, _KINDS[key]):
+            faults.append(f"{key} = {value!r:.60}: expected {' or '.join(kind.__name__ for kind in _KINDS[key])}")
+    if "scene" not in raw:
+        faults.append('scene: is missing; expected the name of a scene, such as scene = "belt"')
+    duration = raw.get("duration")
+    if duration is not None and not faults:
+        try:
+            duration = si(duration, "s")
+        except ValueError as fault:
+            faults.append(f"duration {fault}")
+    if faults:
+        raise UsageError("\n".join(f"{path}: {one}" for one in faults))
+    measure = raw.get("measure", [])
+    found: dict[str, Any] = {
+        name: raw[name] for name in ("samples", "sampling", "repeat", "seed", "keep") if name in raw
+    }
+    found |= {"duration": duration} if duration is not None else {}
+    found["over"] = dict(_flat(raw.get("over", {})))
+    found["measure"] = [_beside(path, one) for one in ([measure] if isinstance(measure, str) else measure)]
+    scene = raw["scene"]
+    return StudyFile(_beside(path, scene) if scene.endswith(".toml") else scene, dict(_flat(raw.get("set", {}))), found)
+
+
+def _flat(raw: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys of a table, whether they are quoted or tables in tables."""
+    for key, value in raw.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def _beside(path: Path, name: Any) -> Any:
+    """A file that is named in a study, relative to the study's folder."""
+    if not isinstance(name, str) or not (name.endswith(".toml") or ".py:" in name) or Path(name).is_absolute():
+        return name
+    return str(path.parent / name)

@@ -1,0 +1,120 @@
+"""Measures of one's own: Python functions of a Run, which worker processes run from the source text of their file."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import math
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from rig.errors import UsageError
+from rig.record.run import Run
+from rig.user_files import contents
+
+_OWN: dict[str, Callable[[Run], Any]] = {}
+"""Functions of this process that no file holds: name -> function."""
+_LOADING: list[str] = []
+"""Files that this process runs at the moment, because they define a measure."""
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function `name` of the file `file` with the source `text`; without a file it exists in this process only."""
+
+    name: str
+    file: str = ""
+    text: str = ""
+
+    @property
+    def portable(self) -> bool:
+        """Whether other processes can run it."""
+        return bool(self.file)
+
+    def to_json(self) -> dict[str, str]:
+        """Return the fields as JSON values."""
+        return vars(self)
+
+    def value(self, run: Run) -> tuple[float, str, str]:
+        """Return its value, the unit and, for a value that is missing, the reason."""
+        try:
+            found = (self._loaded() if self.portable else _OWN[self.name])(run)
+            value, unit = found if isinstance(found, tuple) else (found, "")
+            number = float(value)
+        except UsageError as fault:
+            return math.nan, "", str(fault)
+        except Exception as fault:
+            line = next((f" (line {at.lineno})" for at in reversed(traceback.extract_tb(fault.__traceback__))), "")
+            return math.nan, "", f"{self.name}: {type(fault).__name__}: {fault}{line}"
+        return number, str(unit), "" if math.isfinite(number) else f"{self.name} is {number}"
+
+    def _loaded(self) -> Callable[[Run], Any]:
+        module = _module(self.file, self.text)
+        found: Callable[[Run], Any] | None = getattr(module, self.name, None)
+        if not callable(found):
+            raise UsageError(f"{self.file}: defines no function {self.name}")
+        return found
+
+
+def function_of(given: str | Callable[[Run], Any]) -> Function:
+    """Return a measure of a Python function, or of "FILE.py:NAME". Raises UsageError."""
+    if isinstance(given, str):
+        file, _, name = given.rpartition(":")
+        try:
+            found = Function(name, str(Path(file).resolve()), contents(Path(file)).decode())
+        except (OSError, UnicodeDecodeError) as fault:
+            raise UsageError(f"{given}: {getattr(fault, 'strerror', None) or fault}") from None
+        found._loaded()  # noqa: SLF001 (its own kind)
+        return found
+    name = getattr(given, "__name__", type(given).__name__)
+    try:
+        file = inspect.getsourcefile(given) or ""
+        text = Path(file).read_text()
+        here = getattr(inspect.getmodule(given), name, None) is given
+    except (OSError, TypeError, UnicodeDecodeError):
+        here = False
+    if here:
+        return Function(name, str(Path(file).resolve()), text)
+    _OWN[name] = given
+    code = getattr(given, "__code__", None)
+    constants = [one for one in code.co_consts if not inspect.iscode(one)] if code else []
+    return Function(name, text=hashlib.sha256(code.co_code + repr(constants).encode()).hexdigest() if code else "")
+
+
+def check_not_loading() -> None:
+    """Raise UsageError if a file that defines a measure begins a study while it is loaded for that measure."""
+    if _LOADING:
+        raise UsageError(
+            f"{_LOADING[-1]} starts a study when it is loaded for its measure; "
+            'write the call under if __name__ == "__main__":'
+        )
+
+
+def _module(file: str, text: str) -> ModuleType:
+    """The module of a source text, run once in this process. Raises UsageError for one that fails."""
+    name = f"rig_measures_{hashlib.sha256(f'{file}{text}'.encode()).hexdigest()[:12]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    module = ModuleType(name)
+    module.__file__ = file
+    sys.modules[name] = module
+    folder = str(Path(file).parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
+    _LOADING.append(file)
+    try:
+        exec(compile(text, file, "exec"), module.__dict__)
+    except UsageError:
+        del sys.modules[name]
+        raise
+    except Exception as fault:
+        del sys.modules[name]
+        raise UsageError(f"{file}: {type(fault).__name__}: {fault}") from None
+    finally:
+        _LOADING.pop()
+    return module

@@ -1,0 +1,217 @@
+"""The measures of a point: of the limit cycle (rig cycle), of the plant's motion (rig cost), of the whole run, or own.
+
+cycle.NAME      period, frequency, multiplier, energy; amplitude, lowest, highest of an output; stick_share, stick_time
+                of a contact: the limit cycle of the plant with actuators held
+motion.NAME     period, frequency, growth_rate, friction_power, energy_per_cycle; amplitude, rms of an output;
+                stick_share of a contact: the plant from its start with actuators held (rig.analysis.motion_measures)
+run.NAME        rms, mean, lowest, highest, final, amplitude, frequency of an output or sensor; first_opening: the run
+                of the scene with its sensors, controllers and protocol
+FILE.py:NAME    a function of the Run: returns a number, or a number and its unit
+
+An output or contact is added with a dot, cycle.amplitude.velocity; without one it is the first of the rig.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.amplitude import index
+from rig.analysis.cycle import limit_cycle
+from rig.analysis.motion_measures.measures import observe
+from rig.analysis.motion_measures.problem import problem
+from rig.analysis.motion_measures.settings import of
+from rig.analysis.studies.functions import Function, function_of
+from rig.bench.simulate import simulate
+from rig.errors import NumericsError, RigError, SceneError
+from rig.model.assembly import portrait
+from rig.record.run import Run
+from rig.record.statistics import first_opening
+from rig.scenes.faults import near
+from rig.scenes.scene import Scene
+
+_CYCLE = {"period": "s", "frequency": "Hz", "multiplier": "1", "energy": "J"}
+_MOTION = {
+    "period": "s",
+    "frequency": "Hz",
+    "growth rate": "1/s",
+    "friction power": "W",
+    "energy per cycle": "J",
+}
+_OF_OUTPUT = ("amplitude", "lowest", "highest")
+_OF_CONTACT = {"stick_share": "1", "stick_time": "s"}
+_HOW: dict[str, Callable[[NDArray[Any]], Any]] = {
+    "rms": np.std,
+    "mean": np.mean,
+    "lowest": np.min,
+    "highest": np.max,
+    "final": lambda v: v[-1],
+}
+_OF_RUN = (*_HOW, "amplitude", "frequency")
+_LONG = 300  # characters of a reason
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measure: `name` as its user wrote it; `source` (cycle, motion, run or "" for a function), `kind` of number,
+    `of` which output, sensor or contact. `unit`: "" if only the value tells it.
+    """
+
+    name: str
+    source: str
+    kind: str = ""
+    of: str = ""
+    unit: str = ""
+    function: Function | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        return vars(self) | {"function": self.function and self.function.to_json()}
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> Measure:
+        """Return the measure of `to_json`."""
+        return cls(**{**raw, "function": raw["function"] and Function(**raw["function"])})
+
+
+def measures(scene: Scene, given: Sequence[str | Callable[[Run], Any]]) -> tuple[Measure, ...]:
+    """Return the measures of a study by name or function. Raises SceneError with every fault."""
+    known = {one.name: one for one in _known(scene)}
+    found, faults = [], []
+    for one in given:
+        if callable(one) or ".py:" in one:
+            try:
+                function = function_of(one)
+                found.append(Measure(function.name, "", function=function))
+            except RigError as fault:
+                faults.append(f"measure {fault}")
+        elif one in known:
+            found.append(known[one])
+        else:
+            faults.append(f"measure {one}: unknown; {near(one, known, 'docs/studies.md')}")
+    names = [one.name for one in found]
+    faults += [f"measure {name}: is given twice" for name in sorted({n for n in names if names.count(n) > 1})]
+    if not given:
+        faults.append("no measure is given; such as cycle.amplitude, run.rms, or a function of a Run")
+    if faults:
+        raise SceneError(scene.name, faults)
+    return tuple(found)
+
+
+def _known(scene: Scene) -> Iterator[Measure]:
+    """Every measure of a scene that needs no function."""
+    assembly = scene.assemble()
+    units = {name: one.unit for name, one in assembly.outputs.items()}
+    contacts = [patch.name for patch in assembly.system().patches]
+    sensors = {name: section.delivers for name, section in scene.sensors.items()}
+    lead = (portrait(assembly.outputs) or ("",))[0] or next(iter(units), "")
+    for kind, unit in _CYCLE.items():
+        yield Measure(f"cycle.{kind}", "cycle", kind, unit=unit)
+    for kind, unit in _MOTION.items():
+        yield Measure(f"motion.{kind.replace(' ', '_')}", "motion", kind, unit=unit)
+    parts: list[tuple[str, str, dict[str, str], str]] = [("cycle", kind, units, lead) for kind in _OF_OUTPUT]
+    parts += [("motion", kind, units, lead) for kind in ("amplitude", "rms")]
+    parts += [("run", kind, {**sensors, **units}, lead) for kind in _OF_RUN]
+    if contacts:
+        parts += [("cycle", kind, dict.fromkeys(contacts, unit), contacts[0]) for kind, unit in _OF_CONTACT.items()]
+        parts += [("motion", "stick share", dict.fromkeys(contacts, "1"), contacts[0])]
+    for source, kind, names, first in parts:
+        for name, unit in names.items():
+            unit = "Hz" if kind == "frequency" else unit
+            text = f"{source}.{kind.replace(' ', '_')}"
+            yield Measure(f"{text}.{name}", source, kind, name, unit)
+            if name == first:
+                yield Measure(text, source, kind, name, unit)
+    yield Measure("run.first_opening", "run", "first_opening", unit="s")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The values of a point in the order of its measures, with units; the reason of those that are missing (nan)."""
+
+    values: tuple[float, ...]
+    units: tuple[str, ...]
+    reason: str
+
+
+def evaluate(scene: Scene, wanted: Sequence[Measure], duration: float | None) -> Measured:
+    """Compute the measures of one point; a fault of its simulation becomes the reason of missing values.
+
+    `duration` [s] of the run; None: as long as its protocol.
+    """
+    sources: dict[str, Callable[[Sequence[Measure]], Iterator[tuple[float, str, str]]]] = {
+        "cycle": lambda some: _of_cycle(scene, some),
+        "motion": lambda some: _of_motion(scene, some),
+        "run": lambda some: _of_run(scene, duration, some),
+    }
+    found: dict[str, tuple[float, str, str]] = {}
+    for source, compute in sources.items():
+        some = [one for one in wanted if (one.source or "run") == source]
+        if not some:
+            continue
+        try:
+            found |= {one.name: value for one, value in zip(some, compute(some))}
+        except RigError as fault:
+            why = fault.what if isinstance(fault, NumericsError) else " ".join(str(fault).split())
+            found |= {one.name: (math.nan, one.unit, why) for one in some}
+    rows = [found[one.name] for one in wanted]
+    reasons = dict.fromkeys(why or f"{one.name} is {value}" for one, (value, _, why) in zip(wanted, rows)
+                            if not math.isfinite(value))  # fmt: skip
+    return Measured(tuple(r[0] for r in rows), tuple(r[1] for r in rows), "; ".join(reasons)[:_LONG])
+
+
+def _of_cycle(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
+    cycle = limit_cycle(scene)
+    for one in some:
+        if not cycle.found:
+            yield math.nan, one.unit, cycle.why
+        elif one.kind in ("lowest", "highest"):
+            yield cycle.extremes[one.of][one.kind == "highest"], one.unit, ""
+        elif one.kind == "energy":
+            yield cycle.energy["friction"], one.unit, ""
+        else:
+            value = getattr(cycle, one.kind)
+            yield float(value[one.of] if one.of else value), one.unit, ""
+
+
+def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
+    asked = problem(scene, patience=math.inf)
+    seen = observe(asked, of(asked.scene, asked.system))
+    for one in some:
+        value = seen.values.get(f"{one.kind} {one.of}".strip(), math.nan)
+        yield (
+            value,
+            one.unit,
+            seen.fault or ("" if math.isfinite(value) else f"a motion of kind {asked.kind} has no {one.name}"),
+        )
+
+
+def _of_run(scene: Scene, duration: float | None, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
+    run = simulate(scene, duration_ns=None if duration is None else round(duration * 1e9))
+    stopped = run.fault.partition("\n")[0]
+    for one in some:
+        if stopped:
+            yield math.nan, one.unit, stopped
+        elif one.function is not None:
+            yield one.function.value(run)
+        elif one.kind == "first_opening":
+            opened = first_opening(run)
+            yield (math.nan if opened is None else opened), one.unit, "" if opened is not None else "no point opens"
+        else:
+            yield _number(run, one), one.unit, ""
+
+
+def _number(run: Run, one: Measure) -> float:
+    """A number of an output or a sensor of a run."""
+    samples = run.measurements.get(one.of)
+    v = run.signals[one.of] if samples is None else samples.v
+    if one.kind in ("amplitude", "frequency"):
+        found = index(run.time if samples is None else np.asarray(samples.t_ns * 1e-9, dtype=np.float64), v)
+        return found.half if one.kind == "amplitude" else found.frequency
+    here = v[np.isfinite(v)]
+    return float(_HOW[one.kind](here)) if here.size else math.nan

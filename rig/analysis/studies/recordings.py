@@ -1,0 +1,82 @@
+"""Recordings of chosen points of a study: these are simulated again, since a run repeats to the last bit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from rig.analysis.pool import Arrays, Progress, carry_out, temporary
+from rig.analysis.studies.runs import StudyRuns
+from rig.bench.simulate import simulate
+from rig.errors import RigError, WorkerError
+from rig.record.provenance import provenance
+from rig.record.save_run import save
+
+
+def keep(
+    study: StudyRuns, points: Sequence[int], folder: Path, workers: int | None, progress: Progress | None = None
+) -> dict[int, Path]:
+    """Record the runs of `points` into `folder`; return point -> file. Existing recordings are not made again."""
+    found = {point: folder / f"{point:06d}.mcap" for point in points}
+    missing = tuple(point for point, path in found.items() if not path.exists())
+    if missing:
+        folder.mkdir(parents=True, exist_ok=True)
+        work = Recordings(study.to_json(), missing, str(folder))
+        with temporary(work) as store:
+            carry_out(work, store, workers if study.portable else 1, progress)
+    return found
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """The recordings of `points` of a study (JSON text) in `folder` as a work (rig.analysis.pool)."""
+
+    study: str
+    points: tuple[int, ...]
+    folder: str
+    name = "recordings"
+    digest = ""
+
+    @cached_property
+    def _runs(self) -> StudyRuns:
+        return StudyRuns.from_json(self.study)
+
+    @property
+    def total(self) -> int:
+        """Number of recordings."""
+        return len(self.points)
+
+    def prepare(self) -> None:
+        """Nothing is compiled here: the study has run before."""
+
+    def compute(self, unit: int) -> Arrays:
+        """Simulate a point and record it. Raises OutputError; a run that the scene refuses is not recorded."""
+        point, study = self.points[unit], self._runs
+        scene = study.scene_of(point)
+        try:
+            run = simulate(scene, duration_ns=None if study.duration is None else round(study.duration * 1e9))
+        except RigError:
+            return {"recorded": np.array(False)}
+        run.provenance = provenance(scene.seed)
+        save(run, Path(self.folder) / f"{point:06d}.mcap", replace=True)
+        return {"recorded": np.array(True)}
+
+    def failed(self, unit: int, why: str) -> Arrays:
+        """Raise WorkerError: a recording is missing."""
+        raise WorkerError(f"recording of point {self.points[unit]}: {why}")
+
+    def to_json(self) -> str:
+        """Return the work as JSON text."""
+        return json.dumps({"study": self.study, "points": self.points, "folder": self.folder})
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return the work of a text by `to_json`."""
+        raw = json.loads(text)
+        return cls(raw["study"], tuple(raw["points"]), raw["folder"])

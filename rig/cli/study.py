@@ -1,0 +1,176 @@
+"""The command `rig study`: a scene over parameters, with measures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rig.cli import printing
+from rig.cli.maps import Workers
+from rig.cli.options import Changes, Duration, Force, Json, at, changes, scene_file, seconds, the_scene
+from rig.cli.outputs import hold, named, refuse
+from rig.errors import UsageError
+
+if TYPE_CHECKING:
+    from rig.analysis.pool import Store, Work
+    from rig.scenes.scene import Scene
+
+What = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE", help="Name of a shipped scene, a scene file, or a study file (TOML).", callback=scene_file
+    ),
+]
+Over = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--over",
+        metavar="KEY=VALUES",
+        help='Vary a parameter: "load.force=10 N:30 N:5", "load.force=10, 20 N", '
+        '"friction.mu_static=normal(0.4, 0.02)". Repeatable.',
+    ),
+]
+MeasureNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--measure",
+        metavar="NAME",
+        help="Measure: cycle.amplitude, motion.period, run.rms, ..., or FILE.py:FUNCTION of a Run. Repeatable.",
+    ),
+]
+Samples = Annotated[
+    int | None, typer.Option(min=1, metavar="N", help="Samples of the distributions. Default: 64.", show_default=False)
+]
+Sampling = Annotated[
+    str | None, typer.Option(metavar="HOW", help="random (default), latin, sobol; saltelli for Sobol indices.")
+]
+RepeatPoints = Annotated[int | None, typer.Option(min=1, metavar="N", help="Runs of each point, with different seeds.")]
+Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of samples and runs. Default: the scene's.")]
+Keep = Annotated[
+    str | None,
+    typer.Option(metavar="CONDITION", help='Keep recordings of the runs for which it holds: "cycle.amplitude > 5 mm".'),
+]
+To = Annotated[
+    Path | None, typer.Option("--to", metavar="FILE", help="Write the results as NetCDF (.nc) or Zarr (.zarr) as well.")
+]
+Folder = Annotated[
+    Path, typer.Option(metavar="FOLDER", help="Folder for the results; each study has a folder of its own in it.")
+]
+
+
+def study(
+    context: typer.Context,
+    scene: What,
+    over: Over = None,
+    measure: MeasureNames = None,
+    p: Changes = None,
+    samples: Samples = None,
+    sampling: Sampling = None,
+    repeat: RepeatPoints = None,
+    seed: Seed = None,
+    duration: Duration = None,
+    keep: Keep = None,
+    to: To = None,
+    workers: Workers = None,
+    out: Folder = Path("studies"),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Run a scene over parameters and evaluate measures: grids, samples of distributions, repeated runs.
+
+    Results are kept: after an interruption the same command continues.
+    --force writes the files of a finished study again.
+    """
+    from rig.analysis.pool import Store
+    from rig.analysis.studies import prepared
+    from rig.analysis.studies import study as carry_out
+    from rig.user_files import write_file
+
+    loaded, given = _asked(scene, changes(p))
+    own: dict[str, Any] = {"over": values(over, "--over"), "measure": measure, "samples": samples, "sampling": sampling}
+    own |= {"repeat": repeat, "seed": seed, "duration": seconds(duration), "keep": keep}
+    given |= {name: value for name, value in own.items() if value}
+    _target(context, to)
+    work = prepared(loaded, given.pop("over", {}), given.pop("measure", []), **given)
+    printing.warnings(loaded)
+    store = Store.of(work, at(out))
+    refuse(store.folder, ("study.csv",), force)
+    with kept(store, work), printing.bar("points") as progress:
+        found = carry_out(work, out, workers, progress, given.get("keep"))
+    if as_json:
+        printing.report(found.to_json())
+    else:
+        printing.line(found.text())
+    figures = found.draw(store.folder)
+    write_file(store.folder / "study.csv", found.csv().encode())
+    if to is not None:
+        found.save(to)
+    if not as_json:
+        printing.line(f"\n{store.folder}/{', '.join(['study.csv', *(path.name for path in figures)])}")
+        if found.recordings:
+            printing.line(f"{len(found.recordings)} recordings in {store.folder / 'runs'}")
+        if to is not None:
+            printing.line(str(to))
+
+
+def _asked(name: str, overrides: dict[str, str]) -> tuple[Scene, dict[str, Any]]:
+    """The scene, and what a study file says about the study."""
+    if not name.endswith(".toml"):
+        return the_scene(name, overrides), {}
+    from rig.analysis.studies.file import is_study, read
+
+    if not is_study(Path(name)):
+        return the_scene(name, overrides), {}
+    found = read(Path(name))
+    return the_scene(found.scene, {**found.changes, **overrides}), found.given
+
+
+def values(given: list[str] | None, option: str) -> dict[str, str]:
+    """Dotted key -> values as text, of all options of this name."""
+    found: dict[str, str] = {}
+    for one in given or []:
+        key, equals, text = one.partition("=")
+        if not equals or not key.strip() or not text.strip():
+            raise UsageError(f'{option} {one}: expected KEY=VALUES, such as {option} "load.force=10 N:30 N:5"')
+        if key.strip() in found:
+            raise UsageError(f"{option} {one}: {key.strip()} is given twice")
+        found[key.strip()] = text.strip()
+    return found
+
+
+def _target(context: typer.Context, to: Path | None) -> None:
+    """Refuse a file of the results that could not be written in the end."""
+    if to is None:
+        return
+    from rig.analysis.studies.dataset import check_path
+
+    check_path(to)
+    named("--to", to)
+    if to.suffix == ".nc":
+        hold(context, "--to", to)
+    elif to.exists():
+        refuse(to.parent, (to.name,), bool(context.params.get("force")))
+
+
+@contextmanager
+def kept(store: Store, work: Work) -> Iterator[None]:
+    """Print on Ctrl-C how much of a work is kept."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        printing.note(f"interrupted: {len(store.load())} of {work.total} points are kept in {store.folder}; "
+                  "the same command continues from there")  # fmt: skip
+        raise
+
+
+COMMANDS = {
+    "study": (
+        study,
+        'rig study belt --over "load.force=10 N:30 N:5" --over "friction.mu_static=normal(0.4, 0.02)" --measure '
+        "cycle.amplitude",
+    ),
+}
