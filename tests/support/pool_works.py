@@ -64,5 +64,4 @@ class Trial:
     @classmethod
     def from_json(cls, text):
         raw = json.loads(text)
-        raw.pop("work", None)
-        return cls(**raw)
+        return cls(**{name: value for name, value in raw.items() if name not in ("work", "digest")})

@@ -12,6 +12,7 @@ others are stored for each unit, "unit/name".
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -50,8 +51,19 @@ class Store:
         with lock:
             if not file_locks.take(lock):
                 raise UsageError(f"{self.folder}: another process computes this at the moment; wait until it ends")
+            self._check(work)
             write_file(self.folder / _JOB, to_text(work).encode())
             yield
+
+    def _check(self, work: Work) -> None:
+        """Raise UsageError if the folder holds another work, as after it was renamed."""
+        with contextlib.suppress(OSError, ValueError, AttributeError):  # not there, or damaged: it is written anew
+            digest = json.loads((self.folder / _JOB).read_text()).get("digest", work.digest)
+            if digest != work.digest:
+                raise UsageError(
+                    f"{self.folder}: holds the results of another work ({digest}, not {work.digest}); "
+                    "name another folder with --out, or move this one away"
+                )
 
     def work(self) -> Work:
         """Return the work."""

@@ -55,7 +55,8 @@ class Work(Protocol):
 def to_text(work: Work) -> str:
     """Return a work with the name of its class as JSON text."""
     cls = type(work)
-    return json.dumps({"work": f"{cls.__module__}:{cls.__qualname__}", **json.loads(work.to_json())})
+    head = {"work": f"{cls.__module__}:{cls.__qualname__}", "digest": work.digest}
+    return json.dumps(head | json.loads(work.to_json()))
 
 
 def from_text(text: str) -> Work:

@@ -58,13 +58,13 @@ def prepared(
     points = checked(lambda: plan(scene, over, samples, sampling, repeat, seed))
     if wanted and keep is not None:
         checked(lambda: condition(keep, wanted))
-    runs = keep is not None or any(one.source in ("run", "") for one in wanted or ())
-    if runs and duration is None and scene.duration_ns is None:
+    of_runs = any(one.source in ("run", "") for one in wanted or ())
+    if (of_runs or keep is not None) and duration is None and scene.duration_ns is None:
         faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
     if repeat > 1 and not sources(scene):
-        faults.append(
-            f"{scene.name}: nothing in it is random, so that all {repeat} runs of a point are the same. {REMEDY}"
-        )
+        faults.append(f"{scene.name}: nothing in it is random, so that {repeat} runs of a point are the same. {REMEDY}")
+    elif repeat > 1 and wanted and not of_runs:
+        faults.append(f"repeat = {repeat}: all measures are those of the plant without noise, which no seed changes")
     if faults:
         raise UsageError("\n".join(faults))
     return StudyRuns(scene, points, wanted, duration)

@@ -6,6 +6,7 @@ range as well.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 _COLOUR, _BAND, _LIGHT = "#1d4f91", "#b9cce4", "#d1802f"
 _MOST = 6  # panels in a row of a scatter matrix
 _PANEL = 3.2  # inches
+_LINE = 18  # characters
 
 
 def draw(found: StudyData, folder: Path) -> list[Path]:
@@ -195,9 +197,8 @@ def _tornado(found: StudyData, indices: Indices) -> Figure:
         axes.set_title(_title(found, m))
         axes.grid(visible=False, axis="y")
         axes.axvline(0.0, color="black", lw=0.8)
-        if m == shown[0]:
-            axes.legend(loc="lower right")
     axes.set_xlabel("share of the variance")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=2)
     return figure
 
 
@@ -207,5 +208,6 @@ def _varies(values: NDArray[Any]) -> bool:
 
 
 def _folded(title: str) -> str:
-    """A title with its unit on a line of its own."""
-    return title.replace(" [", "\n[")
+    """A title in short lines, its unit on a line of its own."""
+    words, bracket, unit = title.partition(" [")
+    return "\n".join([*textwrap.wrap(words, _LINE), *([f"[{unit}"] if bracket else [])])

@@ -84,7 +84,7 @@ class StudyData:
             a, b = rows[m : m + 1, :n], rows[m : m + 1, n : 2 * n]
             if np.isfinite(rows[m]).all() and np.ptp(rows[m]) > 0.0:
                 found = sobol_indices(func={"f_A": a, "f_B": b, "f_AB": ab[:, m : m + 1]}, n=n)
-                first[m], whole[m] = found.first_order[0], found.total_order[0]
+                first[m], whole[m] = np.ravel(found.first_order), np.ravel(found.total_order)
         return Indices(tuple(one.key for one in plan.drawn), first, whole)
 
     def text(self) -> str:

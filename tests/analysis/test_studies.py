@@ -1,0 +1,306 @@
+"""Studies: the points, the measures, what is wrong with a study, its results and its figures."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rig as lab
+from rig.analysis.pool import Store
+from rig.analysis.studies import functions, prepared, study
+from rig.analysis.studies.dataset import check_path
+from rig.analysis.studies.distributions import Distribution, made
+from rig.analysis.studies.file import read
+from rig.analysis.studies.result import gathered
+from rig.analysis.studies.runs import StudyRuns
+from rig.errors import SceneError, UsageError
+
+OVER = {"load.force": [10.0, 20.0], "drive.speed": "0.05 m/s:0.1 m/s:2"}
+WANTED = ["cycle.amplitude", "cycle.period", "motion.period", "run.rms.velocity"]
+
+
+def fastest(run):
+    return run.signals["velocity"].max(), "m/s"
+
+
+def broken(run):
+    return 1.0 / (run.time[0] * 0)
+
+
+@pytest.fixture(scope="module")
+def belt():
+    return lab.load("belt")
+
+
+@pytest.fixture(scope="module")
+def grid(belt, tmp_path_factory):
+    """Four points, in two processes."""
+    folder = tmp_path_factory.mktemp("studies")
+    return lab.study(belt, OVER, [*WANTED, fastest], duration=1.0, folder=folder, workers=2)
+
+
+def test_each_value_is_what_the_other_commands_find(belt, grid):
+    for k in range(4):
+        at = grid.work.plan.values(k)
+        scene = lab.load("belt", at)
+        cycle = lab.limit_cycle(scene)
+        run = lab.simulate(scene, 1.0)
+        expected = [cycle.amplitude["displacement"], cycle.period, run.signals["velocity"].std(),
+                    run.signals["velocity"].max()]  # fmt: skip
+        assert grid.values[k, [0, 1, 3, 4]].tolist() == expected
+    assert grid.values[:, 2] == pytest.approx(grid.values[:, 1], rel=1e-8)
+    assert grid.units == ("m", "s", "s", "m/s", "m/s")
+    assert set(grid.reasons) == {""}
+
+
+def test_the_points_are_those_of_the_grid_each_with_a_seed(belt, grid):
+    assert grid.points.tolist() == [[10.0, 0.05], [10.0, 0.1], [20.0, 0.05], [20.0, 0.1]]
+    assert [record["seed"] for record in grid.records()] == [belt.seed + k for k in range(4)]
+    assert grid.values_of("cycle.period").shape == (2, 2)
+
+
+def test_one_process_finds_the_same_bits_and_a_finished_study_is_not_computed_again(belt, grid, tmp_path, monkeypatch):
+    alone = lab.study(belt, OVER, [*WANTED, fastest], duration=1.0, folder=tmp_path, workers=1)
+    assert np.array_equal(alone.values, grid.values)
+    monkeypatch.setattr(StudyRuns, "compute", None)
+    again = lab.study(belt, OVER, [*WANTED, fastest], duration=1.0, folder=tmp_path, workers=1)
+    assert np.array_equal(again.values, grid.values)
+
+
+def test_the_dataset_has_units_coordinates_and_provenance(grid, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    found = grid.to_xarray()
+    assert found["cycle.amplitude"].dims == ("load.force", "drive.speed")
+    assert found["cycle.amplitude"].attrs["units"] == "m"
+    assert found["load.force"].attrs == {"units": "N", "long_name": "load"}
+    assert float(found["cycle.period"].sel({"load.force": 20.0, "drive.speed": 0.05})) == grid.values[2, 1]
+    assert {"provenance_commit", "provenance_processor", "study_seed"} <= found.attrs.keys()
+    assert json.loads(found.attrs["scene_json"])["name"] == "belt"
+    grid.save(tmp_path / "found.nc")
+    with xarray.open_dataset(tmp_path / "found.nc", engine="h5netcdf") as back:
+        assert np.array_equal(back["cycle.period"].values, found["cycle.period"].values)
+        assert json.loads(str(back["scene_json"].values))["name"] == "belt"
+
+
+def test_a_missing_zarr_is_named_with_its_installation(monkeypatch, tmp_path):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UsageError, match="pip install zarr"):
+        check_path(tmp_path / "found.zarr")
+    with pytest.raises(UsageError, match=r"ends in \.nc"):
+        check_path(tmp_path / "found.csv")
+
+
+def test_the_report_lists_points_and_the_range_of_each_measure(grid):
+    text = grid.text()
+    assert "4 points (2 x 2) over load.force 2 values, drive.speed 2 values" in text
+    assert f"{grid.values[:, 0].max():.5g}" in text
+    assert len(grid.csv().splitlines()) == 5
+    assert json.dumps(grid.to_json())
+
+
+def test_figures_suit_the_plan(grid, tmp_path):
+    [path] = grid.draw(tmp_path)
+    assert path.name == "heat_map.png"
+    assert path.stat().st_size > 10_000
+
+
+def test_a_point_without_a_value_is_a_row_with_its_reason(belt, tmp_path):
+    """At 1 m/s nothing sticks any more; a function that fails tells its line."""
+    found = lab.study(
+        belt, {"drive.speed": [0.1, 1.0]}, ["cycle.period", broken], duration=0.1, folder=tmp_path, workers=1
+    )
+    assert np.isfinite(found.values[:, 0]).tolist() == [True, False]
+    assert np.isnan(found.values[:, 1]).all()
+    assert "broken is inf" in found.reasons[0] or "broken: " in found.reasons[0]
+    assert found.reasons[1].startswith("slides steadily") or "sliding" in found.reasons[1]
+    assert "1 of 2 points" in found.text() or "2 of 2 points" in found.text()
+
+
+def test_samples_of_a_distribution_are_drawn_from_the_seed(belt):
+    over = {"load.force": [10.0, 20.0], "friction.mu_static": lab.normal(0.4, 0.02), "body.damping": lab.uniform(1, 3)}
+    plans = {how: prepared(belt, over, ["cycle.period"], samples=64, sampling=how).plan
+             for how in ("random", "latin", "sobol", "saltelli")}  # fmt: skip
+    for how, plan in plans.items():
+        assert plan.dimensions == {"load.force": 2, "sample": 64 * (4 if how == "saltelli" else 1)}
+        assert plan.draws[:, 0].mean() == pytest.approx(0.4, abs=0.01)
+        assert plan.draws[:, 0].std() == pytest.approx(0.02, rel=0.3)
+        assert ((plan.draws[:, 1] > 1.0) & (plan.draws[:, 1] < 3.0)).all()
+        assert plan.values(0) == plan.values(plan.rows) | {"load.force": 10.0}
+        again = prepared(belt, over, ["cycle.period"], samples=64, sampling=how).plan
+        assert np.array_equal(plan.draws, again.draws)
+        other = prepared(belt, over, ["cycle.period"], samples=64, sampling=how, seed=99).plan
+        assert not np.array_equal(plan.draws, other.draws)
+    counts = np.histogram(plans["latin"].shares[:, 0], 64, (0.0, 1.0))[0]
+    assert (counts == 1).all()
+    a, b, ab = np.split(plans["saltelli"].shares, [64, 128])
+    assert np.array_equal(ab[:64], np.column_stack([b[:, 0], a[:, 1]]))
+
+
+def test_sobol_indices_of_a_sum_are_its_shares_of_the_variance(belt, tmp_path):
+    """Nothing is simulated: the values of a measure are put in. y = 3 a + b: 9/10 and 1/10."""
+    over = {"load.force": lab.uniform(10, 11), "body.damping": lab.uniform(2, 3)}
+    work = prepared(belt, over, ["cycle.period"], samples=256, sampling="saltelli")
+    found = {k: {"values": np.array([3.0 * a + b]), "units": np.array(["s"]), "reason": np.array("")}
+             for k, (a, b) in enumerate(work.plan.draws.tolist())}  # fmt: skip
+    result = gathered(work, found, {}, tmp_path)
+    assert result.indices.first[0] == pytest.approx([0.9, 0.1], abs=0.01)
+    assert result.indices.whole[0] == pytest.approx([0.9, 0.1], abs=0.01)
+    assert "0.90 alone, 0.90 in all" in result.text()
+    assert [path.name for path in result.draw(tmp_path)] == ["scatter.png", "tornado.png"]
+    found[7]["values"][0] = math.nan
+    assert np.isnan(gathered(work, found, {}, tmp_path).indices.first).all()
+
+
+@given(
+    st.sampled_from(
+        [
+            ("normal", {"mean": 2.0, "deviation": 0.5}),
+            ("normal", {"mean": 2.0, "deviation": 0.5, "low": 1.0, "high": 2.2}),
+            ("lognormal", {"median": 3.0, "deviation": 0.2}),
+            ("lognormal", {"median": 3.0, "deviation": 0.2, "low": 2.0}),
+            ("uniform", {"low": -1.0, "high": 1.0}),
+            ("triangular", {"low": 0.0, "mode": 0.2, "high": 1.0}),
+        ]
+    ),
+    st.lists(st.floats(1e-6, 1.0 - 1e-6), min_size=2, max_size=20),
+)
+def test_quantiles_rise_and_stay_within_the_cuts(one, shares):
+    kind, values = one
+    found = made(kind, values).quantile(np.sort(shares), "N")
+    assert (np.diff(found) >= 0.0).all()
+    assert (found >= values.get("low", -np.inf)).all()
+    assert (found <= values.get("high", np.inf)).all()
+    middle = made(kind, values).quantile(np.array([0.5]), "N")[0]
+    if "low" not in values and kind in ("normal", "lognormal"):
+        assert middle == pytest.approx(values.get("mean", values.get("median")))
+
+
+def test_a_distribution_is_read_from_its_text_with_units():
+    found = Distribution.parse("normal(2 kN, 100 N, low=1.5 kN)")
+    assert found.in_si("N") == {"mean": 2000.0, "deviation": 100.0, "low": 1500.0}
+    assert Distribution.parse(str(found)) == found
+
+
+WRONG = [
+    ({"load.forse": [1.0]}, {}, r"load.forse: is not a numeric parameter of this scene; did you mean load.force or"),
+    ({"load.force": []}, {}, "load.force: the list is empty"),
+    ({"load.force": [1.0, 1.0]}, {}, "a value is given twice"),
+    ({"load.force": ["10 kg"]}, {}, r"load.force: is '10 kg'"),
+    ({"load.force": [float("nan")]}, {}, "is not finite"),
+    ({"body.mass": [-1.0, 1.0]}, {}, r"body.mass: -1 kg: .*greater than 0"),
+    ({}, {}, "no parameter is varied"),
+    ({"load.force": "gauss(1, 2)"}, {}, "no distribution; known: normal"),
+    ({"load.force": "normal(1)"}, {}, "deviation missing"),
+    ({"load.force": "uniform(3 N, 2 N)"}, {}, "low must be less than high"),
+    ({"body.mass": "normal(1 kg, 1 kg)"}, {}, r"normal\(1 kg, 1 kg\) leaves the range .*cut the distribution off"),
+    ({"load.force": "uniform(1 N, 2 N)"}, {"samples": 10, "sampling": "sobol"}, "must be a power of 2"),
+    ({"load.force": "uniform(1 N, 2 N)"}, {"sampling": "halton"}, "sampling halton: unknown; known: random, latin"),
+    ({"load.force": [1.0]}, {"samples": 10}, "no parameter has one"),
+    ({"load.force": [1.0]}, {"repeat": 2}, "all measures are those of the plant without noise"),
+    ({"load.force": [1.0]}, {"measure": ["cycle.amplitud"]}, "cycle.amplitud: unknown; did you mean cycle.amplitude"),
+    ({"load.force": [1.0]}, {"measure": []}, "no measure is given"),
+    ({"load.force": [1.0]}, {"measure": ["cycle.period", "cycle.period"]}, "cycle.period: is given twice"),
+    ({"load.force": [1.0]}, {"measure": ["nowhere.py:late"]}, "nowhere.py:late: No such file"),
+    ({"load.force": [1.0]}, {"keep": "cycle.period > 5 mm"}, "the level is '5 mm'"),
+    ({"load.force": [1.0]}, {"keep": "cycle.amplitude > 5 mm"}, "cycle.amplitude is no measure of this study"),
+    ({"load.force": [1.0]}, {"keep": "often"}, "expected MEASURE > VALUE"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("over", "more", "told"), WRONG, ids=[told for *_, told in WRONG])
+def test_what_is_wrong_is_named(belt, over, more, told):
+    with pytest.raises((SceneError, UsageError), match=told):
+        prepared(belt, over, **{"measure": ["cycle.period"], **more})
+
+
+def test_every_fault_is_told_at_once():
+    with pytest.raises(UsageError) as fault:
+        prepared(lab.load("belt_c_damped"), {"load.forse": [1.0], "body.mass": [-1.0]}, ["nothing"], repeat=3)
+    for text in ("load.forse", "body.mass", "measure nothing", "nothing in it is random"):
+        assert text in str(fault.value)
+
+
+def test_a_function_without_a_file_is_computed_in_this_process_only(belt, tmp_path):
+    work = prepared(belt, {"load.force": [10.0]}, [lambda run: 1.0], duration=0.01)
+    assert not work.portable
+    assert study(work, tmp_path).values.tolist() == [[1.0]]
+    with pytest.raises(UsageError, match="worker processes cannot load it"):
+        study(work, tmp_path, workers=2)
+
+
+def test_a_file_that_starts_a_study_when_it_is_loaded_is_told(belt, tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "import rig\ndef one(run):\n    return 1.0\nrig.study('belt', {'load.force': [1.0]}, [one], duration=1)\n"
+    )
+    with pytest.raises((UsageError, SceneError), match="starts a study when it is loaded"):
+        prepared(belt, {"load.force": [10.0]}, [f"{file}:one"])
+
+
+def test_a_function_of_a_file_may_use_its_neighbours_and_its_faults_are_told(belt, tmp_path):
+    (tmp_path / "beside.py").write_text("FACTOR = 2.0\n")
+    file = tmp_path / "mine.py"
+    file.write_text("from beside import FACTOR\ndef twice(run):\n    return FACTOR * run.time[-1], 's'\n")
+    found = functions.function_of(f"{file}:twice")
+    assert found.value(lab.simulate(belt, 0.5)) == (1.0, "s", "")
+    with pytest.raises(UsageError, match="defines no function thrice"):
+        functions.function_of(f"{file}:thrice")
+
+
+def test_recordings_of_chosen_points_are_kept_and_repeat(belt, tmp_path):
+    found = lab.study(belt, {"load.force": [10.0, 20.0]}, ["run.highest.displacement"], duration=0.5,
+                      keep="run.highest.displacement > 3 mm", folder=tmp_path, workers=1)  # fmt: skip
+    assert found.values[:, 0].tolist() == sorted(found.values[:, 0])
+    expected = [k for k, v in enumerate(found.values[:, 0]) if v > 3e-3]
+    assert 0 < len(expected) < 3
+    assert list(found.recordings) == expected
+    run = lab.open(found.recordings[expected[-1]])
+    assert run.signals["displacement"].max() == found.values[expected[-1], 0]
+
+
+def test_a_study_is_read_from_a_file(rig, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'scene = "belt"\nmeasure = ["cycle.period", "own.py:one"]\nduration = "10 ms"\n'
+        '[set]\nbody.damping = "2 N*s/m"\n[over]\nload.force = ["10 N", "20 N"]\n"drive.speed" = "0.05, 0.1 m/s"\n'
+    )
+    (tmp_path / "own.py").write_text("def one(run):\n    return 1.0\n")
+    code, out, err = rig("study", file, "--workers", 1, "--out", tmp_path / "studies", "--to", tmp_path / "found.nc")
+    assert (code, "4 points (2 x 2)" in out) == (0, True), err
+    assert (tmp_path / "found.nc").exists()
+    folder = next((tmp_path / "studies").iterdir())
+    assert {"study.csv", "heat_map.png"} <= {path.name for path in folder.iterdir()}
+    code, _, err = rig("study", file, "--workers", 1, "--out", tmp_path / "studies")
+    assert (code, "has study.csv" in err) == (2, True)
+    code, out, _ = rig("study", file, "--workers", 1, "--out", tmp_path / "studies", "--force", "--json")
+    assert json.loads(out)["dimensions"] == {"load.force": 2, "drive.speed": 2}
+
+
+def test_what_is_wrong_with_a_file_is_told(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('scene = "belt"\nmeasures = ["cycle.period"]\nsamples = "many"\nduration = "1 kg"\n[over]\n')
+    with pytest.raises(UsageError) as fault:
+        read(file)
+    assert "measures: unknown; did you mean measure?" in str(fault.value)
+    assert "samples = 'many': expected int" in str(fault.value)
+
+
+def test_the_command_tells_what_is_wrong(rig, tmp_path):
+    code, _, err = rig("study", "belt", "--over", "load.force", "--measure", "cycle.period")
+    assert (code, "expected KEY=VALUES" in err) == (2, True)
+    code, _, err = rig("study", "belt", "--over", "load.force=1 N", "--over", "load.force=2 N")
+    assert (code, "is given twice" in err) == (2, True)
+    code, _, err = rig("study", "belt", "--over", "load.force=1 N", "--measure", "cycle.period", "--to", "x.csv")
+    assert (code, "ends in .nc" in err) == (2, True)
+
+
+def test_the_folder_of_another_study_is_refused_and_stays(belt, tmp_path):
+    one, other = (prepared(belt, {"load.force": [value]}, ["cycle.period"]) for value in (10.0, 20.0))
+    study(one, tmp_path, workers=1)
+    folder = Store.of(one, tmp_path).folder
+    folder.rename(Store.of(other, tmp_path).folder)
+    with pytest.raises(UsageError, match="holds the results of another"):
+        study(other, tmp_path, workers=1)
