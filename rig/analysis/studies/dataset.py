@@ -12,7 +12,7 @@ import numpy as np
 
 from rig.analysis.studies.plan import REPEAT, SAMPLE
 from rig.errors import OutputError, UsageError
-from rig.record.export.frames import needed
+from rig.extras import needed
 from rig.user_files import draft_of
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def dataset(found: StudyData) -> Dataset:
     Every variable has `units` in SI and `long_name`; attributes state scene, plan and provenance. Raises UsageError if
     xarray is not installed.
     """
-    xarray: Any = needed("xarray")
+    xarray: Any = needed("xarray", "data")
     plan = found.work.plan
     names, shape = tuple(plan.dimensions), tuple(plan.dimensions.values())
     coordinates: dict[str, Any] = {
@@ -58,9 +58,9 @@ def check_path(path: Path) -> None:
     """Raise UsageError for a file that `save` could not write: another suffix, or a library that is missing."""
     if path.suffix not in SUFFIXES:
         raise UsageError(f"--to {path}: the name ends in .nc (NetCDF) or .zarr (Zarr)")
-    needed("xarray")
+    needed("xarray", "data")
     if path.suffix == ".nc":
-        needed("h5netcdf")
+        needed("h5netcdf", "data")
     elif importlib.util.find_spec("zarr") is None:
         raise UsageError(
             "zarr is not installed; pip install zarr installs it, or write NetCDF: a name that ends in .nc"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.quantities import si
+from rig.units import si
 
 Array = NDArray[np.float64]
 FORMS = {

@@ -12,9 +12,9 @@ from rig.analysis.axis import Axis, in_words, sweepable
 from rig.analysis.studies.distributions import Distribution
 from rig.bench.rig_variant import with_values
 from rig.errors import SceneError, UsageError
-from rig.quantities import si
 from rig.scenes.faults import near, shortened
 from rig.scenes.scene import Scene
+from rig.units import si
 
 FORM = 'expected values such as [10, 20], "10 N:30 N:5", "10 N, 20 N" or "normal(20 N, 2 N)"'
 _SECTIONS = ("sensors", "controllers")

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import UsageError
-from rig.quantities import si
 from rig.scenes.faults import near
+from rig.units import si
 from rig.user_files import contents
 
 _KINDS: dict[str, tuple[type, ...]] = {
