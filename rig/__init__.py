@@ -30,6 +30,7 @@ TYPE_CHECKING = False  # as typing has it; nothing is imported here: every comma
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
+    from typing import Any
 
     from control import StateSpace
 
@@ -81,18 +82,30 @@ def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Sc
     return found
 
 
-def simulate(scene: Scene | str, duration: float | None = None, stop: Callable[[], str] | None = None) -> Run:
-    """Run a scene in this process, with its own controllers, for `duration` seconds or as long as its protocol takes.
+def simulate(
+    scene: Scene | str,
+    duration: float | None = None,
+    stop: Callable[[], str] | None = None,
+    controllers: Mapping[str, Any] | None = None,
+) -> Run:
+    """Run a scene in this process, with its controllers, for `duration` seconds or as long as its protocol takes.
 
-    `stop` is asked ten times a simulated second whether to end here; "" goes on, anything else is the reason. The run
-    has its provenance (versions, machine, command), which `Run.save` writes. Raises rig.errors.SceneError for
-    controllers that cannot be designed, UsageError for a scene without an end.
+    `controllers`: more of them by name. Each is an object with the attributes of a controller (docs/own_controller.md),
+    a discrete system of python-control with named inputs (sensors) and outputs (actuators, `_` for the dot), or, for a
+    scene given by name, the path of a file as `rig simulate --controller` takes it. One of the scene with the same name
+    is replaced; the delay of its loop stays. `stop` is asked ten times a simulated second whether to end here; "" goes
+    on, anything else is the reason. The run has its provenance (versions, machine, command), which `Run.save` writes.
+
+    Raises rig.errors.SceneError for controllers that cannot be designed or do not fit the scene, UsageError for objects
+    that are no controllers and for a scene without an end.
     """
+    from rig.bench.given_controllers import divided, placed
     from rig.bench.simulate import simulate as run
     from rig.record.provenance import provenance
 
-    loaded = load(scene) if isinstance(scene, str) else scene
-    found = run(loaded, duration_ns=None if duration is None else round(duration * 1e9), stop=stop)
+    files, objects = divided(controllers or {}, isinstance(scene, str))
+    loaded, guests = placed(load(scene, files) if isinstance(scene, str) else scene, objects)
+    found = run(loaded, duration_ns=None if duration is None else round(duration * 1e9), stop=stop, guests=guests)
     found.provenance = provenance(loaded.seed)
     return found
 

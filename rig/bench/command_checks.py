@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bench.command_queue import AS_SENT, CLAMPED, SAFE
+from rig.bench.experiment import PLANT
 from rig.record.message_scan import Scan
 from rig.record.reader import Decoder
 from rig.record.recorded_setup import setup_of
@@ -28,8 +29,7 @@ def command_faults(log: Path, run: Run, scene: Scene) -> Iterator[str]:
     """The first command of each controller that breaks a rule, with its time."""
     sent = _sent(log) if run.on_bus and run.commands else {}
     for name, commands in run.commands.items():
-        section = scene.controllers.get(name)
-        delay = section.delay // run.frame_ns if section is not None else 0
+        delay = _delay_ns(name, run, scene) // run.frame_ns
         for wrong, rule in (*_ruled(commands, delay, _on_time(run)), *_as_sent(commands, sent.get(name, {}))):
             if wrong.any():
                 at = int(np.argmax(wrong))
@@ -37,6 +37,15 @@ def command_faults(log: Path, run: Run, scene: Scene) -> Iterator[str]:
                 said = f"status {commands.status[at]}, answers the step of tick {commands.answered[at]}"
                 yield f"the command of {name} at t = {t:.9g} s ({said}) cannot be right: {rule}"
                 break
+
+
+def _delay_ns(name: str, run: Run, scene: Scene) -> int:
+    """The additional delay of the loop of a controller; of one that was admitted, the event of its admission has it."""
+    if (section := scene.controllers.get(name)) is not None:
+        return int(section.delay)
+    admitted = [one["data"] for one in run.events if one["kind"] == "admitted" and one["source"] == PLANT]
+    found = (data.get("delay_ns", 0) for data in admitted if data.get("controller") == name)
+    return next((one for one in found if isinstance(one, int)), 0)
 
 
 def _on_time(run: Run) -> bool:

@@ -65,9 +65,9 @@ class Experiment:
         self.exchange = exchange(runner, runner.frame_ns, scene.clock.hold_frames, self.journal)
         for name, section in scene.controllers.items():
             self.exchange.admit(name, controller_drives(section), section.period, section.delay)
-        for step in flat(scene.protocol):
-            if type(step) is Connect:
-                self.exchange.connect(step.controller, False)
+        self._connected_later = {step.controller for step in flat(scene.protocol) if type(step) is Connect}
+        for name in self._connected_later & scene.controllers.keys():
+            self.exchange.connect(name, False)
         units = dict(zip(runner.bank.names, runner.bank.units))
         self.tuning = Tuning(scene, runner, self.exchange, self.journal)
         self.protocol = Protocol(scene.protocol, runner.frame_ns, units, runner.inputs)
@@ -96,6 +96,8 @@ class Experiment:
         """Carry out what is due at the first tick and needs no measurement, so that it acts on the first samples."""
         while self._before:
             self._repeat(self._before.popleft())
+        for name in self._connected_later & self.exchange.queues.keys() - self.scene.controllers.keys():
+            self.exchange.connect(name, False)
         for action in self.protocol.due(0, np.full(len(self.runner.bank.names), np.nan)):
             self._carry_out(action)
         self.runner.start()
@@ -214,10 +216,12 @@ class Experiment:
         period_ns: int,
         hears: bool = False,
         gone: Collection[str] = (),
+        delay_ns: int = 0,
     ) -> None:
         """Admit a controller that is not in the scene; it drives actuators that no other controller drives.
 
-        `gone`: controllers that have left, whose actuators it takes. Raises UsageError, and then changes nothing.
+        `gone`: controllers that have left, whose actuators it takes. `delay_ns`: additional delay of its loop. Raises
+        UsageError, and then changes nothing.
         """
         for variant in self.runner.variants.build_all(self.admission(controller, drives, period_ns, hears, gone)):
             self.runner.variants.keep(variant)
@@ -226,9 +230,10 @@ class Experiment:
         self.runner.go_on(Wanted({}, self.runner.lacking(drives)))
         if controller in self.exchange.queues:
             self.exchange.dismiss(controller)
-        self.exchange.admit(controller, drives, period_ns)
+        self.exchange.admit(controller, drives, period_ns, delay_ns)
         text = f"{controller} is admitted and drives {', '.join(drives)}"
         data = {"controller": controller, "drives": list(drives), "period_ns": period_ns}
+        data |= {"delay_ns": delay_ns} if delay_ns else {}
         self.journal.note("admitted", text, by=OPERATOR, **data)
 
     def dismiss(self, controller: str) -> None:
@@ -260,7 +265,7 @@ class Experiment:
         elif event["kind"] in ("connected", "disconnected"):
             self.switch(data["controller"], event["kind"] == "connected")
         elif event["kind"] == "admitted":
-            self.admit(data["controller"], data["drives"], data["period_ns"])
+            self.admit(data["controller"], data["drives"], data["period_ns"], delay_ns=data.get("delay_ns", 0))
         elif event["kind"] == "dismissed":
             self.dismiss(data["controller"])
 

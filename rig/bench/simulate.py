@@ -17,12 +17,13 @@ from rig.bench.checkpoint import interval
 from rig.bench.compiled_controllers import CompiledControllers
 from rig.bench.controller_in_process import ControllerInProcess
 from rig.bench.exchange import Exchange
-from rig.bench.experiment import Experiment
+from rig.bench.experiment import BEGIN, Experiment
+from rig.bench.given_controllers import Guest
 from rig.bench.playback import Playback
 from rig.bench.resumed_runner import ResumedRunner, Resumption
 from rig.bench.runner import PlantRunner
 from rig.controllers import restored
-from rig.controllers.blocks.base import Controller
+from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.controllers.runtime.loop import Loop
 from rig.errors import NumericsError, UsageError
 from rig.plants.structures import model_store
@@ -31,6 +32,7 @@ from rig.scenes.scene import Scene
 
 Tell = Callable[[int, int], object]
 """Gets the simulated seconds so far and of the whole run."""
+NOBODY: Mapping[str, Guest] = {}
 Stop = Callable[[], str]
 """Returns why to stop, or "" to continue."""
 
@@ -55,10 +57,12 @@ def simulate(
     recorded: Recorded | None = None,
     stop: Stop | None = None,
     tell: Tell | None = None,
+    guests: Mapping[str, Guest] = NOBODY,
 ) -> Run:
     """Run `scene` for `duration_ns`, or for the duration of its protocol.
 
-    `controllers`: by name; by default those of the scene, with their design values.
+    `controllers`: by name; by default those of the scene, with their design values. `guests`: controllers that the
+    scene does not know; they are admitted before the first tick.
     `recorded`: actions of a recorded run to repeat. `stop` is called ten times per simulated second; it returns why to
     stop, or "". `tell` is called after each piece of the run, and changes none of them. If the integration has to
     stop, the run up to there is returned with `fault`, and its events say what happened. Raises UsageError without a
@@ -71,7 +75,7 @@ def simulate(
     if controllers is None:
         controllers = {name: restored(description) for name, description in own.items()}
     with model_store.collected() as models:
-        carried = carry_out(scene, controllers, duration_ns, recorded, stop, tell)
+        carried = carry_out(scene, controllers, duration_ns, recorded, stop, tell, guests)
     for one in models.values():  # drawing the run assembles its rig again
         model_store.offer(one)
     run = _run(scene.made_with(models), tuple(models.values()), *carried)
@@ -99,9 +103,10 @@ def carry_out(
     recorded: Recorded | None = None,
     stop: Stop | None = None,
     tell: Tell | None = None,
+    guests: Mapping[str, Guest] = NOBODY,
 ) -> Carried:
     """Simulate like `simulate`, without making a `Run`. Without a duration the run ends when `stop` says so."""
-    experiment, working = begun(scene, controllers, duration_ns, recorded)
+    experiment, working = begun(scene, controllers, duration_ns, recorded, guests=guests)
     runner = experiment.runner
     every = max(100_000_000 // scene.frame_ns, 1)
     checkpoints, fault = _Checkpoints(runner), ""
@@ -149,12 +154,14 @@ def begun(
     duration_ns: int | None = None,
     recorded: Recorded | None = None,
     before: Callable[[Experiment], object] = lambda _: None,
+    guests: Mapping[str, Guest] = NOBODY,
 ) -> tuple[Experiment, list[ControllerInProcess]]:
     """A run in this process at its first tick, and its controllers.
 
     `before` is called with the experiment before it is opened.
     """
     loops = {name: Loop(controller) for name, controller in controllers.items()}
+    loops |= {name: Loop(guest.controller) for name, guest in guests.items()}
 
     def retune(name: str, changes: Mapping[str, Any]) -> None:
         if name in loops:  # none in a re-simulation: their commands are recorded
@@ -172,11 +179,24 @@ def begun(
         assert recorded is not None
         experiment.exchange.play(recorded.commands, recorded.end)
     before(experiment)
+    if guests:
+        _welcome(experiment, guests)
     experiment.open()
     working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(loops.items())]
     for one in working:
         one.expect((duration_ns or 0) // (one.queue.period * scene.frame_ns))
     return experiment, working
+
+
+def _welcome(experiment: Experiment, guests: Mapping[str, Guest]) -> None:
+    """Admit guests as a live run does before its first frame. Raises UsageError for one that cannot be admitted."""
+    sensors = experiment.runner.bank.names
+    for name, (controller, delay_ns) in guests.items():
+        if missing := [sensor for sensor in controller.reads if sensor not in sensors]:
+            raise UsageError(f"{name} reads {', '.join(missing)}; the sensors are {', '.join(sensors)}")
+        hears = gets_every_sample(controller)
+        experiment.admit(name, controller.drives, controller.period_ns, hears, delay_ns=delay_ns)
+    experiment.journal.note(BEGIN, f"begins with {', '.join(guests)}", here=[*experiment.exchange.queues])
 
 
 def _runner(scene: Scene, recorded: Recorded | None) -> PlantRunner:

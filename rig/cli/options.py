@@ -36,6 +36,14 @@ Changes = Annotated[
         "-p", metavar="KEY=VALUE", help='Change a value: -p drive.speed="2 rpm". "none" removes it. Repeatable.'
     ),
 ]
+Controllers = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--controller",
+        metavar="[NAME=]FILE",
+        help="Add a controller from a file, by default under the file's name, or replace one of the scene. Repeatable.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the report as JSON.")]
 Duration = Annotated[
     str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit: "500 ms".')
@@ -135,6 +143,25 @@ def changes(given: list[str] | None) -> dict[str, str]:
     return found
 
 
+def added(given: list[str] | None) -> dict[str, object]:
+    """The changes of a scene by all `--controller`. Raises UsageError for what names no file."""
+    files: dict[str, str] = {}
+    for one in given or []:
+        name, equals, file = one.partition("=")
+        if not equals or "/" in name:
+            name, file = Path(one).stem, one
+        if not file or not name.isidentifier():
+            raise UsageError(f"--controller {one}: expected FILE, or NAME=FILE with a name of letters, digits and _")
+        if name in files:
+            raise UsageError(f"--controller {one}: {name} is given twice")
+        files[name] = file
+    if not files:
+        return {}
+    from rig.scenes.controller_files import changes as with_files
+
+    return with_files(files)
+
+
 def plain(value: str) -> float | str:
     """A value as a number, if it is one without a unit."""
     try:
@@ -143,7 +170,7 @@ def plain(value: str) -> float | str:
         return value
 
 
-def the_scene(name: str, overrides: Mapping[str, str]) -> Scene:
+def the_scene(name: str, overrides: Mapping[str, object]) -> Scene:
     """The scene of a command; values that a change dropped are reported on stderr."""
     from rig.scenes import load
 

@@ -15,6 +15,7 @@ from rig.cli.options import (
     Before,
     Budget,
     Changes,
+    Controllers,
     Duration,
     Force,
     Json,
@@ -25,6 +26,7 @@ from rig.cli.options import (
     SceneName,
     When,
     accuracy,
+    added,
     changes,
     pace,
     seconds,
@@ -63,6 +65,7 @@ def demo(view: View = False, web: Web = False) -> None:
 def run(
     scene: SceneName,
     p: Changes = None,
+    controller: Controllers = None,
     speed: Pace = None,
     lockstep: Lockstep = False,
     duration: Duration = None,
@@ -87,7 +90,7 @@ def run(
     from rig.bench.job import keeps_up
     from rig.bench.supervise import run as supervise
 
-    loaded = the_scene(scene, overrides)
+    loaded = the_scene(scene, added(controller) | overrides)
     keeps_up(loaded, factor)
     loaded = configured(loaded, overrides, precision, budget)
     if windows is not None:  # the recorder would find a wrong name or unit only when the run has begun

@@ -19,10 +19,12 @@ from rig.cli.options import (
     Accuracy,
     Budget,
     Changes,
+    Controllers,
     Duration,
     Force,
     Json,
     Trust,
+    added,
     changes,
     plain,
     scene_file,
@@ -94,6 +96,7 @@ def simulate(
     ] = None,
     start: Start = None,
     p: Changes = None,
+    controller: Controllers = None,
     duration: Duration = None,
     method: Annotated[
         str | None,
@@ -126,14 +129,21 @@ def simulate(
     if repeat is not None and out is not None:
         raise UsageError("--out: --repeat writes no recordings; leave out one of the two")
     if start is not None:
-        given = {"SCENE": scene, "--method": method, "--accuracy": precision, "--budget": budget, "--repeat": repeat}
+        given = {
+            "SCENE": scene,
+            "--controller": controller,
+            "--method": method,
+            "--accuracy": precision,
+            "--budget": budget,
+            "--repeat": repeat,
+        }
         if wrong := [name for name, value in given.items() if value is not None]:
             raise UsageError(f"--from {start}: {', '.join(wrong)} cannot be given with it; the recording decides")
     elif scene is None:
         raise UsageError("name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s")
     loaded: Scene | None = None
     if scene is not None:
-        loaded = configured(the_scene(scene, overrides), overrides, precision, budget)
+        loaded = configured(the_scene(scene, added(controller) | overrides), overrides, precision, budget)
         printing.run_warnings(loaded, length)
         if repeat is not None:
             _repeated(loaded, repeat, length, figure, as_json)

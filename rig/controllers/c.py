@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from rig.controllers.blocks.base import Numbers, Values
 from rig.controllers.blocks.compiled import CompiledSection, Parameter, Signal
@@ -58,6 +58,8 @@ _WATCH = _Watch()
 
 class CompiledC(CompiledSection):
     """Parameters: those that the library declares."""
+
+    files: ClassVar[tuple[str, ...]] = (".so", ".dylib", ".dll")
 
     kind: Literal["c"]
 

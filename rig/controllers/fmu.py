@@ -28,6 +28,7 @@ class Fmu(CompiledSection):
     """
 
     fixed: ClassVar[frozenset[str]] = CompiledSection.fixed | {"inputs", "outputs"}
+    files: ClassVar[tuple[str, ...]] = (".fmu",)
 
     kind: Literal["fmu"]
     inputs: tuple[str, ...] = ()

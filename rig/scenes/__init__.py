@@ -11,6 +11,7 @@ scene     the checked scene, and as JSON    sections  values by key, wiring of c
 clock     the section [clock]               protocol  the steps of an experiment (step_sequences)
 rooms     the parts that a scene names      effects   optional effects of a plant
 explain   a scene for a reader              variants  scenes with one effect less or more
+controller_files   controllers that a user adds to a scene
 shipped   the shipped scenes                draft     the text of a new scene file
 """
 

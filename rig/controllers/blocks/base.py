@@ -77,6 +77,8 @@ class ControllerSection(Section):
     """
 
     fixed: ClassVar[frozenset[str]] = frozenset({"kind", "period", "delay", "where"})
+    files: ClassVar[tuple[str, ...]] = ()
+    """Suffixes of files that this kind reads, if the key `file` names one."""
 
     period: Nanoseconds = 1_000_000
     delay: Delay = 0

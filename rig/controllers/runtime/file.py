@@ -39,7 +39,7 @@ def load_file(path: str | Path) -> Controller:
     try:
         with calling(module, ValidationError):
             controller = make() if parameters is None else make(parameters(), {})
-            faults = _faults(controller) or ([] if parameters is None else _untunable(controller))
+            faults = faults_of(controller) or ([] if parameters is None else _untunable(controller))
     except ValidationError as error:  # without a scene, every parameter has its default
         faults = [f"{error.title}.{line}" for line in explain(error)]
     if faults:
@@ -51,12 +51,12 @@ def section_faults(section: Section, numbers: Numbers) -> list[str]:
     """The faults of a foreign controller that a scene's section describes, one line each; empty if it works."""
     try:
         with calling(module_of(section)):
-            return _faults(build(section, numbers))
+            return faults_of(build(section, numbers))
     except (UsageError, ControllerLost) as error:
         return [str(error)]
 
 
-def _faults(controller: Any) -> list[str]:
+def faults_of(controller: Any) -> list[str]:
     """The faults of an object that should be a controller, one line each."""
     names = [n for n in ("reads", "drives", "period_ns", "start", "update") if not hasattr(controller, n)]
     if names:
