@@ -22,6 +22,8 @@ ANSWERS_S = 5.0
 """Longest wait for the totals of the other processes, and for a sign that a recorder still catches up [s]."""
 CATCH_UP_S = 300.0
 """Longest wait for a recorder that catches up [s]. # chosen: what waits for it fits into 160 MB"""
+TELL_S = 2.0
+"""Time between two lines about a recorder that catches up [s]."""
 LAST_ANSWER_S = 0.1
 """Longest wait for the answers to the last steps [s]."""
 
@@ -134,12 +136,12 @@ def _lost_elsewhere(plant: PlantParts) -> tuple[dict[str, int], list[str]]:
     hub.put_totals()
     own = messages.decode("total/plant", session.totals())
     sent = {topic: n for topic, n in zip(own.sent_topic, own.sent) if topic != "total/plant"}
-    roles = {name: role for role, name in hub.watch.present if role == "recorder" and _records(plant, name)}
+    roles = dict.fromkeys(plant.recorders(), "recorder")
     asked = set(roles)
     roles |= {name: role for role, name in hub.watch.present if role == "controller" and hub.drives(name)}
     found: dict[str, int] = {}
-    deadline = time.monotonic() + ANSWERS_S
-    last = time.monotonic() + CATCH_UP_S
+    t, deadline = plant.runner.t_ns / 1e9, time.monotonic() + ANSWERS_S
+    last, tell = time.monotonic() + CATCH_UP_S, time.monotonic() + TELL_S
     while asked and (left := min(deadline, last) - time.monotonic()) > 0.0:
         message = hub.totals.get(left)
         if message is None:
@@ -149,6 +151,9 @@ def _lost_elsewhere(plant: PlantParts) -> tuple[dict[str, int], list[str]]:
             continue
         if roles[name] == "recorder" and "total/plant" not in message.said.heard_topic:
             deadline = time.monotonic() + ANSWERS_S  # a plant as fast as possible outruns it; it goes on writing
+            if time.monotonic() > tell:
+                tell = time.monotonic() + TELL_S
+                plant.say(f"waiting for {name}: {message.t_ns / 1e9:.1f} of {t:.1f} s are written")
             continue
         asked.discard(name)
         wanted = sent if roles[name] == "recorder" else {"step": sent["step"]}
@@ -158,10 +163,5 @@ def _lost_elsewhere(plant: PlantParts) -> tuple[dict[str, int], list[str]]:
     for name in sorted(asked):
         plant.housekeeper.faults.append(f"{roles[name]} {name} did not tell what it received")
     away = plant.from_start - hub.watch.present
-    gone = {name for role, name in away if role == "recorder" and _records(plant, name)}
+    gone = {name for role, name in away if role == "recorder" and plant.is_recorder(name)}
     return found, [f"recorder {name}" for name in sorted(asked | gone)]
-
-
-def _records(plant: PlantParts, name: str) -> bool:
-    """Return whether the recorder `name` is that of the run: expected, or under a name that no guest can use."""
-    return name in plant.session.door.reserved or ("recorder", name) in plant.job.expect

@@ -7,16 +7,14 @@ wait for the next batch of the session (`rig.bus.batch`), which another thread s
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from heapq import heapify, heapreplace
 from typing import Any
 
 from rig.bench.checkpoint import interval
 from rig.bench.command_inbox import CommandInbox
 from rig.bench.experiment import Experiment
-from rig.bench.sample_blocks import SampleBlocks
+from rig.bench.sample_blocks import AllSamples
 from rig.bus import encode, messages
 from rig.bus.arrivals import Presence
-from rig.bus.content_checks import TIMES_NS
 from rig.bus.port import Session
 from rig.bus.publisher import Publisher
 from rig.bus.run_setup import Setup
@@ -47,13 +45,8 @@ class Hub:
         self._checkpoint_ticks = interval(runner.frame_ns, runner.step_ns)
         self._events = session.publisher("event/plant")
         self._health = session.publisher("health")
-        self._meas = [session.publisher(f"meas/{name}") for name in bank.names]
-        count = len(bank.instants)
-        self._samples = [SampleBlocks(instants, (i + 1) / count) for i, instants in enumerate(bank.instants)]
+        self._samples = AllSamples(session, bank)
         runner.keep_samples = self.collect
-        self._full = [(samples.full_ns(), i) for i, samples in enumerate(self._samples)] or [(TIMES_NS, -1)]
-        """Heap of the times at which blocks are full [ns], with their sensors."""
-        heapify(self._full)
         self._applied: dict[str, Publisher] = {}
         session.before_batches(self._complete)
         self.single = True
@@ -98,22 +91,12 @@ class Hub:
 
     def gather(self) -> None:
         """Publish samples and state of this tick, before anything is changed at it."""
-        while self._full[0][0] <= self.runner.t_ns:
-            i = self._full[0][1]
-            self._collect(i)
-            heapreplace(self._full, (self._samples[i].full_ns(), i))
+        self._samples.gather(self.runner.tick, self.runner.t_ns)
         self.gather_state()
 
     def collect(self) -> None:
         """Collect the samples that the sensors published since they were last collected."""
-        for i in range(len(self._samples)):
-            self._collect(i)
-
-    def _collect(self, i: int) -> None:
-        runner, samples = self.runner, self._samples[i]
-        new = runner.bank.since(i, samples.next)[: samples.published(runner.t_ns)]
-        if len(new) and (block := samples.add(runner.tick, new)) is not None:
-            self._meas[i].put_later(runner.t_ns, block)
+        self._samples.collect(self.runner.tick, self.runner.t_ns)
 
     def gather_state(self) -> None:
         """Publish the state, if it is due at this tick."""
@@ -171,11 +154,7 @@ class Hub:
 
     def put_rest(self) -> None:
         """Send the blocks that are not full, at the end of the run."""
-        tick = self.runner.tick
-        for publisher, samples in zip(self._meas, self._samples):
-            block = samples.block(tick)
-            if block is not None:
-                publisher.put_later(self.runner.t_ns, block)
+        self._samples.put_rest(self.runner.tick, self.runner.t_ns)
 
     def put_events(self) -> None:
         """Send the new events of the journal."""

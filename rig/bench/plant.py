@@ -30,6 +30,7 @@ from rig.bench.lockstep import Lockstep
 from rig.bench.plant_parts import PlantParts
 from rig.bench.prepared_rigs import PreparedRigs
 from rig.bench.rebuild import Rebuild
+from rig.bench.recorder_lag import RecorderLag
 from rig.bus.port import Session
 from rig.errors import NumericsError
 from rig.parts import foreign_fault
@@ -50,7 +51,8 @@ class Plant(PlantParts):
         self.operator.status = self._status
 
     def gather(self, say: Say) -> None:
-        """Wait for the expected processes; `say` gets their names."""
+        """Wait for the expected processes; `say` gets their names, and later lines of the run."""
+        self.say = say
         present, deadline, shown = self.hub.watch.present, time.monotonic() + self.job.wait, ""
         self.hub.look()
         while missing := [called(role, name) for role, name in self.job.expect if (role, name) not in present]:
@@ -169,6 +171,7 @@ class Plant(PlantParts):
         hub, operator, experiment = self.hub, self.operator, self.experiment
         housekeeper, rows = self.housekeeper, self.timing
         answers = Lockstep(hub, housekeeper, lambda: bool(self._stopping()))
+        lag = self._lag(show) if pacer is None else None
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
             frames = self.frame_batches.next(rows)
@@ -192,6 +195,8 @@ class Plant(PlantParts):
             looked = clock()
             if housekeeper.look(looked):
                 self._report(show)
+            if lag is not None:
+                lag.look(looked)
             if pacer is not None:
                 spans = (answered - begin, done - answered, looked - done, clock() - looked)
                 rows.rows.append((begin, late, pacer.waited, *spans, spent))
@@ -212,6 +217,17 @@ class Plant(PlantParts):
             "paused": self.operator.paused,
             "pace": self.job.pace,
         }
+
+    def _lag(self, show: Show) -> RecorderLag:
+        housekeeper = self.housekeeper
+
+        def serve() -> None:
+            if housekeeper.look(time.perf_counter_ns()):
+                self._report(show)
+
+        return RecorderLag(
+            self.hub, self.recorders, serve, lambda: bool(self._stopping()) or housekeeper.gone, self.say
+        )
 
     def _fell_back(self) -> None:
         assert self.ahead is not None

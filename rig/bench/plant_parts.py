@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import sys
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from rig import design, placement, scheduling
@@ -61,6 +62,16 @@ class PlantParts:
         """The real-time scheduling of a paced run."""
         self.begun_ns = 0
         self.refusals: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.say: Callable[[str], object] = lambda _: None
+        """Gets lines for the user."""
+
+    def recorders(self) -> list[str]:
+        """The recorders of the run that are here."""
+        return [name for role, name in self.hub.watch.present if role == "recorder" and self.is_recorder(name)]
+
+    def is_recorder(self, name: str) -> bool:
+        """Whether a recorder is that of the run: expected, or under a name that no guest can use."""
+        return name in self.session.door.reserved or ("recorder", name) in self.job.expect
 
     def _setup(self) -> Setup:
         scene, runner = self.scene, self.runner

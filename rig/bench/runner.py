@@ -141,7 +141,8 @@ class PlantRunner:
         """
         if self._look:
             if self.bank.short:
-                self.keep_samples()
+                if self.bank.full:
+                    self.keep_samples()
                 self.bank.fill()
             self.chance.fill()
         self._look = True

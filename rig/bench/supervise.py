@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -36,8 +37,10 @@ JOIN_S = 30.0
 VIEWER, RECORDER = ("viewer", "viewer"), ("recorder", "recorder")
 LEAVE_S = 3.0
 """Time [s] in which all processes but the recorder must leave after the plant."""
-WRITE_S = 20.0
-"""Time [s] in which the recorder must finish its file."""
+WRITE_S = 120.0
+"""Time [s] in which the recorder must finish its file. # chosen: a slow disk takes 100 MB in it"""
+TELL_S = 2.0
+"""Time [s] after which it is told that the recorder is waited for."""
 
 
 def run(
@@ -155,11 +158,22 @@ class Team:
         recorder = self.others.get(RECORDER)
         rest = [child for child in self.others.values() if child is not recorder]
         killed = end(rest, LEAVE_S if begun else 0.0)
-        if recorder is not None:  # it may have much to write to a slow disk
-            killed += end([recorder], WRITE_S if begun else 0.0)
+        if recorder is not None:
+            if begun:
+                self._wait_for_file(recorder, interrupts)
+            killed += end([recorder], 0.0)
         self.died += [f"{name} did not end by itself" for name in killed]
         self._hear()
         return self._outcome(summary)
+
+    def _wait_for_file(self, recorder: Child, interrupts: list[str]) -> None:
+        """Wait until the recorder has finished its file: a slow disk may have much to write."""
+        begun, told = time.monotonic(), False
+        while not recorder.wait(0.1) and (waited := time.monotonic() - begun) < WRITE_S:
+            if waited > TELL_S and not told:
+                told = True
+                self._say("waiting for the recorder, which finishes its file")
+            self._interrupt(interrupts)
 
     def _start(self) -> None:
         for role, name in self.job.expect:

@@ -19,6 +19,9 @@ WAITS_NS, EVERY = 25_000_000, 16
 """Age [ns] of a batch at which it is sent, as every 16th message checks. A plant flushes 50 times a second: sooner."""
 LONGEST = 1 << 15
 """Size [bytes] at which encoded messages are sent, and of the pieces of a batch: half of what Zenoh sends in one."""
+_KEEPING = 7000  # bytes that Zenoh needs to keep a batch, in addition to its payload (measured)
+WAITING = (160 << 20) // (LONGEST + _KEEPING)
+"""Most batches that wait in the memory of a recorder: 160 MB."""
 
 Row = tuple[str, str, bytes | tuple[int, int], Callable[..., bytes], tuple[Any, ...]]
 """User, topic, header (packed, or number and time), and the function that encodes the message, with its arguments."""
@@ -30,30 +33,31 @@ class Batch:
     def __init__(self, send: Callable[[list[Row]], None]) -> None:
         self.gather: Callable[[], object] = lambda: None
         """Called before a batch is sent; it may add more messages."""
+        self.rows: list[Row] = []
+        """The collected messages. A plant appends to it, which costs it less than a call; then `flush_if_due`."""
         self._send = send
-        self._rows: list[Row] = []
         self._size, self._due = 0, 0
 
     def add(self, user: str, topic: str, header: bytes, payload: bytes) -> None:
         """Add an encoded message of `user` on `topic`; `header` contains its number and time, packed."""
         self._size += len(payload)
-        self.add_row((user, topic, header, bytes, (payload,)))
+        self.rows.append((user, topic, header, bytes, (payload,)))
+        if not len(self.rows) % EVERY:
+            self.flush_if_due()
         if self._size >= LONGEST:
             self.flush()
 
-    def add_row(self, row: Row) -> None:
-        """Add a message that is still to be encoded."""
-        rows = self._rows
-        rows.append(row)
-        if not len(rows) % EVERY and time.monotonic_ns() >= self._due:
+    def flush_if_due(self) -> None:
+        """Send the messages if they have waited long enough; to be called after every `EVERY` messages."""
+        if time.monotonic_ns() >= self._due:
             self.flush()
 
     def flush(self) -> None:
         """Send the collected messages as one batch."""
         self._size, self._due = 0, time.monotonic_ns() + WAITS_NS  # messages that `gather` adds must not flush again
         self.gather()
-        if self._rows:
-            rows, self._rows, self._size = self._rows, [], 0
+        if self.rows:
+            rows, self.rows, self._size = self.rows, [], 0
             self._send(rows)
 
 

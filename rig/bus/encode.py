@@ -44,7 +44,9 @@ def _numbers(count: int) -> Callable[..., bytes]:
     return struct.Struct(f"<{count}d").pack
 
 
-def _raw(values: np.ndarray | Sequence[float]) -> bytes:
+def _raw(values: np.ndarray | Sequence[float] | bytes) -> bytes:
+    if isinstance(values, bytes):
+        return values
     if isinstance(values, array):
         return values.tobytes()
     if isinstance(values, np.ndarray):
@@ -96,8 +98,13 @@ def commands(
     return b"".join([head, *(tag + length + column.tobytes() for tag, column in columns)])
 
 
-def block(tick: int, t0_ns: int, dt_ns: int, v: np.ndarray | Sequence[float], t_ns: np.ndarray | None = None) -> bytes:
-    """Encode a Block of samples published at `t0_ns` and every `dt_ns` after it, or at `t_ns` (int64), if given."""
+def block(
+    tick: int, t0_ns: int, dt_ns: int, v: np.ndarray | Sequence[float] | bytes, t_ns: np.ndarray | None = None
+) -> bytes:
+    """Encode a Block of samples published at `t0_ns` and every `dt_ns` after it, or at `t_ns` (int64), if given.
+
+    `v`: the samples, or their bytes (float64).
+    """
     raw = _raw(v)
     parts = [_THREE.pack(9, tick, 17, t0_ns, 25, dt_ns, 34), _length(len(raw)), raw]
     if t_ns is not None:

@@ -261,6 +261,11 @@ class Session(ABC):
         if self._batch is not None:
             self._batch.flush()
 
+    @property
+    def batches(self) -> int:
+        """Number of batches sent so far."""
+        return 0 if self._batches is None else self._batches.sent
+
     def _post(self, send: Callable[[], None]) -> None:
         """Send what has no deadline, in this order."""
         send()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rig.bus.arrivals import HEADER
-from rig.bus.batch import Batch
+from rig.bus.batch import EVERY, Batch
 
 
 class Publisher(ABC):
@@ -44,8 +44,11 @@ class Batched(Publisher):
 
     def put_later(self, t_ns: int, encode: Callable[..., bytes], *given: Any) -> None:
         """See `Publisher.put_later`."""
-        self._batch.add_row(("plant", self.topic, (self.sent, t_ns), encode, given))
+        rows = self._batch.rows
+        rows.append(("plant", self.topic, (self.sent, t_ns), encode, given))
         self.sent += 1
+        if not len(rows) % EVERY:
+            self._batch.flush_if_due()
 
 
 class Copied(Publisher):

@@ -1,8 +1,9 @@
 """The recorder: a separate process that receives every message and can never slow the plant.
 
 Messages wait in a deep ring buffer outside of Python, so that a slow disk first uses memory and only then loses
-messages, which are counted. The depth of the ring follows from its share of 300 MB; nothing else grows with the length
-of the recording. The file is finished when the plant leaves, or on a signal to stop.
+messages, which are counted. Nothing else grows with the length of the recording: the process needs 300 MB at most. A
+plant without a pace waits before the ring overflows (rig.bench.recorder_lag): the recorder tells it how far it is. The
+file is finished when the plant leaves, or on a signal to stop.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from typing import Any
 from rig import bus
 from rig.bus import messages, run_setup
 from rig.bus.arrivals import Message
-from rig.bus.batch import LONGEST
+from rig.bus.batch import WAITING
 from rig.bus.port import Receiver, Session, Watch
+from rig.bus.run_setup import Setup
 from rig.errors import BusError, OutputError
 from rig.process import stopping
 from rig.record.sender_lives import SenderLives
@@ -29,11 +31,9 @@ from rig.record.writer import Writer
 from rig.scheduling import stand_back
 from rig.user_files import RUNS
 
-_KEEPING = 7000  # bytes that Zenoh needs to keep a batch, in addition to its payload (measured)
-_DEPTH = (160 << 20) // (LONGEST + _KEEPING)  # batches in the ring; the rest of the process needs 70 MB
 _TURN = 1 << 12  # messages taken between two checks for the plant
 _PAUSE_S = 0.005
-_TELL_S = 1.0
+_TELL_S = 0.25
 _LAST_WORDS_S = 0.3
 _LEFT = "the plant left"
 _NICE = 5
@@ -118,7 +118,7 @@ def record(
     stand_back(_NICE)
     with bus.join(run, role="recorder", name=name, wait=wait) as session:
         described = run_setup.fetch(session, wait)
-        heard = session.subscribe("**", depth=_DEPTH, polled=True)  # every message from here on is received
+        heard = session.subscribe("**", depth=WAITING, polled=True)  # every message from here on is received
         plant = session.watch("plant/*")
         if not plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")
@@ -131,7 +131,7 @@ def record(
         try:
             session.announce()
             with stopping() as stop:
-                recording = _Recorder(session, heard, plant, writer).run(stop)
+                recording = _Recorder(session, described, heard, plant, writer).run(stop)
         except OutputError as fault:  # the run's summary will name the reason
             event = messages.event(writer.last_ns, 0, session.name, "fault", str(fault))
             session.publisher(f"event/{session.name}").put(event, writer.last_ns)
@@ -143,11 +143,16 @@ def record(
 
 
 class _Recorder:
-    def __init__(self, session: Session, heard: Receiver, plant: Watch, writer: Writer | Windows) -> None:
+    def __init__(
+        self, session: Session, described: Setup, heard: Receiver, plant: Watch, writer: Writer | Windows
+    ) -> None:
         self._session, self._heard, self._plant, self._writer = session, heard, plant, writer
         self._lives = SenderLives()
         self._totals = False
-        self._told_s = time.monotonic()
+        self._paced = described.paced
+        self._told_s, self._reached_ns = time.monotonic(), 0
+        self._news = False
+        """Whether something was recorded since it told its totals."""
         self._summary: dict[str, Any] = {}
 
     def run(self, stop: threading.Event) -> Recording:
@@ -176,14 +181,15 @@ class _Recorder:
                 self._compare(message)
             elif message.topic.startswith("event/"):
                 self._look(message)
+            self._reached_ns, self._news = message.t_ns, True
         self._writer.flush_if_due()
-        if taken == _TURN and time.monotonic() > self._told_s + _TELL_S:
-            self._tell(self._writer.last_ns)
+        if (taken == _TURN or (self._news and not self._paced)) and time.monotonic() > self._told_s + _TELL_S:
+            self._tell(self._reached_ns)
         return taken == _TURN
 
     def _tell(self, t_ns: int) -> None:
-        """Publish the own totals. A recorder that is behind shows with them that it catches up."""
-        self._told_s = time.monotonic()
+        """Publish the own totals. A plant that waits for them sees how far the recorder is."""
+        self._told_s, self._news = time.monotonic(), False
         self._session.publisher(f"total/{self._session.name}").put(self._session.totals(), t_ns)
 
     def _compare(self, message: Message) -> None:

@@ -2,12 +2,14 @@
 
 import resource
 import signal
+import time
 
 import pytest
 
 import rig
 from rig import scenes
 from rig.bench import supervise
+from rig.bench.job import Job
 from rig.bench.outcome import Outcome
 from rig.bench.plant_process import warm
 from rig.bench.timing import Timing
@@ -44,15 +46,13 @@ def full(recorder, path):
     ("strikes", "told"), [(killed, "was killed by SIGKILL"), (full, "cannot be written: File too large")]
 )
 def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(runs, scene, monkeypatch, strikes, told):
-    ends = supervise.end
+    waits = supervise.Team._wait_for_file
 
-    def end(children, patience):
-        for child in children:
-            if child.name == "recorder" and child.code is None:
-                strikes(child, runs / "run.mcap")
-        return ends(children, patience)
+    def wait_for_file(team, recorder, interrupts):
+        strikes(recorder, runs / "run.mcap")
+        waits(team, recorder, interrupts)
 
-    monkeypatch.setattr(supervise, "end", end)
+    monkeypatch.setattr(supervise.Team, "_wait_for_file", wait_for_file)
     lines = []
     outcome = supervise.run(scene, pace=None, duration=0.5, out=runs / "run.mcap", say=lines.append)
     assert outcome.exit_code == 1
@@ -63,6 +63,36 @@ def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(runs, scene, m
     assert outcome.to_json()["verdict"] == "DEGRADED"
     assert f"rig recover {runs / 'run.mcap'}" in outcome.text()
     assert rig.open(runs / "run.mcap").damage
+
+
+class Slow:
+    """A recorder that takes its time, and then ends."""
+
+    name, code = "recorder", None
+
+    def __init__(self, seconds):
+        self.until, self.got = time.monotonic() + seconds, []
+
+    def wait(self, seconds):
+        time.sleep(min(seconds, 0.02))
+        return time.monotonic() > self.until
+
+    def send(self, number):
+        self.got.append(number)
+        self.until = 0.0
+
+
+def test_a_recorder_that_finishes_its_file_slowly_is_told_and_can_be_interrupted(tmp_path, scene, monkeypatch):
+    monkeypatch.setattr(supervise, "TELL_S", 0.1)
+    monkeypatch.setattr(supervise, "Child", lambda *_: Slow(0.0))
+    lines = []
+    team = supervise.Team(tmp_path, Job(scene.to_json()), None, False, False, lines.append)
+    team.name = "a run"
+    team._wait_for_file(Slow(0.3), [])
+    assert lines == ["waiting for the recorder, which finishes its file"]
+    recorder = team.others["recorder", "recorder"] = Slow(30.0)
+    team._wait_for_file(recorder, ["SIGINT", "SIGINT"])
+    assert recorder.got == [signal.SIGTERM]
 
 
 def test_a_disk_that_fills_up_while_it_runs_fails_the_run(runs, scene):

@@ -2,8 +2,10 @@
 
 import csv
 import dataclasses
+import errno
 import json
 import sys
+import tracemalloc
 import wave
 from fractions import Fraction
 
@@ -23,6 +25,7 @@ from rig.record import reader
 from rig.record.export import FORMATS, export, tables
 from rig.record.export.description import description
 from rig.record.export.files import files
+from rig.record.export.hdf5_disk import Hdf5Disk
 from rig.record.export.mat_file import LONGEST, valid
 from rig.record.run import Commands, Run, Samples
 from rig.record.save_run import save
@@ -434,3 +437,39 @@ def test_a_run_saved_from_python_has_its_provenance(tmp_path):
     assert read["numpy"] == np.__version__
     assert read["kernel"]
     assert read["date"]
+
+
+@pytest.mark.parametrize("fault", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+def test_a_fault_anywhere_in_an_hdf5_file_is_raised_and_leaves_nothing(run, tmp_path, monkeypatch, fault, share):
+    left = round(share * written(run, "hdf5", tmp_path / "whole").stat().st_size)
+    writes = Hdf5Disk._write
+
+    def write(disk, content):
+        nonlocal left
+        left -= len(content)
+        if left < 0:
+            raise fault
+        writes(disk, content)
+
+    monkeypatch.setattr(Hdf5Disk, "_write", write)
+    path = tmp_path / "part"
+    path.mkdir()
+    with pytest.raises((OutputError, KeyboardInterrupt)) as found:
+        written(run, "hdf5", path)
+    assert isinstance(found.value, KeyboardInterrupt) or "No space left on device" in str(found.value)
+    assert not [*path.iterdir()]
+
+
+def test_an_hdf5_file_is_not_kept_in_memory(tmp_path):
+    time = np.arange(100_000) * 1e-3
+    long = Run(scene="{}", step_ns=1_000_000, frame_ns=1_000_000, time=time, units={},
+               signals={f"x{k}": time + k for k in range(20)})  # fmt: skip
+    whole = tables(long)
+    export(whole, "hdf5", tmp_path / "first.h5", {})  # imports
+    tracemalloc.start()
+    export(whole, "hdf5", tmp_path / "long.h5", {})
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (tmp_path / "long.h5").stat().st_size > 16e6
+    assert peak < 5e6

@@ -48,9 +48,9 @@ class Bench:
         self.threads.append(thread)
         return thread
 
-    def begin(self):
+    def begin(self, say=lambda _: None):
         def run():
-            self.plant.gather(lambda _: None)
+            self.plant.gather(say)
             self.summary = self.plant.run(lambda _: None)
             self.session.close()
 

@@ -15,9 +15,12 @@ import numpy as np
 
 from rig import bus, placement, scheduling
 from rig.bench import pace
+from rig.bench.sample_blocks import AllSamples
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 from rig.errors import BusError
+from rig.sensors.chain.bank import KEPT_NS
+from rig.sensors.chain.instants import Instants
 
 SENSORS = 10
 RATE = 100_000
@@ -46,7 +49,6 @@ def recording(seconds: float = 10.0) -> dict[str, Any]:
     ("messages", "lost"), bytes of the file ("bytes"), and the time on the publishing thread for each frame of 1 ms
     ("mean_us", "p99_us"). Raises BusError if the recorder does not join.
     """
-    noise = np.random.default_rng(1).standard_normal((BLOCK_MS * 4, RATE * BLOCK_MS // 1000))
     outputs = {f"output_{i}": "m" for i in range(SCALARS)}
     sensors = {f"sensor_{i}": ("m/s", 1_000_000_000 // RATE) for i in range(SENSORS)}
     with tempfile.TemporaryDirectory() as folder, bus.host("benchmark") as session:
@@ -63,7 +65,7 @@ def recording(seconds: float = 10.0) -> dict[str, Any]:
                     raise BusError(f"the recorder did not join within {_JOIN_S:g} s")
                 scene.poll(0.02)
                 watch.poll()
-            spent = _publish(session, noise, seconds)
+            spent = _publish(session, seconds)
             session.publisher("total/plant").put(session.totals(), round(seconds * 1e9))
             while (told := totals.get(_JOIN_S)) is not None and "total/plant" not in told.said.heard_topic:
                 pass  # it catches up
@@ -81,11 +83,37 @@ def recording(seconds: float = 10.0) -> dict[str, Any]:
     }
 
 
-def _publish(session: Any, noise: Any, seconds: float) -> Any:
+class _Instruments:
+    """Instruments that have measured noise, with the memory of a bank of instruments."""
+
+    names = tuple(f"sensor_{i}" for i in range(SENSORS))
+    instants = tuple(Instants.of(RATE) for _ in range(SENSORS))
+
+    def __init__(self) -> None:
+        self._room = KEPT_NS * RATE // 1_000_000_000
+        noise = np.random.default_rng(1).standard_normal((SENSORS, self._room))
+        self._samples = [memoryview(row) for row in noise]
+        self.published = 1
+        """Number of samples that each of them has published."""
+        self._dropped = 0
+
+    def memory(self, i: int, number: int, most: int) -> memoryview:
+        """See `Instruments.memory`."""
+        first = number - self._dropped
+        return self._samples[i][first : min(first + most, self.published - self._dropped)]
+
+    def drop(self) -> int:
+        """Drop all samples but the last; returns the number of frames for which there is room now."""
+        self._dropped = self.published - 1
+        return (self._room - 1) * 1000 // RATE
+
+
+def _publish(session: Any, seconds: float) -> Any:
     """Publish in real time with the plant's clock, core and priority; return the time of each frame [s]."""
     state, state_of = session.publisher("state"), encode.StateEncoder(SCALARS)
-    blocks = [session.publisher(f"meas/sensor_{i}") for i in range(SENSORS)]
-    values, step_ns = np.zeros(SCALARS), 1_000_000_000 // RATE
+    instruments = _Instruments()
+    samples = AllSamples(session, instruments)
+    values, full = np.zeros(SCALARS), instruments.drop()
     spent = np.zeros(round(seconds * 1000))
     with ExitStack() as stack:
         stack.enter_context(pace.no_garbage())
@@ -96,11 +124,13 @@ def _publish(session: Any, noise: Any, seconds: float) -> Any:
         for frame in range(spent.size):
             now = frame * _FRAME_NS
             values[:] = frame
+            instruments.published = frame * RATE // 1000 + 1
             begin, _ = pacer.wait()
             state.put_later(now, state_of, now, frame, 0, values.tobytes())
-            for i in range(frame % BLOCK_MS, SENSORS, BLOCK_MS):  # a plant spreads the blocks over its frames
-                samples = noise[(frame + i) % len(noise)].copy()
-                blocks[i].put_later(now, encode.block, frame, now, step_ns, samples)
+            samples.gather(frame, now)
+            if frame == full:
+                samples.collect(frame, now)
+                full += instruments.drop()
             if frame % BLOCK_MS == 0:
                 session.flush()
             spent[frame] = 1e-9 * (time.perf_counter_ns() - begin)

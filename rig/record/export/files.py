@@ -20,6 +20,7 @@ from rig.record import wav
 from rig.record.even_times import grid
 from rig.record.export import arrow_files, mat_file, package
 from rig.record.export.frames import tree
+from rig.record.export.hdf5_disk import hdf5_disk
 from rig.record.export.tables import MODE, Column, Table, Tables
 from rig.record.run_data import Samples
 from rig.user_files import regular
@@ -169,8 +170,8 @@ def _mat(tables: Tables, path: Path, facts: Facts, report: Report) -> list[Writt
 def _netcdf(tables: Tables, path: Path, facts: Facts, report: Report) -> list[Written]:
     """A netCDF-4 file is an HDF5 file: a group for each table, an attribute `units` for each variable."""
     report(f"writing {path.name}")
-    content = tree(tables, facts).to_netcdf(engine="h5netcdf")  # in memory: a full disk makes the HDF5 library crash
-    path.write_bytes(content)
+    with hdf5_disk(path) as disk:
+        tree(tables, facts).to_netcdf(disk, engine="h5netcdf")
     return [_written(table, path.name) for table in tables]
 
 

@@ -1,0 +1,96 @@
+"""A free run and its recorder: nothing is lost however slow the disk; a recorder that hangs does not hang the run."""
+
+import threading
+import time
+
+import pytest
+from plant_in_thread import Bench
+
+import rig
+from rig import scenes
+from rig.bench import recorder_lag
+from rig.record import recorder as recorders
+from rig.record.writer import Writer
+
+SECONDS = 15.0
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return scenes.load("belt", {"sensors.laser": "none", "sensors.accelerometer": "none"})
+
+
+class SlowDisk(Writer):
+    """A writer that is much slower than the plant."""
+
+    def flush_if_due(self):
+        time.sleep(0.02)
+        super().flush_if_due()
+
+
+def recorded(bench, path, writer):
+    """A recorder in a thread, with a ring that drops what it has no room for, as that of the process."""
+    session = bench.twin.open("recorder", "recorder")
+
+    def run():
+        described = recorders.run_setup.fetch(session, 5.0)
+        heard = session.subscribe("**", depth=recorder_lag.WAITING)
+        plant = session.watch("plant/*")
+        plant.wait_for("plant", "plant", 5.0)
+        made = writer(path, described, "recorded", True)
+        session.announce()
+        told.append(recorders._Recorder(session, described, heard, plant, made).run(threading.Event()))
+        session.close()
+
+    told = []
+    bench.thread(run)
+    return told
+
+
+def test_a_free_run_waits_for_a_recorder_with_a_slow_disk(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_lag, "WAITING", 20)
+    monkeypatch.setattr(recorder_lag, "MOST", 8)
+    monkeypatch.setattr(recorders, "_TURN", 200)
+    monkeypatch.setattr(recorders, "_TELL_S", 0.02)
+    lines = []
+    with Bench(scene, pace=None, duration=SECONDS, expect=(("recorder", "recorder"),)) as bench:
+        told = recorded(bench, tmp_path / "run.mcap", SlowDisk)
+        bench.begin(lines.append)
+        bench.finish()
+    assert bench.summary["lost"] == {}
+    assert told[0].lost == 0
+    assert lines.count("the recorder is slower than the plant, which waits for it from time to time") == 1
+    run = rig.open(tmp_path / "run.mcap")
+    assert run.measurements["vibrometer"].v.size == SECONDS * 1000 + 1
+    assert not run.damage
+
+
+def test_a_recorder_that_hangs_is_not_waited_for_for_long(scene, monkeypatch):
+    monkeypatch.setattr(recorder_lag, "MOST", 5)
+    monkeypatch.setattr(recorder_lag, "PATIENCE_S", 0.2)
+    monkeypatch.setattr("rig.bench.finalise.ANSWERS_S", 0.2)
+    lines = []
+    with Bench(scene, pace=None, duration=10.0, expect=(("recorder", "recorder"),)) as bench:
+        bench.twin.open("recorder", "recorder").announce()
+        bench.begin(lines.append)
+        bench.finish()
+    assert bench.summary["seconds"] == 10.0
+    assert sum("has written nothing for" in line for line in lines) == 1
+    assert bench.summary["unknown"] == ["recorder recorder"]
+
+
+def test_a_run_that_is_stopped_does_not_wait_for_its_recorder(scene, monkeypatch):
+    monkeypatch.setattr(recorder_lag, "MOST", 5)
+    monkeypatch.setattr("rig.bench.finalise.ANSWERS_S", 0.2)
+    lines = []
+    with Bench(scene, pace=None, duration=1e4, expect=(("recorder", "recorder"),)) as bench:
+        bench.twin.open("recorder", "recorder").announce()
+        bench.begin(lines.append)
+        deadline = time.monotonic() + 20.0
+        while not any("slower than the plant" in line for line in lines) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        bench.stopped = "by the test"
+        begun = time.monotonic()
+        bench.finish()
+    assert time.monotonic() - begun < 5.0
+    assert bench.summary["ended"].startswith("stopped") or bench.summary["ended"] == "by the test"
