@@ -19,6 +19,7 @@ bench       runs a rig: in one process, in lockstep, paced
 record      MCAP: write, read, recover, replay, compare
 view        figures and rerun
 analysis    what one learns of a rig
+gym         rigs as environments of Gymnasium
 qualify     what one learns of the simulator: cost, torture, benchmarks
 papers      the figures of the papers, made again
 cli         the commands
@@ -333,6 +334,15 @@ def report(path: str | Path, out: str | Path | None = None, trust: bool = False)
     page = log.with_suffix(".html") if out is None else Path(out)
     write(open(log, trust), log, page)
     return page
+
+
+def __getattr__(name: str) -> object:
+    """`rig.gym` is imported where it is used: it needs gymnasium."""
+    if name != "gym":
+        raise AttributeError(f"module 'rig' has no attribute {name!r}")
+    from importlib import import_module
+
+    return import_module("rig.gym")
 
 
 def _warn(text: str) -> None:

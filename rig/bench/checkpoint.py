@@ -2,26 +2,37 @@
 
 `rig.bench.branch` continues a recording from the nearest one, instead of simulating it from its begin. A checkpoint
 holds what only a simulation could give: the state of the motion, of its energy balance, and of the instruments.
-Protocol, exchange and controllers follow from the recording (rig.bench.resumed_runner).
+Protocol, exchange and controllers follow from the recording (rig.bench.resumed_runner). The same state, kept in this
+process with the last samples, lets a plant runner return to it (`PlantRunner.keep`, `PlantRunner.back`).
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.bus.topics import STATE_NS
 from rig.errors import LogError
+from rig.scenes.scene import Scene
 
 STEPS = 100_000
 """Least number of sample steps between two checkpoints: about a second of computing for a brake. # chosen"""
 _KINDS = ("<f8", "<i8", "<c16", "|u1")
 
 Arrays = Mapping[str, NDArray[Any]]
+
+
+class KeptState(NamedTuple):
+    """The state of a plant runner at `tick`: the rig that it ran, its arrays by name, the values of its actuators."""
+
+    scene: Scene
+    tick: int
+    arrays: Arrays
+    values: Mapping[str, float]
 
 
 def interval(frame_ns: int, step_ns: int) -> int:

@@ -21,7 +21,7 @@ class Numbers:
 
     def __init__(self, system: System, seed: int) -> None:
         self.record = RandomNumbers(np.array([-1, ROOM]), np.zeros(ROOM))
-        self._seed, self._stream = seed, Stream(seed, _NAME)
+        self.seed, self._stream = seed, Stream(seed, _NAME)
         self.find(system)
 
     def find(self, system: System) -> None:
@@ -42,7 +42,7 @@ class Numbers:
 
     def resume(self, used: int) -> None:
         """Continue after the first `used` numbers."""
-        self._stream = Stream(self._seed, _NAME)
+        self._stream = Stream(self.seed, _NAME)
         self._stream.skip(used)
         self.record.at[DRAWN] = ROOM
         self.fill()

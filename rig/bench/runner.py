@@ -17,14 +17,14 @@ from pydantic import BaseModel
 
 from rig.bench.audit import StateSamples, audit
 from rig.bench.build_findings import findings
-from rig.bench.checkpoint import Arrays, packed
+from rig.bench.checkpoint import Arrays, KeptState, packed
 from rig.bench.measurements import Measurements
 from rig.bench.noise_numbers import Numbers
 from rig.bench.plant_truth import Truth
 from rig.bench.rig_variant import RigVariant, Wanted
 from rig.bench.rig_variants import RigVariants
 from rig.effects import knock
-from rig.errors import SceneError
+from rig.errors import SceneError, UsageError
 from rig.lent_records import Loan
 from rig.model.assembly import Input
 from rig.model.method import as_integrated, chosen
@@ -313,6 +313,38 @@ class PlantRunner:
         self.bank.resume(found, self.t_ns)
         self.chance.resume(int(found["random"][0]))
         self._look = True
+
+    def keep(self) -> KeptState:
+        """The state of plant and instruments at this tick, for `back`. Call it before anything is changed at this tick.
+
+        Raises UsageError for the method kick, which cannot return to a state.
+        """
+        if not (motion := self.motion.checkpoint()):
+            raise UsageError(f"a rig with the method {self.motion.integration.method} cannot return to a state")
+        arrays = {**motion, **self.bank.keep(), "random": np.array([self.chance.used])}
+        return KeptState(self.scene, self.tick, arrays, dict(self.values))
+
+    def back(self, kept: KeptState, seed: int | None = None) -> None:
+        """Return to a state of this runner, with the same bits from there on.
+
+        `seed`: draw noise from another seed from there on; from tick 0 on the bits are those of a new runner with this
+        seed. Raises UsageError if the rig was built anew since, because a parameter has changed, and for a runner that
+        keeps all outputs.
+        """
+        if kept.scene is not self.scene:
+            raise UsageError("the rig was built anew since this state was kept; make a new runner")
+        if self._truthful:
+            raise UsageError("a runner that keeps all outputs cannot return to a state")
+        self.tick = kept.tick
+        self.values = dict(kept.values)
+        if seed is not None:
+            self.bank.seed = self.chance.seed = seed
+        self.bank.back(kept.arrays)
+        self.resume(kept.arrays)
+        self.state_samples = StateSamples(self.scene, self.values)
+        self.state_samples.begin(self.tick, self.t_ns * 1e-9)
+        if seed is not None and not self.tick:
+            self.start()
 
     def statistics(self) -> dict[str, Any]:
         """Method, counts, stick share and energy so far."""

@@ -215,16 +215,19 @@ class Motion(MotionMemory):
         for array, name in [*((getattr(state, name), name) for name in _KEPT), (self.work.size, "size")]:
             if found[name].shape != array.shape:
                 raise ValueError(f"{name} has the shape {found[name].shape}, not {array.shape}")
-        integration = self.integration
-        self.mode_sets = ModeSets(self.system, integration.step_ns * 1e-9, self._outputs, integration.read)
-        for key in found["keys"].tolist():
-            add(self.mode_sets, key)
+        integration, keys = self.integration, tuple(found["keys"].tolist())
+        if self.mode_sets.keys[: len(keys)] != keys:  # else this motion has built them in this order itself
+            self.mode_sets = ModeSets(self.system, integration.step_ns * 1e-9, self._outputs, integration.read)
+            for key in keys:
+                add(self.mode_sets, key)
         self.mode_sets.put_sums(found)
         for name in _KEPT:
             getattr(state, name)[:] = found[name]
         self.work.size[:], self.work.ended[:] = found["size"], found["ended"]
         self.balance.numbers = found["balance"]
         self.tick, self.kept, self._first = tick, 0, 0
+        if not tick:
+            self._begun = state.x.copy()
 
     def advance(self, ticks: int, keep: bool = False) -> bool:
         """Advance the state by `ticks` ticks. `states` and `mode_sets_of_states` then hold what was reached.

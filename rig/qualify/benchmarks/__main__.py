@@ -1,6 +1,7 @@
 """`make bench`: measures every number of docs/benchmarks.md on this machine.
 
-`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone, `--pages` only the pages of `rig web`.
+`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone, `--pages` only the pages of `rig web`,
+`--steps` only those of an environment of Gymnasium.
 `--loop SECONDS` measures the loop over the bus alone, with a paced run of that length. `--against COMMIT` only compares
 the speed with that of another version of the sources.
 """
@@ -17,6 +18,7 @@ from rig.errors import BusError, UsageError
 from rig.qualify.benchmarks import (
     absent_effect,
     against,
+    agent,
     disc,
     kernels,
     loop,
@@ -45,6 +47,7 @@ FLOORS = {
     "plate": 1.5,
     "plate_96": 0.5,
     "start": 2.0,
+    "steps": 30_000.0,
     "step_to_command_ms": 0.5,
     "lockstep": 1.3,
     "paced": 1.0,
@@ -138,6 +141,15 @@ def main() -> int:
             say(f"  {name}: {one['rate']:.1f} pictures/s {rate}; delay at most {one['p50']:.3f} s (p50), "
                 f"{one['p99']:.3f} s (p99) {delay}")  # fmt: skip
 
+    def stepped() -> None:
+        say("\nenvironment of Gymnasium, one frame of 1 ms a step, processor time")
+        found["steps"] = s = agent.steps(3 if quick else 7)
+        if not s:
+            say("  gymnasium is not installed: not measured")
+            return
+        say(f"  {agent.SCENE}: {s['steps']:.0f} steps per second {judged('steps', s['steps'], 'steps')}; "
+            f"four rigs at once {s['four']:.0f}; a reset {1e3 * s['reset']:.2f} ms")  # fmt: skip
+
     def finish() -> int:
         if "--json" in sys.argv:
             Path(sys.argv[sys.argv.index("--json") + 1]).write_text(json.dumps(found, indent=1, default=str))
@@ -158,6 +170,9 @@ def main() -> int:
         return finish()
     if "--map" in sys.argv:
         mapped()
+        return finish()
+    if "--steps" in sys.argv:
+        stepped()
         return finish()
     if "--pages" in sys.argv:
         watched()
@@ -216,6 +231,7 @@ def main() -> int:
     say(f"  new process, 10 s simulated: {s['wall']:.2f} s wall (worst {s['worst']:.2f}) "
         f"{judged('start', s['wall'], 'start', at_most=True)}")  # fmt: skip
 
+    stepped()
     say(f"\n{disc.SCENE} with seven modes: growth rate of the simulation beside the eigenvalue, kernel")
     found["disc"] = growing = disc.growth()
     for row in growing:

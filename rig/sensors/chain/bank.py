@@ -47,7 +47,9 @@ class Bank:
         self._sections = tuple(sensors.values())
         self._ends = tuple(s.front_end() for s in self._sections)
         self._columns = tuple(columns)
-        self._frame, self._seed = frame_ns, seed
+        self._frame = frame_ns
+        self.seed = seed
+        """Seed of the noise that `start`, `resume` and `back` draw."""
         n = len(self.names)
         most = [int(frame_ns // one.period_ns) + 1 + (not one.even) for one in self.instants]
         wait = max((int(end.delay_ns // end.period_ns) + m + 1 for end, m in zip(self._ends, most)), default=1)
@@ -96,7 +98,7 @@ class Bank:
     def start(self, values: NDArray[np.float64]) -> None:
         """Begin a run: settle on the constant input `values` [column] and publish the sample at t = 0."""
         self.latest[:] = np.nan
-        self._streams = [Stream(self._seed, name) for name in self.names]
+        self._streams = [Stream(self.seed, name) for name in self.names]
         row = 0
         before = (max((end.delay_ns for end in self._ends), default=0) // self._frame + 1) * self._frame
         for i, (section, end) in enumerate(zip(self._sections, self._ends)):
@@ -186,6 +188,18 @@ class Bank:
             "used": np.array(used, dtype=np.int64).reshape(-1, 2),
         }
 
+    def keep(self) -> dict[str, NDArray[Any]]:
+        """What `back` needs, by name: the `checkpoint`, and the samples that are stored; nothing here changes."""
+        stored = self._samples[:, : int(self._fronts["kept"].max(initial=0))].copy()
+        return {**self.checkpoint(), "latest": self.latest.copy(), "fresh": self.fresh.copy(), "stored": stored}
+
+    def back(self, found: Mapping[str, NDArray[Any]]) -> None:
+        """Store the samples of `keep` again; `resume` does the rest."""
+        fronts, stored = found["fronts"].copy().view(FRONT).reshape(-1), found["stored"]
+        self._samples[:, : stored.shape[1]] = stored
+        self.latest[:], self.fresh[:] = found["latest"], found["fresh"]
+        self._fronts["published"], self._fronts["kept"] = fronts["published"], fronts["kept"]
+
     def play(self, recorded: Sequence[tuple[Integers, NDArray[np.float64]]], t_ns: int) -> None:
         """Publish samples of a recording (times, values of each instrument) up to `t_ns` instead of measuring.
 
@@ -222,7 +236,7 @@ class Bank:
                 raise ValueError(f"{name} has the shape {found[name].shape}, not {array.shape}")
             array[:] = found[name]
         self._clock[NOW] = t_ns
-        self._streams = [Stream(self._seed, name) for name in self.names]
+        self._streams = [Stream(self.seed, name) for name in self.names]
         for stream, end, (numbers, gaps) in zip(self._streams, self._ends, found["used"].tolist()):
             if end.noise > 0.0:
                 stream.skip(numbers)

@@ -1,0 +1,60 @@
+"""A rig as an environment of Gymnasium."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.gym.episode import Episode, Ranges, Reward
+from rig.scenes import load
+from rig.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+SEEDS = 1 << 31
+"""Seeds that an environment draws for itself are below this number."""
+
+
+def box(ranges: list[tuple[float, float]]) -> Any:
+    """The space of values within these ranges."""
+    low, high = (np.array(one) for one in zip(*ranges))
+    return gymnasium.spaces.Box(low, high, dtype=np.float64)
+
+
+class RigEnv(gymnasium.Env[Array, Array]):
+    """A rig whose actuators the agent drives. Values are in SI, in the order of `episode.sensors` and `.actuators`.
+
+    `reset(seed=n)` begins an episode with the seed n of all noise; without a seed the environment draws one, which
+    `info["seed"]` tells.
+    """
+
+    def __init__(self, episode: Episode) -> None:
+        self.metadata = {"render_modes": []}
+        self.episode = episode
+        self.observation_space, self.action_space = box(episode.observed), box(episode.driven)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode; there are no options."""
+        super().reset(seed=seed)
+        used = int(self.np_random.integers(SEEDS)) if seed is None else seed
+        return np.array(self.episode.reset(used)), {"t": 0.0, "seed": used}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """One step: see `Episode.step`."""
+        found = self.episode.step(action.tolist())
+        return np.array(found.observation), found.reward, found.terminated, found.truncated, found.info
+
+
+def make(
+    scene: Scene | str, *, observe: Ranges, act: Ranges, reward: Reward, frames: int = 1, duration: Any = None
+) -> RigEnv:
+    """A scene as an environment.
+
+    `observe`, `act`: sensor or actuator -> (least, largest value), in SI or as texts with a unit. Observations and
+    commands are limited to these ranges. `reward`: a function of `Now`. `frames`: frames of the scene in a step.
+    `duration`: length of an episode in seconds; by default that of the protocol. Raises rig.errors.UsageError with all
+    faults.
+    """
+    return RigEnv(Episode(load(scene) if isinstance(scene, str) else scene, observe, act, reward, frames, duration))
