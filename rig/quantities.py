@@ -114,15 +114,15 @@ _WORDS = {
 }
 
 
-def worded(kind: str, message: str) -> str:
+def in_words(kind: str, message: str) -> str:
     """A fault that pydantic found, of `kind` with its `message`, in the words of this project."""
     return _WORDS.get(kind) or message.removeprefix("Value error, ")
 
 
-def spoken(error: ValidationError) -> list[tuple[str, str, Any]]:
+def faults_of(error: ValidationError) -> list[tuple[str, str, Any]]:
     """Dotted key, fault in words and given value of each fault that pydantic found in a section."""
     found = error.errors(include_url=False)
-    return [(".".join(map(str, one["loc"])), worded(one["type"], one["msg"]), one["input"]) for one in found]
+    return [(".".join(map(str, one["loc"])), in_words(one["type"], one["msg"]), one["input"]) for one in found]
 
 
 def quantity(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:

@@ -92,7 +92,7 @@ def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Spa
     """
     if not run.time.size:
         return []
-    marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.told if event["kind"] == "mark"]
+    marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.plant_events if event["kind"] == "mark"]
     end = min(last, float(run.time[-1]))
     found = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]
     if not marks or marks[0][0] > first:

@@ -25,7 +25,7 @@ from rig.analysis.many_points import refuse
 from rig.analysis.orbit import Orbit
 from rig.analysis.repetition import MOST, REPEAT, all_round, repeating, stick_times, time_of, turn_of
 from rig.analysis.settled import NEAR, Rest
-from rig.analysis.shooting import Shot, shoot
+from rig.analysis.shooting import ShootingResult, shoot
 from rig.analysis.turning_points import Turns
 from rig.model.assembly import Assembly
 from rig.model.method import chosen
@@ -111,8 +111,8 @@ class _Search:
         self.asked = 0.0
         self.drift, self.touched = math.inf, 0.0  # last difference of rounds; when a contact has changed last [s]
         self.due = _FIRST  # mode changes, or turning points, at which Newton's method is tried
-        self.shot: Shot | None = None
-        self.unstable: Shot | None = None
+        self.shot: ShootingResult | None = None
+        self.unstable: ShootingResult | None = None
 
     @property
     def now(self) -> float:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.orbit import Orbit, Round
+from rig.analysis.orbit import OnePeriod, Orbit
 from rig.model.singular import assembled
 from rig.solve.state_codes import STICK
 from rig.stability.jacobian import inputs, moving_states, own_law
@@ -114,7 +114,7 @@ def returned(orbit: Orbit, x: Array, period: float, span: Array) -> Return | Non
     return None
 
 
-def floquet(orbit: Orbit, around: Round, period: float) -> Floquet:
+def floquet(orbit: Orbit, around: OnePeriod, period: float) -> Floquet:
     """Compute the multipliers of the cycle `around`, which repeats after `period` [s]."""
     x, span = around.states[middle(orbit, around)], np.ptp(around.states, axis=0)
     found = returned(orbit, x, period, span)
@@ -134,7 +134,7 @@ def multipliers(matrix: Array, driven: bool) -> Floquet:
     return Floquet(tuple(order), abs(own - 1.0))
 
 
-def middle(orbit: Orbit, around: Round) -> int:
+def middle(orbit: Orbit, around: OnePeriod) -> int:
     """Return the tick in the middle of the longest time between events with the fewest stuck contacts."""
     step, ticks = orbit.scene.step_ns * 1e-9, len(around.states) - 1
     if not around.events:

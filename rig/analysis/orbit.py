@@ -27,7 +27,7 @@ BLOCK = 16  # ticks in one call
 
 
 @dataclass(frozen=True)
-class Round:
+class OnePeriod:
     """One period: outputs between samples, events with times [s], energy by term [J], states at ticks [tick, n]."""
 
     dense: Dense
@@ -131,7 +131,7 @@ class Orbit:
         name = self.outputs[self.motion.beyond]
         return f"{name} leaves its limit of {self.scene.limits[name]:g} {self.units[name]}"
 
-    def round(self, period: float) -> Round:
+    def round(self, period: float) -> OnePeriod:
         """Step the plant by `period` [s] and record everything."""
         step_ns = self.scene.step_ns
         dense, add_energy = Dense(), _EnergyBalance(self.motion)
@@ -154,7 +154,7 @@ class Orbit:
             dense.add(whole * step_ns * 1e-9, end)
             events += [((whole * step_ns + e.place * rest) * 1e-9, e) for e in end.events()]
             add_energy.add(end)
-        return Round(dense, events, add_energy.terms(), np.concatenate(states))
+        return OnePeriod(dense, events, add_energy.terms(), np.concatenate(states))
 
     def stuck(self, key: int, p: int) -> bool:
         """Whether contact p sticks in mode set `key`."""

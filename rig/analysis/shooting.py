@@ -28,7 +28,7 @@ _GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cyc
 
 
 @dataclass(frozen=True)
-class Shot:
+class ShootingResult:
     """The result of Newton's method: a state on the cycle, its period [s], the size of its largest multiplier."""
 
     x: Array
@@ -42,7 +42,7 @@ class Shot:
         return self.multiplier <= 1.0 + _GROWS
 
 
-def shoot(orbit: Orbit, period: float) -> Shot | None:
+def shoot(orbit: Orbit, period: float) -> ShootingResult | None:
     """Find the cycle near the present motion, which returns after about `period` [s]; None if there is none.
 
     The orbit advances by one period and is otherwise unchanged.
@@ -60,7 +60,7 @@ def shoot(orbit: Orbit, period: float) -> Shot | None:
             if better is None:
                 size = max((abs(v) for v in multipliers(at.matrix, driven=False).multipliers), default=0.0)
                 moves = float(np.linalg.norm(at.flow)) * period > _STILL
-                return Shot(at.x, period, size, step) if left <= _ROUGH and moves else None
+                return ShootingResult(at.x, period, size, step) if left <= _ROUGH and moves else None
             x, period = better
             at = returned(orbit, x, period, span)
     except NumericsError:

@@ -160,9 +160,9 @@ def _events_before(run: Run, tick: int) -> list[dict[str, Any]]:
     A controller with its own process has published its changes of parameters itself.
     """
     now = tick * run.frame_ns
-    told = [event for event in run.told if event["t_ns"] < now]
+    told = [event for event in run.plant_events if event["t_ns"] < now]
     waiting = {event["data"]["action"] for event in told if event["kind"] == WAITS}
-    late = (event for event in run.told if event["t_ns"] >= now and event["kind"] == GOES_ON)
+    late = (event for event in run.plant_events if event["t_ns"] >= now and event["kind"] == GOES_ON)
     told += [event for event in late if event["data"]["action"] in waiting]
     for event in run.events:
         at, values = (event["data"].get(key) for key in ("after_tick", "set"))

@@ -31,7 +31,7 @@ class CommandInbox:
     """
 
     def __init__(self, session: Session, exchange: Exchange, steps: Publisher, stamped: bool) -> None:
-        self._door, self._exchange, self.steps = session.door, exchange, steps
+        self._inbound, self._exchange, self.steps = session.inbound, exchange, steps
         self.acts = session.subscribe("act/*", depth=_ACTS, stamped=stamped)
         self._voices: dict[str, str] = {}
         """Admitted controller -> user whose commands count. A controller of the scene is the user of its name."""
@@ -69,7 +69,7 @@ class CommandInbox:
                     self._trips.append((message.arrived_ns or time.monotonic_ns()) - put_at)
                 return name, act
             why = "another one commands there" if name in self._voices else "not admitted"
-            self._door.count(f"{message.user} on {message.topic}", Refused(why))
+            self._inbound.count(f"{message.user} on {message.topic}", Refused(why))
             message = self.acts.get()
         return None
 

@@ -72,7 +72,7 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
         "loop": experiment.exchange.counters(),
         "lost": lost,
         "unknown": unknown,
-        "refused": plant.session.door.refusals(),
+        "refused": plant.session.inbound.refusals(),
         "faults": plant.housekeeper.faults,
         "postponed": experiment.postponed.to_json(),
         "energy": statistics.pop("energy"),

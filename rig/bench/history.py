@@ -27,7 +27,7 @@ def nearest(run: Run, scene: Scene, tick: int) -> Resumption | None:
     then a simulation from the begin on has to show that it repeats.
     """
     whole = run.sealed and not (run.notes or run.untold or run.summary.get("lost")) and run.mode.size == run.time.size
-    if not whole or changed_place(run) or any(event["kind"] in _ABORTED for event in run.told):
+    if not whole or changed_place(run) or any(event["kind"] in _ABORTED for event in run.plant_events):
         return None
     for at in sorted((at for at in run.checkpoints if at < tick), reverse=True):
         counts = {name: one.instants.count(at * run.frame_ns) for name, one in scene.sensors.items()}
@@ -61,6 +61,6 @@ def add_history(found: Run, run: Run, tick: int) -> None:
     found.time = np.concatenate([run.time[old], new * 1e-9])
     found.signals = {name: joined(run.signals[name], v) for name, v in found.signals.items()}
     found.mode = joined(run.mode, found.mode)
-    contacts = [event for event in run.told if event["kind"] == "contact" and event["t_ns"] <= now]
+    contacts = [event for event in run.plant_events if event["kind"] == "contact" and event["t_ns"] <= now]
     found.events = sorted([*contacts, *found.events], key=lambda event: int(event["t_ns"]))
     found.checkpoints = {at: state for at, state in run.checkpoints.items() if at <= tick} | found.checkpoints

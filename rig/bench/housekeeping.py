@@ -104,7 +104,7 @@ class Housekeeper:
         names, such as a recorder started by hand. A guest that joins later can have any other name and does not count.
         """
         driving = role == "controller" and name in self._experiment.exchange.queues
-        return (role, name) in self._known or driving or name in self._hub.session.door.reserved
+        return (role, name) in self._known or driving or name in self._hub.session.inbound.reserved
 
     def _is_back(self, role: str, name: str) -> None:
         """A process has come back: shorten its fault to the time of its absence."""
@@ -128,7 +128,7 @@ class Housekeeper:
     def _count(self, now: int) -> None:
         timing, self._counted = self._timing, True
         self._hub.commands.fold()
-        for text in self._hub.session.door.news():
+        for text in self._hub.session.inbound.news():
             self._experiment.journal.repeated("refused", text)
         for text in self._hub.commands.floods():
             self._flooded(text)
@@ -165,7 +165,7 @@ class Housekeeper:
             "held": sum(queue.counts.held for queue in self._experiment.exchange.all_queues.values()),
             "energy_error": statistics["energy_error"],
             "stick_share": statistics.get("stick_share", 0.0),
-            "refused": self._hub.session.door.total,
+            "refused": self._hub.session.inbound.total,
             "eta_s": -1.0 if left is None else left / 1e9 / (self._job.pace or max(rate, 1e-9)),
         }
         self._hub.put_health(**self.health)

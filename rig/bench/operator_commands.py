@@ -30,7 +30,7 @@ from rig.bench.hub import Hub
 from rig.bench.rig_variant import Wanted
 from rig.bus.queries import Later, param_request
 from rig.errors import RigError, UsageError
-from rig.quantities import spoken
+from rig.quantities import faults_of
 from rig.units import si
 
 MOVES = frozenset({"knock", "connect", "disconnect", "admit"})
@@ -215,7 +215,7 @@ class Operator:
         try:
             asked = Admission.model_validate(body)
         except ValidationError as error:
-            faults = [f"{key:.80}: {fault}" for key, fault, _ in spoken(error)]
+            faults = [f"{key:.80}: {fault}" for key, fault, _ in faults_of(error)]
             raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
         hub, experiment, name, user = self._hub, self._experiment, asked.controller, self.cmd.asker
         arguments = (name, asked.drives, asked.period_ns, asked.hears)
@@ -229,7 +229,7 @@ class Operator:
 
         def wanted() -> list[Wanted]:
             here = ("controller", name) in hub.watch.present or hub.commands.awaited(name, user)
-            if here or name in hub.session.door.reserved:
+            if here or name in hub.session.inbound.reserved:
                 raise UsageError(
                     f"the name {name!r:.80} is taken in this run; choose another one, or end that controller"
                 )

@@ -184,7 +184,7 @@ def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, core
     return Waiting(spin_ns, a, b, "spinning is more exact")
 
 
-class Spent(NamedTuple):
+class ProcessorTime(NamedTuple):
     """Processor time spent up to a time of the wall clock; all in ns."""
 
     wall: int
@@ -192,18 +192,18 @@ class Spent(NamedTuple):
     """Processor time of other processes, the system and the host; -1 if unknown."""
 
 
-def spent() -> Spent:
+def spent() -> ProcessorTime:
     """Processor time spent up to now (Linux: in steps of 10 ms)."""
     tick = 1_000_000_000 // os.sysconf("SC_CLK_TCK") if sys.platform == "linux" else 0
     try:
         with Path("/proc/stat").open() as file:
             user, nice, system, _, _, *more = map(int, file.readline().split()[1:9])
     except (OSError, ValueError):
-        return Spent(time.perf_counter_ns(), -1)
-    return Spent(time.perf_counter_ns(), (user + nice + system + sum(more)) * tick - time.process_time_ns())
+        return ProcessorTime(time.perf_counter_ns(), -1)
+    return ProcessorTime(time.perf_counter_ns(), (user + nice + system + sum(more)) * tick - time.process_time_ns())
 
 
-def load(before: Spent, now: Spent) -> float:
+def load(before: ProcessorTime, now: ProcessorTime) -> float:
     """Mean number of processors that other processes used between two times; if unknown, the load of the last minute.
 
     The latter still contains work that has just ended, such as compiling in this process.

@@ -71,7 +71,7 @@ class PlantParts:
 
     def is_recorder(self, name: str) -> bool:
         """Whether a recorder is that of the run: expected, or under a name that no guest can use."""
-        return name in self.session.door.reserved or ("recorder", name) in self.job.expect
+        return name in self.session.inbound.reserved or ("recorder", name) in self.job.expect
 
     def _setup(self) -> Setup:
         scene, runner = self.scene, self.runner

@@ -83,7 +83,7 @@ def simulate(
     return run
 
 
-class Carried(NamedTuple):
+class FinishedRun(NamedTuple):
     """The objects of a finished run in this process; `fault`: why the integration had to stop.
 
     `checkpoints`: tick -> checkpoint (rig.bench.checkpoint).
@@ -104,7 +104,7 @@ def carry_out(
     stop: Stop | None = None,
     tell: Tell | None = None,
     guests: Mapping[str, Guest] = NOBODY,
-) -> Carried:
+) -> FinishedRun:
     """Simulate like `simulate`, without making a `Run`. Without a duration the run ends when `stop` says so."""
     experiment, working = begun(scene, controllers, duration_ns, recorded, guests=guests)
     runner = experiment.runner
@@ -127,7 +127,7 @@ def carry_out(
         for one in working:
             one.catch_up(runner.tick + 1)
     experiment.end()
-    return Carried(runner, experiment, {one.name: one.loop for one in working}, fault, checkpoints.kept)
+    return FinishedRun(runner, experiment, {one.name: one.loop for one in working}, fault, checkpoints.kept)
 
 
 class _Checkpoints:

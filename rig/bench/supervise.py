@@ -86,7 +86,7 @@ def run(
     live, interrupts = Live(), [] if interrupts is None else interrupts
     log = RunLog(say or live.say, {} if scene.name in names() else {scene.name: "SCENE"})
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, told_to_stop(interrupts.append):
-        team = Team(Path(folder), job, out, replace, web, log.say, trigger)
+        team = RunProcesses(Path(folder), job, out, replace, web, log.say, trigger)
         try:
             outcome = team.run(live, interrupts)
             log.add(outcome.text())
@@ -100,7 +100,7 @@ def run(
             log.write()
 
 
-class Team:
+class RunProcesses:
     """The processes of one run."""
 
     def __init__(

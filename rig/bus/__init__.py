@@ -23,7 +23,7 @@ The plant hosts a run; every other process joins it:
         while plant.wait_for("plant", "plant", 0.0):
             if (said := steps.get(timeout=0.1)) is not None: ...
 
-`session.door` refuses and counts malformed messages and messages from a process that does not own the topic.
+`session.inbound` refuses and counts malformed messages and messages from a process that does not own the topic.
 A receiver has the counts `received` and `lost`; `counts[topic].tail(sent)` is the number of messages lost after the
 last one received.
 """
@@ -48,7 +48,7 @@ def host(
     from rig.bus import address  # only processes that use the bus load protobuf and Zenoh
     from rig.bus.link import open_hub
 
-    return open_hub(address.claim(run, scene, endpoint), controllers)
+    return open_hub(address.reserve(run, scene, endpoint), controllers)
 
 
 def join(run: str | None = None, *, role: str, name: str, wait: float = 0.0) -> Session:

@@ -6,8 +6,7 @@ and answers queries and announces itself under the first. A user sends queries o
 change while the hub is open, so all users exist before it opens: one for each controller of the scene, one for the
 recorder, one for the viewer, one that all operators share, and `GUESTS` for processes that the run does not know
 beforehand. Every run has new passwords, one file for each user, in a folder that only the present user of the machine
-can read. A process takes its seat (its right to be a user) by locking that file; the kernel releases the lock when the
-process ends.
+can read. A process becomes a user by locking that file; the kernel releases the lock when the process ends.
 
 Operators and guests may send every query to the plant, also those that end the run or disconnect a controller: a
 second terminal can end a run, and a guest asks for its admission on the same topic. All other users may only query the
@@ -50,7 +49,7 @@ class BusUser:
     lock: int = -1
 
     def release(self) -> None:
-        """Give the seat back, so that another process can take it."""
+        """Give the user back, so that another process can take it."""
         if self.lock >= 0:
             os.close(self.lock)
             self.lock = -1
@@ -66,7 +65,7 @@ def _reserved(users: Iterable[str]) -> frozenset[str]:
 
 
 def invite(run: str, names: Iterable[str]) -> BusUser:
-    """Create the users of a run and return the seat of its plant; `names` are those of its controllers.
+    """Create the users of a run and return that of its plant; `names` are those of its controllers.
 
     Raises BusError for a name that is malformed or taken.
     """
@@ -91,8 +90,8 @@ def _write(path: Path, text: str) -> None:
         file.write(text)
 
 
-def take_seat(run: str, role: str, name: str) -> BusUser:
-    """Take the seat of `name` in `role`, or that of a guest.
+def take_user(run: str, role: str, name: str) -> BusUser:
+    """Take the user of `name` in `role`, or that of a guest.
 
     Raises BusError if a controller of this name is connected, if all seats are taken, or if the run has ended.
     """
@@ -117,7 +116,7 @@ def take_seat(run: str, role: str, name: str) -> BusUser:
     except OSError as fault:
         raise BusError(f"run {run} has no user for {role} {name}: {here} cannot be read ({fault.strerror})") from None
     raise BusError(
-        f"run {run} has no seat left for {role} {name}: all {GUESTS} guests are connected; end one of them first"
+        f"run {run} accepts no further {role} {name}: all {GUESTS} guests are connected; end one of them first"
     )
 
 
@@ -148,11 +147,11 @@ def rules(run: str) -> dict[str, Any]:
     looking = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     telling = ["put", "reply", "query", "declare_queryable", "liveliness_token"]
     made = [
-        _allow("told", [*telling, *looking], "egress", [f"{prefix}**", f"{loop}**"]),
+        _allow("receive", [*telling, *looking], "egress", [f"{prefix}**", f"{loop}**"]),
         _allow("look", looking, "ingress", [f"{prefix}**", f"{loop}**"]),
         _allow("refuse", ["reply"], "ingress", [f"{prefix}*/param/*/operator"]),
     ]
-    policies: list[dict[str, Any]] = [{"rules": ["told", "look"], "subjects": users}]
+    policies: list[dict[str, Any]] = [{"rules": ["receive", "look"], "subjects": users}]
     for user in users:
         whom = "**" if user == "operator" else "plant/**" if is_guest(user) else "plant/scene"
         made.append(_allow(f"ask-{user}", ["query"], "ingress", [f"{prefix}{whom}/{user}"]))
@@ -172,13 +171,13 @@ def _allow(name: str, what: list[str], flow: str, keys: list[str]) -> dict[str, 
     return {"id": name, "messages": what, "flows": [flow], "permission": "allow", "key_exprs": keys}
 
 
-def bounds(run: str, seat: BusUser, users: Path) -> dict[str, Any]:
+def bounds(run: str, own: BusUser, users: Path) -> dict[str, Any]:
     """The hub's settings for users, access rules and limits of message size and number of sessions."""
     limit = {"id": "size", "flows": ["ingress"], "messages": ["put", "delete", "query", "reply"]}
     return {
         "access_control": rules(run),
         "transport/auth/usrpwd/dictionary_file": str(users),
-        **login(seat),
+        **login(own),
         "transport/unicast/max_sessions": SESSIONS,
         "transport/unicast/accept_timeout": ACCEPT_MS,
         "transport/link/rx/max_message_size": FROM_LEAVES,
@@ -186,6 +185,6 @@ def bounds(run: str, seat: BusUser, users: Path) -> dict[str, Any]:
     }
 
 
-def login(seat: BusUser) -> dict[str, Any]:
+def login(own: BusUser) -> dict[str, Any]:
     """The settings with which a process logs in: user and password."""
-    return {"transport/auth/usrpwd/user": seat.user, "transport/auth/usrpwd/password": seat.password}
+    return {"transport/auth/usrpwd/user": own.user, "transport/auth/usrpwd/password": own.password}

@@ -80,7 +80,7 @@ def socket_endpoint(run: str) -> str:
 
 @contextmanager
 def _alone() -> Iterator[Path]:
-    """The directory of runs, locked: no other process claims or removes a run meanwhile."""
+    """The directory of runs, locked: no other process reserves or removes a run meanwhile."""
     here = directory()
     descriptor = os.open(here / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
@@ -90,7 +90,7 @@ def _alone() -> Iterator[Path]:
         os.close(descriptor)
 
 
-class Claim:
+class Reservation:
     """The right to run under a name, until `release` or the end of the process.
 
     Other processes find the run only after `open`, which the plant calls when it listens at the address.
@@ -114,7 +114,7 @@ class Claim:
             self._descriptor = -1
 
 
-def claim(run: str | None = None, scene: str = "run", endpoint: str | None = None) -> Claim:
+def reserve(run: str | None = None, scene: str = "run", endpoint: str | None = None) -> Reservation:
     """Take a run name, or make one from the scene's name and the time.
 
     Raises BusError if the name is taken or malformed, or if others could reach the endpoint.
@@ -137,7 +137,7 @@ def claim(run: str | None = None, scene: str = "run", endpoint: str | None = Non
     raise BusError(f"all run names {stem}, {stem}-2 to {stem}-999 are taken; choose a name")
 
 
-def _try(run: str, scene: str, endpoint: str | None) -> Claim | None:
+def _try(run: str, scene: str, endpoint: str | None) -> Reservation | None:
     address = RunAddress(run, endpoint or socket_endpoint(run), os.getpid(), scene, time.time(), FINGERPRINT)
     with _alone() as here:
         path = here / f"{run}.run"
@@ -146,7 +146,7 @@ def _try(run: str, scene: str, endpoint: str | None) -> Claim | None:
             os.close(descriptor)
             return None
         os.ftruncate(descriptor, 0)
-    return Claim(path, descriptor, address)
+    return Reservation(path, descriptor, address)
 
 
 def _clear(path: Path) -> None:
@@ -176,7 +176,7 @@ def list_runs() -> list[RunAddress]:
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
             if file_locks.take(descriptor):
                 _clear(path)
-            elif text := os.pread(descriptor, 1 << 16, 0):  # an empty file: claimed, but not open yet
+            elif text := os.pread(descriptor, 1 << 16, 0):  # an empty file: reserved, but not open yet
                 found += _read(text)
             os.close(descriptor)
     return sorted(found, key=lambda run: run.started, reverse=True)

@@ -61,7 +61,7 @@ class Batch:
             self._send(rows)
 
 
-def pieces(rows: list[Row]) -> Iterator[bytes]:
+def encoded_batches(rows: list[Row]) -> Iterator[bytes]:
     """Encode messages as Batches of about `LONGEST` bytes."""
     places: dict[tuple[str, str], int] = {}
     columns: list[tuple[int, bytes, bytes]] = []

@@ -17,7 +17,7 @@ from typing import Any
 import zenoh
 
 from rig.bus import access, messages
-from rig.bus.address import Claim, RunAddress
+from rig.bus.address import Reservation, RunAddress
 from rig.bus.port import Session
 from rig.bus.session import ZenohSession
 from rig.errors import BusError
@@ -58,29 +58,29 @@ def configuration(mode: str, listen: str | None, connect: str | None, **more: An
     return config
 
 
-def open_hub(claim: Claim, controllers: Iterable[str] = ()) -> Session:
+def open_hub(reservation: Reservation, controllers: Iterable[str] = ()) -> Session:
     """Open the plant's session. Raises BusError if another process listens at its address."""
-    address = claim.address
+    address = reservation.address
     try:
-        seat = access.invite(address.run, controllers)
+        bus_user = access.invite(address.run, controllers)
         with access.dictionary(address.run) as users:
-            more = access.bounds(address.run, seat, users)
+            more = access.bounds(address.run, bus_user, users)
             opened = zenoh.open(configuration("peer", address.endpoint, None, **more))
     except (zenoh.ZError, OSError) as fault:
-        claim.release()
+        reservation.release()
         raise BusError(f"run {address.run} cannot listen at {address.endpoint}: {_cause(fault)}") from None
     except BusError:
-        claim.release()
+        reservation.release()
         raise
-    claim.open()
-    return ZenohSession(address.run, "plant", seat, opened, claim)
+    reservation.open()
+    return ZenohSession(address.run, "plant", bus_user, opened, reservation)
 
 
 def open_leaf(address: RunAddress, role: str, name: str) -> Session:
     """Open the session of another process.
 
-    Raises BusError if nobody listens at the address, if the run is of another installation, or if there is no seat for
-    `name`.
+    Raises BusError if nobody listens at the address, if the run is of another installation, or if no user is
+    left for `name`.
     """
     kind, _, path = address.endpoint.partition("/")
     if address.speaks != messages.FINGERPRINT:
@@ -90,13 +90,13 @@ def open_leaf(address: RunAddress, role: str, name: str) -> Session:
         )
     if kind == "unixsock-stream":
         _probe(Path(path), address.run)
-    seat = access.take_seat(address.run, role, name)
+    bus_user = access.take_user(address.run, role, name)
     try:
-        opened = zenoh.open(configuration("client", None, address.endpoint, **access.login(seat)))
+        opened = zenoh.open(configuration("client", None, address.endpoint, **access.login(bus_user)))
     except zenoh.ZError as fault:
-        seat.release()
+        bus_user.release()
         raise BusError(f"run {address.run} does not answer at {address.endpoint}: {_cause(fault)}") from None
-    return ZenohSession(address.run, role, seat, opened, None)
+    return ZenohSession(address.run, role, bus_user, opened, None)
 
 
 def _probe(path: Path, run: str) -> None:

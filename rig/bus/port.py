@@ -17,7 +17,7 @@ from typing import Any
 
 from rig.bus import messages, topics
 from rig.bus.arrivals import Arrived, Count, Message, Presence, Refused
-from rig.bus.batch import Batch, Row, pieces
+from rig.bus.batch import Batch, Row, encoded_batches
 from rig.bus.content_checks import PAYLOAD
 from rig.bus.inbound import InboundCheck, speaks
 from rig.bus.json_text import read_json
@@ -39,8 +39,10 @@ class Receiver(ABC):
     At most `depth` messages wait; beyond that the oldest are dropped. A batch counts as one waiting message.
     """
 
-    def __init__(self, door: InboundCheck, patterns: tuple[str, ...], depth: int, copies: Batch | None = None) -> None:
-        self.door, self.patterns, self.depth = door, patterns, depth
+    def __init__(
+        self, inbound: InboundCheck, patterns: tuple[str, ...], depth: int, copies: Batch | None = None
+    ) -> None:
+        self.inbound, self.patterns, self.depth = inbound, patterns, depth
         self.heard = topics.heard(patterns)
         """The pattern to which it is subscribed; it may match more topics than `patterns`."""
         self.counts: dict[str, Count] = {}
@@ -74,7 +76,7 @@ class Receiver(ABC):
     def _message(self, arrived: Arrived) -> Message:
         if not self._wanted(arrived.topic):
             raise Refused("not asked for", f"{arrived.topic[:80]} does not match {', '.join(self.patterns)}")
-        return self.door.message(arrived, self.counts)
+        return self.inbound.message(arrived, self.counts)
 
     def get(self, timeout: float = 0.0) -> Message | None:
         """The oldest accepted message; wait for it at most `timeout` seconds. None if there is none."""
@@ -90,10 +92,10 @@ class Receiver(ABC):
                     return message
                 arrived = self._arrived(found)
             if arrived.topic == "batch":
-                inside = self.door.let_in(self.door.opened, arrived) or ()
+                inside = self.inbound.let_in(self.inbound.opened, arrived) or ()
                 self._opened.extend([one for one in inside if self._wanted(one.topic)])
             elif self.heard != "**" or self._wanted(arrived.topic):
-                message = self.door.let_in(self._message, arrived)
+                message = self.inbound.let_in(self._message, arrived)
                 if message is not None:
                     if self._copies is not None and arrived.header is not None:
                         self._copies.add(arrived.user, arrived.topic, arrived.header, arrived.payload)
@@ -122,8 +124,8 @@ class Receiver(ABC):
 class Watch(ABC):
     """Observes which processes join and leave the run."""
 
-    def __init__(self, door: InboundCheck) -> None:
-        self.door = door
+    def __init__(self, inbound: InboundCheck) -> None:
+        self.inbound = inbound
         self.present: set[tuple[str, str]] = set()
         """(role, name) of every process that is present, as of the last `poll`."""
         self._held: dict[str, tuple[str, str]] = {}
@@ -139,14 +141,14 @@ class Watch(ABC):
             arrived = self._next(0.0 if changes else timeout)
             if arrived is None:
                 break
-            found = self.door.let_in(self.door.presence, arrived)
+            found = self.inbound.let_in(self.inbound.presence, arrived)
             if found is None:
                 continue
             who = (found.role, found.name)
             if self._held.get(arrived.user, who) != who:  # a process has one name only
-                self.door.count(arrived.user, Refused("a second name"))
+                self.inbound.count(arrived.user, Refused("a second name"))
             elif found.here and len(self.present) >= _MOST:
-                self.door.count("others", Refused("too many"))
+                self.inbound.count("others", Refused("too many"))
             elif found.here != (who in self.present):
                 if found.here:
                     self.present.add(who)
@@ -178,7 +180,7 @@ class Session(ABC):
     def __init__(self, run: str, role: str, name: str, user: str, reserved: frozenset[str]) -> None:
         self.run, self.role, self.name, self.user = run, role, name, user
         topics.of(f"alive/{role}/{name}")
-        self.door = InboundCheck(reserved)
+        self.inbound = InboundCheck(reserved)
         """Checks everything that other processes send, and counts refusals."""
         self._publishers: dict[str, Publisher] = {}
         self._receivers: list[Receiver] = []
@@ -276,7 +278,7 @@ class Session(ABC):
     def _put_batch(self, rows: list[Row]) -> None:
         if self._batches is None:
             self._batches = self._publisher("batch")
-        for piece in pieces(rows):
+        for piece in encoded_batches(rows):
             self._batches.put(piece, 0)
 
     def _copies(self, patterns: tuple[str, ...]) -> Batch | None:
@@ -285,7 +287,7 @@ class Session(ABC):
 
     def _own(self, topic: str) -> None:
         """Raise BusError for a topic that belongs to another process."""
-        if not speaks(self.user, topic, self.door.reserved):
+        if not speaks(self.user, topic, self.inbound.reserved):
             raise BusError(f"{topic} belongs to {topics.owner(topic)}; {self.role} {self.name} cannot publish there")
 
     def ask(self, topic: str, body: dict[str, Any], timeout: float = 1.0, *, patient: bool = False) -> Any:

@@ -64,8 +64,8 @@ def param_request(body: dict[str, Any]) -> ParamRequest:
 class Server(ABC):
     """Answers the queries on one topic, in the thread that calls `poll`."""
 
-    def __init__(self, door: InboundCheck, answer: Answer) -> None:
-        self.door, self._answer = door, answer
+    def __init__(self, inbound: InboundCheck, answer: Answer) -> None:
+        self.inbound, self._answer = inbound, answer
         self.asker = ""
         """The user whose query is being answered."""
         self._later: list[tuple[Request, dict[str, Any], Later]] = []
@@ -85,9 +85,9 @@ class Server(ABC):
         answered = 0
         while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
             answered += 1
-            found = self.door.let_in(self.door.question, request.asked)
+            found = self.inbound.let_in(self.inbound.question, request.asked)
             if found is None:
-                request.refuse(f"{self.door.last.kind}: {self.door.last}")
+                request.refuse(f"{self.inbound.last.kind}: {self.inbound.last}")
             else:
                 self._serve(request, found, partial(self._answer, found))
         return answered

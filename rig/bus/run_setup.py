@@ -58,7 +58,7 @@ def fetch(session: Session, timeout: float = 10.0) -> Setup:
     """
     try:
         found = Setup.from_json(session.ask("scene", {}, timeout, patient=True))
-        session.door.learn(list(found.outputs), list(found.sensors))
+        session.inbound.learn(list(found.outputs), list(found.sensors))
     except (AttributeError, KeyError, TypeError, ValueError) as fault:
         raise BusError(
             f"the plant of run {session.run} describes its scene in an unknown form: {fault}; "

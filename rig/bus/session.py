@@ -11,8 +11,8 @@ from typing import Any
 import zenoh
 
 from rig.bus import messages, topics
-from rig.bus.access import BusUser, take_seat
-from rig.bus.address import Claim, is_live
+from rig.bus.access import BusUser, take_user
+from rig.bus.address import Reservation, is_live
 from rig.bus.port import Receiver, Session, Watch
 from rig.bus.publisher import Publisher
 from rig.bus.queries import Answer, Server
@@ -27,14 +27,20 @@ class ZenohSession(Session):
     """A session that connects processes through Zenoh."""
 
     def __init__(
-        self, run: str, role: str, seat: BusUser, opened: zenoh.Session, claim: Claim | None, shared: bool = False
+        self,
+        run: str,
+        role: str,
+        bus_user: BusUser,
+        opened: zenoh.Session,
+        reservation: Reservation | None,
+        shared: bool = False,
     ) -> None:
-        super().__init__(run, role, seat.name, seat.user, seat.reserved)
-        self._zenoh, self._seat, self._claim = opened, seat, claim
+        super().__init__(run, role, bus_user.name, bus_user.user, bus_user.reserved)
+        self._zenoh, self._bus_user, self._reservation = opened, bus_user, reservation
         self._shared = shared
         """Whether another session owns the connection and closes it."""
         self._prefix, self._loop = f"rig/{run}/", f"loop/{run}/"
-        self._mine = f"{self._prefix}{seat.user}/"
+        self._mine = f"{self._prefix}{bus_user.user}/"
         self._declared: list[Any] = []
         self._sender = Sender()
         self._closed = False
@@ -64,7 +70,7 @@ class ZenohSession(Session):
         heard = topics.heard(patterns)
         root = self._root(heard)
         key = f"{root}{self._user_of(heard)}/{heard}"
-        how = (self.door, patterns, depth, len(root), self._copies(patterns))
+        how = (self.inbound, patterns, depth, len(root), self._copies(patterns))
         found: PolledReceiver | QueuedReceiver
         if polled:
             found = PolledReceiver(*how)
@@ -80,7 +86,7 @@ class ZenohSession(Session):
     def _user_of(self, pattern: str) -> str:
         """The user that publishes on topics of `pattern`, or "*" if unknown; "*" costs 25 us in a round trip."""
         name = topics.speaker(pattern)
-        return name if name == "plant" or name in self.door.reserved else "*"  # else a guest, whose user is unknown
+        return name if name == "plant" or name in self.inbound.reserved else "*"  # else a guest, whose user is unknown
 
     def announce(self) -> None:
         """See `Session.announce`."""
@@ -89,13 +95,13 @@ class ZenohSession(Session):
 
     def stand_in(self, role: str, name: str) -> Session:
         """See `Session.stand_in`."""
-        seat = take_seat(self.run, role, name)
-        self._stand_ins.append(ZenohSession(self.run, role, seat, self._zenoh, None, shared=True))
+        bus_user = take_user(self.run, role, name)
+        self._stand_ins.append(ZenohSession(self.run, role, bus_user, self._zenoh, None, shared=True))
         return self._stand_ins[-1]
 
     def watch(self, who: str = "*/*") -> Watch:
         """See `Session.watch`."""
-        found = ZenohWatch(self.door, len(self._prefix))
+        found = ZenohWatch(self.inbound, len(self._prefix))
         self._declared.append(
             self._zenoh.liveliness().declare_subscriber(
                 f"{self._prefix}*/alive/{who}", zenoh.handlers.Callback(found.take, indirect=False), history=True
@@ -105,7 +111,7 @@ class ZenohSession(Session):
 
     def present(self, who: str = "*/*", timeout: float = 2.0) -> set[tuple[str, str]]:
         """See `Session.present`."""
-        found = ZenohWatch(self.door, len(self._prefix))
+        found = ZenohWatch(self.inbound, len(self._prefix))
         try:
             for reply in self._zenoh.liveliness().get(f"{self._prefix}*/alive/{who}", timeout=timeout):
                 if reply.ok is not None:
@@ -118,7 +124,7 @@ class ZenohSession(Session):
         """See `Session.serve`."""
         self._own(topic)
         key = self._mine + topic
-        found = ZenohServer(self.door, answer, key, topic)
+        found = ZenohServer(self.inbound, answer, key, topic)
         handler = zenoh.handlers.Callback(found.take, indirect=False)
         self._declared.append(self._zenoh.declare_queryable(f"{key}/*", handler, complete=True))
         return found
@@ -143,7 +149,7 @@ class ZenohSession(Session):
     @property
     def ended(self) -> bool:
         """See `Session.ended`."""
-        return self._claim is None and not is_live(self.run)
+        return self._reservation is None and not is_live(self.run)
 
     def close(self) -> None:
         """See `Session.close`."""
@@ -159,9 +165,9 @@ class ZenohSession(Session):
             ending.join(_CLOSING_S)
         except RuntimeError:  # the interpreter is shutting down and starts no more threads
             self._end()
-        self._seat.release()
-        if self._claim is not None:
-            self._claim.release()
+        self._bus_user.release()
+        if self._reservation is not None:
+            self._reservation.release()
 
     def _end(self) -> None:
         with contextlib.suppress(BusError):

@@ -51,9 +51,9 @@ class _ZenohReceiver(Receiver):
     """Common part of the two receivers: converts what Zenoh delivers."""
 
     def __init__(
-        self, door: InboundCheck, patterns: tuple[str, ...], depth: int, prefix: int, copies: Batch | None = None
+        self, inbound: InboundCheck, patterns: tuple[str, ...], depth: int, prefix: int, copies: Batch | None = None
     ) -> None:
-        super().__init__(door, patterns, depth, copies)
+        super().__init__(inbound, patterns, depth, copies)
         self._prefix = prefix
         self._who: dict[str, tuple[str, str]] = {}
         """Key -> user and topic."""
@@ -69,7 +69,7 @@ class _ZenohReceiver(Receiver):
                 self._who.clear()
             who = self._who[key] = _who(key, self._prefix)
         user, topic = who
-        data, encoding = sample.payload.to_bytes(), "" if who in self.door.granted else str(sample.encoding)
+        data, encoding = sample.payload.to_bytes(), "" if who in self.inbound.granted else str(sample.encoding)
         header, payload = data[: HEADER.size], data[HEADER.size :]
         return Arrived(user, topic, payload, header, sample.kind == _PUT, encoding, arrived_ns)
 
@@ -77,15 +77,15 @@ class _ZenohReceiver(Receiver):
         sample, arrived_ns = found
         key = str(sample.key_expr)
         row = self._rows.get(key)
-        if row is None or row.granted_by is not self.door.granted:
-            row = self.door.row(*_who(key, self._prefix), self.counts)
+        if row is None or row.granted_by is not self.inbound.granted:
+            row = self.inbound.row(*_who(key, self._prefix), self.counts)
             if row is None or not self._wanted(row.topic):
                 return None
             if len(self._rows) >= _KEYS:
                 self._rows.clear()
             self._rows[key] = row
         data = sample.payload.to_bytes()
-        message = self.door.usual(row, data, arrived_ns)
+        message = self.inbound.usual(row, data, arrived_ns)
         if message is not None and self._copies is not None:
             self._copies.add(row.user, row.topic, data[: HEADER.size], message.payload)
         return message
@@ -100,14 +100,14 @@ class QueuedReceiver(_ZenohReceiver):
 
     def __init__(
         self,
-        door: InboundCheck,
+        inbound: InboundCheck,
         patterns: tuple[str, ...],
         depth: int,
         prefix: int,
         copies: Batch | None = None,
         stamped: bool = False,
     ) -> None:
-        super().__init__(door, patterns, depth, prefix, copies)
+        super().__init__(inbound, patterns, depth, prefix, copies)
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         put, clock = self._queue.put, time.monotonic_ns
         self._stamped = stamped
@@ -146,8 +146,8 @@ class PolledReceiver(_ZenohReceiver):
 class ZenohWatch(Watch):
     """A watch of presence tokens over Zenoh."""
 
-    def __init__(self, door: InboundCheck, prefix: int) -> None:
-        super().__init__(door)
+    def __init__(self, inbound: InboundCheck, prefix: int) -> None:
+        super().__init__(inbound)
         self._prefix = prefix
         self._inbox = Inbox[zenoh.Sample](PRESENCES)
         self.take = self._inbox.put
@@ -178,8 +178,8 @@ class _ZenohRequest(Request):
 class ZenohServer(Server):
     """A server of one query over Zenoh."""
 
-    def __init__(self, door: InboundCheck, answer: Answer, key: str, topic: str) -> None:
-        super().__init__(door, answer)
+    def __init__(self, inbound: InboundCheck, answer: Answer, key: str, topic: str) -> None:
+        super().__init__(inbound, answer)
         self._key, self._topic = key, topic
         self._inbox = Inbox[zenoh.Query](WAITING)
         self.take = self._inbox.put  # Zenoh answers a dropped query for us: its asker learns that nobody answers

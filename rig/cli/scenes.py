@@ -280,10 +280,9 @@ def migrate(
 
     An older file can be used as it is too: it is then migrated as it is read, with a note.
     """
-    from rig.scenes import migration, source
-    from rig.scenes import shipped as shelf
+    from rig.scenes import migration, shipped, source
 
-    path = shelf.path(file)
+    path = shipped.path(file)
     text = source.text(path)
     try:
         since = migration.written(source.parsed(path, text))

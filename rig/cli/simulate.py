@@ -166,18 +166,18 @@ def simulate(
 
         for line in columns(_summary(found, loaded or Scene.from_json(found.scene), wall, out, figure), "<<"):
             printing.line(line)
-    since = max((event["t_ns"] for event in found.told if event["kind"] == "branch"), default=math.inf)
-    for event in found.told:
+    since = max((event["t_ns"] for event in found.plant_events if event["kind"] == "branch"), default=math.inf)
+    for event in found.plant_events:
         if event["kind"] == "warning" or (event["kind"] == "overruled" and event["t_ns"] == since):
             printing.note(f"warning: {event['text']}")
-    lost = [event["text"] for event in found.told if event["kind"] == "lost"]
+    lost = [event["text"] for event in found.plant_events if event["kind"] == "lost"]
     for text in [*lost, *filter(None, [found.fault])]:
         printing.note(text)
     if figure is not None:
         from rig.view.run_figure import draw
 
         draw(found, figure)
-    if found.fault or any(event["kind"] == "limit" for event in found.told):
+    if found.fault or any(event["kind"] == "limit" for event in found.plant_events):
         raise typer.Exit(ExitCode.STOPPED)
     if lost:
         raise typer.Exit(ExitCode.FAILED)
@@ -248,7 +248,7 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
 
     plant, length = run.summary["plant"], float(run.time[-1])
     yield "run", f"{length:g} s simulated in {wall:.2f} s, compiling included; ended: {run.summary['ended']}"
-    for event in run.told:
+    for event in run.plant_events:
         if event["kind"] == "branch":
             yield "branch", event["text"]
     yield "plant", status.plant(plant, plant["energy_error"])

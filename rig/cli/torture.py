@@ -84,7 +84,7 @@ def _table(cells: list[Cell]) -> None:
     for cell in cells:
         v = cell.result
         name = f"{cell.method} (default)" if cell.default else cell.method
-        rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.told, f"{cell.seconds:.2f} s"))
+        rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.detail, f"{cell.seconds:.2f} s"))
     printing.table("", ("case", "method", "step", "result", "reason", "detail", "time"), rows)
     counts = {colour: sum(cell.result.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
     bad = sum(not cell.good for cell in cells)
@@ -104,7 +104,8 @@ def _search(wanted: list[str], as_json: bool) -> None:
         hit = search(case)
         found[name] = None if hit is None else {"file": str(hit[0]), **hit[1].to_json()}
         if not as_json:
-            printing.line(f"{name}: {'no failure found' if hit is None else f'{hit[1].result.told}; kept as {hit[0]}'}")
+            what = "no failure found" if hit is None else f"{hit[1].result.detail}; kept as {hit[0]}"
+            printing.line(f"{name}: {what}")
     if as_json:
         printing.report(found)
     if any(found.values()):

@@ -71,7 +71,7 @@ def transient(figure: Figure) -> Iterator[Comparison]:
     diagram(made, over_speed, WINDOW)
     found = stages(made)
     assert found is not None
-    first = next(event["t_ns"] for event in made.told if event["text"] == "contact releases +") * 1e-9
+    first = next(event["t_ns"] for event in made.plant_events if event["text"] == "contact releases +") * 1e-9
     speed = float(np.interp(first, made.time, made.signals["surface_speed"]))
     yield Comparison("first slip", "mm/s", MM * speed, 27.0, "paper", absolute=0.5)
     yield Comparison("last stick on the way up (text: about 110)", "mm/s", MM * found.up, 104.0, "paper", relative=0.12)

@@ -139,7 +139,7 @@ def parameters(figure: Figure) -> Iterator[Comparison]:
 def _last_stick(force: float) -> float:
     """Speed of the disc [m/s] at the last stick of the first 10 s, up to 22 mm/s."""
     made = run(load("tip_epoxy", load__force=force), 10.0)
-    times = [event["t_ns"] for event in made.told if event["text"] == "contact releases +"]
+    times = [event["t_ns"] for event in made.plant_events if event["text"] == "contact releases +"]
     return float(np.interp(1e-9 * times[-1], made.time, made.signals["surface_speed"]))
 
 
@@ -150,7 +150,7 @@ def knocked(figure: Figure) -> Iterator[Comparison]:
     axis.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.4)
     axis.set(xlabel="time [s]", ylabel="acceleration [m/s²]")
     late = made.time > 7.0
-    sticks = np.array([e["t_ns"] for e in made.told if e["text"] == "contact slip ends"]) * 1e-9
+    sticks = np.array([e["t_ns"] for e in made.plant_events if e["text"] == "contact slip ends"]) * 1e-9
     rms = float(np.std(made.signals["acceleration"][late]))
     hertz = float(1.0 / np.diff(sticks[sticks > 7.0]).mean())
     yield Comparison("RMS acceleration afterwards", "m/s²", rms, 10.196, "reference", relative=0.01)
@@ -175,7 +175,7 @@ def _least(speed: float) -> float:
     def switches(kick: float) -> bool:
         start = {"start__displacement": rest, "start__velocity": kick}
         made = run(quiet(load("tip_knock", drive__speed=speed, **start)), 1.5)
-        return bool(sum(event["text"] == "contact slip ends" for event in made.told) > 50)
+        return bool(sum(event["text"] == "contact slip ends" for event in made.plant_events) > 50)
 
     low, high = 0.0, 2.0 * speed
     while high - low > 4e-6:

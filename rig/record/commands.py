@@ -35,7 +35,7 @@ def held(run: RunData, actuator: str) -> Samples:
             continue
         found = run.commands[name]
         parts.append((found.tick, found.values[:, driven.index(actuator)]))
-        ends = [e["tick"] for e in run.told if e["kind"] in _ENDS and e["data"].get("controller") == name]
+        ends = [e["tick"] for e in run.plant_events if e["kind"] in _ENDS and e["data"].get("controller") == name]
         parts.append((np.array(ends, np.int64), np.full(len(ends), np.nan)))
     tick, values = (np.concatenate(part) for part in zip(*parts))
     order = np.argsort(tick, kind="stable")
@@ -54,7 +54,7 @@ def actuators(run: RunData) -> dict[str, tuple[str, ...]]:
     if scene is None:
         return {}
     found = {name: controller_drives(section) for name, section in scene.controllers.items()}
-    guests = [e["data"] for e in run.told if e["kind"] == "admitted"]
+    guests = [e["data"] for e in run.plant_events if e["kind"] == "admitted"]
     found |= {data["controller"]: tuple(data["drives"]) for data in guests}
     return {name: driven for name, driven in found.items() if name in run.commands and run.commands[name].tick.size
             and run.commands[name].values.shape[1] == len(driven)}  # fmt: skip

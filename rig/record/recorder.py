@@ -216,7 +216,7 @@ class _Recorder:
             tail=self._lives.tails(),
             untold=sorted(self._lives.untold),
             late={topic: count.first for topic, count in counts.items() if count.first},
-            refused=self._session.door.refusals(),
+            refused=self._session.inbound.refusals(),
             totals=self._totals,
             windows=self._writer.text() if isinstance(self._writer, Windows) else "",
         )

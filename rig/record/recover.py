@@ -21,7 +21,7 @@ from rig.record.mcap_file import Writer as Mcap
 from rig.record.message_scan import Scan
 from rig.record.reader import Decoder
 from rig.record.recorded_setup import setup_of
-from rig.record.writer import CHUNK, claim, synced
+from rig.record.writer import CHUNK, opened_new, synced
 from rig.user_files import regular, unused
 
 
@@ -102,7 +102,7 @@ def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
             regular(place)  # otherwise the copy would replace a device or a pipe
             unused(place)
         if fresh or not replace:
-            claim(place, replace=False).close()
+            opened_new(place, replace=False).close()
         draft: Path | None = None
         try:
             number, name = tempfile.mkstemp(".mcap", ".recover-", place.parent)  # short, whatever the target's length

@@ -98,7 +98,7 @@ class RunData:
         return Samples(t_ns[here], v[here])
 
     @property
-    def told(self) -> list[dict[str, Any]]:
+    def plant_events(self) -> list[dict[str, Any]]:
         """Return the events that the plant reported. Other processes on the bus may report anything."""
         return [event for event in self.events if event["source"] == "plant"]
 

@@ -41,7 +41,7 @@ _NOTED_NS = 5_000_000
 _NOTED = 64
 
 
-def claim(path: Path, replace: bool) -> BinaryIO:
+def opened_new(path: Path, replace: bool) -> BinaryIO:
     """Open a file for writing, empty and exclusively for this process; an existing file with content only with
     `replace`.
 
@@ -101,7 +101,7 @@ class Writer:
         self._flush_due = time.monotonic_ns() + FLUSH_NS
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = claim(path, replace)
+            self._file = opened_new(path, replace)
         self._mcap = Mcap(self._file, CHUNK)
         try:
             with self._guarded():

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from rig.quantities import Unit, worded
+from rig.quantities import Unit, in_words
 from rig.units import brief
 
 BOUNDS = {
@@ -70,7 +70,7 @@ def _reason(kind: str, context: Mapping[str, Any], message: str, given: Any, uni
         return f"must be {words} {bound:g}{suffix}"
     if kind == "literal_error":
         return f"unknown; known: {context['expected']}".replace("'", "").replace(" or ", ", ")
-    return reworded(worded(kind, message), given)
+    return reworded(in_words(kind, message), given)
 
 
 def reworded(message: str, given: Any) -> str:

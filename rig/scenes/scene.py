@@ -16,7 +16,7 @@ from rig.effects import knock
 from rig.errors import SceneError
 from rig.parts import Parts
 from rig.plants.structures import model_store
-from rig.quantities import Section, spoken
+from rig.quantities import Section, faults_of
 from rig.scenes import migration, rooms
 from rig.scenes.clock import Clock
 from rig.scenes.faults import shown
@@ -216,7 +216,7 @@ class Scene:
 def _faults(error: Exception) -> Iterator[str]:
     """What is wrong with the text of a recorded scene, one line each."""
     if isinstance(error, ValidationError):
-        for key, fault, _ in spoken(error):
+        for key, fault, _ in faults_of(error):
             yield f"{key}: {fault}" if key else fault
     elif isinstance(error, KeyError):
         yield f"{error.args[0]!r} is missing, or not known to this version"

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from rig.about import Bound
 from rig.errors import RigError, SceneError
-from rig.quantities import Section, spoken
+from rig.quantities import Section, faults_of
 from rig.scenes.effects import optional, switches
 from rig.scenes.loader import load
 from rig.scenes.protocol import Set, flat
@@ -119,7 +119,8 @@ def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
         changed = replace(scene, parameters=parameters)
         outputs = changed.assemble().outputs
     except ValidationError as error:
-        raise SceneError(scene.name, [f"{key}: {fault}" if key else fault for key, fault, _ in spoken(error)]) from None
+        wrong = [f"{key}: {fault}" if key else fault for key, fault, _ in faults_of(error)]
+        raise SceneError(scene.name, wrong) from None
     except RigError as error:
         raise SceneError(scene.name, [" ".join(str(error).split())]) from None
     sensors = {name: section for name, section in scene.sensors.items() if section.reads in outputs}

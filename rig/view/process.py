@@ -147,7 +147,7 @@ class Bridge:
             messages=sum(count.received for count in counts.values()),
             lost={topic: count.lost for topic, count in counts.items() if count.lost},
             dropped=self.feed.dropped,
-            refused=self._session.door.total,
+            refused=self._session.inbound.total,
             thinned=self.feed.thinned,
         )
 

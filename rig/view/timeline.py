@@ -40,7 +40,7 @@ def end_of(run: Run) -> float:
 
 def phases(run: Run) -> list[Span]:
     """The steps of the protocol that have a duration."""
-    steps = [(e["t_ns"] * 1e-9, _short(e["text"])) for e in run.told if e["kind"] == "step"]
+    steps = [(e["t_ns"] * 1e-9, _short(e["text"])) for e in run.plant_events if e["kind"] == "step"]
     ends = [t for t, _ in steps[1:]] + [end_of(run)]
     return [Span(begin, end, text) for (begin, text), end in zip(steps, ends) if end > begin]
 
@@ -56,7 +56,7 @@ def marks(run: Run) -> list[Mark]:
     """Marks of the protocol, an operator or a limit, and changes of parameters that controllers reported."""
     kinds = ("mark", "knock", "limit", "emergency", "diverged", "parameter", "safe")
     own = [e for e in run.events if e["kind"] == "parameter" and e["source"] in run.commands]
-    events = sorted([*(e for e in run.told if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
+    events = sorted([*(e for e in run.plant_events if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
     return [Mark(e["t_ns"] * 1e-9, e["text"].partition("\n")[0]) for e in events]
 
 
@@ -65,7 +65,7 @@ def controlled(run: Run) -> list[Span]:
     found: list[Span] = []
     for name in sorted(run.commands):
         found += _controlled(
-            run.told, name, _enabled_at(run.scene, name), end_of(run), bool(run.commands[name].tick.size)
+            run.plant_events, name, _enabled_at(run.scene, name), end_of(run), bool(run.commands[name].tick.size)
         )
     return sorted(found)
 

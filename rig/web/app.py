@@ -252,7 +252,7 @@ async def _body(request: Request) -> dict[str, Any]:
 def _stream(connect: Callable[..., Any], disconnect: Callable[[Any], object]) -> Callable[[WebSocket], Awaitable[None]]:
     """A web socket that sends what `next()` of a page returns, and passes what it receives to its `heard`.
 
-    `connect`, with the values in the path, makes the page (`rig.web.broadcast.Page`, `rig.web.sound.Ear`).
+    `connect`, with the values in the path, makes the page (`rig.web.broadcast.Page`, `rig.web.sound.Listener`).
     """
 
     async def stream(socket: WebSocket) -> None:

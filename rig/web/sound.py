@@ -70,33 +70,33 @@ class Sounds:
     """The pages that listen. `wanted` may be read from any thread; all methods are called in the thread of the loop."""
 
     def __init__(self) -> None:
-        self._ears: set[Ear] = set()
+        self._listeners: set[Listener] = set()
         self.wanted: frozenset[str] = frozenset()
         """Sensors to which a page listens."""
 
-    def connect(self, sensor: str) -> Ear:
+    def connect(self, sensor: str) -> Listener:
         """A page that listens to `sensor`; `disconnect` it at the end."""
-        ear = Ear(sensor)
-        self._ears.add(ear)
+        listener = Listener(sensor)
+        self._listeners.add(listener)
         self._look()
-        return ear
+        return listener
 
-    def disconnect(self, ear: Ear) -> None:
+    def disconnect(self, listener: Listener) -> None:
         """A page listens no longer."""
-        self._ears.discard(ear)
+        self._listeners.discard(listener)
         self._look()
 
     def offer(self, found: dict[str, bytes]) -> None:
         """Pass new samples on (`packed`)."""
-        for ear in self._ears:
-            if ear.sensor in found:
-                ear.put(found[ear.sensor])
+        for listener in self._listeners:
+            if listener.sensor in found:
+                listener.put(found[listener.sensor])
 
     def _look(self) -> None:
-        self.wanted = frozenset(ear.sensor for ear in self._ears)
+        self.wanted = frozenset(listener.sensor for listener in self._listeners)
 
 
-class Ear:
+class Listener:
     """One page that listens to `sensor`."""
 
     def __init__(self, sensor: str) -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pool_works import Trial
 
 from rig.analysis.pool import Store, carry_out, packed, unpacked
-from rig.analysis.pool.local import Crew
+from rig.analysis.pool.local import WorkerProcesses
 from rig.analysis.pool.schedule import Schedule
 from rig.errors import UsageError, WorkerError
 
@@ -101,9 +101,9 @@ def test_results_that_do_not_fit_on_the_disk_end_the_work_with_a_sentence(tmp_pa
 def test_values_that_are_given_reach_the_worker_to_the_last_bit(tmp_path):
     work, value = Trial(str(tmp_path), total=0), 0.1 + 0.2
     store = Store.of(work, tmp_path)
-    with store.open(work), Crew(store.folder, 1) as crew:
-        crew.compute({3: (value,)}, lambda done: None)
-        crew.compute({4: (1.0, value)}, lambda done: None)
+    with store.open(work), WorkerProcesses(store.folder, 1) as processes:
+        processes.compute({3: (value,)}, lambda done: None)
+        processes.compute({4: (1.0, value)}, lambda done: None)
     assert squares(store.load()) == {3: 9.0 + value, 4: 16.0 + sum((1.0, value))}
 
 

@@ -48,7 +48,7 @@ def test_an_object_replaces_a_controller_of_the_scene(own):
     for name, values in own.signals.items():
         assert run.signals[name].tobytes() == values.tobytes(), name
     assert '"nf"' not in run.scene  # the recording must not claim that the scene's controller worked
-    assert [event["text"] for event in run.told if event["kind"] == "admitted"] == [
+    assert [event["text"] for event in run.plant_events if event["kind"] == "admitted"] == [
         "nf is admitted and drives load.force"
     ]
 
@@ -80,7 +80,7 @@ def test_the_protocol_connects_a_guest_that_replaces_a_controller(tmp_path):
     guest = Feedback(0.0)
     guest.reads = (next(iter(scene.sensors)),)
     run = rig.simulate(scene, 9.0, controllers={name: guest})
-    connected = next(event["t_ns"] for event in run.told if event["kind"] == "connected")
+    connected = next(event["t_ns"] for event in run.plant_events if event["kind"] == "connected")
     assert connected > 0
     assert run.commands[name].tick[0] * run.frame_ns >= connected
     save(run, tmp_path / "run.mcap")

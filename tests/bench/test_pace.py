@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.bench import pace
-from rig.bench.pace import Pacer, Spent, WallClock, judge, no_garbage, sharpen_timers, stolen_ns
+from rig.bench.pace import Pacer, ProcessorTime, WallClock, judge, no_garbage, sharpen_timers, stolen_ns
 
 MS = 1_000_000
 
@@ -170,8 +170,8 @@ def test_spinning_must_earn_its_place(spun, cores, load, method):
 
 def test_the_load_is_that_of_now_not_of_the_minute_before(monkeypatch):
     monkeypatch.setattr(pace.os, "getloadavg", lambda: (7.0, 7.0, 7.0))  # we have just compiled
-    assert pace.load(Spent(0, 900 * MS), Spent(100 * MS, 930 * MS)) == pytest.approx(0.3)
-    assert pace.load(Spent(0, -1), Spent(100 * MS, -1)) == 7.0  # nobody tells: the mean is all there is
+    assert pace.load(ProcessorTime(0, 900 * MS), ProcessorTime(100 * MS, 930 * MS)) == pytest.approx(0.3)
+    assert pace.load(ProcessorTime(0, -1), ProcessorTime(100 * MS, -1)) == 7.0  # nobody tells: the mean is all there is
 
 
 @pytest.mark.alone

@@ -185,7 +185,7 @@ def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(
         operator.cmd.asker = "guest-1"  # the same process asks again
         operator.command(wanted)
         assert [told("guest-2", 4), told("guest-1", 5)] == [None, "mine"]
-        refused = hub.session.door.refusals()
+        refused = hub.session.inbound.refusals()
         assert refused["guest-1 on act/mine: not admitted"] == 1
         assert refused["guest-2 on act/mine: another one commands there"] == 2
 
@@ -199,7 +199,7 @@ def test_a_guest_under_a_made_up_role_is_not_missed(scene):
         housekeeper.notice()
         housekeeper.begin(0, None)
         plant.experiment.admit("mine", ["drive.speed"], scene.frame_ns)
-        plant.session.door.reserved = frozenset({"recorder"})
+        plant.session.inbound.reserved = frozenset({"recorder"})
         late = [("controller", "t0"), ("recorder", "rr"), ("controller", "mine"), ("recorder", "recorder")]
         for session in (others := [open_(*who) for who in late]):
             session.announce()
@@ -216,7 +216,7 @@ def test_a_guest_under_a_made_up_role_is_not_missed(scene):
 def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, monkeypatch):
     monkeypatch.setattr("rig.bench.finalise.ANSWERS_S", 60.0)
     with Bench(scene, pace=None, duration=0.1) as bench:
-        bench.plant.session.door.reserved = frozenset({"recorder"})
+        bench.plant.session.inbound.reserved = frozenset({"recorder"})
         silent, liar, controller = (
             bench.twin.open(role, name)
             for role, name in (("recorder", "silent"), ("recorder", "liar"), ("controller", "mine"))

@@ -46,13 +46,13 @@ def full(recorder, path):
     ("strikes", "told"), [(killed, "was killed by SIGKILL"), (full, "cannot be written: File too large")]
 )
 def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(runs, scene, monkeypatch, strikes, told):
-    waits = supervise.Team._wait_for_file
+    waits = supervise.RunProcesses._wait_for_file
 
     def wait_for_file(team, recorder, interrupts):
         strikes(recorder, runs / "run.mcap")
         waits(team, recorder, interrupts)
 
-    monkeypatch.setattr(supervise.Team, "_wait_for_file", wait_for_file)
+    monkeypatch.setattr(supervise.RunProcesses, "_wait_for_file", wait_for_file)
     lines = []
     outcome = supervise.run(scene, pace=None, duration=0.5, out=runs / "run.mcap", say=lines.append)
     assert outcome.exit_code == 1
@@ -86,7 +86,7 @@ def test_a_recorder_that_finishes_its_file_slowly_is_told_and_can_be_interrupted
     monkeypatch.setattr(supervise, "TELL_S", 0.1)
     monkeypatch.setattr(supervise, "Child", lambda *_: Slow(0.0))
     lines = []
-    team = supervise.Team(tmp_path, Job(scene.to_json()), None, False, False, lines.append)
+    team = supervise.RunProcesses(tmp_path, Job(scene.to_json()), None, False, False, lines.append)
     team.name = "a run"
     team._wait_for_file(Slow(0.3), [])
     assert lines == ["waiting for the recorder, which finishes its file"]
@@ -104,13 +104,13 @@ def test_a_disk_that_fills_up_while_it_runs_fails_the_run(runs, scene):
             recorder = going["team"].others["recorder", "recorder"]
             resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
 
-    class Team(supervise.Team):
+    class RunProcesses(supervise.RunProcesses):
         def __init__(self, *given):
             super().__init__(*given)
             going["team"] = self
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(supervise, "Team", Team)
+        patch.setattr(supervise, "RunProcesses", RunProcesses)
         outcome = supervise.run(scene, duration=3.0, out=runs / "run.mcap", say=say, name="fills")
     assert struck
     assert outcome.exit_code in (1, 3)
@@ -128,12 +128,12 @@ def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(runs, scene, monkey
             struck.append(text)
             teams[0].others["recorder", "recorder"].send(signal.SIGTERM)
 
-    class Team(supervise.Team):
+    class RunProcesses(supervise.RunProcesses):
         def __init__(self, *given):
             super().__init__(*given)
             teams.append(self)
 
-    monkeypatch.setattr(supervise, "Team", Team)
+    monkeypatch.setattr(supervise, "RunProcesses", RunProcesses)
     outcome = supervise.run(scene, duration=1.5, out=runs / "run.mcap", say=say)
     assert struck
     assert outcome.exit_code in (1, 3)
@@ -165,12 +165,12 @@ def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_fin
         if "left: controller nf" in text and not successors:
             successors.append(Child("controller nf", ["rig.controllers.runtime.process", "nf", "--run", teams[0].name]))
 
-    class Team(supervise.Team):
+    class RunProcesses(supervise.RunProcesses):
         def __init__(self, *given):
             super().__init__(*given)
             teams.append(self)
 
-    monkeypatch.setattr(supervise, "Team", Team)
+    monkeypatch.setattr(supervise, "RunProcesses", RunProcesses)
     path = runs / "run.mcap"
     outcome = supervise.run(scene, duration=6.0, out=path, say=say)
     assert end(successors, 5.0) == []

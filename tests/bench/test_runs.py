@@ -150,12 +150,12 @@ def in_lockstep(folder, scene, duration):
 @pytest.fixture
 def picture(folder, monkeypatch):
     """The file that a supervised viewer writes, in place of a window: there is no screen here."""
-    plain = supervise.Team.arguments
+    plain = supervise.RunProcesses.arguments
 
     def into_file(team, role, name):
         return [*plain(team, role, name), *(["--save", str(folder / "run.rrd")] if role == "viewer" else [])]
 
-    monkeypatch.setattr(supervise.Team, "arguments", into_file)
+    monkeypatch.setattr(supervise.RunProcesses, "arguments", into_file)
     return folder / "run.rrd"
 
 
@@ -327,9 +327,11 @@ def test_a_plant_that_cannot_begin_says_why(folder):
 
 
 def test_a_controller_that_cannot_begin_is_not_waited_for(folder, monkeypatch):
-    arguments = supervise.Team.arguments
+    arguments = supervise.RunProcesses.arguments
     stranger = {"controller": "stranger"}
-    monkeypatch.setattr(supervise.Team, "arguments", lambda team, *who: arguments(team, who[0], stranger.get(*who)))
+    monkeypatch.setattr(
+        supervise.RunProcesses, "arguments", lambda run, *who: arguments(run, who[0], stranger.get(*who))
+    )
     going = Going(scenes.load(SCENE), duration=0.5, out=folder / "run.mcap")
     outcome = going.wait(60.0)
     assert outcome.summary["ended"] == "done"

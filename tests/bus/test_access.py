@@ -77,7 +77,7 @@ def test_only_its_own_user_speaks_for_a_controller(plant):
         assert [message and list(message.said.values) for message in found] == [[2.0], None]
         assert acts.counts["act/nf"].received == 1
         assert rest.get() is None
-        assert plant.door.refusals() == {"guest-1 on act/nf: not its own topic": 1}
+        assert plant.inbound.refusals() == {"guest-1 on act/nf: not its own topic": 1}
         assert watch.wait_for("controller", "nf", 3.0)
         assert watch.present == {("plant", "plant"), ("controller", "nf")}
 
@@ -88,10 +88,10 @@ def test_a_guest_is_here_under_one_name(plant):
         tokens = [guest.liveliness().declare_token(f"rig/guarded/guest-1/alive/controller/x{i}") for i in range(500)]
         assert tokens
         deadline = time.monotonic() + 5.0
-        while plant.door.total < 499 and time.monotonic() < deadline:
+        while plant.inbound.total < 499 and time.monotonic() < deadline:
             watch.poll(0.1)
         assert len(watch.present) == 2
-        assert plant.door.refusals() == {"guest-1: a second name": 499}
+        assert plant.inbound.refusals() == {"guest-1: a second name": 499}
     while len(watch.present) > 1 and time.monotonic() < deadline:
         watch.poll(0.1)
     assert watch.present == {("plant", "plant")}
@@ -152,9 +152,9 @@ def test_a_second_recorder_gets_a_name_of_its_own(plant):
 
 
 def test_when_all_seats_are_taken_it_says_so(plant):
-    sessions = [access.take_seat("guarded", "viewer", f"v{i}") for i in range(access.GUESTS)]
+    sessions = [access.take_user("guarded", "viewer", f"v{i}") for i in range(access.GUESTS)]
     assert {seat.user for seat in sessions} == {f"guest-{i + 1}" for i in range(access.GUESTS)}
-    with pytest.raises(BusError, match="no seat left for viewer v"):
+    with pytest.raises(BusError, match="accepts no further viewer v"):
         bus.join("guarded", role="viewer", name="v")
     sessions[3].release()
     with bus.join("guarded", role="viewer", name="v") as one:
@@ -230,7 +230,7 @@ def test_a_guest_that_speaks_first_on_a_topic_locks_nobody_out(plant):
             found.setdefault(message.user, []).append(message.topic)
         assert found["guest-1"] == ["act/mine"]
         assert len(found["guest-5"]) == 16
-        assert all(told.endswith("too many topics") for told in plant.door.refusals())
+        assert all(told.endswith("too many topics") for told in plant.inbound.refusals())
 
 
 def test_the_plant_plays_the_part_of_a_controller_and_nobody_else_can(plant):

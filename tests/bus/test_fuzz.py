@@ -114,7 +114,7 @@ class Stranger:
     """Hands things to one session of a Twin past everything that a sender checks, as fast as they are taken."""
 
     def __init__(self, hub, victim, seed):
-        self.hub, self.door, self.rng = hub, victim.door, random.Random(seed)
+        self.hub, self.inbound, self.rng = hub, victim.inbound, random.Random(seed)
         self.sent = 0
 
     def send(self, count, alive=lambda: True):
@@ -123,16 +123,16 @@ class Stranger:
                 return
             found = message(self.rng)
             for receiver in self.hub.receivers:
-                if receiver.door is self.door:
+                if receiver.inbound is self.inbound:
                     receiver.queue.put(found)
                     while receiver.queue.qsize() > 200 and receiver.patterns != ("total/*",) and alive():
                         time.sleep(0.0005)
             for _, watch in self.hub.watches:
-                if watch.door is self.door:
+                if watch.inbound is self.inbound:
                     watch.queue.put(token(self.rng))
             if self.rng.random() < 0.1:
                 for topic, server in list(self.hub.servers.items()):
-                    if server.door is self.door and server.queue.qsize() < 20:
+                    if server.inbound is self.inbound and server.queue.qsize() < 20:
                         server.queue.put(Asked(Arrived("stranger", topic, question(self.rng))))
             self.sent += 1
 
@@ -224,7 +224,7 @@ def test_a_controller_answers_the_next_step_whatever_came_before(followed, count
         assert answer is not None
     stop.set()
     thread.join(5.0)
-    assert mine.door.total > count / 4
+    assert mine.inbound.total > count / 4
     assert tick < 10**9
 
 
@@ -369,7 +369,7 @@ def test_a_step_far_ahead_does_not_silence_a_controller(followed):
         if (told := worker.steps.get()) is not None:
             worker.answer_step(told.said)
     assert worker.tick == 1
-    assert mine.door.refusals() == {"plant on step: implausible tick": 1}
+    assert mine.inbound.refusals() == {"plant on step: implausible tick": 1}
 
 
 @pytest.mark.parametrize(
@@ -401,7 +401,7 @@ def test_signs_of_life_of_another_form_are_refused(key):
     watch.queue.put(Arrived("nf", key))
     watch.queue.put(Arrived("nf", "alive/controller/nf"))
     assert [(p.role, p.name) for p in watch.poll()] == [("controller", "nf")]
-    assert watch.door.total == 1
+    assert watch.inbound.total == 1
 
 
 def test_thousands_of_signs_of_life_fill_nothing():
@@ -414,4 +414,4 @@ def test_thousands_of_signs_of_life_fill_nothing():
         pass
     assert len(watch.present) <= 256
     assert time.monotonic() - begun < 2.0
-    assert len(json.dumps(watch.door.refusals())) < 5000
+    assert len(json.dumps(watch.inbound.refusals())) < 5000

@@ -111,7 +111,7 @@ def test_a_run_that_is_not_there_is_told_with_those_that_are(runs):
 
 
 def test_the_newest_run_is_the_default_and_names_are_unique(runs):
-    claims = [address.claim(scene="pendulum") for _ in range(3)]
+    claims = [address.reserve(scene="pendulum") for _ in range(3)]
     assert address.list_runs() == []  # nobody listens yet
     for claim in claims:
         claim.open()
@@ -127,12 +127,12 @@ def test_the_newest_run_is_the_default_and_names_are_unique(runs):
 @pytest.mark.parametrize("name", ["a/b", "", "*", "-x", "a b"])
 def test_a_name_that_cannot_be_a_key_is_refused(runs, name):
     with pytest.raises(BusError, match="cannot name a run"):
-        address.claim(name)
+        address.reserve(name)
 
 
 def test_a_path_too_long_for_a_socket_is_refused(runs):
     with pytest.raises(BusError, match="longer than"):
-        address.claim("x" * 120)
+        address.reserve("x" * 120)
 
 
 def test_a_directory_of_someone_else_is_refused(runs):
@@ -151,8 +151,8 @@ def test_messages_of_another_version_are_refused(runs, monkeypatch):
         monkeypatch.undo()
         publisher.put(b"", 0)
         assert heard.get(1.0) is None
-        assert one.door.refusals() == {"plant on step: another version": 1}
-        assert "same installation" in str(one.door.last)
+        assert one.inbound.refusals() == {"plant on step: another version": 1}
+        assert "same installation" in str(one.inbound.last)
     monkeypatch.setattr(messages, "FINGERPRINT", "00000000")
     with bus.host("new"), pytest.raises(BusError, match="belongs to another installation"):
         bus.join("new", role="controller", name="c")

@@ -395,6 +395,6 @@ def test_only_the_plant_sends_batches(runs):
     ):  # fmt: skip
         heard.queue.put(wrong)
     assert heard.get() is None
-    assert heard.door.total == 5
+    assert heard.inbound.total == 5
     heard.queue.put(good)
     assert heard.get().topic == "step"

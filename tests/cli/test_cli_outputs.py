@@ -15,7 +15,7 @@ from rig.cli import app as program
 from rig.errors import OutputError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
-from rig.record.writer import claim
+from rig.record.writer import opened_new
 
 
 @pytest.fixture
@@ -138,7 +138,7 @@ def test_a_file_that_another_run_is_writing_is_refused_before_anything_starts(ri
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rig.bench.supervise.run", None)
     path = tmp_path / "theirs.png"
-    with claim(path, True) as theirs:
+    with opened_new(path, True) as theirs:
         theirs.write(b"theirs")
         theirs.flush()
         code, err = rig(*command, path, "--force")
@@ -259,8 +259,8 @@ def test_a_pipe_is_no_file_to_write(rig, tmp_path, monkeypatch, command):
 def test_a_recording_is_not_written_into_a_pipe(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match="not a regular file"):
-        claim(tmp_path / "pipe", replace=True)
-    claim(Path(os.devnull), replace=False).close()
+        opened_new(tmp_path / "pipe", replace=True)
+    opened_new(Path(os.devnull), replace=False).close()
 
 
 def test_of_two_commands_that_write_one_new_file_the_second_is_refused(rig, tmp_path, monkeypatch):

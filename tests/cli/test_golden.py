@@ -88,7 +88,7 @@ def test_the_pendulum_shows_the_cycle_and_its_break_down():
 def test_the_belt_shows_period_and_stick_of_its_cycle():
     run = opened("belt")
     times = {
-        what: [e["t_ns"] * 1e-9 for e in run.told if e["kind"] == "contact" and what in e["text"]]
+        what: [e["t_ns"] * 1e-9 for e in run.plant_events if e["kind"] == "contact" and what in e["text"]]
         for what in ("releases", "ends")
     }
     begins, ends = np.array(times["releases"]), np.array(times["ends"])
@@ -112,7 +112,7 @@ def test_the_lever_keeps_its_cycle_on_the_way_up_longer_than_on_the_way_down():
         pytest.approx(0.138, rel=0.01),
         "rad/s",
     )
-    marks = [e["text"] for e in run.told if e["kind"] == "mark"]
+    marks = [e["text"] for e in run.plant_events if e["kind"] == "mark"]
     assert marks == ["accelerate", "hold", "decelerate"]
 
 
@@ -128,7 +128,7 @@ def test_a_knock_switches_the_tip_to_stick_slip():
     sliding, sticking = np.std(within(t, v, 3.0, 4.0)), np.std(within(t, v, 5.0, 8.0))
     assert sliding == pytest.approx(0.005, rel=0.02)  # noise of the sensor
     assert sticking == pytest.approx(10.2, rel=0.01)
-    assert [e["t_ns"] for e in opened("tip_knock").told if e["kind"] == "knock"] == [4_000_000_000]
+    assert [e["t_ns"] for e in opened("tip_knock").plant_events if e["kind"] == "knock"] == [4_000_000_000]
 
 
 def test_four_bodies_flutter_until_one_lifts_off():
@@ -166,7 +166,7 @@ def test_the_shunt_silences_the_brake():
 
 def test_a_controller_joins_late_and_is_killed():
     run = opened("late_joiner")
-    at = {e["kind"]: e["t_ns"] * 1e-9 for e in run.told if e["kind"] in ("admitted", "left", "safe")}
+    at = {e["kind"]: e["t_ns"] * 1e-9 for e in run.plant_events if e["kind"] in ("admitted", "left", "safe")}
     assert run.begin_ns == 0 < at["admitted"] < at["left"] < at["safe"]
     assert (at["admitted"], at["left"]) == (pytest.approx(0.92, abs=0.005), pytest.approx(1.90, abs=0.005))
     assert at["safe"] - at["left"] == pytest.approx(0.05)

@@ -157,7 +157,7 @@ def test_growth_that_the_vibrometer_shows_is_that_of_rig_modes():
                                   "start.displacement": 0.008, "start.body_1_displacement": 0.004,
                                   "start.body_3_height": -0.004, "sensors.vibrometer.ideal": True})  # fmt: skip
     run = rig.simulate(scene, 8.5)
-    assert not [event for event in run.told if event["kind"] == "contact"]
+    assert not [event for event in run.plant_events if event["kind"] == "contact"]
     t_ns, v = run.measurements["vibrometer"]
     late = t_ns > 4.5e9
     t, v = t_ns[late] * 1e-9, np.abs(v[late])
@@ -230,8 +230,8 @@ def test_growth_that_lift_off_limits_is_told_and_does_not_refuse_a_run():
 def test_a_contact_that_pulls_does_not_limit_the_growth():
     """Without lift-off friction also reverses with the normal force, and the run ends at the limit of its scene."""
     run = rig.simulate(rig.load("four_dof", {"separation": "none"}), 60.0)
-    assert not [event for event in run.told if "opens" in event["text"]]
-    assert [event["text"] for event in run.told if event["kind"] == "limit"]
+    assert not [event for event in run.plant_events if "opens" in event["text"]]
+    assert [event["text"] for event in run.plant_events if event["kind"] == "limit"]
     assert run.signals["normal_force"].min() < 0.0
 
 

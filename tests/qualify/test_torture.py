@@ -61,7 +61,7 @@ def test_default_is_green(some):
 def test_instability_is_named_with_its_growth(some):
     named = next(cell for cell in some if cell.case == "belt_loop_unlimited")
     assert named.result.colour == "green"
-    assert "growth +433 1/s" in named.result.told
+    assert "growth +433 1/s" in named.result.detail
 
 
 def test_comparison_fails_for_the_reason_it_should(some):
@@ -106,7 +106,7 @@ def test_rows_that_follow_the_slider_late_are_caught():
 def test_a_slider_that_comes_to_the_edge_stops_with_a_word():
     [cell] = torture.matrix(["film_beyond_edge"], quick=True)
     assert cell.good
-    assert "the slider has reached the end of its travel, 0.0437 m" in cell.result.told
+    assert "the slider has reached the end of its travel, 0.0437 m" in cell.result.detail
 
 
 def test_points_of_a_film_are_held_to_their_cone():

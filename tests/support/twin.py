@@ -104,7 +104,7 @@ class _Receiver(Receiver):
     def __init__(
         self, owner: Session, patterns: tuple[str, ...], depth: int, stamped: bool, copies: Batch | None
     ) -> None:
-        super().__init__(owner.door, patterns, depth, copies)
+        super().__init__(owner.inbound, patterns, depth, copies)
         self.owner, self.stamped = owner, stamped
         self.queue = Inbox[Arrived](depth)
 
@@ -178,7 +178,7 @@ class TwinSession(Session):
         return self._stand_ins[-1]
 
     def watch(self, who: str = "*/*") -> Watch:
-        found = _Watch(self.door)
+        found = _Watch(self.inbound)
         self._hub.look(who, found)
         return found
 
@@ -187,7 +187,7 @@ class TwinSession(Session):
 
     def serve(self, topic: str, answer: Answer) -> Server:
         self._own(topic)
-        found = _Server(self.door, answer)
+        found = _Server(self.inbound, answer)
         self._hub.offer(topic, found)
         self._servers.append(found)
         return found

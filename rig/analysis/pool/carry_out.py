@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from rig.analysis.pool.local import SPAN, Crew
+from rig.analysis.pool.local import SPAN, WorkerProcesses
 from rig.analysis.pool.schedule import Schedule
 from rig.analysis.pool.store import Store
 from rig.analysis.pool.work import Arrays, Progress, Work
@@ -36,10 +36,10 @@ def carry_out(
     if count == 1 and not apart:
         here(work, store, dict.fromkeys(todo, ()), lambda new: say(done + new, work.total))
         return store.load()
-    with Crew(store.folder, count) as crew:
+    with WorkerProcesses(store.folder, count) as processes:
         work.prepare()  # while the workers start
-        crew.compute(dict.fromkeys(todo, ()), lambda new: say(done + new, work.total))
-    return store.load() | {unit: work.failed(unit, why) for unit, why in crew.failed.items()}
+        processes.compute(dict.fromkeys(todo, ()), lambda new: say(done + new, work.total))
+    return store.load() | {unit: work.failed(unit, why) for unit, why in processes.failed.items()}
 
 
 def here(work: Work, store: Store, units: Mapping[int, tuple[float, ...]], progress: Callable[[int], object]) -> None:

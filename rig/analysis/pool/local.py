@@ -52,7 +52,7 @@ class _Member:
                 self.fault = json.loads(value)
 
 
-class Crew:
+class WorkerProcesses:
     """`count` worker processes that compute the work of the folder `folder`, from `with` to its end.
 
     `failed`: units that ended their worker twice, with the reason.

@@ -224,7 +224,8 @@ def _flat(run: Run) -> dict[str, str]:
 def _actions(first: Run, second: Run) -> Iterator[str]:
     """Actions of operators that only one run has, in words."""
     one, two = (
-        [(e["t_ns"], e["text"]) for e in run.told if e["data"].get("by") == _OPERATOR] for run in (first, second)
+        [(e["t_ns"], e["text"]) for e in run.plant_events if e["data"].get("by") == _OPERATOR]
+        for run in (first, second)
     )
     for which, mine, other in (("A", one, two), ("B", two, one)):
         yield from (f"{which}: t = {t_ns * 1e-9:g} s: {text}" for t_ns, text in mine if (t_ns, text) not in other)
@@ -285,7 +286,7 @@ def _stick(run: Run, begin: float, end: float) -> float:
 
 def _events(run: Run, begin: float, end: float) -> float:
     """Contact events per second; NaN if the recording has none, as that of a live run."""
-    times = np.array([event["t_ns"] for event in run.told if event["kind"] == "contact"]) * 1e-9
+    times = np.array([event["t_ns"] for event in run.plant_events if event["kind"] == "contact"]) * 1e-9
     if not times.size or end <= begin:
         return math.nan
     return float(np.count_nonzero((times >= begin) & (times <= end))) / (end - begin)

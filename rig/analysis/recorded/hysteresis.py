@@ -236,7 +236,7 @@ def _found(run: Run, signal: Series, speed: Series, turned: list[Branch], length
     fine_t, fine_v = speed.t[known], speed.v[known]
     mean = moving_mean(fine_t, fine_v, t, window)
     sticks = stuck(run) if run.scene else None
-    met = bool(run.scene) and any(event["kind"] == "contact" for event in run.told)
+    met = bool(run.scene) and any(event["kind"] == "contact" for event in run.plant_events)
     begins, ends = short(run) if met else (np.empty(0), np.empty(0))
     curves, lost = [], 0
     for branch in turned:

@@ -113,7 +113,7 @@ def measures(run: Run, modes: Integers) -> Html:
     """
     begin = run.begin_ns * 1e-9
     spans = amplitude.stages(run, begin)
-    told = [(event["t_ns"] * 1e-9, str(event["kind"])) for event in run.told]
+    told = [(event["t_ns"] * 1e-9, str(event["kind"])) for event in run.plant_events]
     named = enumerate(contact.NAMES) if modes.size else ()
     shares = {name: np.where(modes == UNKNOWN, np.nan, modes == i) for i, name in named}
     if statistics.FRACTION in run.signals:

@@ -24,7 +24,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import ValidationError
 
 from rig.errors import UsageError
-from rig.quantities import Nanoseconds, Section, duration, optional, quantity, spoken, unit_of
+from rig.quantities import Nanoseconds, Section, duration, faults_of, optional, quantity, unit_of
 from rig.units import brief
 
 Numbers = Mapping[str, Any]
@@ -131,7 +131,7 @@ def explain(error: ValidationError) -> list[str]:
     shown = {"is missing": ""}  # what was given is then the whole section
     return [
         f"{key or 'the parameters'}: {fault}{shown.get(fault, f' (given: {brief(given)})')}"
-        for key, fault, given in spoken(error)
+        for key, fault, given in faults_of(error)
     ]
 
 

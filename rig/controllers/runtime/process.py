@@ -135,8 +135,8 @@ class Worker(Service):
 
     def _publish_refused(self) -> None:
         """Publish new refusals; called only while no step is due."""
-        if news := self.session.door.news():
-            self.publish("refused", "; ".join(news), {"refused": self.session.door.refusals()})
+        if news := self.session.inbound.news():
+            self.publish("refused", "; ".join(news), {"refused": self.session.inbound.refusals()})
 
     def _plant_lives(self, timeout: float) -> bool:
         self.plant.poll(0.0)

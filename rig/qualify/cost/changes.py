@@ -57,7 +57,7 @@ class Change:
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
-        return {**vars(self), "told": self.significant}
+        return {**vars(self), "significant": self.significant}
 
 
 def _percent(size: float) -> str:

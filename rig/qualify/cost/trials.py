@@ -15,20 +15,20 @@ from rig.analysis.motion_measures.settings import Setting
 from rig.analysis.pool import Arrays, carry_out, packed, temporary, unpacked
 from rig.scenes.scene import Scene
 
-_TOLD = ("values", "kind", "length", "window", "count", "slips", "leaves")
+_OF_PROBLEM = ("values", "kind", "length", "window", "count", "slips", "leaves")
 
 
 def trials(
     problem: Problem, settings: Sequence[Setting], workers: int | None = None, step: Callable[[], object] = lambda: None
 ) -> list[Seen]:
     """Return the measures of each setting; `step` is called as each is done. One process for each core by default."""
-    work, told = Trials(problem, tuple(settings)), 0
+    work, reported = Trials(problem, tuple(settings)), 0
 
     def progress(done: int, total: int) -> None:
-        nonlocal told
-        for _ in range(told, done):
+        nonlocal reported
+        for _ in range(reported, done):
             step()
-        told = max(told, done)
+        reported = max(reported, done)
 
     with temporary(work) as store:
         found = carry_out(work, store, workers, progress)
@@ -70,10 +70,10 @@ class Trials:
 
     def to_json(self) -> str:
         """Return the work as JSON text."""
-        told = {name: getattr(self.problem, name) for name in _TOLD}
-        start = self.problem.system.start.tolist()
+        problem = {name: getattr(self.problem, name) for name in _OF_PROBLEM}
+        scene, start = self.problem.scene.to_json(), self.problem.system.start.tolist()
         settings = [vars(one) for one in self.settings]
-        return json.dumps({"scene": self.problem.scene.to_json(), "start": start, "told": told, "settings": settings})
+        return json.dumps({"scene": scene, "start": start, "problem": problem, "settings": settings})
 
     @classmethod
     def from_json(cls, text: str) -> Self:
@@ -82,4 +82,4 @@ class Trials:
         scene = Scene.from_json(raw["scene"])
         assembly = scene.assemble()
         system = replace(assembly.system(), start=np.array(raw["start"]))
-        return cls(Problem(scene, assembly, system, **raw["told"]), tuple(Setting(**one) for one in raw["settings"]))
+        return cls(Problem(scene, assembly, system, **raw["problem"]), tuple(Setting(**one) for one in raw["settings"]))

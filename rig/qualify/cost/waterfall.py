@@ -16,7 +16,7 @@ def write(found: Sequence[Paired], path: Path) -> None:
     """Write one line for each effect and measure. Raises OutputError."""
     rows: list[list[object]] = [
         ["effect", "measured", "states", "ns_per_step", "low", "high", "noise_ns", "measure", "unit", "with",
-         "without", "change", "told", "note"]
+         "without", "change", "significant", "note"]
     ]  # fmt: skip
     for one, how in [(one, "as held") for one in found] + [(p.closed, "closed") for p in found if p.closed]:
         head = [one.name, how, one.states, *one.to_json()["tick"].values(), one.to_json()["noise"]]

@@ -155,7 +155,7 @@ def _stops(case: Case, until: int, seconds: float) -> CellResult:
         Trial(case, watched(case, "auto", case.steps[0]), until, seconds).run()
     except NumericsError as error:
         found = stopped(error)
-        return CellResult("green", "", f"stopped {found.told}") if case.expect.stops in error.what else found
+        return CellResult("green", "", f"stopped {found.detail}") if case.expect.stops in error.what else found
     except OutOfTime:
         return amber("cost", f"exceeds its time limit of {seconds:g} s")
     return red("missed event", f"continues where it should stop: {case.expect.stops}")

@@ -43,9 +43,9 @@ def junit(cells: Sequence[Cell], path: Path) -> None:
         verdict = f"{result.colour}: {result.reason}"
         if not cell.good:
             failures += 1
-            ElementTree.SubElement(one, "failure", message=verdict).text = result.told
+            ElementTree.SubElement(one, "failure", message=verdict).text = result.detail
         elif result.colour != "green":
             skipped += 1
-            ElementTree.SubElement(one, "skipped", message=f"{verdict}: {result.told}")
+            ElementTree.SubElement(one, "skipped", message=f"{verdict}: {result.detail}")
     suite.attrib |= {"tests": str(len(cells)), "failures": str(failures), "skipped": str(skipped)}
     write_file(path, ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True))

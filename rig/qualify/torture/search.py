@@ -84,7 +84,7 @@ def write(case: Case, values: dict[str, float], cell: Cell, folder: Path) -> Pat
     apart = {"name", "box", "expect", "acts", "set", "quick_duration"}
     raw = case.model_dump(mode="json", exclude_defaults=True, exclude=apart)
     raw |= {"title": f"{case.title}, found by random search", "quick": True}
-    raw["about"] = f"{result.colour}, {result.reason}: {result.told}. {case.about}".strip()
+    raw["about"] = f"{result.colour}, {result.reason}: {result.detail}. {case.about}".strip()
     lines = _lines(raw)
     lines += ["", "[set]", *(f"{json.dumps(key)} = {_toml(value)}" for key, value in (case.set | values).items())]
     for act in case.acts:

@@ -41,7 +41,7 @@ class CellResult:
 
     colour: Colour
     reason: Reason = ""
-    told: str = ""
+    detail: str = ""
 
 
 def red(reason: Reason, text: str) -> CellResult:
