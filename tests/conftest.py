@@ -8,9 +8,11 @@ import tempfile
 import threading
 from pathlib import Path
 
+import figure_rules
 import numpy as np
 import pytest
 from hypothesis import settings
+from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from rig.cli import app
@@ -49,6 +51,31 @@ def chain(rate, guards, follow, mode, y, duration):
 @pytest.fixture(scope="session", name="chain")
 def chain_fixture():
     return chain
+
+
+@pytest.fixture(scope="session")
+def _figures():
+    """Faults of the figures that tests save, until the test that drew them has read them."""
+    found, save = [], Figure.savefig
+
+    def watched(figure, *arguments, **options):
+        save(figure, *arguments, **options)
+        if options.get("format") != "png":  # its layout was made for the resolution of the file
+            figure.draw_without_rendering()
+        found.extend(figure_rules.faults(figure))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", watched)
+        yield found
+
+
+@pytest.fixture(autouse=True)
+def _figures_can_be_read(_figures):
+    """Every figure that a test saves satisfies the rules of figure_rules.py."""
+    yield
+    found = list(dict.fromkeys(_figures))
+    _figures.clear()
+    assert not found, "\n".join(found)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.analysis.amplitude import Row
+from rig.view.palette import BLUE
 from rig.view.run_figure import STYLE
 from rig.view.save_figure import put
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _COLUMNS = 3
-_BAR = "#0072b2"
+_BAR = BLUE
 
 
 def draw(rows: Sequence[Row], scene: str, path: Path | str) -> None:

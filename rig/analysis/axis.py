@@ -131,6 +131,11 @@ class Axis:
         return self.key if self.shown == "1" else f"{self.key} [{self.shown}]"
 
     @property
+    def si_label(self) -> str:
+        """The key with the unit of `values`, for a table of them."""
+        return self.key if self.unit == "1" else f"{self.key} [{self.unit}]"
+
+    @property
     def title(self) -> str:
         """The parameter in words with its unit, for a figure."""
         words = self.words or self.key
@@ -187,16 +192,19 @@ def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]
             yield key, unit_of(info)
 
 
-def in_words(key: str, scene: Scene) -> str:
-    """A parameter in words: the title that its field declares, else its key without dots and underscores."""
+def in_words(key: str, scene: Scene, declared: bool = False) -> str:
+    """A parameter in words: the title that its field declares, else its key without dots and underscores.
+
+    `declared`: "" without a title.
+    """
     room, _, rest = key.partition(".")
     of_parts = room in ("controllers", "sensors")
     *path, name = (rest if of_parts else key).split(".")
     section: Any = getattr(scene, room) if of_parts else scene.parameters
     for part in path:
         section = section[part] if isinstance(section, Mapping) else getattr(section, part)
-    declared = type(section).model_fields[name].title
-    return declared or " ".join([*path, name]).replace("_", " ")
+    title = type(section).model_fields[name].title
+    return title or ("" if declared else " ".join([*path, name]).replace("_", " "))
 
 
 def _unit(part: str) -> str:

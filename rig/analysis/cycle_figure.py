@@ -10,6 +10,7 @@ import numpy as np
 from rig.analysis.cycle_report import Cycle
 from rig.scenes.scene import Scene
 from rig.view.channels import Channels
+from rig.view.palette import BLUE, VERMILION
 from rig.view.run_figure import STYLE
 from rig.view.save_figure import put
 
@@ -74,21 +75,26 @@ def _compose(figure: Figure, scene: Scene, cycle: Cycle) -> None:
 
 
 def _portrait(axes: Axes, cycle: Cycle, displacement: str, velocity: str) -> None:
-    axes.plot(cycle.outputs[displacement], cycle.outputs[velocity], color="#0072b2", lw=1.4)
+    style = "--" if cycle.repels else "-"
+    axes.plot(cycle.outputs[displacement], cycle.outputs[velocity], style, color=BLUE, lw=1.4)
     axes.set_xlabel(f"{_plain(displacement)} [{cycle.units[displacement]}]")
     axes.set_ylabel(f"{_plain(velocity)} [{cycle.units[velocity]}]")
-    axes.set_title("phase portrait")
+    axes.set_title("phase portrait" + "; dashed: the cycle is unstable" * cycle.repels)
 
 
 def _multipliers(axes: Axes, cycle: Cycle) -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     axes.plot(np.cos(angle), np.sin(angle), color="#9aa3ad", lw=1.0)
     values = np.asarray(cycle.floquet.multipliers, np.complex128)
-    axes.plot(values.real, values.imag, "o", color="#d55e00", ms=5)
+    out = (np.abs(values) > 1.0) & cycle.repels  # else those above one are one within their error
+    axes.plot(values.real[~out], values.imag[~out], "o", color=BLUE, ms=5)
+    axes.plot(values.real[out], values.imag[out], "x", color=VERMILION, ms=7, mew=1.6)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("real part")
     axes.set_ylabel("imaginary part")
-    axes.set_title("Floquet multipliers; inside the circle: stable" if values.size else "no Floquet multipliers")
+    axes.set_title(
+        "Floquet multipliers; outside of the circle (x): unstable" if values.size else "no Floquet multipliers"
+    )
 
 
 def _plain(name: str) -> str:

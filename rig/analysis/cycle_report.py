@@ -77,6 +77,15 @@ class Cycle:
         """Half of peak to peak of each output: the amplitude index of a cycle."""
         return {name: 0.5 * (high - low) for name, (low, high) in self.extremes.items()}
 
+    @property
+    def repels(self) -> bool:
+        """Whether the cycle is unstable: a small disturbance grows from period to period."""
+        return self.multiplier > 1.0 + self._unsure
+
+    @property
+    def _unsure(self) -> float:
+        return max(10.0 * self.floquet.error, REPEAT)
+
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
         if not self.found:
@@ -91,10 +100,9 @@ class Cycle:
         """Return the report as text."""
         if not self.found:
             return f"{self.scene}: {self.why}"
-        unsure = max(10.0 * self.floquet.error, REPEAT)
-        attracts, repels = self.multiplier < 1.0 - unsure, self.multiplier > 1.0 + unsure
-        kind = "limit cycle" if any(self.stick_time.values()) or attracts or repels else "periodic motion"
-        kind = f"unstable {kind}" if repels else kind
+        attracts = self.multiplier < 1.0 - self._unsure
+        kind = "limit cycle" if any(self.stick_time.values()) or attracts or self.repels else "periodic motion"
+        kind = f"unstable {kind}" if self.repels else kind
         kind += "" if any(self.stick_time.values()) else " in which nothing sticks"
         newton = f", the last of the way by {self.newton} steps of Newton's method" if self.newton else ""
         lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}"]

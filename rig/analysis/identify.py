@@ -180,7 +180,14 @@ def _static_friction(scene: Scene, run: Run) -> Identified:
     mean = float(np.mean([mu for *_, mu in readings]))
     found = (Parameter("friction.mu_static", "1", mean, p.friction.friction().static),)
     load, _, each = np.array(readings).T
-    fit = Fit("normal force [N]", "mu static", load, each, np.array([load.min(), load.max()]), np.array([mean, mean]))
+    fit = Fit(
+        "normal force [N]",
+        "static coefficient of friction",
+        load,
+        each,
+        np.array([load.min(), load.max()]),
+        np.array([mean, mean]),
+    )
     return Identified(scene.name, "static friction", found, fit, ("load N", "deflection m", "mu"), tuple(readings))
 
 
@@ -210,7 +217,7 @@ def _kinetic_friction(scene: Scene, run: Run) -> Identified:
         Parameter("friction.decay", "s/m", float(decay), p.friction.decay),
     )
     speeds = np.linspace(v[0], v[-1], _CURVE)
-    fit = Fit("slip speed [m/s]", "mu kinetic", v, mu, speeds, law(speeds, static, kinetic, decay))
+    fit = Fit("slip speed [m/s]", "kinetic coefficient of friction", v, mu, speeds, law(speeds, static, kinetic, decay))
     return Identified(scene.name, "kinetic friction over speed", found, fit, ("slip speed m/s", "mu"), tuple(readings))
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.analysis.identify import Identified
+from rig.view.palette import BLUE, VERMILION
 from rig.view.run_figure import STYLE
 from rig.view.save_figure import put
 
-_MEASURED, _MODEL = "#0072b2", "#d55e00"
+_MEASURED, _MODEL = BLUE, VERMILION
 
 
 def draw(found: Identified, path: Path | str) -> None:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from rig.analysis.averaged import averaged
 from rig.analysis.axis import Axis
 from rig.analysis.eigenvalue_curves import NOTHING
+from rig.analysis.fixed_parameters import heading
 from rig.analysis.growth_crossings import EDGE, Growth, brackets, looked, none, root, stretches
 from rig.analysis.modes import GENERATOR, missing
 from rig.analysis.text_table import columns
@@ -112,10 +113,10 @@ class Regions:
         }
 
     def csv(self) -> str:
-        """Return a line for each point, SI."""
+        """Return a line for each point; the head names the units."""
         made = io.StringIO()
         writer = csv.writer(made)
-        writer.writerow([self.x.key, self.y.key, "growth", "frequency", "exists"])
+        writer.writerow([self.x.si_label, self.y.si_label, "growth [1/s]", "frequency [Hz]", "exists"])
         for j, i in np.ndindex(self.growth.shape):
             at = self.growth[j, i], self.frequency[j, i], int(self.exists[j, i])
             writer.writerow([self.x.values[i], self.y.values[j], *at])
@@ -247,7 +248,7 @@ def draw(found: Regions, path: Path) -> None:
         axes.margins(0.0)
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=2)
-        bar = figure.colorbar(mesh, ax=axes, label="growth of the least stable motion [1/s]")
+        bar = figure.colorbar(mesh, ax=axes, label="growth rate of the least stable mode [1/s]")
         bar.outline.set_visible(False)  # type: ignore[operator]
-        figure.suptitle(found.scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        heading(figure, found.scene, (found.x, found.y))
         put(figure, path)

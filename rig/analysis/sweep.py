@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rig.analysis.axis import Axis
 from rig.analysis.critical_values import Critical, Gap, search
 from rig.analysis.eigenvalue_curves import Spectra, Spectrum, equilibrium, follow
+from rig.analysis.fixed_parameters import fixed
 from rig.analysis.growth_crossings import ROUNDING, none
 from rig.analysis.modes_report import shape_text
 from rig.analysis.text_table import columns
@@ -29,7 +30,7 @@ class Sweep:
     `shapes` [value, branch, state]: amplitudes in the order of `states`. `exists` [value]: whether the rig slides
     steadily, and `notes` [value] what makes the eigenvalues invalid. `gaps`: ranges without steady sliding, and why.
     `resolution`: critical values closer together than this may be missed. `loop`: the controller whose loop is closed,
-    "" for none.
+    "" for none. `fixed`: the main parameters that the sweep holds constant, in words.
     """
 
     scene: str
@@ -43,6 +44,7 @@ class Sweep:
     gaps: tuple[Gap, ...]
     resolution: float
     loop: str = ""
+    fixed: str = ""
 
     @property
     def growth(self) -> Array:
@@ -123,10 +125,10 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
     """Compute the eigenvalues of `scene` at its sliding equilibrium over `axis`, and the critical values between its
     ends.
     """
-    return along(scene.name, axis, lambda value: equilibrium(axis.at(scene, value)))
+    return along(scene.name, axis, lambda value: equilibrium(axis.at(scene, value)), fixed=fixed(scene, [axis]))
 
 
-def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "") -> Sweep:
+def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "", fixed: str = "") -> Sweep:
     """Compute the sweep of anything that has a spectrum at each value of an axis."""
     spectra = lru_cache(maxsize=4096)(spectrum_at)
     found = [spectra(value) for value in axis.values]
@@ -150,6 +152,7 @@ def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "") -> Sweep:
         gaps=critical.gaps,
         resolution=critical.resolution,
         loop=loop,
+        fixed=fixed,
     )
 
 

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.analysis.sweep import Sweep
+from rig.view.curves import Bools, apart
+from rig.view.palette import ALARM, GREY, LINES
 from rig.view.run_figure import STYLE
 from rig.view.save_figure import put
+
+Array = NDArray[np.float64]
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_COLOURS = ("#1d4f91", "#c03a76", "#2a9d77", "#d1802f", "#7a5fb0", "#5a5a5a")
+_COLOURS = (*LINES, GREY)
 _MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
-_ALARM = "#b5322f"
 
 
 def draw(sweep: Sweep, path: Path | str) -> None:
@@ -43,10 +47,14 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
     locus = figure.add_subplot(grid[:, 1])
     x, rates, hertz = sweep.axis.shown_values, sweep.growth, sweep.frequency
     colours = {b: _COLOURS[i % len(_COLOURS)] for i, b in enumerate(np.flatnonzero(np.isfinite(rates).any(axis=0)))}
+    jumps = _jumps(sweep)
     for branch, colour in colours.items():
-        growth.plot(x, rates[:, branch], color=colour, lw=1.6)
-        frequency.plot(x, hertz[:, branch], color=colour, lw=1.6)
-        locus.plot(rates[:, branch], hertz[:, branch], color=colour, lw=1.0, alpha=0.5)
+        for grows, line in ((False, "-"), (True, "--")):
+            style: dict[str, Any] = {"color": colour, "ls": line, "lw": 1.6}
+            part = _part(rates[:, branch], grows)
+            growth.plot(*apart(x, rates[:, branch] + part, jumps), **style)
+            frequency.plot(*apart(x, hertz[:, branch] + part, jumps), **style)
+        locus.plot(*apart(rates[:, branch], hertz[:, branch], jumps), color=colour, lw=1.0, alpha=0.5)
     shades = np.broadcast_to(x[:, None], rates.shape)
     seen = np.isfinite(rates)
     dots = locus.scatter(rates[seen], hertz[seen], c=shades[seen], s=13, cmap="viridis", zorder=3)
@@ -68,18 +76,36 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
     locus.set_title("root locus")
     figure.align_ylabels((growth, frequency))
     what = f"loop of {sweep.loop}" if sweep.loop else "steady sliding"
-    figure.text(0.07, 0.945, f"{sweep.scene}: {what}", fontsize=15, fontweight="bold")
+    figure.text(0.07, 0.955, f"{sweep.scene}: {what}", fontsize=15, fontweight="bold")
+    fixed = f"fixed: {sweep.fixed}; " if sweep.fixed else ""
+    figure.text(0.07, 0.925, f"{fixed}solid: decays, dashed: grows", fontsize=10)
+
+
+def _jumps(sweep: Sweep) -> Bools:
+    """Whether a rate jumps between a value and the next one [n - 1]."""
+    at = np.array([one.value for one in sweep.critical if one.kind == "jump"])
+    ends = np.sort(np.stack([sweep.axis.values[:-1], sweep.axis.values[1:]]), axis=0)
+    return np.asarray(np.any((ends[0, :, None] <= at) & (at <= ends[1, :, None]), axis=1))
+
+
+def _part(rates: Array, grows: bool) -> Array:
+    """Zero where a branch grows, or does not, and at the ends of the line between such points; else nan [n]."""
+    inside = rates > 0.0 if grows else rates <= 0.0
+    if grows:  # the line over the sign change is dashed
+        inside[1:] |= inside[:-1].copy() & np.isfinite(rates[1:])
+        inside[:-1] |= (rates[1:] > 0.0) & np.isfinite(rates[:-1])
+    return np.where(inside, 0.0, np.nan)
 
 
 def _critical(sweep: Sweep, growth: Axes, frequency: Axes, locus: Axes) -> None:
     for one in sweep.critical:
         value, mark = one.value / sweep.axis.scale, _MARK[one.kind]
         label = f"{one.kind} at {sweep.axis.text(one.value)}"
-        growth.plot([value], [0.0], mark, color=_ALARM, ms=7, zorder=4, label=label)
-        frequency.plot([value], [one.frequency], mark, color=_ALARM, ms=7, zorder=4)
-        locus.plot([0.0], [one.frequency], mark, color=_ALARM, ms=7, zorder=4)
+        growth.plot([value], [0.0], mark, color=ALARM, ms=7, zorder=4, label=label)
+        frequency.plot([value], [one.frequency], mark, color=ALARM, ms=7, zorder=4)
+        locus.plot([0.0], [one.frequency], mark, color=ALARM, ms=7, zorder=4)
         for axes in (growth, frequency):
-            axes.axvline(value, color=_ALARM, lw=0.8, ls=":", zorder=1)
+            axes.axvline(value, color=ALARM, lw=0.8, ls=":", zorder=1)
     if sweep.critical:
         growth.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handletextpad=0.3)
 
@@ -89,10 +115,10 @@ def _zero(axes: Axes, upright: bool) -> None:
     low, high = axes.get_xlim() if upright else axes.get_ylim()
     low, high = min(low, -0.05 * (high - low)), max(high, 0.05 * (high - low))
     if upright:
-        axes.axvline(0.0, color="#5a5a5a", lw=1.0)
-        axes.axvspan(0.0, high, color=_ALARM, alpha=0.06, lw=0)
+        axes.axvline(0.0, color=GREY, lw=1.0)
+        axes.axvspan(0.0, high, color=ALARM, alpha=0.06, lw=0)
         axes.set_xlim(low, high)
     else:
-        axes.axhline(0.0, color="#5a5a5a", lw=1.0)
-        axes.axhspan(0.0, high, color=_ALARM, alpha=0.06, lw=0)
+        axes.axhline(0.0, color=GREY, lw=1.0)
+        axes.axhspan(0.0, high, color=ALARM, alpha=0.06, lw=0)
         axes.set_ylim(low, high)

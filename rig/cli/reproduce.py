@@ -40,7 +40,7 @@ def reproduce(
         return
     wanted = again.pick(figure)
     page = [] if (out / "numbers.json").exists() else ["README.md"]  # else it is the page of figures made before
-    refuse(out, [*(f"{entry.name}.png" for entry in wanted), *page], force)
+    refuse(out, [*(f"{entry.name}{suffix}" for entry in wanted for suffix in (".png", ".svg")), *page], force)
     with printing.bar("figures") as progress:
         results = again.make_all(wanted, out, progress)
     machine = provenance(0, ())

@@ -13,8 +13,9 @@ import numpy as np
 from rig.analysis.recorded.hysteresis import hysteresis
 from rig.analysis.three_stages import stages
 from rig.analysis.upper_speed import upper_speed
-from rig.papers.common import BLUE, GREEN, GREY, RED, load, run
+from rig.papers.common import load, run
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +58,7 @@ def diagram(run: Run, axis: Axes, window: float) -> None:
     """Draw the RMS of the acceleration over the speed of the disc, rising and falling."""
     for curve in hysteresis(run, "acceleration", "surface_speed", window).curves:
         rises = curve.branch.rises
-        axis.plot(MM * curve.speed, curve.rms, color=BLUE if rises else RED, label="up" if rises else "down")
+        axis.plot(MM * curve.speed, curve.rms, color=BLUE if rises else VERMILION, label="up" if rises else "down")
     axis.set(xlabel="speed of the disc [mm/s]", ylabel="RMS acceleration [m/s²]", ylim=(0.0, None))
     axis.legend()
 
@@ -113,10 +114,10 @@ def table(figure: Figure) -> Iterator[Comparison]:
     ratios = [row.static / row.kinetic for row in order]
     ours = [_speeds(row) for row in order]
     axis.plot(ratios, [row.upper for row in order], "o", color=BLUE, markersize=8, fillstyle="none", label="paper, up")
-    axis.plot(ratios, [row.lower for row in order], "s", color=RED, markersize=8, fillstyle="none",
+    axis.plot(ratios, [row.lower for row in order], "s", color=VERMILION, markersize=8, fillstyle="none",
               label="paper, down")  # fmt: skip
     axis.plot(ratios, [up for up, _ in ours], "o-", color=BLUE, markersize=4, lw=0.8, label="simulated, up")
-    axis.plot(ratios, [down for _, down in ours], "s-", color=RED, markersize=4, lw=0.8, label="simulated, down")
+    axis.plot(ratios, [down for _, down in ours], "s-", color=VERMILION, markersize=4, lw=0.8, label="simulated, down")
     axis.plot(ratios, [_closed(row) for row in order], "^--", color=GREEN, markersize=4, lw=0.8, label="closed form")
     axis.axhline(150.0, color=GREY, lw=0.8)
     axis.set(xlabel="static over kinetic coefficient", ylabel="speed of the disc [mm/s]", ylim=(0.0, 160.0))

@@ -13,8 +13,9 @@ from rig.analysis.recorded.hysteresis import hysteresis
 from rig.analysis.three_stages import stages
 from rig.analysis.upper_speed import upper_speed
 from rig.papers.bistable import MM, diagram
-from rig.papers.common import BLUE, GREEN, GREY, RED, load, run
+from rig.papers.common import load, run
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,6 +41,7 @@ def _spectrogram(made: Run, axis: Axes, length: int, top: float) -> None:
         )
     high = 10.0 * math.log10(float(power.max()))
     image.set_clim(high - 90.0, high)
+    axis.figure.colorbar(image, ax=axis, label="level [dB re 1 (m/s²)²/Hz]", pad=0.01)
     axis.set(xlabel="time [s]", ylabel="frequency [Hz]", ylim=(0.0, top))
 
 
@@ -114,7 +116,7 @@ def parameters(figure: Figure) -> Iterator[Comparison]:
     """Upper speed over the angle of the beam and over the load."""
     over_angle, over_load = figure.subplots(1, 2)
     over_angle.plot(ANGLES, [TABLE_3[50.0][i][0] / 13.0 for i in range(4)], "o", color=GREY, label="paper, 50 N")
-    for eps, colour in ((0.002, BLUE), (0.0055, GREEN), (0.02, RED)):
+    for eps, colour in ((0.002, BLUE), (0.0055, GREEN), (0.02, VERMILION)):
         ratios = [_turned(a, eps) / _turned(5.0, eps) for a in ANGLES]
         over_angle.plot(ANGLES, ratios, "-", color=colour, label=f"inclination, eps = {eps:g}")
         if eps == 0.0055:
@@ -123,7 +125,7 @@ def parameters(figure: Figure) -> Iterator[Comparison]:
             ):
                 what = f"{a:g} degrees: upper speed over that at 5"
                 yield Comparison(what, "", ratio, expected, "reference", absolute=bound)
-    over_angle.set(xlabel="angle [degrees]", ylabel="upper speed over that at 5 degrees", ylim=(0.0, 1.05))
+    over_angle.set(xlabel="angle [degrees]", ylabel="upper speed over that at 5 degrees [1]", ylim=(0.0, 1.05))
     over_angle.legend()
     ours = [MM * _last_stick(force) for force in LOADS]
     over_load.plot(LOADS, [TABLE_3[force][0][0] for force in LOADS], "o", color=GREY, label="paper, 5 degrees")
@@ -159,7 +161,7 @@ def knocked(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("RMS acceleration before", "m/s²", quiet, 0.0, "reference", absolute=1e-3)
     printed = {8.0: 3.452, 9.0: 6.143, 10.0: 8.135, 11.0: 9.861, 12.0: 11.440}
     ours = {v: MM * _least(1e-3 * v) for v in printed}
-    kicks.plot(list(printed), list(ours.values()), "o-", color=RED)
+    kicks.plot(list(printed), list(ours.values()), "o-", color=VERMILION)
     kicks.set(xlabel="speed of the disc [mm/s]", ylabel="least kick of the tip [mm/s]", ylim=(0.0, None))
     for v, expected in printed.items():
         yield Comparison(f"least kick at {v:g} mm/s", "mm/s", ours[v], expected, "reference", absolute=0.01)

@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from rig.record.run import Run
     from rig.scenes.scene import Scene
 
-# distinguishable for colour-blind readers too (Okabe and Ito)
-BLUE, RED, GREEN, GREY, AMBER = "#0072b2", "#d55e00", "#009e73", "#8a8a8a", "#e69f00"
-
 
 def load(name: str, **changes: Any) -> Scene:
     """Return a scene with changes; two underscores stand for the dot: body__damping=2.0, in SI."""

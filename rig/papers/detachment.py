@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.papers.common import AMBER, BLUE, GREY, RED, load, quiet, run
+from rig.papers.common import load, quiet, run
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import AMBER, BLUE, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +47,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     turning.plot(swept.axis.values, 2.0 * math.pi * swept.frequency, ".", color=BLUE, markersize=3)
     growth.plot(swept.axis.values, swept.growth, ".", color=BLUE, markersize=3)
     for axis in (turning, growth):
-        axis.axvline(1.0, color=RED, ls="--", lw=1.0)
+        axis.axvline(1.0, color=VERMILION, ls="--", lw=1.0)
         axis.set_xlabel("friction coefficient")
     turning.set(title="frequencies", ylabel="imaginary part [rad/s]")
     growth.set(title="growth rates", ylabel="real part [1/s]")
@@ -91,7 +92,9 @@ def histories(figure: Figure) -> Iterator[Comparison]:
     tops = tops[ran.time[tops] > _GROWS[0]]
     slope, height = np.polyfit(ran.time[tops], np.log(v[tops]), 1)
     growing.semilogy(ran.time, v, color=BLUE, lw=0.8)
-    growing.semilogy(ran.time, np.exp(height + slope * ran.time), color=RED, ls="--", label=f"fitted: {slope:.4f} 1/s")
+    growing.semilogy(
+        ran.time, np.exp(height + slope * ran.time), color=VERMILION, ls="--", label=f"fitted: {slope:.4f} 1/s"
+    )
     growing.set(
         title="mu = 1.5, from 1e-5 off sliding", ylabel="|velocity| [m/s]", xlabel="time [s]", ylim=(1e-7, None)
     )
@@ -103,7 +106,7 @@ def histories(figure: Figure) -> Iterator[Comparison]:
             ("load opens", "contact slip ends")}  # fmt: skip
     for axis, name, title in ((along, "displacement", "along the belt"), (across, "height", "away from the belt")):
         axis.plot(ran.time, 1e3 * ran.signals[name], color=BLUE, lw=0.8)
-        for (what, times), colour in zip(times_of.items(), (RED, AMBER)):
+        for (what, times), colour in zip(times_of.items(), (VERMILION, AMBER)):
             axis.axvline(times[0], color=colour, ls="--", lw=1.0, label=f"first: {what}")
         axis.set(title=f"body 2 {title}, mu = 1.1", ylabel=f"{name} [mm]", xlim=(0.0, 30.0))
     across.axhline(0.0, color=GREY, lw=0.7)

@@ -34,6 +34,7 @@ PAPERS = {
     "bistable": "Tonazzi, Passafiume, Papangelo, Hoffmann, Massi: Numerical and experimental analysis of the bi-stable "
     "state for frictional continuous system. Nonlinear Dyn. 102 (2020) 1361-1374",
 }
+_MOST_POINTS = 1500  # of a curve in an SVG file
 _COLOURS = 96  # colours of a picture: reduces it to a third of the bytes
 _STYLE: dict[str, Any] = {
     "font.size": 10.5,
@@ -96,7 +97,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Result:
-    """The result of an entry. `seconds`: compute time; `picture`: the file."""
+    """The result of an entry. `seconds`: compute time; `picture`: the PNG file, which has an SVG file beside it."""
 
     entry: Entry
     comparisons: tuple[Comparison, ...]
@@ -153,11 +154,13 @@ def pick(wanted: str) -> list[Entry]:
 
 
 def make(entry: Entry, folder: Path) -> Result:
-    """Draw an entry into `folder` (PNG) and compare its numbers."""
+    """Draw an entry into `folder` (PNG and SVG) and compare its numbers."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from PIL import Image
+
+    from rig.view.save_figure import encoded, put
 
     begin = time.perf_counter()
     path = folder / f"{entry.name}.png"
@@ -168,8 +171,19 @@ def make(entry: Entry, folder: Path) -> Result:
         figure.align_ylabels()
         figure.suptitle(f"{entry.number}: {entry.title}", x=0.01, ha="left", fontsize=12.5, fontweight="bold")
         folder.mkdir(parents=True, exist_ok=True)
-        with io.BytesIO() as drawn:
-            figure.savefig(drawn, format="png")
-            few = Image.open(drawn).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
-        few.save(path, optimize=True)
+        drawn = Image.open(io.BytesIO(encoded(figure, "png")))
+        drawn.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+        _as_pixels(figure)
+        put(figure, path.with_suffix(".svg"))
     return Result(entry, comparisons, path, time.perf_counter() - begin)
+
+
+def _as_pixels(figure: Figure) -> None:
+    """Let an SVG file contain curves of very many points as pixels: as lines they would be megabytes."""
+    for axes in figure.get_axes():
+        for line in axes.get_lines():
+            line.set_rasterized(len(line.get_xdata()) > _MOST_POINTS)  # type: ignore[arg-type]
+        for mesh in axes.collections:
+            many = sum(len(path.vertices) for path in mesh.get_paths()) > _MOST_POINTS
+            if many or mesh.get_array() is not None:  # the latter is a coloured map
+                mesh.set_rasterized(True)

@@ -40,6 +40,7 @@ def page(results: Sequence[Result], machine: str) -> str:
                 f"{one.entry.number}: {one.entry.title}. {one.entry.note}".strip(),
             ]
             lines += ["", f"![{one.entry.title}]({one.picture.name})", ""]
+            lines += [f"The figure as [SVG]({one.picture.with_suffix('.svg').name}).", ""]
             lines += ["| number | ours | expected | source | bound | |", "|---|---|---|---|---|---|"]
             lines += [
                 f"| {c.what} | {c.ours:.7g} {c.unit} | {c.expected:.7g} {c.unit} | {c.source} | {c.bound} "

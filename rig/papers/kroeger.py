@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import BLUE, GREEN, GREY, RED, law_of, load, quiet, run, value
+from rig.papers.common import law_of, load, quiet, run, value
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +30,7 @@ def cycles(figure: Figure) -> Iterator[Comparison]:
         "belt_c_damped": (0.2824424, 0.0321309, -0.0639330),
     }
     laws, phases = figure.subplots(1, 2)
-    looks = {"belt": ("A", BLUE, "-"), "belt_b": ("B", RED, "-"), "belt_c": ("C", GREEN, "-")}
+    looks = {"belt": ("A", BLUE, "-"), "belt_b": ("B", VERMILION, "-"), "belt_c": ("C", GREEN, "-")}
     looks |= {"belt_c_damped": ("C, damped", "black", ":")}  # it has the law of C, which is visible between the dots
     for name, (period, stick, lowest) in reference.items():
         shown, colour, line = looks[name]
@@ -58,7 +59,7 @@ def onset(figure: Figure) -> Iterator[Comparison]:
     import rig
 
     axes = figure.subplots(1, 3, sharey=True)
-    for name, axis, colour in zip(("belt", "belt_b", "belt_c_damped"), axes, (BLUE, RED, GREEN)):
+    for name, axis, colour in zip(("belt", "belt_b", "belt_c_damped"), axes, (BLUE, VERMILION, GREEN)):
         scene = quiet(load(name))
         modes = rig.modes(scene)
         rest = modes.sliding.equilibrium["displacement"]
@@ -100,7 +101,7 @@ def energy(figure: Figure) -> Iterator[Comparison]:
     axis = figure.subplots()
     axis.plot(1e3 * amplitudes, 1e3 * found, color=BLUE, label="energy from friction in a period")
     damped = 0.5 * 2.0 * amplitudes**2 * period
-    axis.plot(1e3 * amplitudes, 1e3 * damped, color=RED, label="energy to the damper")
+    axis.plot(1e3 * amplitudes, 1e3 * damped, color=VERMILION, label="energy to the damper")
     axis.plot(
         1e3 * amplitudes, 1e3 * 0.5 * slope * force * amplitudes**2 * period, "--", color=GREY, label="small amplitudes"
     )
@@ -134,7 +135,7 @@ def north(figure: Figure) -> Iterator[Comparison]:
         axis.plot(swept.axis.values, swept.growth, ".", markersize=2.5, color=BLUE)
         axis.axhline(0.0, color=GREY, lw=0.7)
         first = swept.critical[0]
-        axis.axvline(first.value, color=RED, ls="--", lw=1.0)
+        axis.axvline(first.value, color=VERMILION, ls="--", lw=1.0)
         axis.set(
             title=f"{name}: {first.kind} at {first.value:.6f}", xlabel="friction coefficient", ylabel="growth [1/s]"
         )
@@ -157,7 +158,7 @@ def _swept(
     growth.set(xlabel="friction coefficient", ylabel="growth [1/s]")
     frequency.set(xlabel="friction coefficient", ylabel="frequency [Hz]")
     for critical, (what, expected, bound) in zip(swept.critical, limits):
-        growth.axvline(critical.value, color=RED, ls="--", lw=1.0)
+        growth.axvline(critical.value, color=VERMILION, ls="--", lw=1.0)
         yield Comparison(what, "", critical.value, expected, "reference", absolute=bound)
 
 
@@ -180,7 +181,7 @@ def seal(figure: Figure) -> Iterator[Comparison]:
         (20, 6.015),
         (40, 7.925),
     ):
-        axis.plot([v], [expected], "o", color=RED, markersize=4, label="" if v else "equation 3.1")
+        axis.plot([v], [expected], "o", color=VERMILION, markersize=4, label="" if v else "equation 3.1")
         yield Comparison(f"force at {v} mm/s", "N", force_per_mu * law.mu(v * 1e-3), expected, "paper", absolute=6e-4)
     axis.legend()
     from scipy.optimize import minimize_scalar

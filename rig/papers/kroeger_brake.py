@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.papers.common import BLUE, GREY, RED, load, run, value
+from rig.papers.common import load, run, value
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import BLUE, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +53,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
         if coefficient <= swept.axis.values[-1]:
             for rate, hertz in branches:
                 for axis, x, y in ((plane, rate, hertz), (growth, coefficient, rate), (frequency, coefficient, hertz)):
-                    axis.plot([x], [y], "o", mfc="none", color=RED, markersize=7)
+                    axis.plot([x], [y], "o", mfc="none", color=VERMILION, markersize=7)
     plane.axvline(0.0, color=GREY, lw=0.7)
     growth.axhline(0.0, color=GREY, lw=0.7)
     plane.set(xlabel="growth [1/s]", ylabel="frequency [Hz]")

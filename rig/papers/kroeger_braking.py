@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from rig.papers.common import BLUE, GREY, RED, load, quiet, run
+from rig.papers.common import load, quiet, run
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import BLUE, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +74,7 @@ def classified(figure: Figure) -> Iterator[Comparison]:
     found = brakings()
     heard = {number: level(found[number]) for number in range(0, _COUNT, _EVERY)}
     tests, border = figure.subplots(1, 2)
-    for squeals, mark, colour, label in ((False, ".", GREY, "quiet"), (True, "+", RED, "squeals")):
+    for squeals, mark, colour, label in ((False, ".", GREY, "quiet"), (True, "+", VERMILION, "squeals")):
         chosen = [one for one in found if (one.growth > 0.0) == squeals]
         p = [one.pressure for one in chosen]
         tests.plot(p, [one.temperature for one in chosen], mark, color=colour, label=label)

@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.papers.common import BLUE, GREY, RED, law_of, load, quiet, run, value
+from rig.papers.common import law_of, load, quiet, run, value
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import AMBER, BLUE, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+
+
+_SHOWN = (2.5, 9.0)
+"""Seconds that the figures show: the limit cycle, and its decay after the loop is closed."""
 
 
 def feedback(figure: Figure) -> Iterator[Comparison]:
@@ -31,11 +36,17 @@ def belt_feedback(figure: Figure) -> Iterator[Comparison]:
     yield from _loops(
         figure, "belt_velocity_feedback", (0.0, 0.5, 1.33, 2.66, 4.0, 5.33), "",
         {0.5: ("L", 0.137), 1.33: ("rate", -1.32), 2.66: ("rate", -7.57), 4.0: ("L", 0.0), 5.33: ("L", 0.0)},
+        belt=True,
     )  # fmt: skip
 
 
 def _loops(
-    figure: Figure, name: str, gains: tuple[float, ...], unit: str, reference: Mapping[float, tuple[str, float]]
+    figure: Figure,
+    name: str,
+    gains: tuple[float, ...],
+    unit: str,
+    reference: Mapping[float, tuple[str, float]],
+    belt: bool = False,
 ) -> Iterator[Comparison]:
     axes = figure.subplots(len(gains), 1, sharex=True)
     for axis, gain in zip(axes, gains):
@@ -43,9 +54,13 @@ def _loops(
         key = next(iter(scene.controllers))
         ran = run(load(name, **{f"controllers__{key}__gain": gain}), 20.0)
         v = ran.signals["velocity"]
-        axis.plot(ran.time, 1e3 * v, color=BLUE, lw=0.6)
-        axis.set_ylabel("v [mm/s]")
-        axis.set_title(f"K = {gain:g} {unit}".strip(), fontsize=9.5)
+        axis.plot(ran.time, 1e3 * v, color=BLUE, lw=0.9, label="velocity of the mass")
+        if belt:
+            axis.plot(
+                ran.time, 1e3 * ran.signals["surface_speed"], "--", color=AMBER, lw=0.9, label="speed of the belt"
+            )
+        axis.set_ylabel("velocity\n[mm/s]")
+        axis.set_title(f"gain K = {gain:g} {unit}".strip(), fontsize=9.5)
         axis.axvline(4.0, color=GREY, lw=0.7, ls="--")
         if gain in reference:
             kind, expected = reference[gain]
@@ -59,7 +74,9 @@ def _loops(
                 yield Comparison(
                     f"K = {gain:g} {unit}: decay", "1/s", decay(ran.time, v), expected, "reference", relative=0.05
                 )
-    axes[-1].set_xlabel("time [s]; the loop is closed at 4 s")
+    if belt:
+        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    axes[-1].set(xlabel="time [s]; the loop is closed at 4 s", xlim=_SHOWN)
 
 
 def decay(time: Array, v: Array) -> float:
@@ -127,7 +144,9 @@ def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
             rate = float(np.polyfit(ran.time[top], np.log(v[top]), 1)[0])
             theory = -(2.0 + mu * K) / (2.0 * 5.0)
             yield Comparison("constant mu: decay (d + mu K) / 2 m", "1/s", rate, theory, "theory", relative=0.01)
-    for axis, label in zip(axes, ("v [mm/s]", "v rel [mm/s]", "friction [N]", "energy in [mJ]")):
+    for axis, label in zip(
+        axes, ("velocity\n[mm/s]", "slip speed\n[mm/s]", "friction\nforce [N]", "energy from\nfriction [mJ]")
+    ):
         axis.set_ylabel(label)
     axes[2].legend(loc="upper right")
     axes[-1].set_xlabel("time [s]")
@@ -194,7 +213,9 @@ def dither(figure: Figure) -> Iterator[Comparison]:
         mu = held / value(scene, "load.force")
         simulated.append((amplitude, mu))
         yield Comparison(f"simulated at {1e3 * amplitude:g} mm/s", "", mu, expected, "reference", relative=0.01)
-    axis.plot([1e3 * a for a, _ in simulated], [mu for _, mu in simulated], "o", color=RED, label="simulated, 150 Hz")
+    axis.plot(
+        [1e3 * a for a, _ in simulated], [mu for _, mu in simulated], "o", color=VERMILION, label="simulated, 150 Hz"
+    )
     axis.axvline(60.0, color=GREY, lw=0.7, ls="--")
     axis.set(xlabel="amplitude of the dither [mm/s]", ylabel="mean friction coefficient", ylim=(0.0, None))
     axis.legend()

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.papers.common import BLUE, GREEN, RED, load, run, value
+from rig.papers.common import load, run, value
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import BLUE, GREEN, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,14 +39,16 @@ def sound(figure: Figure) -> Iterator[Comparison]:
     pressure.text(0.5 * (begin + end), 1.5, "shunt connected", ha="center", color=GREEN)
     pressure.set(ylabel="sound pressure [Pa]")
     shown = heard.frequencies <= 1e3 * _TOP
-    spectrum.pcolormesh(heard.times[::4], 1e-3 * heard.frequencies[shown], heard.spectrum[::4, shown].T, vmin=30.0,
-                        vmax=100.0, cmap="magma", shading="nearest", rasterized=True)  # fmt: skip
+    levels = heard.spectrum[::4, shown].T
+    mesh = spectrum.pcolormesh(heard.times[::4], 1e-3 * heard.frequencies[shown], levels, vmin=30.0, vmax=100.0,
+                               cmap="magma", shading="nearest", rasterized=True)  # fmt: skip
+    figure.colorbar(mesh, ax=spectrum, label=f"level [{heard.reference}]", pad=0.01)
     spectrum.set(ylabel="frequency [kHz]")
     full = heard.tone > _LOUD
-    swing.plot(heard.times[full], heard.frequency[full], ".", color=RED, markersize=2.0)
+    swing.plot(heard.times[full], heard.frequency[full], ".", color=VERMILION, markersize=2.0)
     swing.annotate("", (1.0, 3423.0), (1.0 + turn, 3423.0), arrowprops={"arrowstyle": "<->"})
-    swing.text(1.0 + 0.5 * turn, 3426.0, "T", ha="center")
-    swing.set(ylabel="squeal [Hz]", xlabel="time [s]", ylim=(3375.0, 3435.0))
+    swing.text(1.0, 3426.0, "one turn of the disc")
+    swing.set(ylabel="frequency of the\nsqueal [Hz]", xlabel="time [s]", ylim=(3375.0, 3435.0))
 
     first = full & (heard.times > 0.3) & (heard.times < begin - 0.05)
     mean, amplitude, period = _sine(heard.times[first], heard.frequency[first], turn)

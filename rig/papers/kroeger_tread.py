@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import AMBER, BLUE, RED, law_of, load, quiet, run, value
+from rig.papers.common import law_of, load, quiet, run, value
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import AMBER, BLUE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,7 +86,7 @@ def _panels(figure: Figure, name: str, rounds: int) -> Cycle:
     phase.set(title="(c) limit cycle" + (f", {rounds} rounds" if rounds > 1 else ""),
               xlabel="displacement [um]", ylabel="velocity [m/s]")  # fmt: skip
     force.plot(t, N, color=AMBER, label="normal force")
-    force.plot(t, T, "--", color=RED, label="friction force")
+    force.plot(t, T, "--", color=VERMILION, label="friction force")
     force.set(title="(d) forces", xlabel="time [ms]", ylabel="force [N]", ylim=(None, 1.35 * max(N.max(), T.max())))
     force.legend(ncols=2, loc="upper right")
     return cycle

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import BLUE, GREEN, RED, dither_boundary, load, quiet, run
+from rig.papers.common import dither_boundary, load, quiet, run
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import BLUE, GREEN, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,7 +52,7 @@ def modes(figure: Figure) -> Iterator[Comparison]:
     shapes = free_modes(disc.disc)
     shape, table = figure.subplots(1, 2)
     radii = np.linspace(disc.disc.inner_radius, disc.disc.outer_radius, 120)
-    for mode, colour, line in zip(shapes, (BLUE, RED, GREEN, "black"), ("-", "--", "-.", ":")):
+    for mode, colour, line in zip(shapes, (BLUE, VERMILION, GREEN, "black"), ("-", "--", "-.", ":")):
         label = f"{mode.diameters} nodal diameters"
         shape.plot(1e3 * radii, [mode.at(r) for r in radii], line, color=colour, label=label)
     shape.set(xlabel="radius [mm]", ylabel="shape, of mass one [1/sqrt(kg)]", title="shapes")
@@ -115,7 +116,7 @@ def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> dict[float, 
         for number, (low, high) in enumerate(pairwise((speeds[0], *edges[N0], _SPEEDS[-1]))):
             unstable = (growth > 0.0) == (number % 2 == 0)
             for axis in row:
-                axis.hlines(N0, low, high, color=RED if unstable else BLUE, lw=7 if unstable else 1.2)
+                axis.hlines(N0, low, high, color=VERMILION if unstable else BLUE, lw=7 if unstable else 1.2)
     return edges
 
 
@@ -190,7 +191,7 @@ def boundary(figure: Figure) -> Iterator[Comparison]:
         axis.plot([0.0, 22.0], [0.0, 22.0 * found * V * RATE * 1e-3], color=BLUE, label="averaged")
         ratios = np.array(list(edges[case]))
         simulated = np.array(list(edges[case].values()))
-        axis.plot(ratios, simulated * V * RATE * ratios * 1e-3, "o", color=RED, mfc="none", ms=9.0,
+        axis.plot(ratios, simulated * V * RATE * ratios * 1e-3, "o", color=VERMILION, mfc="none", ms=9.0,
                   label="reference, simulated")  # fmt: skip
         shaken = at(case, 100.0, speed, "disc_slider_dither")
         for ratio in (10, 20):
@@ -199,7 +200,7 @@ def boundary(figure: Figure) -> Iterator[Comparison]:
                       label="simulated" if ratio == 10 else "")  # fmt: skip
             what = f"case {case}: simulated at ratio {ratio}, over averaged"
             yield Comparison(what, "", lost / averaged, 1.0, "theory", absolute=0.05)
-        axis.set(title=f"case {case}, {speed:g} rad/s", xlabel="frequency of the dither over sqrt(kc / m)",
+        axis.set(title=f"case {case}, {speed:g} rad/s", xlabel="frequency of the dither over sqrt(kc / m) [1]",
                  ylabel="amplitude of the dither [kN]", xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip
         axis.legend(loc="upper left")
 

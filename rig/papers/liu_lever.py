@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import AMBER, BLUE, GREEN, GREY, RED, load, quiet, run, value
+from rig.papers.common import load, quiet, run, value
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,7 +50,9 @@ def kinetic(figure: Figure) -> Iterator[Comparison]:
     found = identify(scene)
     axis = figure.subplots()
     readings = np.array(found.readings)
-    axis.plot(1e3 * readings[:, 0], readings[:, -1], "o", color=RED, markersize=4, label="measured, three repeats")
+    axis.plot(
+        1e3 * readings[:, 0], readings[:, -1], "o", color=VERMILION, markersize=4, label="measured, three repeats"
+    )
     speeds = np.linspace(0.0, 0.05, 400)
     values = {one.key.rsplit(".", 1)[-1]: one for one in found.parameters}
 
@@ -76,8 +79,8 @@ def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
     last = ran.time > ran.time[-1] - 1.5
     t = ran.time[last] - ran.time[last][0]
     axes = figure.subplots(2, 3)
-    parts = (("arm_laser", "cylinder.arm", "angle", "angular_velocity", "phi"),
-             ("lever_laser", "lever.leg", "lever_angle", "lever_velocity", "theta"))  # fmt: skip
+    parts = (("arm_laser", "cylinder.arm", "angle", "angular_velocity", "cylinder angle"),
+             ("lever_laser", "lever.leg", "lever_angle", "lever_velocity", "lever angle"))  # fmt: skip
     for (over, phase, spectrum), (sensor, arm, output, rate, name) in zip(axes, parts):
         over.plot(t, 1e3 * ran.signals[output][last], color=BLUE, lw=1.0, label="computed")
         phase.plot(1e3 * ran.signals[output][last], ran.signals[rate][last], color=BLUE, lw=0.8)
@@ -85,7 +88,7 @@ def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
             taken = ran.measurements[sensor]
             seconds, angle = taken.t_ns * 1e-9, taken.v / value(scene, arm)
             seen = seconds > ran.time[-1] - 1.5
-            over.plot(seconds[seen] - ran.time[last][0], 1e3 * angle[seen], ".", color=RED, markersize=3,
+            over.plot(seconds[seen] - ran.time[last][0], 1e3 * angle[seen], ".", color=VERMILION, markersize=3,
                       label="measured at 100 Hz")  # fmt: skip
         settled = ran.signals[output][ran.time > 5.0]
         amplitude = (
@@ -95,7 +98,7 @@ def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
         shown = frequency < 20.0
         spectrum.semilogy(frequency[shown], 1e3 * amplitude[shown], color=BLUE, lw=0.8)
         over.set(xlabel="time [s]", ylabel=f"{name} [mrad]", title=name)
-        phase.set(xlabel=f"{name} [mrad]", ylabel=f"d{name}/dt [rad/s]")
+        phase.set(xlabel=f"{name} [mrad]", ylabel="angular speed [rad/s]")
         spectrum.set(xlabel="frequency [Hz]", ylabel="amplitude [mrad]", ylim=(1e-4, None))
         top = 1e3 * np.ptp(settled)
         over.set_ylim(1e3 * settled.min() - 0.08 * top, 1e3 * settled.max() + 0.4 * top)
@@ -166,7 +169,7 @@ def two_starts(figure: Figure) -> Iterator[Comparison]:
                 f"{name}, {start}: sticks (1) or slides (0)", "", sticks(ran, 2.0), 1.0 - near, "reference"
             )
     for axis in axes[:, 0]:
-        axis.set_ylabel("phi [mrad]")
+        axis.set_ylabel("cylinder\nangle [mrad]")
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
 
@@ -198,7 +201,7 @@ def three_stages(figure: Figure) -> Iterator[Comparison]:
     up, down = found.up / RPM, found.down / RPM
     angle, speed = figure.subplots(2, 1, sharex=True)
     angle.plot(ran.time, 1e3 * ran.signals["angle"], color=BLUE, lw=0.3)
-    angle.set_ylabel("phi [mrad]")
+    angle.set_ylabel("cylinder\nangle [mrad]")
     speed.plot(ran.time, ran.signals["disc_speed"] / RPM, color=AMBER)
     for threshold, name, place in ((up, "last stick", 0.02), (down, "first stick", 0.7)):
         speed.axhline(threshold, color=GREY, ls="--", lw=0.8)

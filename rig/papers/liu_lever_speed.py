@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import AMBER, BLUE, GREEN, GREY, RED, run
+from rig.papers.common import run
 from rig.papers.entry import Comparison, Entry
 from rig.papers.liu_lever import COULOMB, RPM, at, start_near, sticks
+from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +70,7 @@ def _shade(axis: Axes, loads: tuple[float, ...], hopf: np.ndarray, fold: np.ndar
     top = 8.5
     axis.fill_between(loads, fold, top, color=GREEN, alpha=0.18, lw=0)
     axis.fill_between(loads, hopf, fold, color=AMBER, alpha=0.25, lw=0)
-    axis.fill_between(loads, 0.0, hopf, color=RED, alpha=0.25, lw=0)
+    axis.fill_between(loads, 0.0, hopf, color=VERMILION, alpha=0.25, lw=0)
     axis.plot(loads, fold, "o-", color=BLUE, markersize=4, label="V2")
     if hopf.any():
         axis.plot(loads, hopf, "s--", color="black", markersize=4, label="V1")
@@ -94,7 +95,7 @@ def representatives(figure: Figure) -> Iterator[Comparison]:
             what = f"10 N, {rpm:g} rpm, {start}: sticks (1) or slides (0)"
             yield Comparison(what, "", sticks(ran, 2.0), outcome, "reference")
     for axis in axes[:, 0]:
-        axis.set_ylabel("phi [mrad]")
+        axis.set_ylabel("cylinder\nangle [mrad]")
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
 
@@ -129,7 +130,7 @@ def sectors(figure: Figure) -> Iterator[Comparison]:
     table = {"45": (1.9926, 3.1957, 4.1410), "90": (1.9926, 3.1957, 4.1410), "1": (3.3412, 5.4311, 6.9760)}
     carried = {("45", 10.0): 2.08, ("45", 20.0): 3.37, ("45", 30.0): 4.18,
                ("90", 10.0): 2.05, ("90", 20.0): 3.37, ("90", 30.0): 4.36}  # fmt: skip
-    looks = {"45": (RED, "o-", "sector of 45 degrees"), "90": ("black", "s:", "sector of 90 degrees"),
+    looks = {"45": (VERMILION, "o-", "sector of 45 degrees"), "90": ("black", "s:", "sector of 90 degrees"),
              "1": (BLUE, "D-", "uniform")}  # fmt: skip
     for disc, expected in table.items():
         found = []
@@ -145,7 +146,9 @@ def sectors(figure: Figure) -> Iterator[Comparison]:
             found.append(standing(N0, disc, low, high, 0.05))
         colour, line, label = looks[disc]
         axis.plot(loads, found, line, color=colour, markersize=5, label=label)
-    axis.set(xlabel="preload [N]", ylabel="stick-slip up to [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0))
+    axis.set(
+        xlabel="preload [N]", ylabel="disc speed up to which stick-slip exists [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0)
+    )
     axis.legend(loc="upper left")
 
 
@@ -159,11 +162,13 @@ def second(figure: Figure) -> Iterator[Comparison]:
         for N0, number, found in zip(loads, expected, limits[disc]):
             what = f"property {disc}, {N0:g} N: V2 from a standing start"
             yield Comparison(what, "rpm", found, number, "reference", absolute=0.01)
-    axis.fill_between(loads, limits["2"], limits["1"], color=RED, alpha=0.2, lw=0)
+    axis.fill_between(loads, limits["2"], limits["1"], color=VERMILION, alpha=0.2, lw=0)
     axis.plot(loads, limits["1"], "D-", color=BLUE, markersize=5, label="property 1")
     axis.plot(loads, limits["2"], "o--", color="black", markersize=5, label="property 2")
     axis.text(22.0, 4.4, "property 1 may stick and slip,\nproperty 2 only slides", ha="center")
-    axis.set(xlabel="preload [N]", ylabel="stick-slip up to [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0))
+    axis.set(
+        xlabel="preload [N]", ylabel="disc speed up to which stick-slip exists [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0)
+    )
     axis.legend(loc="upper left")
 
 

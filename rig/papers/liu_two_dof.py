@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.papers.common import BLUE, GREEN, GREY, RED, dither_boundary, load, quiet, run
+from rig.papers.common import dither_boundary, load, quiet, run
 from rig.papers.entry import Comparison, Entry
+from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +36,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     turning.plot(swept.axis.values, 2.0 * math.pi * swept.frequency, ".", color=BLUE, markersize=3)
     [limit] = [one.value for one in swept.critical]
     for axis in (growth, turning):
-        axis.axvline(limit, color=RED, ls="--", lw=1.0)
+        axis.axvline(limit, color=VERMILION, ls="--", lw=1.0)
         axis.set_xlabel("friction coefficient")
     growth.set(title=f"critical: {limit:.4f}", ylabel="real part [1/s]")
     turning.set(title="frequencies", ylabel="imaginary part [rad/s]")
@@ -63,7 +64,7 @@ def histories(figure: Figure) -> Iterator[Comparison]:
         for axis, name, title in ((along, "displacement", "tangential"), (across, "height", "normal")):
             axis.plot(ran.time, 1e3 * ran.signals[name], color=GREY, lw=0.7)
             axis.plot(ran.time[before], 1e3 * ran.signals[name][before], color=BLUE, lw=0.8)
-            axis.axvline(first, color=RED, ls="--", lw=1.0)
+            axis.axvline(first, color=VERMILION, ls="--", lw=1.0)
             axis.set(title=f"{title}, mu = {mu:g}", xlabel="time [s]", ylabel=f"{name} [mm]")
         yield Comparison(f"mu = {mu:g}: lift-off", "s", first, lifts, "reference", relative=1e-6)
 
@@ -76,7 +77,7 @@ def suppressed(figure: Figure) -> Iterator[Comparison]:
         ran = run(load("two_dof_dither", friction__mu=mu, start__displacement=x, start__height=y))
         for axis, name, title in ((along, "displacement", "tangential"), (across, "height", "normal")):
             axis.plot(ran.time, 1e3 * ran.signals[name], color=BLUE, lw=0.5)
-            axis.axvline(10.0, color=RED, ls="--", lw=1.0)
+            axis.axvline(10.0, color=VERMILION, ls="--", lw=1.0)
             axis.set(title=f"{title}, mu = {mu:g}", ylabel=f"{name} [mm]")
         last = ran.time > ran.time[-1] - 2.0 * math.pi
         ripple = 0.5 * float(np.ptp(ran.signals["displacement"][last]))
@@ -115,7 +116,7 @@ def _boundaries(
     axis: Axes, cases: tuple[tuple[float, float, float, dict[int, float]], ...], label: str
 ) -> Iterator[Comparison]:
     """`cases`: friction, speed [m/s], critical a / V by averaging, and by simulation at each ratio of frequencies."""
-    for (mu, V, averaged, simulated), colour, mark in zip(cases, (BLUE, RED, GREEN), "osD"):
+    for (mu, V, averaged, simulated), colour, mark in zip(cases, (BLUE, VERMILION, GREEN), "osD"):
         parameters = label.format(mu=mu, V=V)
         axis.plot([0.0, 22.0], [0.0, 22.0 * averaged * V * RATE], color=colour, label=f"{parameters}: averaged")
         for ratio, expected in simulated.items():
@@ -134,7 +135,7 @@ def _boundaries(
             if ratio >= _APART:
                 what = f"{parameters}: simulated at ratio {ratio}, a / V"
                 yield Comparison(what, "", found, expected, "reference", absolute=0.005)
-    axis.set(xlabel="frequency of the dither over sqrt(k1 / m)", ylabel="amplitude of the dither [N]",
+    axis.set(xlabel="frequency of the dither over sqrt(k1 / m) [1]", ylabel="amplitude of the dither [N]",
              xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip
     axis.legend(loc="upper left")
 

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import AMBER, BLUE, GREEN, GREY, RED, load, run
+from rig.papers.common import load, run
 from rig.papers.entry import Comparison, Entry
 from rig.plants.plate import Parameters
+from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,16 +45,19 @@ def modal(figure: Figure) -> Iterator[Comparison]:
     model = _model(scene)
     first = np.flatnonzero(model.frequencies > 1.0)[:3]
     grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.0))
+    shapes = []
     for column, (mode, printed) in enumerate(zip(first, _PRINTED)):
         axis = figure.add_subplot(grid[0, column])
         shape = model.surface.shapes[mode, 2]
         top = float(np.abs(shape).max())
-        axis.pcolormesh(1e3 * model.surface.x, 1e3 * model.surface.y, shape, cmap="RdBu", vmin=-top, vmax=top,
-                        shading="gouraud")  # fmt: skip
+        mesh = axis.pcolormesh(1e3 * model.surface.x, 1e3 * model.surface.y, shape / top, cmap="RdBu", vmin=-1.0,
+                               vmax=1.0, shading="gouraud")  # fmt: skip
+        shapes.append(axis)
         axis.set(title=f"{1e-3 * model.frequencies[mode]:.2f} kHz (paper {1e-3 * printed:.1f})", aspect="equal",
-                 xlabel="x [mm]")  # fmt: skip
+                 xlabel="length x [mm]")  # fmt: skip
         if not column:
-            axis.set_ylabel("y [mm]")
+            axis.set_ylabel("width y [mm]")
+    figure.colorbar(mesh, ax=shapes, label="shape over its largest [1]", pad=0.01)
     made = run(scene)
     rung = made.signals["plate_acceleration"]
     density = np.abs(np.fft.rfft(np.hanning(len(rung)) * rung))
@@ -61,9 +65,9 @@ def modal(figure: Figure) -> Iterator[Comparison]:
     axis = figure.add_subplot(grid[1, :])
     axis.semilogy(1e-3 * hertz, density / density.max(), color=BLUE, lw=0.9)
     for printed in _PRINTED:
-        axis.axvline(1e-3 * printed, color=RED, ls="--", lw=1.0)
+        axis.axvline(1e-3 * printed, color=VERMILION, ls="--", lw=1.0)
     axis.set(title="acceleration of a corner after a knock; dashed: the paper", xlabel="frequency [kHz]",
-             ylabel="amplitude", xlim=(0.0, 15.0), ylim=(1e-6, 2.0))  # fmt: skip
+             ylabel="acceleration over\nits largest [1]", xlim=(0.0, 15.0), ylim=(1e-6, 2.0))  # fmt: skip
     for young, expected in _FREE.items():
         found = _model(load("plate_free", plate__young=young)).frequencies
         for number, (ours, wanted) in enumerate(zip(found[found > 1.0], expected), 1):
@@ -98,7 +102,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
         count = min(map(len, found))
         axis.plot(values, [[1e-3 * m.frequency for m in row[:count]] for row in found], color=BLUE)
         for mu, printed in ((0.0, still), (1.0, sliding)):
-            axis.plot([mu] * len(printed), 1e-3 * np.array(printed), "x", color=RED)
+            axis.plot([mu] * len(printed), 1e-3 * np.array(printed), "x", color=VERMILION)
         axis.set(title=title, xlabel="friction coefficient", ylim=(8.0, 12.0))
         grows = max([grows, *(m.growth for row in found for m in row)])
         for number, (ours, wanted) in enumerate(zip(found[0], still), 1):
@@ -113,7 +117,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel("frequency [kHz]")
     axis.plot([], [], color=BLUE, label="ours")
-    axis.plot([], [], "x", color=RED, label="paper")
+    axis.plot([], [], "x", color=VERMILION, label="paper")
     axis.legend(loc="lower left")
     yield Comparison("largest growth rate below 12 kHz, mu up to 1", "1/s", grows, 0.0, "paper", absolute=1e-2)
 
@@ -128,7 +132,7 @@ def ramps(figure: Figure) -> Iterator[Comparison]:
     moving.plot(made.time, 1e3 * made.signals["surface_speed"], color=GREEN)
     moving.set_ylabel("speed [mm/s]")
     way.plot(made.time, 1e3 * made.signals["position"], color=AMBER)
-    way.set(ylabel="way [mm]", xlabel="time [s]")
+    way.set(ylabel="distance [mm]", xlabel="time [s]")
     for axis in (pressing, moving, way):
         for time in (0.1, 0.2):
             axis.axvline(time, color=GREY, lw=0.7, ls="--")

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.papers.common import AMBER, BLUE, GREEN, GREY, RED, load, run
+from rig.papers.common import load, run
 from rig.papers.entry import Comparison, Entry
 from rig.record.film_points import Points
+from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
 from rig.view.pressure_maps import draw_map, draw_scale
 
 if TYPE_CHECKING:
@@ -60,8 +61,8 @@ def _spectrum(axis: Any, hertz: Array, density: Array, printed: Sequence[float],
     shown = (hertz > 1000.0) & (hertz < _AUDIBLE)
     axis.semilogy(1e-3 * hertz[shown], density[shown], color=BLUE, lw=0.9)
     for line in printed:
-        axis.axvline(line, color=RED, ls="--", lw=0.9)
-    axis.set(title=title, ylabel="density [(m/s^2)^2/Hz]", xlim=(0.0, 1e-3 * _AUDIBLE))
+        axis.axvline(line, color=VERMILION, ls="--", lw=0.9)
+    axis.set(title=title, ylabel="power spectral\ndensity [(m/s^2)^2/Hz]", xlim=(0.0, 1e-3 * _AUDIBLE))
 
 
 def normal(figure: Figure) -> Iterator[Comparison]:
@@ -70,11 +71,12 @@ def normal(figure: Figure) -> Iterator[Comparison]:
     history, fraction, lines = figure.subplots(3, 1)
     acceleration, onset = made.signals["slider_acceleration"], _onset(made)
     history.plot(made.time, acceleration, color=BLUE, lw=0.3)
-    history.set(title="normal acceleration of the slider", ylabel="[m/s^2]", xlim=(0.0, 1.2))
+    history.set(title="normal acceleration of the slider", ylabel="acceleration\n[m/s^2]", xlim=(0.0, 1.2))
     fraction.plot(made.time, made.signals["contact_fraction"], color=AMBER, lw=0.4)
-    fraction.set(title="share of the points that are closed", xlabel="time [s]", xlim=(0.0, 1.2), ylim=(0.0, 1.05))
+    fraction.set(title="share of the points that are closed", ylabel="closed share [1]", xlabel="time [s]")
+    fraction.set(xlim=(0.0, 1.2), ylim=(0.0, 1.05))
     for axis in (history, fraction):
-        axis.axvline(onset, color=RED, lw=0.9, ls="--")
+        axis.axvline(onset, color=VERMILION, lw=0.9, ls="--")
     hertz, density = _density(made, acceleration, onset)
     _spectrum(
         lines, hertz, density, _PRINTED[11], "spectrum from the first opening on; dashed: lines that the paper names"
@@ -124,7 +126,7 @@ def maps(figure: Figure) -> Iterator[Comparison]:
     draw_scale(axis, points.scale, float(1e6 * pressure[shown].max()) > points.scale, ax=figure.axes, fraction=0.03)
     axis = figure.add_subplot(grid[2, :])
     axis.plot(made.time, 1e3 * centre, color=BLUE, lw=0.4)
-    axis.axhline(1e3 * _OFFSET, color=RED, ls="--", lw=0.9, label="mu h: 4.08 mm")
+    axis.axhline(1e3 * _OFFSET, color=VERMILION, ls="--", lw=0.9, label="mu h: 4.08 mm")
     axis.set(ylabel="pressure centre [mm]", xlabel="time [s]", xlim=(0.05, 0.8), ylim=(-22.0, 22.0))
     axis.legend(loc="upper left")
     quiet = (made.time > 0.25) & (made.time < 0.45)
@@ -160,7 +162,7 @@ def scaling(figure: Figure) -> Iterator[Comparison]:
     found: dict[str, tuple[Array, Array, float]] = {}
     for title, speed, force, colour, axis in (
         ("10 mm/s, 0.1 MPa", 0.01, 108.79, BLUE, upper),
-        ("30 mm/s, 0.3 MPa", 0.03, 326.37, RED, upper),
+        ("30 mm/s, 0.3 MPa", 0.03, 326.37, VERMILION, upper),
         ("3 mm/s, 0.1 MPa", 0.003, 108.79, GREEN, lower),
         ("3 mm/s, 0.3 MPa", 0.003, 326.37, AMBER, lower),
     ):
@@ -169,7 +171,7 @@ def scaling(figure: Figure) -> Iterator[Comparison]:
         made = run(_reaching(base, speed, force), 0.4)
         share = made.signals["pitch_velocity"] / force
         found[title] = made.time, share, _onset(made)
-        style = "--" if colour == RED else "-"
+        style = "--" if colour == VERMILION else "-"
         axis.plot(made.time, share, color=colour, lw=0.6, ls=style, label=f"{title}: opens at {found[title][2]:.4f} s")
     for axis in (upper, lower):
         low, high = axis.get_ylim()

@@ -11,8 +11,9 @@ from rig.qualify.cost.figure import sheet
 from rig.qualify.effects_measured import Part
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
+from rig.view.palette import BLUE
 
-ON, ABSENT = "#1d4f91", "#9aa5b1"
+ON, ABSENT = BLUE, "#9aa5b1"
 
 
 def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:

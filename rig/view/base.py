@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.model.system import System
 from rig.view import contact
-from rig.view.channels import PALETTE
+from rig.view.palette import LINES
 from rig.view.shapes import Columns, Integers, Log, Reals
 
 if TYPE_CHECKING:
@@ -69,9 +69,7 @@ class Picture:
 
     def paint(self, colours: Mapping[str, str]) -> None:
         """Give the arrows of the forces the colours that their outputs have in the plots (output -> "#rrggbb")."""
-        self.friction, self.normal = (
-            contact.rgb(colours.get(name, usual)) for name, usual in zip(self.forces, PALETTE)
-        )
+        self.friction, self.normal = (contact.rgb(colours.get(name, usual)) for name, usual in zip(self.forces, LINES))
 
     def static(self, log: Log) -> None:
         """Pass everything that never changes to `log`."""

@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from rig.model.assembly import portrait
 from rig.picture import Plot, plot_of
 from rig.record.film_points import numbered
+from rig.view.palette import LINES
 
 if TYPE_CHECKING:
     from rig.model.assembly import Assembly
     from rig.scenes.scene import Scene
-
-PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
 class Channel(NamedTuple):
@@ -61,7 +60,7 @@ class Channels:
         """What each sensor measures. Omits sensors whose measurement no factor converts to the output."""
         self.panels = self._panels()
         """The plots, in order."""
-        self.colours = {name: PALETTE[i % len(PALETTE)] for p in self.panels for i, name in enumerate(p.outputs)}
+        self.colours = {name: LINES[i % len(LINES)] for p in self.panels for i, name in enumerate(p.outputs)}
         """Colour of each output as "#rrggbb"."""
         self.portrait = portrait(self._declared)
         """Names of displacement and velocity of the phase portrait; None if the rig has no such pair."""
@@ -71,7 +70,7 @@ class Channels:
     def colour_of(self, sensor: str) -> str:
         """Colour of the output that a sensor measures; of another sensor the first colour."""
         channel = self.measured.get(sensor)
-        return self.colours.get(channel.reads, PALETTE[0]) if channel else PALETTE[0]
+        return self.colours.get(channel.reads, LINES[0]) if channel else LINES[0]
 
     def panel_of(self, output: str) -> Panel | None:
         """The plot of an output; None for one at many points, and for an unknown one."""

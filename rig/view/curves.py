@@ -6,11 +6,13 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.record.run import Reals, Run
 from rig.view import contact, timeline
 from rig.view.caption import scene_of
 from rig.view.channels import Channels
+from rig.view.palette import ALARM, GREEN
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
 _CIRCUIT = "#7a5fb0"
 COLUMNS = 2400
+Bools = NDArray[np.bool_]
 _MEASURED = 0.35
 _LETTERS = 125.0
 """Number of characters that fit above the time axis of a whole run."""
@@ -34,6 +37,12 @@ def thinned(t: Reals, v: Reals, columns: int = COLUMNS) -> tuple[Reals, Reals]:
     ends = np.stack(filled, axis=1)
     ends[~np.isfinite(ends)] = np.nan
     return np.repeat(t[: count * size : size], 2), ends.ravel()
+
+
+def apart(x: Reals, y: Reals, jumps: Bools) -> tuple[Reals, Reals]:
+    """Return x [n] and y [n, ...] with a gap after each point i where `jumps[i]` [n - 1], which no line joins."""
+    at = np.flatnonzero(jumps) + 1
+    return np.insert(x, at, np.nan), np.insert(y, at, np.nan, axis=0)
 
 
 def line(axes: Axes, t: Reals, v: Reals, **style: Any) -> None:
@@ -94,7 +103,7 @@ def curves(axes: Axes, run: Run, channels: Channels, outputs: Iterable[str]) -> 
 def shade(axes: Axes, run: Run, closed: list[timeline.Span]) -> None:
     """Shade the times in which controllers work or a circuit is closed, and draw lines at marks."""
     for span in timeline.controlled(run):
-        axes.axvspan(span.begin, span.end, color="#2a9d77", alpha=0.09, lw=0, zorder=0)
+        axes.axvspan(span.begin, span.end, color=GREEN, alpha=0.09, lw=0, zorder=0)
     for span in closed:
         axes.axvspan(span.begin, span.end, color=_CIRCUIT, alpha=0.13, lw=0, zorder=0)
     for mark in timeline.marks(run):
@@ -123,7 +132,7 @@ def heading(figure: Figure, run: Run) -> None:
     figure.text(0.076, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
     if run.fault:
         first = run.fault.partition("\n")[0]
-        figure.text(0.985, 0.968, first[:110], color="#b5322f", ha="right", fontsize=10.5)
+        figure.text(0.985, 0.968, first[:110], color=ALARM, ha="right", fontsize=10.5)
 
 
 def phases(axes: Axes, run: Run) -> None:

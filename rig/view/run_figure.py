@@ -34,6 +34,7 @@ from rig.view.curves import (
     plain,
     shade,
 )
+from rig.view.palette import AMBER, BLUE, GREEN, PURPLE, VERMILION
 from rig.view.picture import drawer_of
 from rig.view.save_figure import put
 
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 _FASTER = 5.0
 _SMALL = 5e-5  # m, rad: smaller displacements are shown in micrometres or microradians
-_SECTIONS = ("#1d4f91", "#c03a76", "#2a9d77", "#d1802f", "#7a5fb0")
+_SECTIONS = (BLUE, VERMILION, GREEN, AMBER, PURPLE)
 STYLE: dict[str, Any] = {
     "font.size": 10.5,
     "axes.titlesize": 11,

@@ -14,7 +14,7 @@ import pytest
 
 from rig.errors import OutputError, UsageError
 from rig.view import feed, viewer
-from rig.view.channels import PALETTE
+from rig.view.palette import LINES
 from rig.view.process import Bridge, Sender
 
 SECONDS = 2
@@ -72,7 +72,7 @@ def test_the_file_holds_what_was_said(shown, stage):
     assert times(rows["/command/nf"]) == list(range(0, SECONDS * 1_000_000_000, 1_000_000))
     assert values(rows["/health/energy_error"], "Scalars:scalars")[0] == pytest.approx(-12.0, abs=1e-5)
     assert [row["SeriesLines:names"] for row in static["/plant/surface_speed"]] == [["surface speed"]]
-    packed = int(PALETTE[1][1:] + "ff", 16)  # the second output of its plot
+    packed = int(LINES[1][1:] + "ff", 16)  # the second output of its plot
     assert [row["SeriesLines:colors"] for row in static["/plant/surface_speed"]] == [[packed]]
     assert values(rows["/event/plant"], "TextLog:text") == [
         "step: hold for 2 s", "connected: nf is connected", "verdict: VALID",

@@ -9,8 +9,9 @@ from rig.model.assembly import Assembly, Output
 from rig.picture import Plot
 from rig.scenes.shipped import names
 from rig.view import contact
-from rig.view.channels import PALETTE, Channels
+from rig.view.channels import Channels
 from rig.view.drawing import Drawing
+from rig.view.palette import LINES
 
 GROUPS = {
     "pendulum": [
@@ -107,8 +108,8 @@ def test_the_portrait_is_the_declared_pair_or_the_first_output_with_its_rate():
 
 def test_colours_are_those_of_the_places_in_a_plot():
     found = declared(**{f"f{k}": Output({}, "N") for k in range(8)}, x=Output({}, "m"))
-    assert [found.colours[f"f{k}"] for k in range(8)] == [*PALETTE, *PALETTE[:2]]
-    assert found.colours["x"] == PALETTE[0]
+    assert [found.colours[f"f{k}"] for k in range(8)] == [*LINES, *LINES[:2]]
+    assert found.colours["x"] == LINES[0]
 
 
 @pytest.mark.parametrize("name", ["pendulum", "plate", "brake"])
@@ -138,7 +139,7 @@ def test_the_first_colours_can_be_told_from_a_white_and_from_a_dark_ground():
         return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
     for ground in ((255, 255, 255), (24, 27, 33)):
-        for colour in PALETTE[:4]:
+        for colour in LINES[:4]:
             low, high = sorted((luminance(ground), luminance(contact.rgb(colour))))
             assert (high + 0.05) / (low + 0.05) >= 3.0, (colour, ground)
 

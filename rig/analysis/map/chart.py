@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 UNKNOWN, ONE, TWO, THREE, REST = range(5)
 REGIONS = ("?", "I", "II", "III", "stuck")
 MEANING = ("undecided", "sliding only", "sliding and vibration", "vibration only", "nothing moves")
+_UNITS = {"growth": "1/s", "frequency": "Hz", "period": "s", "spent": "s"} | dict.fromkeys(
+    ("amplitude", "low", "high", "rms"), "output"
+)
 _ROWS = 12  # of boundaries, on the screen
 
 
@@ -59,7 +62,7 @@ class Map:
     def regions(self) -> NDArray[np.int8]:
         """Region of each point, [row, point]: number in `REGIONS`."""
         slides = (self.state == SLIDING).any(axis=0)
-        vibrates = np.isin(self.state, (STICK_SLIP, VIBRATION)).any(axis=0)
+        vibrates = self.moves.any(axis=0)
         open_ = np.isin(self.state, (UNDECIDED, STOPPED)).any(axis=0)
         found = np.full(slides.shape, UNKNOWN, dtype=np.int8)
         found[slides & ~vibrates & ~open_] = ONE
@@ -67,6 +70,11 @@ class Map:
         found[slides & vibrates] = TWO
         found[(self.state == STUCK).any(axis=0) & ~slides & ~vibrates] = REST
         return found
+
+    @property
+    def moves(self) -> NDArray[np.bool_]:
+        """Whether the run ended in vibration, [run, row, point]."""
+        return np.isin(self.state, (STICK_SLIP, VIBRATION))
 
     @property
     def amplitude(self) -> Array:
@@ -179,12 +187,21 @@ class Map:
             yield record
 
     def csv(self) -> str:
-        """Return every point as a line of a CSV file; units: SI, the output in its own."""
+        """Return every point as a line of a CSV file; the head names the units."""
         records, made = list(self.points()), io.StringIO()
-        writer = csv.DictWriter(made, list(records[0]))
-        writer.writeheader()
-        writer.writerows(records)
+        writer = csv.writer(made)
+        writer.writerow(map(self._head, records[0]))
+        writer.writerows(record.values() for record in records)
         return made.getvalue()
+
+    def _head(self, name: str) -> str:
+        """The name of a column of numbers with its unit."""
+        for axis in (self.job.x, self.job.y):
+            if axis is not None and axis.key == name:
+                return axis.si_label
+        run, _, quantity = name.partition("_")
+        unit = _UNITS.get(quantity if run in RUNS else name, "")
+        return f"{name} [{self.unit if unit == 'output' else unit}]" if unit else name
 
 
 def gathered(job: Job, found: dict[int, Arrays], folder: Path) -> Map:

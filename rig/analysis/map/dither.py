@@ -102,10 +102,12 @@ class Boundary:
         }
 
     def csv(self) -> str:
-        """Return a line for each frequency, SI."""
+        """Return a line for each frequency; the head names the units."""
         made = io.StringIO()
         writer = csv.writer(made)
-        writer.writerow([self.job.x.key, "leading", "averaged", "simulated_lost", "simulated_kept"])
+        unit = self.job.y.unit if self.job.y else ""
+        names = ("leading", "averaged", "simulated_lost", "simulated_kept")
+        writer.writerow([self.job.x.si_label, *(f"{name} [{unit}]" for name in names)])
         for i, frequency in enumerate(self.job.x.values):
             writer.writerow([frequency, self.leading[i], self.averaged[i], *self.simulated[i]])
         return made.getvalue()

@@ -7,17 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rig.analysis.fixed_parameters import heading
 from rig.analysis.map.chart import MEANING, REGIONS, Map
 from rig.analysis.map.dither import Boundary
 from rig.analysis.map.job import RUNS
+from rig.view.curves import apart, plain
+from rig.view.palette import AMBER, BLUE, GREEN, VERMILION
 from rig.view.save_figure import put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#c9c9c9", "#d5e8dc", "#f6dfae", "#e7a79a", "#e4e4f0")  # of REGIONS
-_RUNS = {"up": ("#1d4f91", "^"), "down": ("#c03a76", "v"), "near": ("#2a9d77", "x"), "far": ("#d1802f", "+")}
+COLOURS = ("#9d9d9d", "#d5e8dc", "#f6dfae", "#e7a79a", "#b9b9e0")  # of REGIONS
+_RUNS = {"up": (BLUE, "^"), "down": (VERMILION, "v"), "near": (GREEN, "x"), "far": (AMBER, "+")}
 _LABELS = {"up": "run-up", "down": "run-down", "near": "near start", "far": "standing start"}
 _STYLE: dict[str, Any] = {
     "font.size": 10.5,
@@ -45,7 +48,7 @@ def draw(found: Map | Boundary, path: Path) -> None:
             _bifurcation(figure, found)
         else:
             _regions(figure.add_subplot(), found)
-        figure.suptitle(found.job.scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        heading(figure, found.job.scene, [axis for axis in (found.job.x, found.job.y) if axis is not None])
         put(figure, path)
 
 
@@ -58,8 +61,9 @@ def _regions(axes: Axes, found: Map) -> None:
     mesh = axes.pcolormesh(x, y, found.regions, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=4.5, shading="nearest")
     mesh.set_rasterized(True)
     scale = job.x.scale
-    onsets = np.array([(value / scale, y[row]) for row, values in enumerate(found.onsets) for value in values])
-    if len(onsets):
+    if any(map(len, found.onsets)):
+        rows = [values if len(values) else [np.nan] for values in found.onsets]  # no line leads over an empty row
+        onsets = np.array([(value / scale, y[row]) for row, values in enumerate(rows) for value in values])
         _line(axes, onsets, "-", "black", "", "sliding loses stability (eigenvalue)")
     for number, (run, label) in enumerate((("up", "run-up"), ("down", "run-down"))):
         ends = found.ends[number].mean(axis=1) / scale
@@ -72,9 +76,10 @@ def _regions(axes: Axes, found: Map) -> None:
 
 
 def _line(axes: Axes, points: Any, style: str, colour: str, marker: str, label: str) -> None:
-    """Draw boundary points, joined from row to row where both rows have one."""
-    joined = len(np.unique(points[:, 1])) == len(points)
-    few = marker if len(points) <= 40 else ""
+    """Draw boundary points (nan: a row without one), joined from row to row where each of both has one."""
+    rows = points[~np.isnan(points[:, 0]), 1]
+    joined = len(np.unique(rows)) == len(rows)
+    few = marker if len(rows) <= 40 else ""
     axes.plot(points[:, 0], points[:, 1], style if joined else ".", color=colour, marker=few, ms=4, label=label)
 
 
@@ -107,14 +112,16 @@ def _bifurcation(figure: Figure, found: Map) -> None:
         number, (colour, marker) = RUNS.index(run), _RUNS[run]
         carried = run in ("up", "down")
         style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 5.5 if carried else 3.5, "mfc": "none"}
-        style["lw"] = 0.9 if carried else 0.0
+        style |= {"lw": 0.9 if carried else 0.0, "ls": "--" if run == "down" else "-"}
+        jumps = np.diff(found.moves[number, 0]) != 0
         for name in ("low", "high"):
-            top.plot(x, found.tables[name][number, 0], label=_LABELS[run] if name == "high" else None, **style)
+            label = _LABELS[run] if name == "high" else None
+            top.plot(*apart(x, found.tables[name][number, 0], jumps), label=label, **style)
         section = found.tables["section"][number, 0]
         top.plot(np.repeat(x, section.shape[1]), section.ravel(), ".", color=colour, ms=1.5)
-        middle.plot(x, found.tables["rms"][number, 0], **style)
-        bottom.plot(x, found.tables["share"][number, 0], **style)
-    top.set_ylabel(f"{settings.output} [{unit}]\nextremes, local maxima")
+        middle.plot(*apart(x, found.tables["rms"][number, 0], jumps), **style)
+        bottom.plot(*apart(x, found.tables["share"][number, 0], jumps), **style)
+    top.set_ylabel(f"{plain(settings.output)} [{unit}]\nextremes, local maxima")
     middle.set_ylabel(f"rms about\nthe mean [{unit}]")
     bottom.set_ylabel("share of\ntime stuck")
     bottom.set_xlabel(found.job.x.title)

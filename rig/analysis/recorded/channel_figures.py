@@ -11,11 +11,12 @@ from rig.analysis.recorded.figure import sheet
 from rig.analysis.recorded.portrait import Portrait, Section
 from rig.analysis.recorded.response import Response
 from rig.view.curves import plain
+from rig.view.palette import ALARM, BLUE, GREY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_CURVE, _POINT, _AXIS = "#1d4f91", "#b5322f", "#5a5a5a"
+_CURVE, _POINT, _AXIS = BLUE, ALARM, GREY
 _NAMED = 6
 """Resonances that a picture labels, the largest ones."""
 _DRAWN = 40_000  # samples of a portrait

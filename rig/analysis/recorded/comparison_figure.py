@@ -12,9 +12,10 @@ from rig.analysis.recorded.series import scene_name
 from rig.record.compare import series_of
 from rig.record.run import Run
 from rig.record.statistics import whole_signals
-from rig.view.curves import thinned
+from rig.view.curves import plain, thinned
+from rig.view.palette import AMBER, BLUE, GREY
 
-_A, _B, _DIFFERENCE = "#1d4f91", "#d1802f", "#5a5a5a"
+_A, _B, _DIFFERENCE = BLUE, AMBER, GREY
 _DRAWN = 5
 """Most signals in a figure: those that differ first."""
 
@@ -35,11 +36,11 @@ def draw_comparison(first: Run, second: Run, found: Compared, path: Path) -> Non
             for which, series, style in (("A", one[name], {"color": _A}), ("B", two[name], {"color": _B, "ls": "--"})):
                 t = np.multiply(series.t_ns, 1e-9, dtype=np.float64)
                 over.plot(*thinned(t, series.values), lw=1.0, label=which, **style)
-            over.set_ylabel(f"{name}\n[{unit}]")
+            over.set_ylabel(f"{plain(name.removeprefix('meas/'))}\n[{unit}]")
             shared, at_one, at_two = np.intersect1d(one[name].t_ns, two[name].t_ns, return_indices=True)
             away = two[name].values[at_two] - one[name].values[at_one]
             apart.plot(*thinned(np.multiply(shared, 1e-9, dtype=np.float64), away), lw=0.9, color=_DIFFERENCE)
-            apart.set_ylabel(f"B - A [{unit}]")
+            apart.set_ylabel(f"difference B - A\n[{unit}]")
             signal = known[name]
             apart.set_title(
                 f"from t = {signal.time:.6g} s on, up to {signal.deviation:.3g} of the range"

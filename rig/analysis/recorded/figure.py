@@ -15,7 +15,8 @@ from rig.analysis.recorded.orders import Orders
 from rig.analysis.recorded.pressure import Pressure
 from rig.analysis.recorded.series import squared
 from rig.analysis.recorded.spectrum import Density, Line, Map, Spectrum
-from rig.view.curves import thinned
+from rig.view.curves import plain, thinned
+from rig.view.palette import AMBER, BLUE, GREY
 from rig.view.pressure_maps import draw_map, draw_scale
 from rig.view.run_figure import STYLE
 from rig.view.save_figure import put
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_UP, _DOWN, _LINE = "#1d4f91", "#d1802f", "#5a5a5a"
+_UP, _DOWN, _LINE = BLUE, AMBER, GREY
 _RANGE = 70.0
 """Range of a map [dB below its maximum]."""
 _NAMED, _APART = 3, 0.35
@@ -51,53 +52,57 @@ def sheet(path: Path, title: str, size: tuple[float, float]) -> Iterator[Figure]
 
 def draw_hysteresis(found: Hysteresis, path: Path) -> None:
     """Draw the RMS over the speed, and both over time, into the file `path` (PNG or another format of matplotlib)."""
-    with sheet(path, f"{found.scene}: {found.name} over {found.over}", (12.0, 8.0)) as figure:
+    over, name = plain(found.over), plain(found.name)
+    with sheet(path, f"{found.scene}: {name} over {over}", (12.0, 8.0)) as figure:
         loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
         rms.sharex(speed)
         labelled = set()
         for curve in found.curves:
-            way, colour = ("rising", _UP) if curve.branch.rises else ("falling", _DOWN)
-            label = f"{found.over} {way}"
-            loop.plot(*thinned(curve.speed, curve.rms), color=colour, label=None if label in labelled else label)
+            way, colour, dashes = ("rising", _UP, "-") if curve.branch.rises else ("falling", _DOWN, "--")
+            label = f"{over} {way}"
+            loop.plot(
+                *thinned(curve.speed, curve.rms), color=colour, ls=dashes, label=None if label in labelled else label
+            )
             labelled.add(label)
             for axes, values in ((rms, curve.rms), (speed, curve.speed)):
                 axes.plot(*thinned(curve.t, values), color=colour)
             if math.isfinite(curve.stick):
                 what = "last stick" if curve.branch.rises else "first stick"
                 loop.axvline(
-                    curve.stick, color=colour, lw=0.9, ls="--", label=f"{what}: {curve.stick:.4g} {found.over_unit}"
+                    curve.stick, color=colour, lw=0.9, ls=":", label=f"{what}: {curve.stick:.4g} {found.over_unit}"
                 )
         window = f"centred window of {found.window:.4g} s"
         loop.set_title(f"RMS about the mean, {window}")
-        loop.set(xlabel=f"{found.over} [{found.over_unit}]", ylabel=f"RMS of {found.name} [{found.unit}]")
+        loop.set(xlabel=f"{over} [{found.over_unit}]", ylabel=f"RMS of {name} [{found.unit}]")
         loop.set_ylim(0.0, None)
         loop.legend(loc="best")
         rms.set(ylabel=f"RMS [{found.unit}]")
         rms.set_ylim(0.0, None)
         rms.tick_params(labelbottom=False)
-        speed.set(ylabel=f"{found.over}\n[{found.over_unit}]", xlabel="time [s]")
+        speed.set(ylabel=f"{over}\n[{found.over_unit}]", xlabel="time [s]")
         figure.align_ylabels([rms, speed])
 
 
 def draw_spectrum(found: Spectrum, order: Orders | None, path: Path) -> None:
     """Draw density and spectrogram, and those over orders, into the file `path`."""
     size = (12.0, 7.6) if order is None else (15.0, 8.0)
-    with sheet(path, f"{found.scene}: spectrum of {found.name}", size) as figure:
+    with sheet(path, f"{found.scene}: spectrum of {plain(found.name)}", size) as figure:
         (density, *beside), (spectrogram, *below) = figure.subplots(2, 1 if order is None else 2, squeeze=False)
         _density(density, found.density, found.lines, f"{squared(found.unit)}/Hz", "Hz")
         density.set(
             title=f"mean of {found.density.windows} Hann windows of {found.window:.4g} s", xlabel="frequency [Hz]"
         )
-        _map(spectrogram, found.map, found.density, f"dB re 1 {squared(found.unit)}/Hz")
+        _map(spectrogram, found.map, found.density, f"level [dB re 1 {squared(found.unit)}/Hz]")
         spectrogram.set(title=f"windows of {found.map_window:.4g} s", xlabel="time [s]", ylabel="frequency [Hz]")
         if order is not None:
             per = order.per
             _density(beside[0], order.density, order.lines, f"{squared(found.unit)}*{per}", f"1/{per}")
             beside[0].set(
-                title=f"mean of {order.density.windows} Hann windows of {order.window:.4g} {per}, over {order.over}",
+                title=f"mean of {order.density.windows} Hann windows of {order.window:.4g} {per}, "
+                f"over {plain(order.over)}",
                 xlabel=f"order [1/{per}]",
             )
-            _map(below[0], order.map, order.density, f"dB re 1 {squared(found.unit)}*{per}")
+            _map(below[0], order.map, order.density, f"level [dB re 1 {squared(found.unit)}*{per}]")
             below[0].set(title=f"windows of {order.map_window:.4g} {per}", xlabel="time [s]", ylabel=f"order [1/{per}]")
 
 
@@ -148,5 +153,5 @@ def draw_pressure(found: Pressure, path: Path) -> None:
             if number + across >= len(found.maps):
                 axes.set_xlabel("x on the slider [mm]")
             if number % across == 0:
-                axes.set_ylabel("y [mm]")
+                axes.set_ylabel("y on the slider [mm]")
         draw_scale(drawn[0, 0], scale, largest > scale, ax=drawn, location="bottom", aspect=45, shrink=0.7)

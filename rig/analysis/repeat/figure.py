@@ -9,6 +9,7 @@ import numpy as np
 
 from rig.analysis.repeat.measure import ONSET
 from rig.analysis.repeat.spread import Repeats
+from rig.view.palette import BLUE
 from rig.view.run_figure import STYLE
 from rig.view.save_figure import put
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOST = 24  # numbers in the picture
-_COLOUR, _BAND = "#1d4f91", "#b9cce4"
+_COLOUR, _BAND = BLUE, "#b9cce4"
 
 
 def draw(found: Repeats, path: Path) -> None:
@@ -43,7 +44,7 @@ def _numbers(axes: Axes, found: Repeats) -> None:
         axes.plot(ratio, np.full(len(ratio), -place), ".", color=_COLOUR, alpha=0.6)
     labels = [f"{one.name}  {one.median:.4g} {one.unit}".rstrip(" 1") for one in shown]
     axes.set_yticks([-place for place in range(len(shown))], labels, fontsize=8)
-    axes.set_xlabel("over the median, which stands beside the name")
+    axes.set_xlabel("ratio to the median, which stands beside the name")
     opened = found.values(ONSET)
     axes.set_title(f"{len(opened)} of {len(found.seen)} runs open" if opened else "spread over the seeds")
 

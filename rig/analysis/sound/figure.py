@@ -9,10 +9,12 @@ import numpy as np
 from rig.analysis.sound.hearing import Sound
 from rig.record.run import Run
 from rig.view import timeline
+from rig.view.curves import plain
+from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 from rig.view.run_figure import STYLE
 from rig.view.save_figure import put
 
-_LINE, _TONE, _WORK = "#1d4f91", "#c03a76", "#2a9d77"
+_LINE, _TONE, _WORK = BLUE, VERMILION, GREEN
 _COLUMNS = 2400
 _RANGE = 70.0  # dB of the spectrum that are shown
 
@@ -33,7 +35,7 @@ def draw(sound: Sound, run: Run, path: Path) -> None:
         t = sound.start + edges / sound.rate
         low, high = np.minimum.reduceat(sound.v, edges), np.maximum.reduceat(sound.v, edges)
         signal.fill_between(t, low, high, color=_LINE, lw=0.5)
-        signal.set_ylabel(f"{sound.channel} [{sound.unit}]")
+        signal.set_ylabel(f"{plain(sound.channel)} [{sound.unit}]")
         for span in timeline.controlled(run):
             if span.begin > 0.0 or span.end < timeline.end_of(run):  # a controller that works throughout needs no mark
                 for axes in (signal, level):
@@ -46,13 +48,13 @@ def draw(sound: Sound, run: Run, path: Path) -> None:
         mesh.set_rasterized(True)
         spectrum.grid(visible=False)
         spectrum.set_ylabel("frequency [kHz]")
-        bar = figure.colorbar(mesh, ax=spectrum, label=sound.reference, pad=0.01)
+        bar = figure.colorbar(mesh, ax=spectrum, label=f"level [{sound.reference}]", pad=0.01)
         bar.outline.set_visible(False)  # type: ignore[operator]
         level.plot(sound.times, sound.level, color=_LINE, label="total")
         level.plot(sound.times, sound.tone, color=_TONE, label="loudest tone above 1 kHz")
-        level.axhline(sound.threshold, color="#5a5a5a", lw=0.8, ls=":", label="squeal above")
+        level.axhline(sound.threshold, color=GREY, lw=0.8, ls=":", label="squeal above")
         level.set(ylabel=f"level [{sound.reference}]", xlabel="time [s]", xlim=(sound.times[0], sound.times[-1]))
         level.set_ylim(max(float(np.percentile(sound.tone, 1.0)) - 5.0, float(sound.level.max()) - 120.0), None)
         level.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
-        figure.suptitle(f"{sound.scene}: {sound.channel}", x=0.01, ha="left", fontsize=13, fontweight="bold")
+        figure.suptitle(f"{sound.scene}: {plain(sound.channel)}", x=0.01, ha="left", fontsize=13, fontweight="bold")
         put(figure, path)

@@ -20,6 +20,7 @@ from rig.qualify.cost.order import step
 from rig.qualify.cost.table import WORST, Table
 from rig.scenes.scene import Scene
 from rig.user_files import csv_table, write_file
+from rig.view.palette import AMBER, PURPLE
 
 IDEAL = 1_000  # ns, the sample period of the ideal loop
 FINE = 20  # samples in a delay: so many pending commands are states of the loop
@@ -100,14 +101,14 @@ def write(found: Sequence[Delayed], path: Path) -> None:
         for varied, points in (("delay", one.delays), ("period", one.periods))
         for time, error in points
     ]
-    write_file(path, csv_table([("controller", "varied", "time_s", "error"), *rows]))
+    write_file(path, csv_table([("controller", "varied", "time [s]", "error"), *rows]))
 
 
 def draw(found: Sequence[Delayed], table: Table, path: Path) -> None:
     """Draw errors over time: delay, sample period, and integration step."""
     with sheet(f"{table.title}: where accuracy is lost", table.machine, path) as figure:
         axes = figure.add_subplot()
-        styles = (("delay of the loop", "#d1802f", "-"), ("sample period of the loop", "#7a5fb0", "--"))
+        styles = (("delay of the loop", AMBER, "-"), ("sample period of the loop", PURPLE, "--"))
         for one in found:
             for (label, colour, line), points in zip(styles, (one.delays, one.periods)):
                 times, away = zip(*points)

@@ -13,6 +13,7 @@ import numpy as np
 from rig.analysis.motion_measures.settings import THEORY
 from rig.qualify.cost.pareto import front
 from rig.qualify.cost.table import WORST, Row, Table
+from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, VERMILION
 from rig.view.save_figure import put
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 At = Callable[[Row], float]
 
-COLOURS = {"exact": "#1d4f91", "dopri5": "#c03a76", "rk4": "#2a9d77", "kick": "#d1802f", "smooth": "#7a5fb0"}
+COLOURS = {"exact": BLUE, "dopri5": VERMILION, "rk4": GREEN, "kick": AMBER, "smooth": PURPLE}
 MARKS = {"exact": "D", "dopri5": "o", "rk4": "s", "kick": "^", "smooth": "v"}
 STYLE: dict[str, Any] = {
     "font.size": 10.5,
@@ -100,7 +101,7 @@ def _frames(axes: Axes, found: Table, metric: str, budget: float | None) -> None
     style: dict[str, Any] = {"where": "post", "color": "black", "ls": ":", "lw": 1.2, "zorder": 1}
     axes.step([row.p99 for row in best], [_shown(row, metric) for row in best], label="Pareto front", **style)
     if budget is not None:
-        axes.axvline(1e3 * budget, color="#b5322f", lw=1.3, label=f"budget, {budget:.0%} of a frame")
+        axes.axvline(1e3 * budget, color=ALARM, lw=1.3, label=f"budget, {budget:.0%} of a frame")
     axes.set_xlabel("frames with sensors: compute in 1 ms of simulated time, p99 [us]")
 
 

@@ -125,7 +125,7 @@ class Table:
         rows = [row.flat() for row in self.rows]
         columns = list(dict.fromkeys(name for row in rows for name in row))
         lines = [[row.get(name) for name in columns] for row in rows]
-        write_file(folder / "cost.csv", csv_table([columns, *lines]))
+        write_file(folder / "cost.csv", csv_table([[_head(name) for name in columns], *lines]))
         write_parquet(folder / "cost.parquet", {c: [row.get(c) for row in rows] for c in columns})
         about = {name: value for name, value in vars(self).items() if name != "rows"}
         write_file(folder / "machine.json", json.dumps(about, indent=1).encode())
@@ -136,10 +136,21 @@ class Table:
         try:
             about = json.loads((folder / "machine.json").read_text())
             with (folder / "cost.csv").open(newline="") as file:
-                rows = [Row.of_flat(raw) for raw in csv.DictReader(file)]
+                head, *lines = csv.reader(file)
+            names = [name.partition(" [")[0] for name in head]
+            rows = [Row.of_flat(dict(zip(names, line, strict=True))) for line in lines]
             return cls(**about, rows=rows)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UsageError(f"{folder}: no readable cost table ({error})") from None
+
+
+_UNITS = {"p50": "us", "p99": "us", "tick": "ns"}
+
+
+def _head(column: str) -> str:
+    """A column of cost.csv with its unit, if the name has none."""
+    unit = _UNITS.get(column.removesuffix("_low").removesuffix("_high"), "")
+    return f"{column} [{unit}]" if unit else column
 
 
 def write_parquet(path: Path, columns: dict[str, Sequence[Any]]) -> None:

@@ -10,13 +10,14 @@ from rig.qualify.cost.effects import Paired
 from rig.qualify.cost.figure import sheet
 from rig.qualify.cost.table import Table
 from rig.user_files import csv_table, write_file
+from rig.view.palette import BLUE, VERMILION
 
 
 def write(found: Sequence[Paired], path: Path) -> None:
     """Write one line for each effect and measure. Raises OutputError."""
     rows: list[list[object]] = [
-        ["effect", "measured", "states", "ns_per_step", "low", "high", "noise_ns", "measure", "unit", "with",
-         "without", "change", "significant", "note"]
+        ["effect", "measured", "states", "cost per step [ns]", "low [ns]", "high [ns]", "noise [ns]",
+         "measure", "unit", "with", "without", "change", "significant", "note"]
     ]  # fmt: skip
     for one, how in [(one, "as held") for one in found] + [(p.closed, "closed") for p in found if p.closed]:
         head = [one.name, how, one.states, *one.to_json()["tick"].values(), one.to_json()["noise"]]
@@ -49,7 +50,7 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
         begin = rest
         left.barh(0, rest, color="#9aa5b1")
         for place, one in zip(places[1:], shown):
-            left.barh(place, one.shown_cost.value, left=begin, color="#1d4f91")
+            left.barh(place, one.shown_cost.value, left=begin, color=BLUE)
             spread = [
                 [max(one.shown_cost.value - one.shown_cost.low, 0.0)],
                 [max(one.shown_cost.high - one.shown_cost.value, 0.0)],
@@ -58,7 +59,7 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
             begin += one.shown_cost.value
             for change in one.changes:
                 if change.significant:
-                    right.plot(change.size, place, "o", ms=5, color="#c03a76", alpha=0.7)
+                    right.plot(change.size, place, "o", ms=5, color=VERMILION, alpha=0.7)
             worst = one.worst
             if worst is not None:
                 right.annotate(f"{worst.measure}, {worst.size:.2g}", (worst.size, place), (0, 8),

@@ -9,9 +9,10 @@ from pathlib import Path
 from rig.qualify.cost.figure import sheet
 from rig.qualify.cost.peers.race import OURS, Entry, cheapest
 from rig.user_files import csv_table, write_file
+from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, PURPLE, VERMILION
 
 COLUMNS = ("solver", "setting", "error of event times", "real-time factor", "rig is faster by", "")
-_COLOURS = ("#1d4f91", "#2a9d77", "#7a5fb0", "#d1802f", "#c03a76", "#5a5a5a")
+_COLOURS = (BLUE, GREEN, PURPLE, AMBER, VERMILION, GREY)
 
 
 def lines(found: Sequence[Entry], target: float) -> list[tuple[str, ...]]:
@@ -49,7 +50,7 @@ def draw(found: Sequence[Entry], title: str, machine: dict[str, str], target: fl
             if not mine:
                 why = next(one.fault for one in found if one.peer == peer)
                 axes.plot([], [], " ", label=f"{peer}: {why.partition(':')[0]}")
-        axes.axhline(target, color="#b5322f", lw=1.0, ls=":", label=f"{target:g}")
+        axes.axhline(target, color=ALARM, lw=1.0, ls=":", label=f"{target:g}")
         axes.set(xscale="log", yscale="log", xlabel="compute in 1 ms of simulated time [us], samples every 1 ms")
         axes.set_ylabel("largest error of event times / period")
         figure.legend(loc="outside lower left", ncols=4)
