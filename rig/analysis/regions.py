@@ -249,6 +249,8 @@ def draw(found: Regions, path: Path) -> None:
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=2)
         bar = figure.colorbar(mesh, ax=axes, label="growth rate of the least stable mode [1/s]")
+        ticks = [-most, -most / 20.0, 0.0, most / 20.0, most]
+        bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
         bar.outline.set_visible(False)  # type: ignore[operator]
         heading(figure, found.scene, (found.x, found.y))
         put(figure, path)

@@ -40,7 +40,7 @@ def draw(sweep: Sweep, path: Path | str) -> None:
 
 
 def _compose(figure: Figure, sweep: Sweep) -> None:
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1), left=0.07, right=0.985, top=0.885, bottom=0.09,
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1), left=0.07, right=0.985, top=0.855, bottom=0.09,
                                hspace=0.12, wspace=0.2)  # fmt: skip
     growth = figure.add_subplot(grid[0, 0])
     frequency = figure.add_subplot(grid[1, 0], sharex=growth)
@@ -76,9 +76,9 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
     locus.set_title("root locus")
     figure.align_ylabels((growth, frequency))
     what = f"loop of {sweep.loop}" if sweep.loop else "steady sliding"
-    figure.text(0.07, 0.955, f"{sweep.scene}: {what}", fontsize=15, fontweight="bold")
+    figure.text(0.07, 0.95, f"{sweep.scene}: {what}", fontsize=15, fontweight="bold")
     fixed = f"fixed: {sweep.fixed}; " if sweep.fixed else ""
-    figure.text(0.07, 0.925, f"{fixed}solid: decays, dashed: grows", fontsize=10)
+    figure.text(0.07, 0.918, f"{fixed}solid: decays, dashed: grows", fontsize=10)
 
 
 def _jumps(sweep: Sweep) -> Bools:

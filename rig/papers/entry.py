@@ -13,6 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
@@ -184,6 +186,6 @@ def _as_pixels(figure: Figure) -> None:
         for line in axes.get_lines():
             line.set_rasterized(len(line.get_xdata()) > _MOST_POINTS)  # type: ignore[arg-type]
         for mesh in axes.collections:
-            many = sum(len(path.vertices) for path in mesh.get_paths()) > _MOST_POINTS
+            many = sum(len(np.asarray(path.vertices)) for path in mesh.get_paths()) > _MOST_POINTS
             if many or mesh.get_array() is not None:  # the latter is a coloured map
                 mesh.set_rasterized(True)

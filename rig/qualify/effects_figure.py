@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rig.errors import UsageError
-from rig.qualify.cost.figure import sheet
+from rig.qualify.cost.figure import sheet, tick_labels
 from rig.qualify.effects_measured import Part
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
@@ -46,5 +46,7 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
         left.set_yticks(range(len(shown)), labels)
         whole = max((p.whole for one, p in shown if one.on), default=max(p.whole for _, p in shown))
         noise = max(p.noise for _, p in shown)
-        left.set(xlabel=f"ns that it adds to a step of {whole:.0f} ns; noise up to {noise:.0f} ns")
+        left.set(xlabel=f"compute that it adds to a step of {whole:.0f} ns [ns]; noise up to {noise:.0f} ns")
         right.set(xscale="log", xlabel="change if left out or added: share of the larger value")
+        tick_labels(right)
+        figure.supxlabel("\n", fontsize=8.5)  # room for the machine

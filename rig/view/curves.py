@@ -147,9 +147,26 @@ def phases(axes: Axes, run: Run) -> None:
         room = letters * (span.end - span.begin) - 1
         shorter = (span.text, "to" + span.text.partition(" to")[2], span.text.rpartition(" to ")[2])
         text = next((t for t in shorter if len(t) <= room and t != "to"), _fitting(span.text, room))
-        axes.text((span.begin + span.end) / 2, 0.48, text, ha="center", va="center", fontsize=8.5, color="#333333")
+        axes.text(
+            (span.begin + span.end) / 2,
+            0.48,
+            text,
+            ha="center",
+            va="center",
+            fontsize=8.5,
+            color="#333333",
+            clip_on=True,
+        )
     marks = timeline.marks(run)
     for mark, after in zip(marks, [m.time for m in marks[1:]] + [end]):
         axes.plot([mark.time, mark.time], [0.0, 1.9], color="#777777", lw=0.8, ls=(0, (4, 3)), clip_on=False)
         room = letters * (max(after - mark.time, end * 0.12 if after == end else 0.0)) - 1
-        axes.text(mark.time + 0.004 * end, 1.45, _fitting(mark.text, room), va="center", fontsize=9.5, color="#111111")
+        axes.text(
+            mark.time + 0.004 * end,
+            1.45,
+            _fitting(mark.text, room),
+            va="center",
+            fontsize=9.5,
+            color="#111111",
+            clip_on=True,
+        )

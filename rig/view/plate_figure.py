@@ -157,6 +157,6 @@ def _maps(figure: Figure, place: SubplotSpec, run: Run, points: Points, found: l
         if number >= len(found) - 2:
             axes.set_xlabel("x on the slider [mm]", fontsize=9)
         if number % 2 == 0:
-            axes.set_ylabel("y [mm]", fontsize=9)
+            axes.set_ylabel("y on the slider [mm]", fontsize=9)
     beyond = bool(np.nanmax(maps) > points.scale)
     draw_scale(drawn[0], points.scale, beyond, ax=drawn, location="bottom", pad=0.13, aspect=40, fraction=0.05)

@@ -228,7 +228,8 @@ def _close_up(axes: Axes, run: Run, channels: Channels, modes: Integers) -> None
     begin, end = _liveliest(run, watched, modes)
     unit, scale = _clock(run)
     axes.set_xlabel(f"time [{unit}]")
-    axes.set_ylabel(f"{plain(watched)} [{run.units.get(watched, '')}]")
+    if watched:
+        axes.set_ylabel(f"{plain(watched)} [{run.units.get(watched, '')}]")
     inside = (run.time >= begin) & (run.time <= end)
     axes.set_title("close-up")
     if modes.size:

@@ -8,6 +8,7 @@ import pytest
 
 import rig
 from rig.analysis.axis import Axis, axes, sweepable
+from rig.analysis.fixed_parameters import fixed
 from rig.errors import SceneError
 from rig.scenes import shipped
 
@@ -62,6 +63,13 @@ def test_what_is_wrong_is_told(belt, text, told):
     with pytest.raises(SceneError) as raised:
         Axis.parse(text, belt)
     assert told in str(raised.value)
+
+
+def test_a_figure_names_the_parameters_that_it_holds_constant(belt):
+    speed, load = axes(belt, {"--x": "drive.speed=0.05 m/s:0.4 m/s:8", "--y": "load.force=10 N:20 N:2"})
+    friction = "static coefficient of friction 0.5, dynamic coefficient of friction 0.18"
+    assert fixed(belt, [speed]) == f"load 20 N, {friction}"
+    assert fixed(belt, [speed, load]) == friction
 
 
 def test_the_faults_of_all_axes_are_told_at_once(belt):

@@ -10,6 +10,7 @@ import pytest
 import rig
 from rig.analysis import map as maps
 from rig.analysis.axis import Axis
+from rig.analysis.map import figure
 from rig.analysis.map.chart import REGIONS
 from rig.analysis.map.compute import MapUnits
 from rig.analysis.map.job import _ROOT, _SOURCES, RUNS, Job, Settings, Unit
@@ -102,6 +103,23 @@ def test_a_bifurcation_diagram_keeps_the_maxima_of_each_point(belt):
     one = section[5][~np.isnan(section[5])]
     assert len(one) >= 5
     assert one == pytest.approx(highest[5], rel=1e-3)
+
+
+def test_no_curve_of_a_bifurcation_diagram_joins_vibration_and_sliding(belt, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(figure, "put", lambda made, path: drawn.append(made))
+    figure.draw(belt, tmp_path / "map.png")
+    for axes in drawn[0].axes:
+        for name, run in (("run-up", "up"), ("run-down", "down")):
+            [loss] = np.flatnonzero(np.diff(belt.moves[RUNS.index(run), 0]))
+            before, after = belt.job.x.values[loss : loss + 2]
+            for line in axes.lines:
+                if line.get_color() != figure._RUNS[run][0] or line.get_linewidth() == 0.0 or line.get_marker() == ".":
+                    continue
+                x = line.get_xdata()
+                assert len(x) == len(belt.job.x.values) + 1, name
+                assert np.isnan(x[np.searchsorted(x[: loss + 1], before) + 1]), name
+                assert after in x, name
 
 
 def test_a_coulomb_belt_has_no_region_without_sliding(tmp_path):

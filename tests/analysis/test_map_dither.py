@@ -75,7 +75,7 @@ def test_it_is_told_and_written(found, tmp_path):
     assert "leading order" in found.text()
     (tmp_path / "map.csv").write_text(found.csv(), newline="")
     lines = (tmp_path / "map.csv").read_text().splitlines()
-    assert lines[0] == "dither.frequency,leading,averaged,simulated_lost,simulated_kept"
+    assert lines[0] == "dither.frequency [Hz],leading [N],averaged [N],simulated_lost [N],simulated_kept [N]"
     assert len(lines) == 5
     json.dumps(found.to_json())
 

@@ -60,7 +60,7 @@ def test_regions_agree_with_the_closed_form_of_a_falling_law(tmp_path):
     (tmp_path / "regions.csv").write_text(got.csv(), newline="")
     assert (tmp_path / "regions.png").stat().st_size > 10_000
     lines = (tmp_path / "regions.csv").read_text().splitlines()
-    assert lines[0] == "load.force,body.damping,growth,frequency,exists"
+    assert lines[0] == "load.force [N],body.damping [N*s/m],growth [1/s],frequency [Hz],exists"
     assert len(lines) == 16
     assert np.array(got.to_json()["growth"]).shape == (3, 5)
 

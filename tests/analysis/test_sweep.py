@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 import rig
@@ -295,6 +296,31 @@ def test_what_cannot_be_swept_is_refused(key, values, told):
     with pytest.raises(SceneError) as raised:
         rig.sweep("belt", key, values)
     assert told in str(raised.value)
+
+
+def lines(found):
+    """Style and points [n, 2] of every curve in the plot of growth."""
+    figure = Figure(figsize=(12.8, 6.6))
+    sweep_figure._compose(figure, found)
+    return [(line.get_linestyle(), line.get_xydata()) for line in figure.axes[0].lines if len(line.get_xydata()) > 2]
+
+
+def test_no_curve_of_the_figure_joins_the_sides_of_a_jump():
+    found = over(lambda p: beside(turning(2.0 - 3.0 * (p > 0.44), 9.0), turning(-5.0, 30.0)))
+    [jump] = found.critical
+    for _, points in lines(found):
+        sides = points[:, 0] > jump.value
+        joined = np.isfinite(points[:-1]).all(axis=1) & np.isfinite(points[1:]).all(axis=1)
+        assert not (joined & (sides[:-1] != sides[1:])).any()
+
+
+def test_growing_branches_are_dashed_and_decaying_ones_solid():
+    drawn = lines(over(lambda p: beside(turning(p - 0.44, 9.0), turning(-5.0, 30.0))))
+    solid = np.concatenate([points for style, points in drawn if style == "-"])
+    dashed = np.concatenate([points for style, points in drawn if style == "--"])
+    assert np.nanmax(solid[:, 1]) == pytest.approx(-0.04)
+    assert np.nanmax(dashed[:, 1]) == pytest.approx(0.56)
+    assert np.nanmin(dashed[:, 1]) == pytest.approx(-0.04)  # the line over the sign change is dashed, not missing
 
 
 def test_the_figure_is_drawn(tmp_path):

@@ -239,7 +239,9 @@ def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):
     assert "0.207944 m/s" in out
     [folder] = tmp_path.iterdir()
     assert {"map.png", "map.csv"} <= {path.name for path in folder.iterdir()}
-    assert (folder / "map.csv").read_text().startswith("drive.speed,region,growth,frequency,near_state")
+    assert (
+        (folder / "map.csv").read_text().startswith("drive.speed [m/s],region,growth [1/s],frequency [Hz],near_state")
+    )
     code, out, _ = rig(*asked, "--json", "--force")
     found = json.loads(out)
     assert [point["near_state"] for point in found["points"]] == ["stick-slip", "sliding"]

@@ -13,7 +13,7 @@ UNIT = re.compile(r"\[[^\]]+\]")
 KEY = re.compile(r"[A-Za-z]\w*\.[a-z]\w+|\w_\w")
 WORD = re.compile(r"[A-Za-z]{3,}")
 PURE = re.compile(
-    r"coefficient|ratio|share|relative|over that|over resonance|factor|coherence|part$|counts?\b|number|cycle$"
+    r"coefficient|ratio|fraction|share|relative|over that|over resonance|factor|coherence|part$|counts?\b|number|cycle$"
 )
 """Words of quantities without a unit."""
 PAPER = (6.7, 9.8)
@@ -46,8 +46,8 @@ def _labels(figure):
 
 def _axis_texts(axis):
     low, high = sorted(axis.get_view_interval())
-    slack = 1e-9 * (high - low)
     for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+        slack = 1e-9 * abs(tick.get_loc())
         if low - slack <= tick.get_loc() <= high + slack:
             yield from (text for text in (tick.label1, tick.label2))
     yield axis.label
@@ -65,7 +65,8 @@ def _boxes(figure):
             texts += [axes.title, axes._left_title, axes._right_title]
             texts += [text for axis in (axes.xaxis, axes.yaxis) if axis.get_visible() for text in _axis_texts(axis)]
     for text in texts:
-        if text.get_visible() and text.get_text().strip() and text.get_rotation() % 90.0 == 0.0:
+        cut = text.get_clip_on() and (text.get_clip_box() or text.get_clip_path())
+        if text.get_visible() and text.get_text().strip() and not cut and text.get_rotation() % 90.0 == 0.0:
             yield repr(text.get_text()), text.get_window_extent()
     for legend in (*figure.legends, *(axes.get_legend() for axes in figure.axes)):
         if legend is not None and legend.get_visible():

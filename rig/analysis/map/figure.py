@@ -88,11 +88,11 @@ def _there(found: Map) -> dict[int, str]:
     return {r: f"{REGIONS[r]}  {MEANING[r]}" for r in (1, 2, 3, 4, 0) if r in there}
 
 
-def _legend(axes: Axes, labels: dict[int, str]) -> None:
+def _legend(axes: Axes, labels: dict[int, str], *others: Axes) -> None:
     from matplotlib.patches import Patch
 
     patches = [Patch(color=COLOURS[r], label=label) for r, label in labels.items()]
-    lines = axes.get_legend_handles_labels()[0]
+    lines = [handle for one in (*others, axes) for handle in one.get_legend_handles_labels()[0]]
     axes.legend(handles=[*patches, *lines], loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
 
 
@@ -125,8 +125,7 @@ def _bifurcation(figure: Figure, found: Map) -> None:
     middle.set_ylabel(f"rms about\nthe mean [{unit}]")
     bottom.set_ylabel("share of\ntime stuck")
     bottom.set_xlabel(found.job.x.title)
-    top.legend(loc="upper left", ncols=4)
-    _legend(bottom, _there(found))
+    _legend(bottom, _there(found), top)
     bottom.get_legend().set_bbox_to_anchor((0.0, -0.42))  # type: ignore[union-attr]
     top.set_xlim(edges[0], edges[-1])
     figure.align_ylabels(panels)

@@ -151,8 +151,14 @@ def _second(axes: Axes, converted: Callable[[float], float], label: str) -> None
     top.set(xscale="log", xlim=(converted(low), converted(high)), xlabel=label)
     top.grid(visible=False)
     for one in (axes, top):
-        one.xaxis.set_major_formatter("{x:g}")
-        one.xaxis.set_minor_formatter(_some if high < _SHORT * low else "")
+        tick_labels(one)
+
+
+def tick_labels(axes: Axes) -> None:
+    """Label a logarithmic horizontal axis so that its labels stay apart."""
+    low, high = sorted(axes.get_xlim())
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(_some if high < _SHORT * low else "")
 
 
 def _some(value: float, _: float) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rig.qualify.cost.effects import Paired
-from rig.qualify.cost.figure import sheet
+from rig.qualify.cost.figure import sheet, tick_labels
 from rig.qualify.cost.table import Table
 from rig.user_files import csv_table, write_file
 from rig.view.palette import BLUE, VERMILION
@@ -72,6 +72,7 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
         left.set_yticks(list(places), ["everything else", *(one.name for one in shown)])
         right.set(xscale="log", xlabel="change if left out: share of the larger value")
         right.set_xlim(*_range([size for one in shown for size in one.errors.values()]))
+        tick_labels(right)
         figure.supxlabel("\n", fontsize=8.5)  # room for the machine
 
 

@@ -1,0 +1,138 @@
+"""The rules that tests/conftest.py applies to every figure which a test saves, and what no single figure shows."""
+
+import figure_rules
+import matplotlib as mpl
+import numpy as np
+import pytest
+from colour_vision import nearest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from rig.analysis.map.figure import COLOURS as REGIONS
+from rig.papers import pick
+from rig.qualify.cost.figure import COLOURS as METHODS
+from rig.qualify.torture.figure import COLOURS as RESULTS
+from rig.view import contact
+from rig.view.curves import apart
+from rig.view.palette import GREY, LINES
+from rig.view.save_figure import encoded
+
+
+def drawn(size=(6.0, 4.0)):
+    figure = Figure(figsize=size, dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.plot([0.0, 1.0, 2.0], [0.0, 1.0, 4.0], label="curve")
+    axes.set(xlabel="time [s]", ylabel="velocity [m/s]")
+    return figure, axes
+
+
+def faults(figure):
+    figure.canvas.draw()
+    return list(figure_rules.faults(figure))
+
+
+def test_a_plain_figure_has_no_fault():
+    assert faults(drawn()[0]) == []
+
+
+def labelled(label):
+    def spoil(axes):
+        axes.set_xlabel(label)
+
+    return spoil
+
+
+def crowded(axes):
+    axes.set_xticks([0.0, 0.02, 2.0], ["10000", "5000", "2"])
+
+
+def covered(axes):
+    axes.legend(loc="center", bbox_to_anchor=(0.75, 0.55))
+
+
+def over_a_map(axes):
+    axes.figure.colorbar(axes.pcolormesh(np.eye(3)), label="power [W]")
+    axes.legend(loc="upper left")
+
+
+def without_a_bar(axes):
+    axes.pcolormesh(np.eye(3))
+
+
+def unnamed_bar(axes):
+    axes.figure.colorbar(axes.pcolormesh(np.eye(3)))
+
+
+def outside(axes):
+    axes.figure.text(0.97, 0.5, "a long text at the edge")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "fault"),
+    [
+        (labelled("drive.speed [m/s]"), "has a key instead of words"),
+        (labelled("surface_speed [m/s]"), "has a key instead of words"),
+        (labelled("v [m/s]"), "has no word"),
+        (labelled("velocity"), "has no unit"),
+        (crowded, "'10000' overlaps '5000'"),
+        (covered, "covers the data of 'curve'"),
+        (over_a_map, "covers a coloured map"),
+        (without_a_bar, "without a colour bar"),
+        (unnamed_bar, "a colour bar without a label"),
+        (outside, "leaves the figure"),
+    ],
+)
+def test_each_rule_finds_its_fault(spoil, fault):
+    figure, axes = drawn()
+    spoil(axes)
+    assert any(fault in one for one in faults(figure))
+
+
+def test_a_figure_that_fits_no_page_is_found():
+    figure, axes = drawn((10.0, 40.0))
+    axes.text(0.5, 2.0, "creep", fontsize=7.0)
+    assert any("on a page its letters are" in one for one in faults(figure))
+
+
+@pytest.mark.parametrize(
+    ("colours", "least"),
+    [
+        ((*LINES, GREY), 15.0),
+        (METHODS.values(), 15.0),
+        (RESULTS.values(), 15.0),
+        (REGIONS, 12.0),
+        (contact.COLOURS, 14.0),
+    ],
+    ids=["curves", "methods", "torture", "regions", "contact"],
+)
+def test_colour_blind_readers_can_tell_the_colours_apart(colours, least):
+    distance, kind, one, other = nearest(colours)
+    assert distance > least, f"{one} and {other} look alike with {kind}"
+
+
+def test_the_measure_of_colours_knows_what_looks_alike():
+    assert nearest(["#ff0000", "#00ff00"])[1] == "deuteranopia"
+    assert nearest(["#c03a76", "#2a9d77"])[:2] == (pytest.approx(8.16, abs=0.01), "deuteranopia")
+    assert nearest(["#000000", "#ffffff"])[0] == pytest.approx(100.0, abs=0.1)
+
+
+@pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
+def test_the_same_figure_has_the_same_bytes(kind):
+    first, second = (encoded(drawn()[0], kind) for _ in range(2))
+    assert first == second
+    assert kind == "png" or b"Date" not in first
+
+
+def test_no_line_joins_what_is_apart():
+    x, y = apart(np.arange(4.0), np.array([1.0, 2.0, 9.0, 8.0]), np.array([False, True, False]))
+    assert x == pytest.approx([0.0, 1.0, np.nan, 2.0, 3.0], nan_ok=True)
+    assert y == pytest.approx([1.0, 2.0, np.nan, 9.0, 8.0], nan_ok=True)
+
+
+def test_every_figure_of_a_paper_fits_a_page():
+    for entry in pick("all"):
+        width, height = entry.size
+        assert height <= 1.41 * width
+        assert width <= 12.0
+        assert mpl.rcParams["font.size"] * figure_rules.PAPER[1] / width > 6.0
