@@ -17,7 +17,7 @@ from rig.papers.numbers_file import restored, stored
 def make_all(
     wanted: Sequence[Entry], folder: Path, progress: Progress | None = None, workers: int | None = None
 ) -> list[Result]:
-    """Draw entries into `folder` (PNG, SVG), compare their numbers, in `workers` processes, by default one for each core.
+    """Draw entries into `folder` (PNG, SVG) and compare numbers, in `workers` processes, by default one for each core.
 
     Raises WorkerError if a figure cannot be made.
     """
