@@ -22,6 +22,7 @@ PROCESSES := $(addprefix tests/bench/test_,in_plant.py live_checkpoint.py pace.p
   tests/parts/test_live.py tests/test_child.py tests/view/test_bridge.py $(addprefix tests/web/test_,recordings.py studies.py web_command.py web_runs.py)
 DAILY := not slow and not bench and not browser
 RUN := $(BIN)/python -m
+PACKAGES = $$(grep -c '^[a-z].*==' requirements.lock)
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
@@ -32,9 +33,11 @@ install: $(VENV)/.installed
 $(VENV)/.installed: requirements.lock pyproject.toml
 	@command -v $(PYTHON) >/dev/null || { echo "there is no '$(PYTHON)' here: install Python 3.11 or newer, or name it: make PYTHON=python3.12"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed; $(PYTHON) is $$($(PYTHON) -V 2>&1). Another one: make PYTHON=python3.12"; exit 1; }
-	@echo "installing into $(VENV) (once; a minute or two)"
+	@echo "download and install: about $(PACKAGES) packages into $(VENV), once; one to three minutes"
 	@$(PYTHON) -m venv $(VENV) || { echo "Python's venv module is missing: install it (often a package named python3-venv)"; exit 1; }
-	@$(PIP) --require-hashes -r requirements.lock
+	@{ $(RUN) pip install --disable-pip-version-check --progress-bar off --require-hashes -r requirements.lock 2>&1; echo "ended $$?"; } \
+	  | awk '/^Collecting /{ if (++n % 20 == 0) { print "  " n " of about $(PACKAGES) packages"; fflush() } } \
+	    /^Installing /{ print "  all there, installing"; fflush() } /^(ERROR|error)/{ print; fflush() } END{ exit $$2 }'
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 

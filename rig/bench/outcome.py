@@ -23,6 +23,8 @@ class Outcome:
     """The recorder's text about the finished recording; empty if it did not finish it."""
     died: tuple[str, ...] = field(default_factory=tuple)
     """Processes that died or had to be killed, in words."""
+    machine: Mapping[str, float] = field(default_factory=dict)
+    """Shares of the processors' time that others took (rig.bench.machine_load)."""
     unrecorded: bool = False
     """Whether a recording was requested that is missing or incomplete."""
 
@@ -41,7 +43,7 @@ class Outcome:
 
     def to_json(self) -> dict[str, Any]:
         """The outcome as plain values for JSON."""
-        return {**self.summary, "log": self.log, "died": list(self.died)}
+        return {**self.summary, "log": self.log, "died": list(self.died), "machine": dict(self.machine)}
 
     def text(self) -> str:
         """The summary as text, with commands to try next."""

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterable, Mapping
 from typing import Any, TextIO
 
+from rig.bench import machine_load
 from rig.printable import counted
 
 LABEL = 10
@@ -88,6 +89,7 @@ def parts(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
     """The summary of a run without its audit: label and lines of each part; a part without lines says nothing."""
     return [
         ("timing", _timing(found)),
+        ("busy", _busy(found)),
         ("loop", _loop(found)),
         ("lost", _lost(found)),
         ("refused", _refused(found)),
@@ -128,6 +130,10 @@ def _timing(found: Mapping[str, Any]) -> list[str]:
         if timing["given_up"]:
             lines.append(f"{timing['given_up']} {'frames' if each == 1 else 'pieces'} of the wall clock skipped")
     return lines
+
+
+def _busy(found: Mapping[str, Any]) -> list[str]:
+    return [machine_load.advice(found["verdict"], found["timing"].get("late_share", 0.0), found.get("machine", {}))]
 
 
 def _waiting(found: Mapping[str, Any]) -> str:

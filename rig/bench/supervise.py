@@ -14,12 +14,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace as replace_fields
 from pathlib import Path
 from typing import Any
 
 from rig import bus
 from rig.bench.event_lines import EventLines
 from rig.bench.job import Job, called
+from rig.bench.machine_load import MachineLoad
 from rig.bench.outcome import Outcome
 from rig.bench.run_log import RunLog
 from rig.bench.status import Live
@@ -84,11 +86,12 @@ def run(
         command=tuple(command or sys.argv),
     )
     live, interrupts = Live(), [] if interrupts is None else interrupts
+    load = MachineLoad()
     log = RunLog(say or live.say, {} if scene.name in names() else {scene.name: "SCENE"})
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, told_to_stop(interrupts.append):
         team = RunProcesses(Path(folder), job, out, replace, web, log.say, trigger)
         try:
-            outcome = team.run(live, interrupts)
+            outcome = replace_fields(team.run(live, interrupts), machine=load.shares())
             log.add(outcome.text())
             return outcome
         except RigError as fault:

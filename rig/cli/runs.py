@@ -50,15 +50,25 @@ DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
 def demo(view: View = False, web: Web = False) -> None:
     """Run the pendulum with its controller. Write a recording, a figure and a summary."""
+    from rig.analysis.kernel_shapes import prepare
     from rig.bench.supervise import run as supervise
     from rig.scenes import load
 
     scene = load("pendulum")
     printing.note(f"{scene.title}\n\n{scene.about}\n")
+    printing.note("1 of 3, compile: the kernels of this rig, once; half a minute to a minute, seconds the next time")
+    spent = sum(prepare([scene]).values())
+    printing.note(f"        {f'compiled in {spent:.0f} s' if spent else 'they are compiled already'}")
+    seconds = 1e-9 * (scene.longest_ns or 0)
+    printing.note(f"2 of 3, run: plant, controller and recorder as processes, {seconds:g} s in real time")
     outcome = supervise(scene, view=view, web=web)
+    figure = Path(outcome.log).with_suffix(".png") if outcome.log else None
+    if figure is not None:
+        printing.note("3 of 3, draw: the figure of the run; a second or two")
+        _draw(outcome.log, figure)
     printing.line(outcome.text())
-    if outcome.log:
-        _draw(outcome.log, Path(outcome.log).with_suffix(".png"))
+    if figure is not None and figure.exists():
+        printing.line(f" figure    {figure}\n           {figure.resolve().as_uri()}")
     raise typer.Exit(outcome.exit_code)
 
 
