@@ -59,7 +59,7 @@ def demo(view: View = False, web: Web = False) -> None:
     printing.note("1 of 3, compile: the kernels of this rig, once; half a minute to a minute, seconds the next time")
     spent = sum(prepare([scene]).values())
     printing.note(f"        {f'compiled in {spent:.0f} s' if spent else 'they are compiled already'}")
-    seconds = 1e-9 * (scene.longest_ns or 0)
+    seconds = 1e-9 * (scene.duration_ns or 0)
     printing.note(f"2 of 3, run: plant, controller and recorder as processes, {seconds:g} s in real time")
     outcome = supervise(scene, view=view, web=web)
     figure = Path(outcome.log).with_suffix(".png") if outcome.log else None
