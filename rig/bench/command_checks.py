@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rig.bench.command_queue import AS_SENT, CLAMPED, SAFE
 from rig.bench.experiment import PLANT
+from rig.bus.impaired_link import ImpairedLink
 from rig.record.message_scan import Scan
 from rig.record.reader import Decoder
 from rig.record.recorded_setup import setup_of
@@ -28,9 +29,11 @@ Wrong = tuple[NDArray[np.bool_], str]
 def command_faults(log: Path, run: Run, scene: Scene) -> Iterator[str]:
     """The first command of each controller that breaks a rule, with its time."""
     sent = _sent(log) if run.on_bus and run.commands else {}
+    links = scene.links("act")
     for name, commands in run.commands.items():
-        delay = _delay_ns(name, run, scene) // run.frame_ns
-        for wrong, rule in (*_ruled(commands, delay, _on_time(run)), *_as_sent(commands, sent.get(name, {}))):
+        delay, link = _delay_ns(name, run, scene) // run.frame_ns, links.get(name)
+        rules = *_ruled(commands, delay, _on_time(run), link), *_as_sent(commands, sent.get(name, {}))
+        for wrong, rule in rules:
             if wrong.any():
                 at = int(np.argmax(wrong))
                 t = int(commands.tick[at]) * run.frame_ns * 1e-9
@@ -53,15 +56,21 @@ def _on_time(run: Run) -> bool:
     return not run.on_bus and "ancestor" not in run.provenance
 
 
-def _ruled(commands: Commands, delay: int, on_time: bool) -> Iterator[Wrong]:
-    """Rules of the exchange for a loop with a delay of `delay` ticks."""
+def _ruled(commands: Commands, delay: int, on_time: bool, link: ImpairedLink | None) -> Iterator[Wrong]:
+    """Rules of the exchange for a loop with a delay of `delay` ticks, whose commands come over `link`."""
     tick, answered, status, _ = commands
     safe = status == SAFE
+    least, most = (0, 0) if link is None else (link.least, link.most)
+    early = answered + delay + least > tick
+    if link is not None and link.loss:
+        lost = np.array([number >= 0 and link.loses(number) for number in answered.tolist()], np.bool_)
+        yield lost, "the scene's link loses the answer to this step"
     yield (status < AS_SENT) | (status > SAFE), "a status is 0 (as sent), 1 (clamped or completed) or 2 (safe)"
     yield safe != (answered == -1), "safe values answer no step, all other commands answer one"
-    yield ~safe & ((answered < 0) | (answered + delay > tick)), "it took effect before it could arrive"
+    yield ~safe & ((answered < 0) | early), "it took effect before it could arrive"
     if on_time:
-        yield ~safe & (answered + delay != tick), "in one process a command takes effect as soon as its delay is over"
+        late = answered + delay + most < tick
+        yield ~safe & late, "in one process a command takes effect as soon as its delay is over"
 
 
 def _as_sent(commands: Commands, sent: dict[int, list[tuple[float, ...]]]) -> Iterator[Wrong]:

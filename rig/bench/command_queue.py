@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from array import array
+from bisect import insort
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bus.impaired_link import ImpairedLink
 from rig.record.run import Commands
 
 AS_SENT, CLAMPED, SAFE = 0, 1, 2
@@ -39,13 +42,15 @@ class CommandQueue:
     """The queue of the commands of one controller, and the command in force. Times are in ticks."""
 
     __slots__ = (
-        "_columns", "answered", "connected", "counts", "delay", "drives", "hold", "last", "name", "period", "queue",
-        "status", "values", "wanted",
+        "_columns", "answered", "connected", "counts", "delay", "drives", "hold", "last", "link", "name", "period",
+        "queue", "status", "values", "wanted",
     )  # fmt: skip
 
     def __init__(self, name: str, drives: Sequence[str], period: int, delay: int) -> None:
         self.name, self.drives, self.period, self.delay = name, tuple(drives), period, delay
         self.queue: deque[tuple[int, int, Sequence[float]]] = deque()
+        self.link: ImpairedLink | None = None
+        """The link that its commands come over; None: a perfect one."""
         self.connected = True
         self.values: tuple[float, ...] = ()
         """The command in force; () before the first one."""
@@ -63,6 +68,22 @@ class CommandQueue:
         self.counts = former.counts
         if len(former.drives) == len(self.drives):
             self._columns = former._columns
+
+    @property
+    def oldest_in_time(self) -> int:
+        """Largest age at which a command is in time [frames], one frame of the bus left out."""
+        return self.delay + (0 if self.link is None else self.link.most)
+
+    def put(self, sent: int, answered: int, values: Sequence[float], now: int) -> None:
+        """Take a command that its controller sends at tick `sent`: it counts from then on, or when its link has it.
+
+        Copies that would have arrived before tick `now` arrive at `now`.
+        """
+        if self.link is None:
+            self.queue.append((max(sent, now), answered, values))
+        else:
+            for due in self.link.arrivals(answered, sent):
+                insort(self.queue, (max(due, now), answered, values), key=itemgetter(0))
 
     def keep(self, tick: int) -> None:
         """Record the command in force from `tick` on."""

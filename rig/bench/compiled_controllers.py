@@ -57,7 +57,7 @@ class CompiledControllers:
         c = self._controls
         c.clock[NOW], c.clock[COUNT], c.clock[UNUSUAL] = self._runner.tick, 0, 0
         for one in working:
-            if one.queue.values and not one.queue.wanted and one.queue.status != SAFE:
+            if one.queue.values and not one.queue.wanted and one.queue.status != SAFE and one.queue.link is None:
                 self._lend(one.queue, one, None)
         if isinstance(self._exchange, Playback) and self._exchange.plays:
             for name, played in self._exchange.played.items():

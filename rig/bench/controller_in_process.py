@@ -48,10 +48,9 @@ class ControllerInProcess:
         self.name, self.loop = name, loop
         self._runner, self._receive = experiment.runner, experiment.exchange.receive
         self._journal = experiment.journal
-        self._bank = experiment.runner.bank
-        self.columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
+        self.columns = [self._runner.bank.names.index(sensor) for sensor in loop.controller.reads]
         self._speaks = hasattr(loop.controller, "take_messages")
-        self._latest = self._bank.latest.item
+        self._latest = self._runner.bank.latest.item
 
     def expect(self, answers: int) -> None:
         """Announce the number of answers in this run, which decides whether the controller is compiled."""
@@ -87,7 +86,10 @@ class ControllerInProcess:
         """Call the controller with the measurements of this tick and return its answer."""
         self.due = tick + self.queue.period
         if self.loop.every_sample:
-            heard: Any = tuple([self._bank.samples(i).tolist() for i in self.columns])
+            hearing = self._runner.hearing_at(tick)
+            heard: Any = tuple([hearing.samples(i).tolist() for i in self.columns])
+        elif self._runner.meas_links:
+            heard = tuple(self._runner.hearing_at(tick).latest[self.columns].tolist())
         else:
             heard = tuple([self._latest(i) for i in self.columns])
         t_ns = tick * self._runner.frame_ns
@@ -100,7 +102,12 @@ class ControllerInProcess:
         return self.given
 
     def native(self) -> Native | None:
-        """Its compiled `update`, set to the present state; None unless it has passed the comparison with Python."""
+        """Its compiled `update`, set to the present state; None unless it has passed the comparison with Python.
+
+        None with impaired links of measurements too: compiled code reads the instruments themselves.
+        """
+        if self._runner.meas_links:
+            return None
         if self._worth and self._native is None:
             self._worth = False
             with suppress(Untranslatable):
@@ -137,7 +144,8 @@ class ControllerInProcess:
     def _catch_up(self, tick: int, send: bool) -> None:
         frame = self._runner.frame_ns
         times = range(self.due * frame, tick * frame, self.queue.period * frame)
-        recall = self._bank.published if self.loop.every_sample else self._bank.shown
+        hearing = self._runner.hearing
+        recall = hearing.published if self.loop.every_sample else hearing.shown
         heard = [recall(i, times) for i in self.columns]
         for t_ns, values in zip(times, zip(*heard) if heard else repeat(())):
             command = self.loop.answer(t_ns, values)

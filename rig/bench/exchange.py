@@ -1,6 +1,7 @@
 """The exchange: passes commands of controllers to actuators by these rules, and counts every case.
 
     in time         takes effect at the frame boundary after its arrival, not before the stated delay of the controller
+    impaired link   is sent after this delay, and arrives when the link has it: later, never or twice
     two at once     the later command counts, the other one is `overtaken`
     another matrix  in a paced run takes effect when the matrix is built (rig.bench.rebuild); other values at once
     missing         the last command is held; `hold` ticks after the missing one was due, safe values replace it
@@ -14,15 +15,17 @@ returns when the controller is disconnected.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite, nan
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from rig.bench.actuators import Actuators, ProtocolValues, in_range
 from rig.bench.command_queue import AS_SENT, CLAMPED, SAFE, CommandQueue
 from rig.bench.journal import Journal
 from rig.bus import topics
+from rig.bus.impaired_link import ImpairedLink
 from rig.errors import UsageError
 from rig.units import brief
 
@@ -36,13 +39,22 @@ LONGEST_NS = 3600 * 10**9
 class Exchange:
     """All command queues of a run. `hold`: ticks for which the last command is held when commands are missing."""
 
-    def __init__(self, runner: Actuators, frame_ns: int, hold: int, journal: Journal) -> None:
+    def __init__(
+        self,
+        runner: Actuators,
+        frame_ns: int,
+        hold: int,
+        journal: Journal,
+        links: Mapping[str, ImpairedLink] = MappingProxyType({}),
+    ) -> None:
         self.queues: dict[str, CommandQueue] = {}
         self.all_queues: dict[str, CommandQueue] = {}
         """The last queue of every name, also of dismissed controllers, because their counts stay in the summary."""
         self.refused: dict[str, int] = {}
         """Senders without a queue, and how often they were refused."""
         self._runner, self._frame_ns, self._hold = runner, frame_ns, hold
+        self.links = links
+        """Controller -> the link of its commands, for those whose link is impaired."""
         self.journal = journal
         self._owner: dict[str, str] = {}
         self._protocol = ProtocolValues(runner)
@@ -91,6 +103,7 @@ class Exchange:
         """Add a queue for a controller. Raises UsageError if the controller cannot be admitted."""
         self.check(name, drives, period_ns)
         queue = CommandQueue(name, drives, period_ns // self._frame_ns, delay_ns // self._frame_ns)
+        queue.link = self.links.get(name)
         if name in self.all_queues:
             queue.follow(self.all_queues[name])
         self.queues[name] = self.all_queues[name] = queue
@@ -123,7 +136,7 @@ class Exchange:
         elif queue.connected:
             tick = self._runner.tick
             due = answered + queue.delay
-            queue.queue.append((due if due > tick else tick, answered, values))
+            queue.put(due if due > tick else tick, answered, values, tick)
 
     def take_over(self) -> list[CommandQueue]:
         """Put the commands of this tick into force and return the queues that changed (a list that is reused)."""
@@ -184,7 +197,7 @@ class Exchange:
         age = tick - answered
         if age > counts.oldest:
             counts.oldest = age
-        if age > queue.delay + 1:
+        if age > queue.oldest_in_time + 1:
             counts.late += 1
         counts.taken += 1
         if queue.status == SAFE:

@@ -31,6 +31,7 @@ from rig.bench.protocol import Progress, Protocol
 from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
 from rig.bench.tuning import Tuning, divided
+from rig.bus.impaired_link import counters
 from rig.errors import LogError, NumericsError, RigError, UsageError
 from rig.quantities import finite
 from rig.scenes.protocol import Connect, flat
@@ -62,7 +63,7 @@ class Experiment:
     ) -> None:
         self.scene, self.runner = scene, runner
         self.journal = Journal(runner.frame_ns, lambda: runner.tick)
-        self.exchange = exchange(runner, runner.frame_ns, scene.clock.hold_frames, self.journal)
+        self.exchange = exchange(runner, runner.frame_ns, scene.clock.hold_frames, self.journal, scene.links("act"))
         for name, section in scene.controllers.items():
             self.exchange.admit(name, controller_drives(section), section.period, section.delay)
         self._connected_later = {step.controller for step in flat(scene.protocol) if type(step) is Connect}
@@ -128,6 +129,11 @@ class Experiment:
         self.postponed.end()
         if self.runner.tick:
             self._delay_warnings.check(self.runner.t_ns)
+
+    def network(self) -> dict[str, dict[str, int]]:
+        """What became of the messages of each impaired link: delayed, lost, duplicated, reordered; {} without one."""
+        _ = self.runner.hearing  # up to this tick
+        return counters([*self.runner.meas_links.values(), *self.exchange.links.values()])
 
     def until(self) -> int:
         """The first later tick at which `begin` may have something to do, unless a limit is exceeded before."""

@@ -79,6 +79,7 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
         "plant": statistics,
         "audit": runner.audit(),
         "sensors": runner.bank.counters(),
+        **({"network": network} if (network := experiment.network()) else {}),
         "processor_seconds": sum(os.times()[:2]),
     }
     summary = json.loads(json.dumps(summary, default=float))

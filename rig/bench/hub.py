@@ -73,10 +73,10 @@ class Hub:
     def put_step(self) -> None:
         """Send the measurements of this tick to the controllers; a second call at the same tick repeats the step."""
         runner = self.runner
-        tick, t_ns, bank = runner.tick, runner.t_ns, runner.bank
+        tick, t_ns, hearing = runner.tick, runner.t_ns, runner.hearing
         self.commands.step_sent(tick)
-        samples = {i: bank.samples(i) for i in self._heard} if self._heard else None
-        self._step.put(encode.step(tick, t_ns, bank.latest, bank.fresh, samples), t_ns)
+        samples = {i: hearing.samples(i) for i in self._heard} if self._heard else None
+        self._step.put(encode.step(tick, t_ns, hearing.latest, hearing.fresh, samples), t_ns)
 
     def hear(self, sensors: Collection[str]) -> None:
         """From now on include all samples of these sensors in every step. Raises UsageError for an unknown sensor."""

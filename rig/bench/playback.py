@@ -60,9 +60,17 @@ class Playback(Exchange):
         return self.end is None or self._runner.tick < self.end
 
     def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
-        """Take a command that is due at `end` or later; the recording has those before."""
-        if self.end is not None and answered + self.queues[sender].delay >= self.end:
+        """Take a command that takes effect at `end` or later; the recording has those before."""
+        if self.end is None:
+            return
+        queue = self.queues[sender]
+        due = answered + queue.delay
+        if due >= self.end:
             super().receive(sender, answered, values)
+        elif queue.link is not None and len(values) == len(queue.drives) and queue.connected:
+            queue.put(due, answered, values, due)
+            while queue.queue and queue.queue[0][0] < self.end:  # the recording has it
+                queue.queue.popleft()
 
     def until(self, but: Collection[str] = ()) -> int | None:
         """The tick of the next recorded command; None if there is none.

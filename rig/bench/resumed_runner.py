@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rig.bench.checkpoint import unpacked
+from rig.bench.heard import ROOM
 from rig.bench.runner import PlantRunner
 from rig.record.run import Samples
 from rig.scenes.scene import Scene
@@ -45,14 +46,14 @@ class ResumedRunner(PlantRunner):
         if left <= 0:
             super().frames(most)
             return
-        count = min(most, left, self.bank.playable)
-        self.keep_samples()
+        count = min(most, left, self.bank.playable, ROOM)
+        self.read_samples()
         self._put_into_force(self.tick + count)
         self.tick += count
         self.bank.play(self._recorded, self.t_ns)
         self._look = False
         if count == left:
-            self.keep_samples()
+            self.read_samples()
             self.resume(unpacked(self._resumption.checkpoint))
 
     def checkpoint(self) -> bytes:

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from rig.bench.audit import StateSamples, audit
 from rig.bench.build_findings import findings
 from rig.bench.checkpoint import Arrays, KeptState, packed
+from rig.bench.heard import ROOM, HeardOverLinks, Hearing
 from rig.bench.measurements import Measurements
 from rig.bench.noise_numbers import Numbers
 from rig.bench.plant_truth import Truth
@@ -116,6 +117,8 @@ class PlantRunner:
         self.bank.start(motion.outputs_now()[: self._needs].copy())
         self.truth = Truth(motion.outputs_now(), motion.key, self.step_ns) if self._truthful else None
         self.measurements = Measurements(self.bank) if self._truthful else None
+        self.meas_links = self.scene.links("meas")
+        self._over_links = HeardOverLinks(self.bank, self.meas_links, self.frame_ns) if self.meas_links else None
         if self.measurements is not None:
             self.keep_samples = self.measurements.take
 
@@ -123,6 +126,18 @@ class PlantRunner:
     def scene(self) -> Scene:
         """The scene of the present rig."""
         return self.variants.scene
+
+    @property
+    def hearing(self) -> Hearing:
+        """What controllers are told of the measurements at this tick: the instruments, if no link is impaired."""
+        return self.hearing_at(self.tick)
+
+    def hearing_at(self, tick: int) -> Hearing:
+        """The same at `tick`, which the bank has reached: a controller asked within a piece is ahead of `self.tick`."""
+        if self._over_links is None:
+            return self.bank
+        self._over_links.advance(tick)
+        return self._over_links
 
     @property
     def t_ns(self) -> int:
@@ -142,16 +157,23 @@ class PlantRunner:
         if self._look:
             if self.bank.short:
                 if self.bank.full:
-                    self.keep_samples()
+                    self.read_samples()
                 self.bank.fill()
             self.chance.fill()
         self._look = True
+        if self._over_links is not None:
+            _, most = self.hearing, min(most, ROOM)
         try:
             self._look = self._carry(most)
         finally:
             self.tick = self.motion.tick // self.steps
         if self.tick >= self.state_samples.due:
             self.state_samples.look(self.motion, self.tick, self.steps)
+
+    def read_samples(self) -> None:
+        """Read what is needed of the samples that the bank is about to forget."""
+        self.keep_samples()
+        _ = self.hearing
 
     def _carry(self, most: int) -> bool:
         """Advance the motion by up to `most` frames; see `Motion.advance`."""

@@ -280,6 +280,7 @@ def _run(
             "exchange": experiment.exchange.counters(),
             "controllers": {name: loop.counters() for name, loop in loops.items()},
             "sensors": runner.bank.counters(),
+            **({"network": network} if (network := experiment.network()) else {}),
         },
         mode=modes,
         models=models,

@@ -91,12 +91,21 @@ def parts(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
         ("timing", _timing(found)),
         ("busy", _busy(found)),
         ("loop", _loop(found)),
+        ("network", [link(topic, counts) for topic, counts in found.get("network", {}).items()]),
         ("lost", _lost(found)),
         ("refused", _refused(found)),
         ("plant", _plant(found)),
         ("protocol", _postponed(found)),
         ("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]),
     ]
+
+
+def link(topic: str, counts: Mapping[str, int]) -> str:
+    """What became of the messages of an impaired link, as a line."""
+    sent, *others = counts.items()
+    return f"{topic}: {sent[1]} sent, " + (
+        ", ".join(f"{n} {what}" for what, n in others if n) or "none of them impaired"
+    )
 
 
 def _table(labelled: Iterable[tuple[str, Iterable[str]]]) -> str:

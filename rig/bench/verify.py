@@ -135,7 +135,7 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
     chaotic = found.first and elsewhere and found.deviation > ELSEWHERE and openings.first is not None
     faults, events = [*unknown(run, again), *_gaps(run, again)], 0
     if not run.damage:
-        faults += command_faults(log, run, scene)
+        faults += [*command_faults(log, run, scene), *_network(run, again)]
     if not (run.damage or set(elsewhere) - ROUNDED):
         end_ns = round(openings.first * 1e9) if chaotic and openings.first is not None else duration_ns(run)
         events, others = differences(run, again, end_ns, exact=not elsewhere)
@@ -244,6 +244,17 @@ def _gaps(run: Run, again: Run) -> Iterator[str]:
             continue
         if missing := rows + int(np.count_nonzero(np.isnan(v) & ~np.isnan(_at(again, name, run.time)))):
             yield f"{missing} samples of the output {name} are missing"
+
+
+def _network(run: Run, again: Run) -> Iterator[str]:
+    """Impaired links of measurements of which the recording counts other messages than the re-simulation.
+
+    In a re-simulation no controller works, so the links of commands carry nothing.
+    """
+    for topic, counts in run.summary.get("network", {}).items():
+        here = again.summary.get("network", {}).get(topic)
+        if topic.startswith("meas/") and counts != here:
+            yield f"the summary counts {counts} on the link {topic}, the re-simulation {here}"
 
 
 def _missing_rows(t_ns: Integers, before: int | None = None) -> int:

@@ -44,6 +44,15 @@ Controllers = Annotated[
         help="Add a controller from a file, by default under the file's name, or replace one of the scene. Repeatable.",
     ),
 ]
+Net = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--net",
+        metavar="LINK: FAULTS",
+        help='Make a link between plant and controllers worse: "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, '
+        'duplicate 0.1 %, reorder; seed 3", or "act/CONTROLLER: ...". Short for -p network... . Repeatable.',
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the report as JSON.")]
 Duration = Annotated[
     str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit: "500 ms".')
@@ -160,6 +169,16 @@ def added(given: list[str] | None) -> dict[str, object]:
     from rig.scenes.controller_files import changes as with_files
 
     return with_files(files)
+
+
+def changed(given: list[str] | None, net: list[str] | None) -> dict[str, str]:
+    """Dotted key -> value as text, of all `-p` and `--net`."""
+    found = changes(given)
+    if not net:
+        return found
+    from rig.scenes.network_text import keys
+
+    return found | keys(net, found)
 
 
 def plain(value: str) -> float | str:

@@ -21,13 +21,14 @@ from rig.cli.options import (
     Json,
     Lockstep,
     Most,
+    Net,
     Out,
     Pace,
     SceneName,
     When,
     accuracy,
     added,
-    changes,
+    changed,
     pace,
     seconds,
     share,
@@ -76,6 +77,7 @@ def run(
     scene: SceneName,
     p: Changes = None,
     controller: Controllers = None,
+    net: Net = None,
     speed: Pace = None,
     lockstep: Lockstep = False,
     duration: Duration = None,
@@ -93,7 +95,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run a scene in real time, with plant, controllers and recorder as processes."""
-    factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
+    factor, length, overrides = pace(speed, lockstep), seconds(duration), changed(p, net)
     windows = trigger(when, before, after, most)
     if windows is not None and figure is not None:
         raise UsageError("--figure: draws the recording of a whole run; --trigger records windows only")

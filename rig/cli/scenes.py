@@ -91,6 +91,7 @@ def explain(
     run, and which were missing.
     """
     from rig.scenes.explain import explain as take_apart
+    from rig.scenes.sections import dump
 
     if figure is not None and not measure:
         raise UsageError("--figure: draws the result of --measure; add --measure")
@@ -118,6 +119,7 @@ def explain(
                 "duration_s": None if explanation.scene.duration_ns is None else explanation.scene.duration_ns / 1e9,
                 "effects": [vars(effect) for effect in explanation.effects],
                 "actuators": [vars(actuator) for actuator in explanation.actuators],
+                "network": {topic: dump(link) for topic, link in explanation.scene.network.links.items()},
                 "values": [_value(v) for v in values],
             }
         )
@@ -145,6 +147,8 @@ def explain(
     ]
     printing.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
     printing.line()
+    if explanation.scene.network:
+        _print_network(explanation.scene)
     shown = [
         (v.key, _text(v.value), v.unit if v.unit != "1" else "", v.origin.origin, v.origin.note, str(v.place or ""))
         for v in values
@@ -154,6 +158,21 @@ def explain(
     printing.line(
         f"\n{left} more values have defaults; to list them: rig explain {shlex.quote(scene)} --all" if left else ""
     )
+
+
+def _print_network(scene: Scene) -> None:
+    """The impaired links of a scene, with the time under way as the frames of the scene round it."""
+    from rig.scenes.network_text import described
+    from rig.scenes.sections import dump
+
+    rows = []
+    for topic, link in scene.network.links.items():
+        least, most = link.ticks(scene.frame_ns)
+        frames = f"{least} .. {most}" if most > least else f"{most}"
+        rows.append((topic, described(dump(link)), f"{frames} frame{'s' * (most != 1)}"))
+    seed = scene.seed if scene.network.seed is None else scene.network.seed
+    printing.table(f"impaired links, seed {seed}", ("link", "", "time under way"), rows)
+    printing.line("a message arrives at a frame: its time under way is rounded up to whole frames\n")
 
 
 def _value(value: Value) -> dict[str, Any]:
@@ -167,15 +186,20 @@ def _value(value: Value) -> dict[str, Any]:
 def _audited(log: str, as_json: bool) -> None:
     from rig.cli.logs import opened
 
-    judged = opened(Path(log)).summary.get("audit", [])
+    run = opened(Path(log))
+    judged, network = run.summary.get("audit", []), run.summary.get("network", {})
     if as_json:
-        printing.report({"log": log, "effects": judged})
+        printing.report({"log": log, "effects": judged, "network": network})
         return
     state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
     rows = [(e["effect"], now, f"{e['share']:.2g}", e["text"] if e["noted"] else "") for e, now in zip(judged, state)]
     printing.table(
         f"{log}: influence of each effect in this run", ("effect", "", "share of the forces", "remark"), rows
     )
+    if network:
+        printing.line()
+        counted = [(topic, *counts.values()) for topic, counts in network.items()]
+        printing.table("impaired links, number of messages", ("link", *next(iter(network.values()))), counted)
     if not judged:
         printing.line(
             "no result: the run was too short, or no shipped scene of its plant has values for the absent effects"

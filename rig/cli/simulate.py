@@ -23,9 +23,10 @@ from rig.cli.options import (
     Duration,
     Force,
     Json,
+    Net,
     Trust,
     added,
-    changes,
+    changed,
     plain,
     scene_file,
     seconds,
@@ -97,6 +98,7 @@ def simulate(
     start: Start = None,
     p: Changes = None,
     controller: Controllers = None,
+    net: Net = None,
     duration: Duration = None,
     method: Annotated[
         str | None,
@@ -123,7 +125,7 @@ def simulate(
     With --from: simulate a recording again up to an instant and go on from
     there. Values given with -p and a --duration count from that instant.
     """
-    length, overrides = seconds(duration), changes(p)
+    length, overrides = seconds(duration), changed(p, net)
     if method is not None:
         overrides["clock.method"] = method
     if repeat is not None and out is not None:
@@ -132,6 +134,7 @@ def simulate(
         given = {
             "SCENE": scene,
             "--controller": controller,
+            "--net": net,
             "--method": method,
             "--accuracy": precision,
             "--budget": budget,
@@ -259,6 +262,8 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
         yield "contact", text
     for name, counts in run.summary["controllers"].items():
         yield name, ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+    for topic, counts in run.summary.get("network", {}).items():
+        yield "network", status.link(topic, counts)
     for one in run.summary["audit"]:
         if one["noted"]:
             yield "audit", one["text"]

@@ -7,12 +7,13 @@ of a controller in the plant's process, only the first step of each batch of fra
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rig.bus import encode, messages
+from rig.bus.impaired_link import HeardSensor, ImpairedLink
 from rig.bus.topics import BLOCK_NS, STATE_NS
 from rig.record.message_scan import Record
 from rig.record.run import Commands, Integers, Run
@@ -30,6 +31,8 @@ class RebuiltTraffic:
     """The outputs of the plant, in the order of its states."""
     heard: frozenset[str]
     """Sensors of which a controller needs every sample."""
+    links: Callable[[], Mapping[str, ImpairedLink]] = dict
+    """Makes the impaired links as they were at the start of the run: sensor -> link over which it was heard."""
 
     def __iter__(self) -> Iterator[Record]:
         run, frame = self.run, self.run.frame_ns
@@ -37,6 +40,7 @@ class RebuiltTraffic:
         last = max((int(t_ns[-1]) for t_ns, _ in series if t_ns.size), default=-1) // frame
         edges = np.arange(-1, last + 1) * frame  # frame k has the samples published in (t_{k-1}, t_k]
         cuts = [np.searchsorted(t_ns, edges, "right") for t_ns, _ in series]
+        over = {name: HeardSensor(link) for name, link in self.links().items() if name in run.measurements}
         acts = {name: sent(commands) for name, commands in run.commands.items()}
         applied = {name: deque(zip(*(column.tolist() for column in rows))) for name, rows in run.commands.items()}
         events = deque(event for event in run.events if event["kind"] != _SAVED_ONLY)
@@ -53,7 +57,7 @@ class RebuiltTraffic:
                 state = next(states, None)
             while events and events[0]["t_ns"] <= now:
                 yield _event(events.popleft())
-            yield Record("step", self._step(tick, cuts), now, 0, now)
+            yield Record("step", self._step(tick, cuts, over), now, 0, now)
             for name, known in acts.items():
                 if tick in known:
                     yield Record(f"act/{name}", encode.act(tick, now, known[tick]), now, 0, now)
@@ -71,16 +75,20 @@ class RebuiltTraffic:
                 if high > low:
                     yield Record(f"meas/{name}", encode.samples(tick, t_ns[low:high], v[low:high]), now, 0, now)
 
-    def _step(self, tick: int, cuts: list[Integers]) -> bytes:
+    def _step(self, tick: int, cuts: list[Integers], over: Mapping[str, HeardSensor]) -> bytes:
         series = list(self.run.measurements.items())
         latest, fresh, new = np.full(len(series), np.nan), np.zeros(len(series), np.int64), {}
         for i, ((name, (_, v)), cut) in enumerate(zip(series, cuts)):
             low, high = cut[tick], cut[tick + 1]
-            fresh[i] = high - low
-            if high:
+            samples = v[low:high]
+            if name in over:
+                samples = np.array(over[name].tick(tick, samples.tolist()), np.float64)
+                latest[i] = over[name].latest
+            elif high:
                 latest[i] = v[high - 1]
+            fresh[i] = len(samples)
             if name in self.heard:
-                new[i] = v[low:high]
+                new[i] = samples
         return encode.step(tick, tick * self.run.frame_ns, latest, fresh, new)
 
     def _states(self) -> Iterator[Record]:

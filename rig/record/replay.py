@@ -13,6 +13,7 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -34,6 +35,7 @@ from rig.record.rebuilt_traffic import RebuiltTraffic, sent
 from rig.record.recorded_controller import RecordedController
 from rig.record.recorded_setup import head, setup_of
 from rig.record.replay_report import Divergence, Replayed, TimingError
+from rig.scenes.scene import Scene
 
 _PATIENCE_S = 5.0
 """Longest wait for the answer to one step. # chosen"""
@@ -92,7 +94,10 @@ def replay(
     every = frozenset(sensor for one in into.values() if gets_every_sample(one) for sensor in one.reads)
     heard = _heard(setup) if saved or in_plant or every else frozenset()  # needs the code of all controllers
     run = read(path) if saved or in_plant or every - heard else None
-    scan, rebuilt = Scan(path), None if run is None else RebuiltTraffic(run, list(setup.outputs), heard | every)
+    scan, rebuilt = Scan(path), None
+    if run is not None:
+        links = partial(Scene.from_json(setup.scene).links, "meas") if setup.scene else dict
+        rebuilt = RebuiltTraffic(run, list(setup.outputs), heard | every, links)
     recorded = {name: RecordedController(name, saved) for name in into}
     decode = Decoder(setup)
     for record in rebuilt if saved and rebuilt else scan:

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from rig.about import Bound
 from rig.model.film_system import add_film_states
-from rig.quantities import ORIGINS
+from rig.quantities import ORIGINS, Section
 from rig.scenes.effects import about, optional
 from rig.scenes.places import Origin, Place
 from rig.scenes.scene import Scene
@@ -154,9 +154,10 @@ def _unit(assembly: Any, table: str) -> str:
 
 
 def _values(scene: Scene) -> Iterator[Value]:
-    rooms = {"clock": scene.clock}
+    rooms: dict[str, Section] = {"clock": scene.clock}
     rooms |= {f"sensors.{name}": section for name, section in scene.sensors.items()}
     rooms |= {f"controllers.{name}": section for name, section in scene.controllers.items()}
+    rooms |= {"network": scene.network}
     for prefix, section in [("", scene.parameters), *rooms.items()]:
         for key, (value, unit) in values_of(section, prefix):
             name = key.rpartition(".")[2]

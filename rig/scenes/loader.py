@@ -19,6 +19,8 @@ from rig.quantities import Section
 from rig.scenes import checks, compiled_checks, faults, inherit, own_values, rooms
 from rig.scenes.clock import Clock
 from rig.scenes.merged import MOST, OWN, Merged
+from rig.scenes.network import Network
+from rig.scenes.network import checks as network_checks
 from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Known, Load, Mark, Ramp, Step, flat, knock_durations
 from rig.scenes.rooms import CONTROLLERS, SENSORS, assembled
 from rig.scenes.scene import Scene
@@ -69,6 +71,9 @@ class _Reading:
             names = known(assembly, parameters, sensors, controllers)
         sensors = {n: s for n, s in sensors.items() if s is not None}
         controllers = {n: c for n, c in controllers.items() if c is not None}
+        network = self._section(Network, "network", raw.get("network", {})) or Network()
+        if names.whole:
+            self._tables.report(network_checks(raw.get("network"), sensors, controllers))
         self._tables.leave_out(names)
         protocol = self._protocol(names)
         if assembly is not None:
@@ -104,6 +109,7 @@ class _Reading:
             clock=clock,
             sensors=sensors,
             controllers=controllers,
+            network=network,
             protocol=protocol,
             limits=limits,
             seed=seed,

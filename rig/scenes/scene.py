@@ -20,6 +20,7 @@ from rig.quantities import Section, faults_of
 from rig.scenes import migration, rooms
 from rig.scenes.clock import Clock
 from rig.scenes.faults import shown
+from rig.scenes.network import Link, Network
 from rig.scenes.places import Origin, Place
 from rig.scenes.protocol import STEPS, Load, Ramp, Set, Step, flat, knock_durations
 from rig.scenes.sections import controller_drives, dump, values_of
@@ -27,6 +28,7 @@ from rig.scenes.step_sequences import longest_ns
 from rig.sensors.chain.instants import common_step
 
 if TYPE_CHECKING:
+    from rig.bus.impaired_link import ImpairedLink
     from rig.scenes.inherit import Places
 
 
@@ -53,6 +55,7 @@ class Scene:
     """File and line of each value; None for a scene that was not read from files."""
     models: dict[str, str] = field(default_factory=dict, compare=False)
     """Of a scene that a run was made with: the reduced models of its structures, what they are of -> digest."""
+    network: Network = field(default_factory=Network)
     driven: frozenset[str] = frozenset()
     """Actuators that somebody else drives: an operator, or a controller that the scene does not know. Not recorded with
     the scene: the events of the run tell it."""
@@ -88,6 +91,12 @@ class Scene:
     def knocks(self) -> tuple[int, ...]:
         """Durations [ns] of the knocks that take time, in ascending order."""
         return knock_durations(self.protocol)
+
+    def links(self, room: str) -> dict[str, ImpairedLink]:
+        """The impaired links as at the start of a run: sensor (room "meas") or controller ("act") -> link."""
+        seed = self.seed if self.network.seed is None else self.network.seed
+        links: dict[str, Link] = getattr(self.network, room)
+        return {name: link.made(f"{room}/{name}", seed, self.frame_ns) for name, link in links.items()}
 
     @property
     def in_plant(self) -> frozenset[str]:
@@ -129,13 +138,14 @@ class Scene:
             found |= values_of(section, f"sensors.{name}")
         for name, section in self.controllers.items():
             found |= values_of(section, f"controllers.{name}")
-        return found
+        return found | dict(values_of(self.network, "network"))
 
     def to_json(self) -> str:
         """The scene as JSON text; `from_json` gives an equal scene back."""
         made: dict[str, Any] = {"models": self.models} if self.models else {}
         parts = rooms.foreign(self.plant, self.parameters, self.sensors.values(), self.controllers.values())
         made |= {"parts": parts} if parts else {}
+        made |= {"network": dump(self.network)} if self.network else {}
         return json.dumps(
             {
                 "format": 1 + migration.newest(),
@@ -195,6 +205,7 @@ class Scene:
             sensors={n: _instrument(s, written, parts) for n, s in raw["sensors"].items()},
             controllers={n: _controller(s, parts) for n, s in raw["controllers"].items()},
             protocol=STEPS.validate_python(raw["protocol"]),
+            network=Network.model_validate(raw.get("network", {})),
             limits={name: float(value) for name, value in raw["limits"].items()},
             seed=raw["seed"],
             origins={key: Origin(*origin) for key, origin in raw["origins"].items()},

@@ -24,6 +24,7 @@ from rig.quantities import (
     NewtonPerMetre,
     Section,
     Unit,
+    brief,
     quantity,
 )
 
@@ -108,10 +109,10 @@ def place_fault(bodies: Bodies, place: str) -> str:
     if place == GROUND:
         return ""
     if body not in bodies:
-        return f"no body is called {body!r}; known: {', '.join(bodies)}, {GROUND}"
+        return f"no body is called {brief(body)}; known: {', '.join(bodies)}, {GROUND}"
     if point and point not in bodies[body].points:
         known = ", ".join(bodies[body].points) or "none"
-        return f"{body} has no point {point!r}; known: {known}"
+        return f"{body} has no point {brief(point)}; known: {known}"
     return ""
 
 

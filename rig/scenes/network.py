@@ -1,0 +1,84 @@
+"""The section [network] of a scene: links between plant and controllers that are made worse on purpose.
+
+    [network.meas.vibrometer]        measurements of this sensor, on their way to all controllers
+    [network.act.nf]                 commands of this controller, on their way back to the plant
+
+A sensor or controller without a table has a perfect link. rig.bus.impaired_link states what the values mean.
+`rig run --net` writes the same in one line: "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, reorder; seed 3".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any
+
+from annotated_types import Ge, Le
+from pydantic import Field, ValidationInfo, field_validator
+
+from rig.bus.impaired_link import ImpairedLink
+from rig.quantities import Section
+from rig.scenes.clock import Share
+from rig.scenes.faults import near
+from rig.sensors.chain.units import Delay
+
+
+class Link(Section):
+    """One link.
+
+    delay      mean time that a message is under way [chosen]
+    jitter     half the range of this time, which is uniform within delay +- jitter [chosen]
+    loss       probability that a message is lost [chosen]
+    duplicate  probability that a message arrives twice [chosen]
+    reorder    whether messages overtake each other; if not, a late one delays those behind it [chosen]
+    """
+
+    delay: Delay = 0
+    jitter: Delay = 0
+    loss: Share = 0.0
+    duplicate: Share = 0.0
+    reorder: bool = False
+
+    @field_validator("jitter")
+    @classmethod
+    def _within_delay(cls, jitter: int, info: ValidationInfo) -> int:
+        if "delay" in info.data and jitter > (delay := info.data["delay"]):
+            raise ValueError(
+                f"is more than the delay of {delay / 1e6:g} ms; a message cannot arrive before it is sent, so at most "
+                f"{delay / 1e6:g} ms are possible"
+            )
+        return jitter
+
+    def made(self, name: str, seed: int, frame_ns: int) -> ImpairedLink:
+        """The link as the plant runs it."""
+        return ImpairedLink(name, seed, frame_ns, self.delay, self.jitter, self.loss, self.duplicate, self.reorder)
+
+    def ticks(self, frame_ns: int) -> tuple[int, int]:
+        """Smallest and largest time under way [frames]: a message is heard at the first tick not before it arrives."""
+        link = self.made("", 0, frame_ns)
+        return link.least, link.most
+
+
+class Network(Section):
+    """All links of a scene that are not perfect. `seed`: of their random numbers; without it, the seed of the scene."""
+
+    seed: Annotated[int, Ge(0), Le(2**63)] | None = Field(default=None, strict=True)
+    meas: dict[str, Link] = Field(default_factory=dict)
+    act: dict[str, Link] = Field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return bool(self.meas or self.act)
+
+    @property
+    def links(self) -> dict[str, Link]:
+        """Topic of the bus -> link: meas/vibrometer, act/nf."""
+        return {f"{room}/{name}": link for room in ("meas", "act") for name, link in getattr(self, room).items()}
+
+
+def checks(raw: Any, sensors: Iterable[str], controllers: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """(dotted key, line) for each link of an unknown sensor or controller in the table `raw` of a scene."""
+    for room, what, known in (("meas", "sensor", [*sensors]), ("act", "controller", [*controllers])):
+        table = raw.get(room) if isinstance(raw, Mapping) else None
+        for name in table if isinstance(table, Mapping) else ():
+            if name not in known:
+                key = f"network.{room}.{name}"
+                yield key, f"{key}: unknown {what}; {near(name, known)}"

@@ -1,0 +1,200 @@
+"""Links that are made worse on purpose: the same bits in all clocks, in a re-simulation and in a branch."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plant_in_thread import Bench, samples
+
+import rig
+from rig.bench import checkpoint
+from rig.bench.branch import branch
+from rig.bench.simulate import Recorded, simulate
+from rig.bench.verify import verify
+from rig.bus import messages
+from rig.bus.impaired_link import HeardSensor
+from rig.record.compare import compare
+from rig.record.provenance import provenance
+from rig.record.rebuilt_traffic import RebuiltTraffic
+from rig.record.save_run import save
+from rig.scenes.scene import Scene
+
+ON = {"controllers.nf.enable_at": "0.05 s"}
+BAD = {
+    "network.meas.vibrometer.delay": "2 ms",
+    "network.meas.vibrometer.jitter": "1.5 ms",
+    "network.meas.vibrometer.loss": "5 %",
+    "network.meas.vibrometer.duplicate": "5 %",
+    "network.meas.vibrometer.reorder": "true",
+    "network.act.nf.delay": "3 ms",
+    "network.act.nf.jitter": "3 ms",
+    "network.act.nf.loss": "10 %",
+    "network.act.nf.duplicate": "3 %",
+    "network.act.nf.reorder": "true",
+    "network.seed": 3,
+}
+
+
+def belt(changes=None):
+    return rig.load("belt_normal_force", ON | (changes or {}))
+
+
+def bits(run):
+    """All that a run computed, as bytes."""
+    columns = [*run.signals.values(), *(samples.v for samples in run.measurements.values()), run.mode]
+    columns += [column for one in run.commands.values() for column in one]
+    return [np.asarray(column).tobytes() for column in columns]
+
+
+def recorded(tmp_path, run, name="run.mcap"):
+    run.provenance |= provenance(0)
+    save(run, tmp_path / name)
+    return tmp_path / name
+
+
+@pytest.fixture(scope="module")
+def bad():
+    return rig.simulate(belt(BAD), 1.0)
+
+
+@pytest.mark.parametrize("links", [("meas.vibrometer",), ("act.nf",), ("meas.vibrometer", "act.nf")])
+def test_links_without_faults_have_the_bits_of_no_links(links):
+    run = rig.simulate(belt({f"network.{link}.delay": "0 s" for link in links}), 1.0)
+    assert bits(run) == bits(rig.simulate(belt(), 1.0))
+    assert {counts["sent"] for counts in run.summary["network"].values()} <= {1000, 1001}
+    assert not any(n for counts in run.summary["network"].values() for what, n in counts.items() if what != "sent")
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 30), st.integers(1, 4))
+def test_a_constant_delay_of_commands_is_the_delay_of_the_controller(delay, period):
+    about = {"controllers.nf.period": f"{period} ms"}
+    link = rig.simulate(belt({**about, "network.act.nf.delay": f"{delay} ms"}), 0.3)
+    own = rig.simulate(belt({**about, "controllers.nf.delay": f"{delay} ms"}), 0.3)
+    assert bits(link) == bits(own)
+    assert link.summary["exchange"] == own.summary["exchange"]
+
+
+def test_a_link_that_loses_all_commands_leaves_the_actuator_to_the_protocol():
+    run = rig.simulate(belt({"network.act.nf.loss": "100 %"}), 0.5)
+    assert run.commands["nf"].tick.size == 0
+    assert run.summary["network"]["act/nf"] == {"sent": 500, "delayed": 0, "lost": 500, "duplicated": 0, "reordered": 0}
+    assert set(run.signals["normal_force"]) == {20.0}
+
+
+def test_a_controller_that_hears_nothing_commands_nothing():
+    run = rig.simulate(belt({"network.meas.vibrometer.loss": 1}), 0.5)
+    assert run.commands["nf"].tick.size == 0
+    assert run.summary["controllers"]["nf"] == {"updates": 0, "held": 500, "refused": 0}
+
+
+def test_a_recorded_run_is_simulated_again_to_the_bit_and_its_commands_are_checked(bad, tmp_path):
+    scene = belt(BAD)
+    again = simulate(scene, {}, 10**9, Recorded(bad.commands, bad.events))
+    assert bits(again) == bits(bad)
+    found = verify(recorded(tmp_path, bad))
+    assert found.passed, found.text()
+    assert found.identical
+    lost = scene.links("act")["nf"]
+    number = next(n for n in range(500, 900) if lost.loses(n))
+    commands = bad.commands["nf"]
+    at = int(np.searchsorted(commands.tick, number + 4))
+    answered = commands.answered.copy()
+    answered[at] = number
+    forged = dataclasses.replace(bad, commands={"nf": commands._replace(answered=answered)})
+    assert "link loses the answer" in verify(recorded(tmp_path, forged, "forged.mcap")).text()
+
+
+def test_the_scene_of_a_recording_has_its_links():
+    scene = belt(BAD)
+    again = type(scene).from_json(scene.to_json())
+    assert again.network == scene.network
+    assert again.digest == scene.digest != belt().digest
+    assert "network" not in json.loads(belt().to_json())
+
+
+def test_a_branch_has_the_bits_of_the_run_that_goes_on(monkeypatch, tmp_path, bad):
+    log = recorded(tmp_path, rig.simulate(belt(BAD), 0.6))
+    for at in (0.6, 0.401):
+        found = branch(log, at, duration_ns=round((1.0 - at) * 1e9))
+        assert compare(bad, found).identical
+        assert found.summary["network"] == bad.summary["network"]
+        assert verify(recorded(tmp_path, found, f"{at}.mcap")).passed
+
+
+def test_from_a_checkpoint_too(monkeypatch, tmp_path, bad):
+    monkeypatch.setattr(checkpoint, "STEPS", 100)
+    log = recorded(tmp_path, rig.simulate(belt(BAD), 0.6))
+    found = branch(log, 0.55, duration_ns=450_000_000)
+    assert int(found.provenance["checkpoint_ns"]) > 0
+    assert compare(bad, found).identical
+    assert found.summary["network"] == bad.summary["network"]
+
+
+class Listens:
+    """Notes what it hears, and drives the load."""
+
+    drives = ("load.force",)
+
+    def __init__(self, sensor, period_ns, every_sample=False):
+        self.reads, self.period_ns, self.every_sample = (sensor,), period_ns, every_sample
+        self.told = []
+
+    def start(self):
+        return None
+
+    def update(self, state, t_ns, values):
+        self.told.append((t_ns, list(values[0]) if self.every_sample else values[0]))
+        return None, (20.0,)
+
+
+@pytest.mark.parametrize("every_sample", [False, True])
+def test_a_controller_hears_what_follows_from_measurements_seed_and_tick(every_sample):
+    """Connected or not: until 0.3 s it is disconnected, and called for many ticks at once."""
+    about = {"network.meas.vibrometer.delay": "7.5 ms", "network.meas.vibrometer.jitter": "7 ms",
+             "network.meas.vibrometer.loss": "20 %", "network.meas.vibrometer.duplicate": "20 %",
+             "sensors.vibrometer.rate": "4 kHz", "controllers.nf.period": "1 ms" if every_sample else "3 ms",
+             }  # fmt: skip
+    raw = json.loads(belt(about).to_json())
+    hold, connect = {"step": "hold", "time": 0.3}, {"step": "connect", "controller": "nf"}
+    scene = Scene.from_json(json.dumps(raw | {"protocol": [hold, connect, hold]}))
+    period = 1 if every_sample else 3
+    listens = Listens("vibrometer", period * scene.frame_ns, every_sample)
+    run = simulate(scene, {"nf": listens}, 600_000_000)
+    over, (t_ns, v) = HeardSensor(scene.links("meas")["vibrometer"]), run.measurements["vibrometer"]
+    ends = np.searchsorted(t_ns, np.arange(-1, 601) * scene.frame_ns, "right")
+    expected = []
+    for tick in range(600):
+        heard = over.tick(tick, v[ends[tick] : ends[tick + 1]].tolist())
+        if tick % period == 0 and np.isfinite(over.latest):
+            expected.append((tick * scene.frame_ns, heard if every_sample else over.latest))
+    counts = run.summary["network"]["meas/vibrometer"]
+    assert min(counts["delayed"], counts["lost"], counts["duplicated"]) > 50
+    assert [one for one in listens.told if one[0] >= expected[0][0]] == expected
+
+
+def test_in_lockstep_and_in_the_plant_it_has_the_same_bits_and_the_steps_hold_what_was_heard(bad):
+    scene = belt(BAD)
+    with Bench(scene, pace=None, duration=1.0, expect=(("controller", "nf"),)) as bench:
+        bench.controller()
+        bench.begin()
+        heard = bench.finish()
+    for name, known in bad.measurements.items():
+        assert samples(heard, name).tobytes() == known.v.tobytes()
+    applied = [messages.decode("applied/nf", payload) for payload in heard["applied/nf"]]
+    assert [a.tick for a in applied] == bad.commands["nf"].tick.tolist()
+    assert [a.answered for a in applied] == bad.commands["nf"].answered.tolist()
+    assert np.array([list(a.values) for a in applied]).tobytes() == bad.commands["nf"].values.tobytes()
+    assert bench.summary["network"] == bad.summary["network"]
+    assert bench.summary["verdict"] == "VALID"
+    steps = [messages.decode("step", payload) for payload in heard["step"]]
+    rebuilt = RebuiltTraffic(bad, list(bad.signals), frozenset(), lambda: scene.links("meas"))
+    again = [messages.decode("step", record.payload) for record in rebuilt if record.topic == "step"]
+    for one, other in zip(steps, again):
+        assert (one.tick, list(one.fresh)) == (other.tick, list(other.fresh))
+        assert np.array(one.values).tobytes() == np.array(other.values).tobytes()
+    inside = rig.simulate(belt(BAD | {"controllers.nf.where": "plant"}), 1.0)
+    assert bits(inside) == bits(bad)
