@@ -70,7 +70,7 @@ class CompiledControllers:
         read, driven = (self._compiled[-1].reads.stop, self._compiled[-1].drives.stop) if i else (0, 0)
         places = [self._runner.plain(drive) for drive in queue.drives]
         fits = i < len(c.lines) and driven + len(places) <= len(c.command) and len(queue.queue) < ROWS
-        if not fits or None in places:
+        if not fits or None in places or not self._exchange.faulty.keys().isdisjoint(queue.drives):
             return
         native = None
         columns: Sequence[int] = () if one is None else one.columns

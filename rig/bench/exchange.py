@@ -53,6 +53,8 @@ class Exchange:
         self.refused: dict[str, int] = {}
         """Senders without a queue, and how often they were refused."""
         self._runner, self._frame_ns, self._hold = runner, frame_ns, hold
+        self.faulty: Mapping[str, object] = {}
+        """Actuators that are faulty at this tick."""
         self.links = links
         """Controller -> the link of its commands, for those whose link is impaired."""
         self.journal = journal
@@ -249,6 +251,16 @@ class Exchange:
         to = self._protocol.move(name, to, ticks)
         if not self._overruled(name):
             self._ramp(name, to, ticks)
+
+    def renew(self, name: str) -> None:
+        """Ask an actuator again for the value that is in force, because it became faulty or sound."""
+        value = self.in_force.get(name, self._runner.inputs[name].value)
+        if isfinite(value):
+            self._runner.apply(name, value)
+            return
+        self._runner.apply(name, self._protocol.now(name))
+        if (rest := self._protocol.rest_of_move(name)) is not None:
+            self._runner.ramp(name, *rest)
 
     def connect(self, name: str, on: bool) -> None:
         """Connect a controller to its actuators from this tick on, or disconnect it."""

@@ -25,6 +25,8 @@ from rig.bench.background_builds import Builds
 from rig.bench.command_queue import CommandQueue
 from rig.bench.delay_warnings import DelayWarnings
 from rig.bench.exchange import Exchange
+from rig.bench.fault_times import FaultTimes
+from rig.bench.faulty_actuators import FaultyActuators
 from rig.bench.journal import OPERATOR, Journal
 from rig.bench.postponed_steps import PostponedSteps
 from rig.bench.protocol import Progress, Protocol
@@ -63,7 +65,12 @@ class Experiment:
     ) -> None:
         self.scene, self.runner = scene, runner
         self.journal = Journal(runner.frame_ns, lambda: runner.tick)
-        self.exchange = exchange(runner, runner.frame_ns, scene.clock.hold_frames, self.journal, scene.links("act"))
+        actuators = FaultyActuators(runner) if scene.faults else None
+        links = scene.links("act", runner.bank.seed)
+        self.exchange = exchange(actuators or runner, runner.frame_ns, scene.clock.hold_frames, self.journal, links)
+        self._faults = FaultTimes(scene, runner, self.journal, actuators)
+        if actuators is not None:
+            self.exchange.faulty = actuators.faulty
         for name, section in scene.controllers.items():
             self.exchange.admit(name, controller_drives(section), section.period, section.delay)
         self._connected_later = {step.controller for step in flat(scene.protocol) if type(step) is Connect}
@@ -107,6 +114,7 @@ class Experiment:
         """Carry out what is due at this tick; whether the experiment continues."""
         runner = self.runner
         tick = runner.tick
+        self._faults.carry_out(self.exchange)
         if not self.aborted:
             self._watch()
         if not self.aborted:
@@ -129,6 +137,8 @@ class Experiment:
         self.postponed.end()
         if self.runner.tick:
             self._delay_warnings.check(self.runner.t_ns)
+        for text in self._faults.never():
+            self.journal.note("warning", text)
 
     def network(self) -> dict[str, dict[str, int]]:
         """What became of the messages of each impaired link: delayed, lost, duplicated, reordered; {} without one."""
@@ -139,7 +149,7 @@ class Experiment:
         """The first later tick at which `begin` may have something to do, unless a limit is exceeded before."""
         tick = self.runner.tick
         due = [self._end, None if self.aborted else self.protocol.until(tick)]
-        due += [self.postponed.until(), self._outside[0]["tick"] if self._outside else None]
+        due += [self._faults.next, self.postponed.until(), self._outside[0]["tick"] if self._outside else None]
         return max(min((one for one in due if one is not None), default=tick + 1), tick + 1)
 
     def take_over(self) -> list[CommandQueue]:

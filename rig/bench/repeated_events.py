@@ -8,11 +8,12 @@ from itertools import zip_longest
 from typing import Any
 
 from rig.bench.experiment import EMERGENCY, PLANT
+from rig.bench.fault_times import FAULT
 from rig.record.run import Run
 
 _REPEATED = frozenset(
     {"step", "mark", "timeout", "limit", "knock", "parameter", "connected", "disconnected", "admitted", "dismissed"}
-    | {EMERGENCY}
+    | {EMERGENCY, FAULT}
 )
 """Kinds of events that depend on ticks and commands only; others tell how processes and the clock behaved."""
 _CONTACT = "contact"

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from rig.bench.audit import StateSamples, audit
 from rig.bench.build_findings import findings
 from rig.bench.checkpoint import Arrays, KeptState, packed
+from rig.bench.faulty_sensors import FaultySensors
 from rig.bench.heard import ROOM, HeardOverLinks, Hearing
 from rig.bench.measurements import Measurements
 from rig.bench.noise_numbers import Numbers
@@ -31,6 +32,7 @@ from rig.model.assembly import Input
 from rig.model.method import as_integrated, chosen
 from rig.motion.motion import Frames, Motion
 from rig.scenes.faults import shortened
+from rig.scenes.part_faults import SensorFault
 from rig.scenes.scene import Scene
 from rig.scenes.sections import controller_drives, controller_reads
 from rig.sensors.chain.bank import Bank
@@ -74,6 +76,8 @@ class PlantRunner:
                 faults.append('clock.unstable = "run" runs it nevertheless, up to clock.limit')
             raise SceneError(scene.name, faults)
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
+        broken = {name: one for name, one in scene.faults.items() if isinstance(one, SensorFault)}
+        self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
         self.controls = _room(scene)
         self.chance = Numbers(system, scene.seed)
         self.motion = Motion(
@@ -115,12 +119,18 @@ class PlantRunner:
                 motion.write(self._index[one.lagging], min(max(command, one.low), one.high))
         motion.begin()
         self.bank.start(motion.outputs_now()[: self._needs].copy())
+        if self._faulty_sensors is not None:
+            self._faulty_sensors.apply()
         self.truth = Truth(motion.outputs_now(), motion.key, self.step_ns) if self._truthful else None
         self.measurements = Measurements(self.bank) if self._truthful else None
-        self.meas_links = self.scene.links("meas")
-        self._over_links = HeardOverLinks(self.bank, self.meas_links, self.frame_ns) if self.meas_links else None
+        self._connect()
         if self.measurements is not None:
             self.keep_samples = self.measurements.take
+
+    def _connect(self) -> None:
+        """Connect the controllers, over the impaired links as they are at tick 0."""
+        self.meas_links = self.scene.links("meas", self.bank.seed)
+        self._over_links = HeardOverLinks(self.bank, self.meas_links, self.frame_ns) if self.meas_links else None
 
     @property
     def scene(self) -> Scene:
@@ -163,10 +173,15 @@ class PlantRunner:
         self._look = True
         if self._over_links is not None:
             _, most = self.hearing, min(most, ROOM)
+        faulty = self._faulty_sensors
+        if faulty is not None and (ahead := faulty.ahead(self.tick)) is not None:
+            most = min(most, max(ahead, 1))
         try:
             self._look = self._carry(most)
         finally:
             self.tick = self.motion.tick // self.steps
+        if faulty is not None:
+            faulty.apply()
         if self.tick >= self.state_samples.due:
             self.state_samples.look(self.motion, self.tick, self.steps)
 
@@ -219,6 +234,11 @@ class PlantRunner:
         start = float(self.motion.x[self._index[one.state]])
         self.values[name] = to
         self.motion.write(self._index[one.slope], (to - start) / (ticks * self.frame_ns * 1e-9))
+
+    def reached(self, name: str) -> float:
+        """The value that an actuator has reached: what follows its command, or else the command itself."""
+        one = self.inputs[name]
+        return float(self.motion.x[self._index[one.lagging or one.state]])
 
     def plain(self, name: str) -> tuple[int, int] | None:
         """The state that a command to this actuator is written to, and that of its slope (-1: none), where that is all.
@@ -357,6 +377,8 @@ class PlantRunner:
             raise UsageError("the rig was built anew since this state was kept; make a new runner")
         if self._truthful:
             raise UsageError("a runner that keeps all outputs cannot return to a state")
+        if self.meas_links and kept.tick:
+            raise UsageError("messages under way on impaired links are not kept: such a rig returns to tick 0 only")
         self.tick = kept.tick
         self.values = dict(kept.values)
         if seed is not None:
@@ -367,6 +389,8 @@ class PlantRunner:
         self.state_samples.begin(self.tick, self.t_ns * 1e-9)
         if seed is not None and not self.tick:
             self.start()
+        elif not self.tick:
+            self._connect()
 
     def statistics(self) -> dict[str, Any]:
         """Method, counts, stick share and energy so far."""

@@ -119,6 +119,7 @@ def explain(
                 "duration_s": None if explanation.scene.duration_ns is None else explanation.scene.duration_ns / 1e9,
                 "effects": [vars(effect) for effect in explanation.effects],
                 "actuators": [vars(actuator) for actuator in explanation.actuators],
+                "faults": {name: dump(fault) for name, fault in explanation.scene.faults.items()},
                 "network": {topic: dump(link) for topic, link in explanation.scene.network.links.items()},
                 "values": [_value(v) for v in values],
             }
@@ -149,6 +150,8 @@ def explain(
     printing.line()
     if explanation.scene.network:
         _print_network(explanation.scene)
+    if explanation.scene.faults:
+        _print_faults(explanation.scene)
     shown = [
         (v.key, _text(v.value), v.unit if v.unit != "1" else "", v.origin.origin, v.origin.note, str(v.place or ""))
         for v in values
@@ -173,6 +176,21 @@ def _print_network(scene: Scene) -> None:
     seed = scene.seed if scene.network.seed is None else scene.network.seed
     printing.table(f"impaired links, seed {seed}", ("link", "", "time under way"), rows)
     printing.line("a message arrives at a frame: its time under way is rounded up to whole frames\n")
+
+
+def _print_faults(scene: Scene) -> None:
+    """The faults of sensors and actuators of a scene, in order of time."""
+    from rig.scenes.part_faults import described
+
+    units = {name: one.unit for name, one in scene.assemble().inputs.items()}
+    units |= {name: sensor.unit for name, sensor in scene.sensors.items()}
+    rows = [
+        (f"{fault.at / 1e9:g} s", "the end" if fault.end is None else f"{fault.end / 1e9:g} s", name,
+         described(fault, units[fault.part]))
+        for name, fault in sorted(scene.faults.items(), key=lambda one: one[1].at)
+    ]  # fmt: skip
+    printing.table("faults of sensors and actuators", ("from", "to", "fault", ""), rows)
+    printing.line()
 
 
 def _value(value: Value) -> dict[str, Any]:

@@ -166,7 +166,7 @@ class Episode:
 
     def _observation(self) -> list[float]:
         """The latest measurements within their ranges; where there is none, the last one."""
-        latest, heard = self._runner.bank.latest, self._heard
+        latest, heard = self._runner.hearing.latest, self._heard
         found = []
         for i, (column, (low, high)) in enumerate(zip(self._columns, self.observed)):
             value = latest.item(column)

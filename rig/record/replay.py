@@ -8,6 +8,7 @@ the recording, and is replaced where a successor of its name took its place.
 
 from __future__ import annotations
 
+import json
 import time
 from array import array
 from collections import Counter
@@ -96,7 +97,8 @@ def replay(
     run = read(path) if saved or in_plant or every - heard else None
     scan, rebuilt = Scan(path), None
     if run is not None:
-        links = partial(Scene.from_json(setup.scene).links, "meas") if setup.scene else dict
+        impaired = setup.scene and json.loads(setup.scene).get("network")
+        links = partial(Scene.from_json(setup.scene).links, "meas") if impaired else dict
         rebuilt = RebuiltTraffic(run, list(setup.outputs), heard | every, links)
     recorded = {name: RecordedController(name, saved) for name in into}
     decode = Decoder(setup)

@@ -42,7 +42,7 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
                 yield key, f"{key}: {file} declares {brief(value)}; expected whole nanoseconds, e.g. 1_000_000"
                 continue
             given = _raw(raw, "controllers", name, field, default=f"{value / 1e9:g} s")
-            yield from _whole(f"controllers.{name}.{field}", given, value, clock.frame, field == "delay")
+            yield from whole_frames(f"controllers.{name}.{field}", given, value, clock.frame, field == "delay")
         if section.period != clock.frame and gets_every_sample(controller_class(section)):
             key = f"controllers.{name}.period"
             yield (
@@ -140,7 +140,7 @@ def lengths(clock: Clock, protocol: Iterable[Any], raw: Any, prefix: str = "prot
         for field in TIMES:
             value = getattr(step, field, None) or 0
             given = shown(table[field]) if field in table else f"{value / 1e9:g} s"
-            yield from _whole(f"{prefix}[{i + 1}].{field}", given, value, clock.frame, zero=True)
+            yield from whole_frames(f"{prefix}[{i + 1}].{field}", given, value, clock.frame, zero=True)
         if isinstance(step, Repeat):
             yield from lengths(clock, step.steps, table.get("steps", []), f"{prefix}[{i + 1}].steps")
 
@@ -152,7 +152,8 @@ def whole(protocol: Sequence[Any]) -> Iterator[Fault]:
         yield "protocol", f"protocol: takes up to {length / 1e9:.3g} s; at most {LONGEST / 1e9:g} s are possible"
 
 
-def _whole(key: str, given: str, value: int, frame: int, zero: bool) -> Iterator[Fault]:
+def whole_frames(key: str, given: str, value: int, frame: int, zero: bool) -> Iterator[Fault]:
+    """(key, line) if a time is not a whole number of frames [ns]; `zero`: whether 0 is allowed."""
     if value % frame:
         near = sorted({n * frame for n in (value // frame, value // frame + 1) if n or zero})
         yield (

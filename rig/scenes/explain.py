@@ -15,6 +15,7 @@ from rig.about import Bound
 from rig.model.film_system import add_film_states
 from rig.quantities import ORIGINS, Section
 from rig.scenes.effects import about, optional
+from rig.scenes.part_faults import per_second
 from rig.scenes.places import Origin, Place
 from rig.scenes.scene import Scene
 from rig.scenes.sections import known, values_of
@@ -158,15 +159,20 @@ def _values(scene: Scene) -> Iterator[Value]:
     rooms |= {f"sensors.{name}": section for name, section in scene.sensors.items()}
     rooms |= {f"controllers.{name}": section for name, section in scene.controllers.items()}
     rooms |= {"network": scene.network}
+    rooms |= {f"faults.{name}": fault for name, fault in scene.faults.items()}
+    assembly = scene.assemble()
+    names = known(assembly, scene.parameters, scene.sensors, scene.controllers)
+    rates = {
+        f"faults.{name}.rate": per_second(names.sensors.get(fault.part, "")) for name, fault in scene.faults.items()
+    }
+    heights = {f"faults.{name}.height": names.sensors.get(fault.part, "") for name, fault in scene.faults.items()}
     for prefix, section in [("", scene.parameters), *rooms.items()]:
         for key, (value, unit) in values_of(section, prefix):
             name = key.rpartition(".")[2]
             if name not in ("law", "kind", "effect", "on", "ideal", "enable"):
                 origin = scene.origins.get(key) or (_documented(type(section), name) if prefix else None)
                 if origin is not None or not isinstance(value, str):
-                    yield Value(key, value, unit, origin or DEFAULT)
-    assembly = scene.assemble()
-    names = known(assembly, scene.parameters, scene.sensors, scene.controllers)
+                    yield Value(key, value, unit or rates.get(key, heights.get(key, "")), origin or DEFAULT)
     units = {**names.settable, **names.inputs, **names.sensors}
     for key, step in _steps(scene.protocol, "protocol"):
         named = units.get(getattr(step, "target", getattr(step, "sensor", "")), "")

@@ -21,6 +21,8 @@ from rig.scenes.clock import Clock
 from rig.scenes.merged import MOST, OWN, Merged
 from rig.scenes.network import Network
 from rig.scenes.network import checks as network_checks
+from rig.scenes.part_faults import checks as part_faults_checks
+from rig.scenes.part_faults import faults_of
 from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Known, Load, Mark, Ramp, Step, flat, knock_durations
 from rig.scenes.rooms import CONTROLLERS, SENSORS, assembled
 from rig.scenes.scene import Scene
@@ -79,6 +81,7 @@ class _Reading:
         if assembly is not None:
             knock.add(assembly, knock_durations(protocol))
         limits = own_values.limits(self._tables, assembly)
+        part_faults = faults_of(self._tables, names)
         if clock is not None:
             self._tables.report(checks.periods(clock, controllers, raw))
             self._tables.report(
@@ -97,6 +100,10 @@ class _Reading:
             if parameters is not None and assembly is not None:
                 inputs = assembled(parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
                 self._tables.report(checks.commanded(protocol, inputs))
+                held = {one.part: "held" for one in part_faults.values() if one.part in assembly.inputs}
+                inputs = assembled(parameters, frame_ns, held).inputs if held else assembly.inputs
+                given = raw.get("faults")
+                self._tables.report(part_faults_checks(part_faults, sensors, inputs, plant, frame_ns, given))
         title, about = own_values.text(self._tables, "title", name), own_values.text(self._tables, "about", "").strip()
         if self._tables.faults or clock is None or parameters is None:
             return None
@@ -110,6 +117,7 @@ class _Reading:
             sensors=sensors,
             controllers=controllers,
             network=network,
+            faults=part_faults,
             protocol=protocol,
             limits=limits,
             seed=seed,

@@ -21,7 +21,7 @@ from rig.scenes.rooms import CONTROLLERS, SENSORS
 MOST = 100
 """Largest number of faults that an error lists."""
 OWN = ("format", "based_on", "title", "plant", "about", "seed", "clock", "sensors", "controllers", "network",
-       "protocol", "limits")  # fmt: skip
+       "faults", "protocol", "limits")  # fmt: skip
 """Keys of a scene file that do not depend on its plant."""
 
 

@@ -18,7 +18,7 @@ Times are whole nanoseconds.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, Literal, Self
@@ -76,8 +76,8 @@ def _named(value: str, what: str, info: ValidationInfo, *rooms: str) -> str:
     return value
 
 
-def _read(value: Any, field: str, info: ValidationInfo, *rooms: str) -> Any:
-    """A value in the unit of the quantity that `field` names. A wrong name is reported separately."""
+def read_in_unit_of(value: Any, field: str, info: ValidationInfo, of: Callable[[str], str], *rooms: str) -> Any:
+    """A value in the unit `of` the quantity that `field` names. A wrong name is reported separately."""
     if value is None:
         return None
     known, name = info.context, info.data.get(field, "")
@@ -86,9 +86,13 @@ def _read(value: Any, field: str, info: ValidationInfo, *rooms: str) -> Any:
             raise ValueError("expected a number in SI")
         return value
     if "inputs" in rooms and name in known.inputs:
-        return si(value, known.inputs[name])  # rig.scenes.checks.commanded checks the range of an actuator
+        return si(value, of(known.inputs[name]))  # rig.scenes.checks.commanded checks the range of an actuator
     unit = next((getattr(known, room)[name] for room in rooms if name in getattr(known, room)), None)
-    return 0.0 if unit is None else finite(value, unit)
+    return 0.0 if unit is None else finite(value, of(unit))
+
+
+def _read(value: Any, field: str, info: ValidationInfo, *rooms: str) -> Any:
+    return read_in_unit_of(value, field, info, str, *rooms)
 
 
 class Load(Section):

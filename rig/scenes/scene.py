@@ -21,6 +21,7 @@ from rig.scenes import migration, rooms
 from rig.scenes.clock import Clock
 from rig.scenes.faults import shown
 from rig.scenes.network import Link, Network
+from rig.scenes.part_faults import PART_FAULTS, ActuatorFault, PartFault
 from rig.scenes.places import Origin, Place
 from rig.scenes.protocol import STEPS, Load, Ramp, Set, Step, flat, knock_durations
 from rig.scenes.sections import controller_drives, dump, values_of
@@ -56,6 +57,7 @@ class Scene:
     models: dict[str, str] = field(default_factory=dict, compare=False)
     """Of a scene that a run was made with: the reduced models of its structures, what they are of -> digest."""
     network: Network = field(default_factory=Network)
+    faults: dict[str, PartFault] = field(default_factory=dict)
     driven: frozenset[str] = frozenset()
     """Actuators that somebody else drives: an operator, or a controller that the scene does not know. Not recorded with
     the scene: the events of the run tell it."""
@@ -80,6 +82,7 @@ class Scene:
         """Actuators that are moved: "held" commands (steps from tick to tick), or "ramped" as well."""
         held = set(self.driven)
         held |= {actuator for section in self.controllers.values() for actuator in controller_drives(section)}
+        held |= {fault.actuator for fault in self.faults.values() if isinstance(fault, ActuatorFault)}
         steps = tuple(flat(self.protocol))
         held |= {s.target for s in steps if isinstance(s, Load | Ramp | Set)}
         ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}
@@ -92,9 +95,13 @@ class Scene:
         """Durations [ns] of the knocks that take time, in ascending order."""
         return knock_durations(self.protocol)
 
-    def links(self, room: str) -> dict[str, ImpairedLink]:
-        """The impaired links as at the start of a run: sensor (room "meas") or controller ("act") -> link."""
-        seed = self.seed if self.network.seed is None else self.network.seed
+    def links(self, room: str, seed: int | None = None) -> dict[str, ImpairedLink]:
+        """The impaired links as at the start of a run: sensor (room "meas") or controller ("act") -> link.
+
+        `seed`: of the run, by default the scene's own; the network may have another one.
+        """
+        seed = self.seed if seed is None else seed
+        seed = seed if self.network.seed is None else self.network.seed
         links: dict[str, Link] = getattr(self.network, room)
         return {name: link.made(f"{room}/{name}", seed, self.frame_ns) for name, link in links.items()}
 
@@ -138,7 +145,10 @@ class Scene:
             found |= values_of(section, f"sensors.{name}")
         for name, section in self.controllers.items():
             found |= values_of(section, f"controllers.{name}")
-        return found | dict(values_of(self.network, "network"))
+        found |= values_of(self.network, "network")
+        for name, fault in self.faults.items():
+            found |= values_of(fault, f"faults.{name}")
+        return found
 
     def to_json(self) -> str:
         """The scene as JSON text; `from_json` gives an equal scene back."""
@@ -146,6 +156,7 @@ class Scene:
         parts = rooms.foreign(self.plant, self.parameters, self.sensors.values(), self.controllers.values())
         made |= {"parts": parts} if parts else {}
         made |= {"network": dump(self.network)} if self.network else {}
+        made |= {"faults": {name: dump(fault) for name, fault in self.faults.items()}} if self.faults else {}
         return json.dumps(
             {
                 "format": 1 + migration.newest(),
@@ -206,6 +217,7 @@ class Scene:
             controllers={n: _controller(s, parts) for n, s in raw["controllers"].items()},
             protocol=STEPS.validate_python(raw["protocol"]),
             network=Network.model_validate(raw.get("network", {})),
+            faults=PART_FAULTS.validate_python(raw.get("faults", {})),
             limits={name: float(value) for name, value in raw["limits"].items()},
             seed=raw["seed"],
             origins={key: Origin(*origin) for key, origin in raw["origins"].items()},

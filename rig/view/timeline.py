@@ -54,10 +54,20 @@ def _short(text: str) -> str:
 
 def marks(run: Run) -> list[Mark]:
     """Marks of the protocol, an operator or a limit, and changes of parameters that controllers reported."""
-    kinds = ("mark", "knock", "limit", "emergency", "diverged", "parameter", "safe")
+    kinds = ("mark", "knock", "fault", "limit", "emergency", "diverged", "parameter", "safe")
     own = [e for e in run.events if e["kind"] == "parameter" and e["source"] in run.commands]
     events = sorted([*(e for e in run.plant_events if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
-    return [Mark(e["t_ns"] * 1e-9, e["text"].partition("\n")[0]) for e in events]
+    found: dict[int, list[str]] = {}
+    for e in events:
+        found.setdefault(e["t_ns"], []).append(_marked(e))
+    return [Mark(t_ns * 1e-9, ", ".join(texts)) for t_ns, texts in found.items()]
+
+
+def _marked(event: Mapping[str, Any]) -> str:
+    """The text of a mark: of a fault its name, else the first line of the event."""
+    if event["kind"] == "fault" and (name := event["data"].get("fault")):
+        return str(name) if event["data"].get("begins") else f"{name} over"
+    return str(event["text"]).partition("\n")[0]
 
 
 def controlled(run: Run) -> list[Span]:

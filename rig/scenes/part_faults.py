@@ -1,0 +1,200 @@
+"""Faults of sensors and actuators at stated times, in the section [faults.NAME] of a scene.
+
+    [faults.frozen]
+    sensor = "vibrometer"
+    kind = "freeze"
+    at = "5 s"
+    duration = "1 s"          without it the fault lasts to the end
+
+    freeze      the sensor repeats its last sample
+    drift       its zero drifts away with `rate`, from zero on
+    spike       it reads `height` more: one sample, or all within `duration`
+    dropout     it reads zero, as with a broken cable
+    wrong_sign  it reads minus the value
+    jam         the actuator stays where it is, whatever is commanded
+    authority   the actuator reaches `factor` times the command, within its range
+
+Only one fault acts on a sensor or an actuator at a time. Times are whole numbers of frames. A sample is faulty from
+time `at` on; an actuator is faulty from the frame that begins at `at` on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from typing import Annotated, Any, ClassVar, Literal
+
+from annotated_types import Ge, Le
+from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_validator
+
+from rig.quantities import Nanoseconds, Section, quantity
+from rig.scenes.checks import Fault as Line
+from rig.scenes.checks import whole_frames
+from rig.scenes.faults import lines, near, shown
+from rig.scenes.merged import Merged
+from rig.scenes.protocol import Known, Length, read_in_unit_of
+
+Factor: Any = quantity("1", Ge(0.0), Le(1.0))
+
+
+class _Timed(Section):
+    """What all faults have: the time at which they begin, and how long they last (None: to the end)."""
+
+    at: Length
+    duration: Nanoseconds | None = None
+
+    @property
+    def part(self) -> str:
+        """The sensor or actuator that it acts on."""
+        return str(getattr(self, "sensor", "") or getattr(self, "actuator", ""))
+
+    @property
+    def end(self) -> int | None:
+        """The time from which on it does not act any more [ns]; None: it acts to the end."""
+        return None if self.duration is None else self.at + self.duration
+
+
+class _OfSensor(_Timed):
+    sensor: str
+    value: ClassVar[str] = ""
+    """The key of its value, if it has one."""
+
+
+class Freeze(_OfSensor):
+    """The sensor repeats its last sample."""
+
+    kind: Literal["freeze"]
+
+
+class Drift(_OfSensor):
+    """The zero of the sensor drifts with `rate`, in the unit of the measurement per second."""
+
+    value = "rate"
+    kind: Literal["drift"]
+    rate: float
+
+    @field_validator("rate", mode="before")
+    @classmethod
+    def _in_unit(cls, rate: Any, info: ValidationInfo) -> Any:
+        return read_in_unit_of(rate, "sensor", info, per_second, "sensors")
+
+
+class Spike(_OfSensor):
+    """The sensor reads `height` more, in its unit: one sample, or all within `duration`."""
+
+    value = "height"
+    kind: Literal["spike"]
+    height: float
+
+    @field_validator("height", mode="before")
+    @classmethod
+    def _in_unit(cls, height: Any, info: ValidationInfo) -> Any:
+        return read_in_unit_of(height, "sensor", info, str, "sensors")
+
+
+class Dropout(_OfSensor):
+    """The sensor reads zero."""
+
+    kind: Literal["dropout"]
+
+
+class WrongSign(_OfSensor):
+    """The sensor reads minus the value."""
+
+    kind: Literal["wrong_sign"]
+
+
+class _OfActuator(_Timed):
+    actuator: str
+
+
+class Jam(_OfActuator):
+    """The actuator stays where it is."""
+
+    kind: Literal["jam"]
+
+
+class Authority(_OfActuator):
+    """The actuator reaches `factor` times the command."""
+
+    kind: Literal["authority"]
+    factor: Factor
+
+
+SensorFault = Freeze | Drift | Spike | Dropout | WrongSign
+ActuatorFault = Jam | Authority
+PartFault = Annotated[SensorFault | ActuatorFault, Field(discriminator="kind")]
+PART_FAULTS: TypeAdapter[dict[str, PartFault]] = TypeAdapter(dict[str, PartFault])
+
+
+def faults_of(tables: Merged, names: Known) -> dict[str, PartFault]:
+    """The faults of sensors and actuators by name; those that are right if others are not."""
+    raw = tables.raw.get("faults", {})
+    found: dict[str, PartFault] = {}
+    if not isinstance(raw, dict):
+        tables.report([("faults", f"faults = {shown(raw)}: expected tables [faults.NAME]")])
+        return {}
+    for name, table in raw.items():
+        try:
+            found |= PART_FAULTS.validate_python({name: table}, context=names)
+        except ValidationError as error:
+            tables.report(lines(error, dict[str, PartFault], {name: table}, "faults"))
+    return found
+
+
+def per_second(unit: str) -> str:
+    """The unit of a rate of a quantity."""
+    if unit in ("", "1"):
+        return "1/s"
+    return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
+
+
+def described(fault: Any, unit: str) -> str:
+    """A fault in words, without its times. `unit`: of the sensor or actuator."""
+    unit = "" if unit == "1" else f" {unit}"
+    if isinstance(fault, Drift):
+        return f"{fault.sensor} drifts with {fault.rate:g} {per_second(unit.strip())}"
+    if isinstance(fault, Spike):
+        return f"{fault.sensor} reads {abs(fault.height):g}{unit} too {'much' if fault.height >= 0.0 else 'little'}"
+    if isinstance(fault, Authority):
+        return f"{fault.actuator} reaches only {fault.factor:g} of its command"
+    words = {"freeze": "is frozen", "dropout": "drops out", "wrong_sign": "has the wrong sign", "jam": "jams"}
+    return f"{fault.part} {words[fault.kind]}"
+
+
+def checks(
+    found: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Mapping[str, Any], plant: str, frame_ns: int, raw: Any
+) -> Iterator[Line]:
+    """(dotted key, line) for unknown parts, times between frames, actuators without a state, contradictions.
+
+    `inputs`: the actuators of the rig with the states that faulty ones need. `raw`: the table as it was given.
+    """
+    for name, fault in found.items():
+        key, given = f"faults.{name}", raw[name] if isinstance(raw, Mapping) else {}
+        if isinstance(fault, SensorFault):
+            if fault.sensor not in sensors:
+                line = f"{key}.sensor = {shown(fault.sensor)}: unknown sensor; {near(fault.sensor, sensors)}"
+                yield f"{key}.sensor", line
+        elif fault.actuator not in inputs:
+            line = f"{plant} has no such actuator; {near(fault.actuator, inputs)}"
+            yield f"{key}.actuator", f"{key}.actuator = {shown(fault.actuator)}: {line}"
+        elif not inputs[fault.actuator].state:
+            line = "every value of it makes new matrices, so it cannot jam or lose authority"
+            yield f"{key}.actuator", f"{key}.actuator = {shown(fault.actuator)}: {line}"
+        for field in ("at", "duration"):
+            if value := getattr(fault, field):
+                text = shown(given.get(field, f"{value / 1e9:g} s"))
+                yield from whole_frames(f"{key}.{field}", text, value, frame_ns, field == "at")
+    for (one, first), (other, second) in combinations(found.items(), 2):
+        begin = max(first.at, second.at)
+        if first.part == second.part and all(begin < _last(fault) for fault in (first, second)):
+            where = f"both act on {first.part} at {begin / 1e9:g} s; one fault at a time is possible"
+            yield f"faults.{other}", f"faults.{one} and faults.{other}: {where}: end one before, with duration"
+
+
+def _last(fault: Any) -> float:
+    """The time up to which a fault acts [ns]; of a spike without a duration only the first sample counts."""
+    if fault.end is not None:
+        return float(fault.end)
+    return fault.at + 1.0 if isinstance(fault, Spike) else math.inf
