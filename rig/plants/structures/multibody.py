@@ -24,9 +24,9 @@ from rig.quantities import (
     NewtonPerMetre,
     Section,
     Unit,
-    brief,
     quantity,
 )
+from rig.units import brief
 
 GROUND = "ground"
 Place: Any = quantity("m")
