@@ -64,7 +64,7 @@ def recorded(tmp_path, run, name="run.mcap"):
 
 
 def told(run):
-    return [(round(event["t_ns"] * 1e-9, 6), event["text"]) for event in run.told if event["kind"] == "fault"]
+    return [(round(event["t_ns"] * 1e-9, 6), event["text"]) for event in run.plant_events if event["kind"] == "fault"]
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +207,7 @@ def test_outside_of_its_time_a_fault_changes_no_sample(sound, at, length, kind):
 
 def test_a_fault_after_the_end_is_a_warning():
     run = rig.simulate(belt(of_sensor("freeze", "3 s")), 0.5)
-    (warning,) = [event["text"] for event in run.told if event["kind"] == "warning"]
+    (warning,) = [event["text"] for event in run.plant_events if event["kind"] == "warning"]
     assert warning == (
         "faults.a.at: 3 s is after the end of the run at 0.5 s, so this fault never acts (vibrometer is frozen); let "
         "it begin earlier or run longer"
