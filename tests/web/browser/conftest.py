@@ -4,6 +4,7 @@ import importlib.util
 import os
 import shutil
 import time
+from contextlib import ExitStack, contextmanager
 
 import pytest
 
@@ -53,7 +54,7 @@ class Page:
         """A command of Chromium's developer tools."""
         return self.driver.execute_cdp_cmd(command, parameters)
 
-    def until(self, true, seconds=10.0):
+    def until(self, true, seconds=30.0):
         """What `true()` returns, when that is something."""
         deadline = time.monotonic() + seconds
         while not (found := true()):
@@ -68,10 +69,15 @@ class Page:
         """Replace what a field contains, and leave it."""
         from selenium.webdriver.common.keys import Keys
 
+        self.until_known()
         field = self.show(name)
         field.click()
         field.send_keys(Keys.CONTROL, "a")
         field.send_keys(text + Keys.TAB)
+
+    def until_known(self):
+        """Wait until the form shows the scene and the values that are chosen: it is built anew then."""
+        self.until(lambda: self.run("return document.getElementById('values')?.ariaBusy === 'false'"))
 
     def change(self, key, text):
         """Change a value of the form, which is then checked by the server and built anew."""
@@ -84,17 +90,30 @@ class Page:
 
     def press(self, name):
         """Click the button with this id, as soon as it can be used."""
-        button = self.show(name)
-        self.until(button.is_enabled)
-        button.click()
+        self.until(lambda: self.run("return document.getElementById(arguments[0])?.disabled === false", name))
+        self.show(name).click()
 
     def choose(self, scene):
         from selenium.webdriver.support.select import Select
 
         self.until(lambda: self.run("return document.querySelectorAll('#scene option').length > 3"))
+        self.until_known()
+        if self.value("scene") == scene:
+            return
         title = self.text("title")
         Select(self.one("scene")).select_by_value(scene)
         self.until(lambda: self.text("title") not in ("", title))
+        self.until_known()
+
+    @property
+    def time(self):
+        """Simulated time that the page shows [s]; -1 before the first frame."""
+        said = self.text("time").split()
+        return float(said[2]) if said else -1.0
+
+    def unfold(self):
+        """Open everything that can be opened, and wait for what it loads."""
+        self.run("for (const one of document.querySelectorAll('details')) one.open = true")
 
     def complaints(self):
         """What the console of the page has of errors since the last call."""
@@ -106,8 +125,9 @@ class Page:
             self.driver.save_screenshot(f"{folder}/{name}.png")
 
 
-@pytest.fixture(scope="session")
-def _browser():
+@contextmanager
+def _browser_of(language):
+    """A browser whose interface and pages are in a language. Skips the test where none is installed."""
     if not (_BROWSER and _DRIVER and importlib.util.find_spec("selenium")):
         pytest.skip(REMEDY)
     from selenium import webdriver
@@ -118,10 +138,34 @@ def _browser():
         options.add_argument(argument)
     if os.geteuid() == 0:  # Chromium refuses its sandbox to root
         options.add_argument("--no-sandbox")
+    options.add_argument(f"--lang={language}")
+    options.add_experimental_option("prefs", {"intl.accept_languages": language})
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options, webdriver.ChromeService(_DRIVER))
-    yield driver
-    driver.quit()
+    service = webdriver.ChromeService(_DRIVER, env={**os.environ, "LANGUAGE": language.replace("-", "_")})
+    driver = webdriver.Chrome(options, service)
+    try:
+        yield driver
+    finally:
+        driver.quit()
+
+
+@pytest.fixture(scope="session")
+def _browser():
+    with _browser_of("en-GB") as driver:
+        yield driver
+
+
+@pytest.fixture
+def in_language(server):
+    """Starts another browser in a language, and returns the page of the server in it."""
+    with ExitStack() as stack:
+
+        def started(language):
+            found = Page(stack.enter_context(_browser_of(language)))
+            found.tools("Emulation.setLocaleOverride", locale=language)  # Debian's Chromium has no data of languages
+            return found.open(server.address)
+
+        yield started
 
 
 @pytest.fixture
@@ -136,8 +180,7 @@ def browser(_browser):
     _browser.execute_cdp_cmd("Network.clearBrowserCookies", {})
     _browser.get_log("browser")
     yield _browser
-    for command in ("Emulation.clearDeviceMetricsOverride", "Emulation.setLocaleOverride"):
-        _browser.execute_cdp_cmd(command, {})
+    _browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ def _compiled():
 
 def test_eigenvalues_are_computed_of_the_chosen_scene(page):
     page.choose("belt")
-    page.run("for (const one of document.querySelectorAll('details')) one.open = true")
+    page.unfold()
     page.press("modes")
     page.until(lambda: "eigenvalues of belt: done" in page.text("studies-jobs"), 60.0)
     page.picture("eigenvalues")

@@ -70,12 +70,11 @@ def test_the_page_of_another_server_can_neither_start_a_run_nor_read(page, tab, 
 
 
 @pytest.mark.parametrize("language", ["de-DE", "fr-FR", "en-GB"])
-def test_numbers_are_the_same_in_every_language(page, language):
-    page.tools("Emulation.setLocaleOverride", locale=language)
-    page.driver.refresh()
-    page.until(lambda: page.text("title"))
+def test_numbers_are_the_same_in_browsers_of_every_language(in_language, language):
+    page = in_language(language)
+    assert page.run("return navigator.language") == language
     page.choose("belt_normal_force")
-    page.run("for (const one of document.querySelectorAll('details')) one.open = true")
+    page.unfold()
     assert page.run("return (0.5).toLocaleString()") == ("0.5" if language == "en-GB" else "0,5")
     assert page.value("value-drive.speed") == "0.06"
     page.write("value-drive.speed", "0,07")  # a decimal comma is understood
@@ -90,10 +89,10 @@ def test_numbers_are_the_same_in_every_language(page, language):
 def test_nothing_is_wider_than_the_screen(shape, width, height):
     page = shape(width, height, mobile=width < 500)
     page.choose("pendulum")
-    page.run("for (const one of document.querySelectorAll('details')) one.open = true")
+    page.unfold()
     page.press("start")
     page.until_phase("running")
-    page.until(lambda: page.text("time") > "t = 1")
+    page.until(lambda: page.time > 1.0)
     page.run("scrollTo(0, 0)")
     page.picture(f"width-{width}")
     wide = """
@@ -140,4 +139,46 @@ def test_the_keyboard_is_enough(page):
     assert outline not in ("none", "")
     page.run("document.activeElement.blur()")
     to("stop").send_keys(Keys.SPACE)
-    page.until_phase("ended", 30.0)
+    page.until_phase("ended")
+
+
+NAMED = {"button", "textbox", "slider", "combobox", "checkbox", "link", "DisclosureTriangle", "image", "progressbar"}
+
+
+def test_every_control_has_a_name_for_screen_readers(page):
+    page.choose("belt_normal_force")
+    page.unfold()
+    page.press("start")
+    page.until_phase("running")
+    page.until(lambda: page.value("live-drive.speed"))
+    page.until(lambda: page.run("return document.querySelectorAll('#lessons option').length"))
+    nodes = page.tools("Accessibility.getFullAXTree")["nodes"]
+    found = [one for one in nodes if not one["ignored"] and one["role"]["value"] in NAMED]
+    assert len(found) > 60
+    assert [one for one in found if not one.get("name", {}).get("value", "").strip()] == []
+    assert {one["role"]["value"] for one in nodes} >= {"banner", "main", "alert", "status", "heading"} - {"alert"}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_texts_stand_out_from_what_is_behind_them(page, scheme):
+    """At least 4.5 to 1, as WCAG 2 asks for: every colour of the page for texts on every colour behind them."""
+    page.tools("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+    found = page.run("""
+        const style = getComputedStyle(document.documentElement), probe = document.createElement("i");
+        document.body.append(probe);
+        const bright = (name) => {
+          probe.style.color = style.getPropertyValue("--" + name);
+          const parts = getComputedStyle(probe).color.match(/[\\d.]+/g).slice(0, 3).map((one) => one / 255)
+            .map((one) => (one <= 0.04045 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4));
+          return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2];
+        };
+        const texts = ["text", "faint", "accent", "good", "warn", "bad"], behind = ["pane", "back"];
+        const all = texts.flatMap((one) => behind.map((other) => {
+          const [low, high] = [bright(one), bright(other)].sort((a, b) => a - b);
+          return [one + " on " + other, (high + 0.05) / (low + 0.05)];
+        }));
+        probe.remove();
+        return Object.fromEntries(all);""")
+    assert {name: ratio for name, ratio in found.items() if ratio < 4.5} == {}
+    page.picture(f"scheme-{scheme}")
+    page.tools("Emulation.setEmulatedMedia", features=[])

@@ -14,7 +14,7 @@ export function create(bench) {
 
   const list = h("select", { id: "scene", "aria-label": "scene", onchange: () => { clear(); show(); } });
   const title = h("strong", { id: "title" }), about = h("p", { class: "small pre", id: "about" }), warnings = h("div", { class: "warn small pre" });
-  const effects = h("table"), steps = h("ol", { class: "small scroll" }), sections = h("div", { class: "values" });
+  const effects = h("table"), steps = h("ol", { class: "small scroll" }), sections = h("div", { class: "values", id: "values", "aria-busy": "true" });
   const fault = h("div", { class: "fault", id: "form-fault", role: "alert" });
   const said = h("div", { class: "small pre" }), summary = h("pre", { class: "small scroll faint" });
   const whole = h("details", { hidden: true }, h("summary", { class: "small" }, "Whole summary"), summary);
@@ -40,6 +40,7 @@ export function create(bench) {
   async function show() {
     asked += 1;
     const mine = asked;
+    sections.setAttribute("aria-busy", "true");
     try {
       const found = await post("/api/scene", body());
       if (mine !== asked) return;
@@ -50,6 +51,7 @@ export function create(bench) {
     } catch (error) {
       if (mine === asked) { good = false; fault.textContent = error.message; }
     }
+    if (mine === asked) sections.setAttribute("aria-busy", "false");
     update();
     bench.redraw();
   }

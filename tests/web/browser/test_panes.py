@@ -1,0 +1,161 @@
+"""What single panes show: the picture of every rig, contacts, steps of the protocol, sliders, lessons, other runs."""
+
+import itertools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rig
+from rig import scenes
+from rig.bench.plant_process import warm
+from rig.lessons import lessons
+from rig.plants import PLANTS
+from rig.scenes.step_sequences import unrolled
+
+pytestmark = pytest.mark.browser
+ROOT = Path(__file__).parents[3]
+DRAWN = [plant for plant in PLANTS.shipped if getattr(PLANTS[plant], "PICTURES", ())]
+COLOURS = """
+    const canvas = document.getElementById("rig-picture"), found = new Set();
+    const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    for (let i = 0; i < data.length; i += 4) if (data[i + 3] > 250) found.add(data.slice(i, i + 3).join());
+    return [...found];"""
+PIXELS = "return document.getElementById('rig-picture').toDataURL()"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled():
+    for name in ("belt", "brake_3400"):
+        warm(scenes.load(name))
+
+
+@pytest.mark.parametrize("plant", DRAWN)
+def test_every_rig_is_drawn_at_rest_while_one_chooses(page, plant):
+    name = next(name for name in scenes.names() if scenes.load(name).plant == plant)
+    page.choose(name)
+    page.until(lambda: page.text("rig-text").endswith(": at rest"))
+    page.show("rig-picture")
+    assert len(page.until(lambda: page.run(COLOURS))) > 20  # faces in their shades, lines, arrows
+    page.picture(f"rest-{name}")
+
+
+def test_the_picture_and_all_contacts_move_in_a_run(page):
+    page.choose("brake_3400")
+    page.write("pace", "0.05")
+    page.press("start")
+    page.until_phase("running")
+    page.show("rig-picture")
+    page.until(lambda: "Hz shown at" in page.text("rig-text"))
+    seen = set()
+    page.until(lambda: seen.add(page.run(PIXELS)) or len(seen) > 3)
+    page.show("contact")
+    page.until(lambda: page.text("contact").startswith("4 slip+"))
+    page.picture("brake-running")
+
+
+def test_the_step_of_the_protocol_is_found_in_repeats(page):
+    """Against the plant's own order of steps: the line of every step, and the round of every repeat."""
+    inner = {"times": 3, "steps": ["c", "d"]}
+    steps = ["a", {"times": 2, "steps": ["b", inner]}, "e", {"times": "forever", "steps": ["f", "g"]}]
+    lines = ["a", "2", "b", "3", "c", "d", "e", "forever", "f", "g"]
+
+    def walked(steps, rounds=()):
+        for step in steps:
+            if isinstance(step, str):
+                yield step, list(rounds)
+            else:
+                for k in itertools.count(1) if step["times"] == "forever" else range(1, step["times"] + 1):
+                    yield from walked(step["steps"], (*rounds, k))
+
+    wanted = [*itertools.islice(walked(steps), 25)]
+    found = page.driver.execute_async_script(
+        "const [steps, done] = arguments; import('/page/panes/protocol.js').then(({ place }) => "
+        "done(Array.from({ length: 25 }, (_, i) => place(steps, i + 1))))",
+        steps,
+    )
+    assert [(lines[one["line"]], [r["round"] for r in one["rounds"]]) for one in found] == wanted
+
+
+def test_the_present_step_is_marked(page):
+    page.choose("belt_normal_force")
+    page.write("pace", "max")
+    page.write("duration", "3")
+    page.press("start")
+    page.until_phase("ended")
+    count = len([*unrolled(rig.load("belt_normal_force").protocol)])
+    assert count > 0
+    page.until(lambda: page.run("return document.querySelectorAll('#steps .current').length") == 1)
+
+
+@pytest.mark.parametrize(
+    "slider",
+    [
+        {"low": 0.0, "high": 1e9, "least": 1e-6},
+        {"low": -1e4, "high": 1e4, "least": 1e-6},
+        {"low": -5.0, "high": 0.0, "least": 1e-3},
+        {"low": 0.1, "high": 0.4, "least": 0.0},
+    ],
+)
+def test_a_slider_reaches_its_ends_and_zero_and_comes_back(page, slider):
+    found = page.driver.execute_async_script(
+        "const [slider, done] = arguments; import('/page/panes/touch.js').then(({ valueAt, placeOf }) => done("
+        "Array.from({ length: 1001 }, (_, i) => [valueAt(slider, i), placeOf(slider, valueAt(slider, i))])))",
+        slider,
+    )
+    values, places = zip(*found)
+    assert (values[0], values[-1]) == pytest.approx((slider["low"], slider["high"]))
+    assert [*values] == sorted(values)
+    assert len({*values}) == len(values)
+    assert [*places] == pytest.approx(range(1001), abs=1e-6)
+    assert (0.0 in values) == (slider["low"] <= 0.0 <= slider["high"])
+
+
+def test_a_lesson_is_read_and_its_scene_chosen(page):
+    page.run("document.getElementById('lessons').closest('details').open = true")
+    page.until(lambda: page.run("return document.querySelectorAll('#lessons option').length") == len(lessons()))
+    for one in lessons():
+        page.run(
+            "const list = document.getElementById('lessons'); list.value = arguments[0];"
+            "list.dispatchEvent(new Event('change'))",
+            str(one.number),
+        )
+        page.until(lambda one=one: one.title in page.text("lesson"))
+        pictures = (
+            "return [...document.querySelectorAll('#lesson img')].every((one) => one.complete && one.naturalWidth)"
+        )
+        page.until(lambda pictures=pictures: page.run(pictures))
+    page.press("lesson-scene")
+    page.until(lambda: page.value("scene") == lessons()[-1].scene)
+    page.until_known()
+    page.show("lesson")
+    page.picture("lesson")
+
+
+def test_a_run_of_another_terminal_is_followed(page, folder):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rig", "run", "belt", "--duration", "300"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    try:
+        page.run("document.getElementById('others').closest('details').open = true")
+
+        def offered():
+            found = page.driver.find_elements("xpath", "//*[@id='others']//button[text()='Follow']")
+            return found or page.run("[...document.querySelectorAll('#others button')].at(-1)?.click()")
+
+        page.until(offered)[0].click()
+        page.until_phase("running")
+        assert page.text("run").startswith("Mass on a belt")
+        page.until(lambda: page.value("live-drive.speed"))
+        page.picture("followed")
+        page.press("leave")
+        page.until_phase("ended")
+        assert process.poll() is None
+    finally:
+        process.kill()
+        process.wait()
