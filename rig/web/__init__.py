@@ -6,7 +6,7 @@
     live_runs       the runs of other terminals, which can be followed
     follower        a thread that follows a run over the bus; description, live_values and frames convert what it hears
     broadcast       the newest frames for every connected page; a slow page loses frames and delays nobody
-    recordings      the list of recordings; studies: maps and cost tables; jobs: processes that work on them
+    recordings      the list of recordings; studies: maps and cost tables; jobs, job_process: their work
     sound           samples of a sensor for the loudspeakers of the pages that listen
     app, server     routes, and the process: address, browser, Ctrl-C
     page/           the page: ES modules without a build step, one module for each pane

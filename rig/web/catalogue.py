@@ -16,7 +16,7 @@ from rig.scenes import load, migration, names
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import card, cards
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 PACES = (1e-3, 1e6)
 """Slowest and fastest pace."""
 LONGEST = 1e6
@@ -48,7 +48,9 @@ class Catalogue:
         Raises SceneError for values that cannot be used, UsageError for a name that cannot be used or exists.
         """
         if not isinstance(file, str) or not _NAME.fullmatch(file):
-            raise UsageError(f"{file!r:.80} cannot name a scene: expected letters, digits and '_', a letter first")
+            raise UsageError(
+                f"{file!r:.80} cannot name a scene: expected letters, digits and '_', at most 64, a letter first"
+            )
         path = self._folder / f"{file}.toml"
         taken = UsageError(f"a scene {file} exists already; choose another name")
         if path.exists() or file in names():

@@ -27,7 +27,7 @@ class Job:
         self.number, self.title, self.command, self.result = number, title, arguments[0], result
         self._lines: list[str] = []
         self._stopped = False
-        self.child = Child(title, ["rig", *arguments])
+        self.child = Child(title, ["rig.web.job_process", *arguments])
 
     def stop(self) -> None:
         """Ask the process to stop, as Ctrl-C does."""
@@ -70,13 +70,15 @@ class Jobs:
     """The jobs of the page. Their results are in a folder of their own, which `close` removes."""
 
     def __init__(self) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="friction-rig-web-")
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._jobs: dict[int, Job] = {}
         self._lock = threading.Lock()
         self._number = 0
 
     def folder(self) -> Path:
         """A new folder for the result of a job."""
+        if self._folder is None:  # a server that is killed cannot remove it: only those that need it make it
+            self._folder = tempfile.TemporaryDirectory(prefix="friction-rig-web-")
         return Path(tempfile.mkdtemp(dir=self._folder.name))
 
     def start(self, title: str, arguments: Sequence[str], result: Path | None = None) -> dict[str, Any]:
@@ -97,11 +99,12 @@ class Jobs:
 
     def job(self, number: Any) -> Job:
         """The job with this number. Raises UsageError."""
-        if not isinstance(number, int) or number not in self._jobs:
+        if isinstance(number, bool) or not isinstance(number, int) or number not in self._jobs:
             raise UsageError(f"there is no job {number!r:.20} (any more); start it again")
         return self._jobs[number]
 
     def close(self) -> None:
         """End all jobs and remove their results."""
         end([job.child for job in self._jobs.values()], 0.0)
-        self._folder.cleanup()
+        if self._folder is not None:
+            self._folder.cleanup()

@@ -19,7 +19,7 @@ def listed(_: dict[str, Any]) -> Any:
 def text(body: dict[str, Any]) -> Any:
     """The text of a lesson as HTML. Raises UsageError for a number that no lesson has."""
     number = body.get("number")
-    if not isinstance(number, int):
+    if isinstance(number, bool) or not isinstance(number, int):
         raise UsageError(f'"number" is {number!r:.80}; expected the number of a lesson')
     return {"html": html(lesson(number).file.read_text(encoding="utf-8"))}
 

@@ -15,6 +15,10 @@ ROUTES = {
     "/api/run/command": {"do": "knock", "run": "", "impulse": 1.0, "controller": "nf"},
     "/api/run/set": {"key": "load.force", "value": 1.0, "run": ""},
     "/api/recordings/work": {"what": "verify", "name": "nothing", "other": "nothing"},
+    "/api/run/follow": {"run": "nothing"},
+    "/api/run/leave": {"run": "nothing"},
+    "/api/studies/work": {"what": "map", "scene": "nothing", "changes": {}, "x": "", "y": ""},
+    "/api/lesson": {"number": 99},
     "/api/jobs/stop": {"number": 1},
     "/api/view": {"run": ""},
 }

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -41,9 +42,10 @@ def serving(runs, tmp_path):
             while http.get("/api/run").json()["phase"] != "running":
                 assert time.monotonic() < deadline
                 time.sleep(0.1)
-        started = psutil.Process(process.pid).children(recursive=True)
-        assert len(started) == 2  # plant and recorder
-        yield SimpleNamespace(process=process, started=started, folder=tmp_path / "recordings" / "runs")
+            started = psutil.Process(process.pid).children(recursive=True)
+            assert len(started) == 2  # plant and recorder
+            runs = tmp_path / "recordings" / "runs"
+            yield SimpleNamespace(process=process, started=started, folder=runs, http=http)
     finally:
         process.kill()
         process.communicate()
@@ -66,9 +68,18 @@ def test_ctrl_c_ends_the_run_closes_the_recording_and_prints_the_summary(serving
 
 
 def test_a_server_that_is_killed_leaves_no_process_and_a_recording(serving):
+    """Nor a view, which would stay open for ever."""
+    shutil.copy(ROOT / "recordings" / "golden" / "belt.mcap", serving.folder)
+    assert serving.http.post("/api/recordings/work", json={"what": "view", "name": "belt.mcap"}).status_code == 200
+    deadline = time.monotonic() + 60.0
+    while not any("http://127.0.0.1:" in line for line in serving.http.get("/api/jobs").json()[0]["lines"]):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    everything = psutil.Process(serving.process.pid).children(recursive=True)
+    assert len(everything) >= 4  # and the view and its viewer
     serving.process.kill()
-    assert not psutil.wait_procs(serving.started, 30.0)[1]
-    (log,) = serving.folder.glob("*.mcap")
+    assert not psutil.wait_procs(everything, 30.0)[1]
+    (log,) = serving.folder.glob("belt-*.mcap")
     assert package.open(log).time.size
 
 

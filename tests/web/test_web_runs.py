@@ -107,6 +107,14 @@ def test_an_emergency_stop_sets_the_safe_values_and_ends_the_run(client, listen)
     page = listen()
     client.post("/api/run", scene="belt")
     client.until("running")
+    for value in (None, True, "", "status", "admit", [], ["stop"], {}, {"stop": 1}, "\0", 10**400):
+        for body in ({"do": value}, {"do": "knock", "impulse": value}, {"do": "connect", "controller": value}):
+            refused = client.post("/api/run/command", **body)
+            assert refused.status_code == 422, (body, refused.text)
+        for body in ({"key": value, "value": 1}, {"key": "drive.speed", "value": value}):
+            refused = client.post("/api/run/set", **body)
+            assert refused.status_code == 422, (body, refused.text)
+    assert client.state()["phase"] == "running"
     assert client.post("/api/run/command", do="emergency").status_code == 200
     ended = client.until("ended", 30.0)
     assert ended["outcome"]["fault"] == "emergency stop by an operator"

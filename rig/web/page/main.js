@@ -28,6 +28,8 @@ import * as lessons from "/page/panes/lessons.js";
 
 const COLUMNS = [[choose, touch], [rig, strip, signals, studies, lessons], [protocol, trust, portrait, hear, events, recordings]];
 
+const LIVE = new Set([touch, strip, signals, protocol, trust, portrait, events]); // panes that show nothing before the first run
+
 const store = new Store();
 const bench = {
   store,
@@ -38,6 +40,7 @@ const bench = {
 };
 const top = head.create(bench);
 const panes = COLUMNS.map((column) => column.map((one) => one.create(bench)));
+COLUMNS.flat().forEach((one, i) => { panes.flat()[i].element.hidden = LIVE.has(one); });
 const all = [top, ...panes.flat()];
 
 document.getElementById("head").replaceWith(top.element);
@@ -78,6 +81,7 @@ const messages = {
   state: (state) => { store.state = state; tellAll(); },
   setup: (setup) => {
     store.clear(setup);
+    for (const { element } of panes.flat()) element.hidden = false;
     for (const one of all) one.setup?.();
     missed();
     tellAll();

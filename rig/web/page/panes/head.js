@@ -46,7 +46,7 @@ export function create(bench) {
 
   return {
     element: h("header", {}, h("h1", {}, "friction-rig"), phase, time, verdict, run, h("span", { class: "grow" }),
-      h("span", { class: "row" }, pause, step, impulse, knock, stop, emergency), fault, cause),
+      h("span", { class: "row" }, pause, step, h("label", { class: "row small" }, impulse, "N s"), knock, stop, emergency), fault, cause),
     tell,
     state() {
       const { state, online, active } = store;

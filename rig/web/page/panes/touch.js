@@ -56,7 +56,7 @@ export function create(bench) {
   function row(entry) {
     const { key, unit, limits } = entry;
     const moved = throttled(key);
-    const field = h("input", { type: "text", class: "value", id: `live-${key}`, "aria-label": key, onchange: (e) => set(key, typed(e.target.value)) });
+    const field = h("input", { type: "text", class: "value", id: `live-${key}`, "aria-label": key, placeholder: "not set", onchange: (e) => set(key, typed(e.target.value)) });
     const owner = h("span", { class: "small warn" });
     let slider = null, held = false;
     if (entry.kind === "switch") {
