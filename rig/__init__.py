@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from rig.analysis.repeat import Repeats
     from rig.analysis.studies import StudyResult
     from rig.analysis.studies.distributions import Distribution
+    from rig.analysis.studies.search_result import SearchResult
     from rig.analysis.sweep import Sweep
     from rig.record.run import Run
     from rig.scenes.scene import Scene
@@ -58,6 +59,7 @@ __all__ = [
     "modes",
     "normal",
     "open",
+    "optimise",
     "repeat",
     "report",
     "simulate",
@@ -247,6 +249,7 @@ def study(
     keep: str | None = None,
     folder: str | Path = "studies",
     workers: int | None = None,
+    cluster: str = "",
 ) -> StudyResult:
     """A scene over parameters: `rig.study("belt", {"load.force": [10, 20, 30]}, ["cycle.amplitude"])`.
 
@@ -256,7 +259,8 @@ def study(
     docs/studies.md), or functions of a Run, which return a number, or a number and its unit. Each point is run `repeat`
     times; point number k with `seed` + k. `duration` [s] of a run: by default the length of its protocol. `keep`:
     recordings of which runs are kept, such as "cycle.amplitude > 5 mm". Results go to a folder of their own in
-    `folder`, from which an interrupted study continues. Raises rig.errors.SceneError and UsageError with every fault,
+    `folder`, from which an interrupted study continues. `workers`: processes, one for each core by default. `cluster`:
+    the address of a dask scheduler, "local" or "slurm". Raises rig.errors.SceneError and UsageError with every fault,
     WorkerError if workers fail.
     """
     from pathlib import Path
@@ -267,7 +271,36 @@ def study(
     loaded = load(scene) if isinstance(scene, str) else scene
     wanted = [measure] if isinstance(measure, str) or callable(measure) else list(measure)
     work = prepared(loaded, over, wanted, samples, sampling, repeat, seed, duration, keep)
-    return carry_out(work, Path(folder), workers, keep=keep)
+    return carry_out(work, Path(folder), workers, keep=keep, cluster=cluster)
+
+
+def optimise(
+    scene: Scene | str,
+    over: Mapping[str, object],
+    measure: str | Callable[[Run], object],
+    *,
+    largest: bool = False,
+    evaluations: int = 600,
+    seed: int | None = None,
+    duration: float | None = None,
+    folder: str | Path = "searches",
+    workers: int | None = None,
+    cluster: str = "",
+) -> SearchResult:
+    """The smallest value of a measure: `rig.optimise("belt", {"load.force": (10, 30)}, "cycle.amplitude")`.
+
+    `over`: dotted key -> range in SI, or text such as "10 N:30 N". `measure`: as for `rig.study`; `largest`: search for
+    its largest value. At most `evaluations` points are computed, by differential evolution, all with `seed`. Results go
+    to a folder of their own in `folder`, from which an interrupted search, or one with more evaluations, continues.
+    `duration`, `workers`, `cluster`: as for `rig.study`. Raises rig.errors.SceneError, UsageError and WorkerError.
+    """
+    from pathlib import Path
+
+    from rig.analysis.studies.search import prepared, search
+
+    loaded = load(scene) if isinstance(scene, str) else scene
+    work = prepared(loaded, over, measure, largest, evaluations, seed, duration)
+    return search(work, Path(folder), workers, cluster=cluster)
 
 
 def normal(

@@ -6,7 +6,7 @@ options     what several commands take
 outputs     files that a command writes: refused if they exist
 printing    tables, JSON, progress
 scenes      list, new, migrate, explain
-analysis    modes, cycle, identify; maps: map; study: study; reproduce: reproduce
+analysis    modes, cycle, identify; maps: map; study: study; optimise: optimise; reproduce: reproduce
 runs        demo, run; simulate: simulate
 processes   plant, control, record, view: the same processes one by one
 live        tune, topic

@@ -57,6 +57,16 @@ Keep = Annotated[
 To = Annotated[
     Path | None, typer.Option("--to", metavar="FILE", help="Write the results as NetCDF (.nc) or Zarr (.zarr) as well.")
 ]
+ClusterName = Annotated[
+    str,
+    typer.Option(
+        "--cluster",
+        metavar="WHERE",
+        show_default=False,
+        help="Compute on a dask cluster: tcp://HOST:PORT (a scheduler that runs), local (start one here), slurm.",
+    ),
+]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="With --cluster slurm: print the job script, and stop.")]
 Folder = Annotated[
     Path, typer.Option(metavar="FOLDER", help="Folder for the results; each study has a folder of its own in it.")
 ]
@@ -76,6 +86,8 @@ def study(
     keep: Keep = None,
     to: To = None,
     workers: Workers = None,
+    cluster: ClusterName = "",
+    dry_run: DryRun = False,
     out: Folder = Path("studies"),
     force: Force = False,
     as_json: Json = False,
@@ -97,10 +109,12 @@ def study(
     _target(context, to)
     work = prepared(loaded, given.pop("over", {}), given.pop("measure", []), **given)
     printing.warnings(loaded)
+    if scripted(cluster, dry_run, workers):
+        return
     store = Store.of(work, at(out))
     refuse(store.folder, ("study.csv",), force)
     with kept(store, work), printing.bar("points") as progress:
-        found = carry_out(work, out, workers, progress, given.get("keep"))
+        found = carry_out(work, out, workers, progress, given.get("keep"), cluster)
     if as_json:
         printing.report(found.to_json())
     else:
@@ -140,6 +154,19 @@ def values(given: list[str] | None, option: str) -> dict[str, str]:
             raise UsageError(f"{option} {one}: {key.strip()} is given twice")
         found[key.strip()] = text.strip()
     return found
+
+
+def scripted(cluster: str, dry_run: bool, workers: int | None) -> bool:
+    """Print the job script of a cluster, if it is asked for; return whether it was. Raises UsageError."""
+    if dry_run and cluster != "slurm":
+        raise UsageError("--dry-run: prints the job script of --cluster slurm")
+    if cluster:
+        from rig.analysis.pool.cluster import check, job_script
+
+        check(cluster, workers)
+        if dry_run:
+            printing.line(job_script(workers))
+    return dry_run
 
 
 def _target(context: typer.Context, to: Path | None) -> None:

@@ -38,7 +38,7 @@ def _process() -> dict[str, str]:
         "commit": _commit(),
         "host": platform.node(),
         "system": platform.platform(),
-        "processor": _processor(),
+        "processor": processor(),
         "cores": str(os.cpu_count()),
         "python": platform.python_version(),
         **{package: _version(package) for package in _PACKAGES},
@@ -63,7 +63,7 @@ def _commit() -> str:
         return "none"
 
 
-def _processor() -> str:
+def processor() -> str:
     """Name and instruction set: processors of one name may differ in it, and then round differently."""
     import llvmlite.binding  # numba has loaded it
 

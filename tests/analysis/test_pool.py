@@ -143,7 +143,7 @@ def test_arrays_of_one_shape_are_stacked_and_all_come_back(tmp_path):
     b = {"x": np.arange(3.0) + 1.0, "why": np.array("jams", dtype="<U8"), "edges": np.ones((2, 2)), "more": np.ones(1)}
     store.save({7: a, 3: b})
     with np.load(tmp_path / "000003.npz") as file:
-        assert set(file.files) == {"#units", "x", "why", "3/edges", "7/edges", "3/more"}
+        assert set(file.files) == {"#units", "#processor", "x", "why", "3/edges", "7/edges", "3/more"}
     found = store.load()
     for unit, given_ in ((7, a), (3, b)):
         assert found[unit].keys() == given_.keys()

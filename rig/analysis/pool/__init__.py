@@ -4,15 +4,16 @@ work      what a work is: numbered units, each a pure function of its descriptio
 store     results in a folder, one file for each batch
 schedule  batches, and the second attempt for units whose worker was lost
 local     worker processes of this machine               worker   such a process
-temporary works whose results are needed only once
+cluster   the workers of a dask cluster                   identity sources and processor, compared between processes
+carry_out what is not in the store is computed, here, locally or on a cluster
 
 The numbers of a unit depend on the work alone: neither the worker nor the number of workers changes them.
 """
 
 from __future__ import annotations
 
-from rig.analysis.pool.carry_out import carry_out, temporary
+from rig.analysis.pool.carry_out import carry_out, pool, temporary
 from rig.analysis.pool.store import Store
 from rig.analysis.pool.work import Arrays, Progress, Work, packed, unpacked
 
-__all__ = ["Arrays", "Progress", "Store", "Work", "carry_out", "packed", "temporary", "unpacked"]
+__all__ = ["Arrays", "Progress", "Store", "Work", "carry_out", "packed", "pool", "temporary", "unpacked"]

@@ -51,10 +51,10 @@ class Schedule:
         self._done += len(batch)
         self._seconds += seconds
 
-    def lost(self, batch: list[int]) -> list[int]:
-        """Take note that the worker of a batch was lost; return the units that are given up."""
+    def lost(self, batch: list[int], attempts: int = 1) -> list[int]:
+        """Take note that the worker of a batch was lost, after `attempts`; return the units that are given up."""
         self._out -= len(batch)
-        self._lost.update(batch)
+        self._lost.update(batch * attempts)
         given_up = [unit for unit in batch if self._lost[unit] >= _ATTEMPTS]
         self._again.extend(unit for unit in batch if unit not in given_up)
         return given_up

@@ -5,8 +5,8 @@ maps/belt-1a2b3c4d5e6f/     named by the digest of scene, axes, settings and sou
   000012.npz                a batch, named by its first unit
   lock                      locked while a process computes
 
-A batch has an array `#units` with the numbers of its units. Arrays of one shape are stacked, "name" [unit, ...];
-others are stored for each unit, "unit/name".
+A batch has an array `#units` with the numbers of its units, and the type of the processor, `#processor`. Arrays of one
+shape are stacked, "name" [unit, ...]; others are stored for each unit, "unit/name".
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from zipfile import BadZipFile
 import numpy as np
 
 from rig import file_locks
+from rig.analysis.pool.identity import this_processor
 from rig.analysis.pool.work import Arrays, Work, from_text, to_text
 from rig.errors import UsageError
 from rig.user_files import draft_of, write_file
 
 _JOB = "job.json"
-_UNITS = "#units"
+_UNITS, _PROCESSOR = "#units", "#processor"
 
 
 class Store:
@@ -34,6 +35,8 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.processors: set[str] = set()
+        """Types of processor on which the results were computed that have been loaded."""
 
     @classmethod
     def of(cls, work: Work, root: Path) -> Store:
@@ -69,10 +72,11 @@ class Store:
         """Return the work."""
         return from_text((self.folder / _JOB).read_text())
 
-    def save(self, found: dict[int, Arrays]) -> None:
-        """Save the results of a batch. Raises OutputError."""
+    def save(self, found: dict[int, Arrays], processor: str = "") -> None:
+        """Save the results of a batch, computed on a type of `processor`, by default this one. Raises OutputError."""
+        flat = _flat(found) | {_PROCESSOR: np.array(processor or this_processor())}
         with draft_of(self.folder / f"{min(found):06d}.npz") as draft, draft.open("wb") as file:
-            np.savez(file, allow_pickle=False, **_flat(found))  # type: ignore[arg-type]
+            np.savez(file, allow_pickle=False, **flat)  # type: ignore[arg-type]
             file.flush()
             os.fsync(file.fileno())
 
@@ -84,6 +88,7 @@ class Store:
                 with np.load(path) as file:
                     batch = {key: file[key] for key in file.files}
                 units = batch.pop(_UNITS).tolist()
+                self.processors.add(str(batch.pop(_PROCESSOR)))
             except (OSError, ValueError, BadZipFile, KeyError):
                 continue
             for key, array in batch.items():

@@ -5,7 +5,7 @@ factors         the varied parameters                       plan      the points
 measures        of cycle, motion and run; functions: own    runs      the points as a work of worker processes
 condition       which recordings are kept; recordings       file      a study as a TOML file
 result          values, units, reasons (result_data)        dataset   the same for xarray, as a file
-figure          curves, heat map, scatter matrix, tornado
+figure          curves, heat map, scatter matrix, tornado   search    a global search (search_result)
 """
 
 from __future__ import annotations
@@ -76,16 +76,18 @@ def study(
     workers: int | None = None,
     progress: Progress | None = None,
     keep: str | None = None,
+    cluster: str = "",
 ) -> StudyResult:
     """Carry out a study; what its folder under `root` contains already is not computed again.
 
     `workers`: processes, one for each core by default. `keep`: condition of the runs whose recordings are kept in the
-    folder. Raises UsageError for a folder that cannot be used and for a measure that several processes cannot compute,
+    folder. `cluster`: workers of dask instead of processes of this machine (rig.analysis.pool.cluster). Raises
+    UsageError for a folder or a cluster that cannot be used and for a measure that several processes cannot compute,
     WorkerError if workers fail; what is finished stays.
     """
-    if not work.portable and workers != 1:
+    if not work.portable and (workers != 1 or cluster):
         names = ", ".join(one.name for one in work.measures if one.function and not one.function.portable)
-        if workers is not None:
+        if workers is not None or cluster:
             raise UsageError(
                 f"measure {names}: worker processes cannot load it; define it at the top level of a .py file, "
                 "or compute in this process with one worker"
@@ -93,10 +95,19 @@ def study(
         workers = 1
     store = Store.of(work, root)
     with store.open(work):
-        found = carry_out(work, store, workers, progress)
-    result = gathered(work, found, provenance(work.plan.seed), store.folder)
+        found = carry_out(work, store, workers, progress, cluster=cluster)
+    result = gathered(work, found, _provenance(work, store), store.folder)
     if keep is None:
         return result
     wanted = condition(keep, work.measures)
     points = [k for k, value in enumerate(result.values[:, wanted.measure].tolist()) if wanted.holds(value)]
-    return replace(result, recordings=keep_recordings(work, points, store.folder / "runs", workers))
+    return replace(
+        result, recordings=keep_recordings(work, points, store.folder / "runs", None if cluster else workers)
+    )
+
+
+def _provenance(work: StudyRuns, store: Store) -> dict[str, str]:
+    """The provenance of a result; the processors that computed it, if they are of several types or others than this."""
+    found = provenance(work.plan.seed)
+    others = sorted(store.processors - {found["processor"]})
+    return found | ({"processors": "; ".join(sorted(store.processors))} if others else {})

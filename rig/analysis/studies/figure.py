@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.studies.words import in_words
 from rig.view.run_figure import STYLE
 from rig.view.save_figure import put
 
@@ -81,11 +82,7 @@ def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _title(found: StudyData, number: int) -> str:
-    """A measure in words with its unit."""
-    name, unit = found.names[number], found.units[number]
-    source, _, rest = name.partition(".")
-    words = (f"{rest} ({source})" if rest else name).replace("_", " ").replace(".", " ")
-    return words if unit in ("", "1") else f"{words} [{unit}]"
+    return in_words(found.names[number], found.units[number])
 
 
 def _curves(found: StudyData, factor: Factor) -> Figure:

@@ -107,6 +107,8 @@ class StudyData:
         yield from columns(rows, "<>>><>")
         if (found := self.indices) is not None:
             yield from ["", *self._index_table(found)]
+        if computed := self.provenance.get("processors"):
+            yield f"  computed on {computed}; results have the same bits on processors of one type only"
         counts = Counter(why for why in self.reasons if why)
         for why, count in counts.most_common(_REASONS):
             at = self._at(self.reasons.index(why))

@@ -1,0 +1,280 @@
+"""The workers of a dask cluster: those of a scheduler that runs, of one that is started here, or of a batch system.
+
+dask does what concerns more than one machine: connections, TLS, lost workers, queues. Here batches of about ten
+seconds are sent, results are saved as they come, and workers are checked for the same sources.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import lru_cache
+from types import TracebackType
+from typing import Any, Self
+
+from rig import kernel, parts
+from rig.analysis.pool.identity import sources, this_processor
+from rig.analysis.pool.schedule import Schedule
+from rig.analysis.pool.store import Store
+from rig.analysis.pool.work import Arrays, Work, from_text, to_text
+from rig.errors import RigError, UsageError, WorkerError
+from rig.extras import needed
+from rig.scheduling import cores
+
+SPAN = 10.0  # s of a batch
+LOOPBACK = "127.0.0.1"
+_ANSWER = 10.0  # s within which a scheduler answers
+_JOIN, _QUEUE = 60.0, 86400.0  # s within which a worker joins; one that waits in the queue of a batch system
+_LOOK = 0.2  # s between two reports of progress
+_AHEAD = 2  # batches on their way for each worker, so that none waits for the next
+_PREPARING = 300.0  # s for another process of the same machine to compile
+_TAKEN = threading.Lock()
+"""One batch at a time: a worker may have several threads."""
+
+
+class Cluster:
+    """The workers of `where` that compute `work` into `store`, from `with` to its end.
+
+    `where`: the address of a scheduler (tcp://HOST:PORT, tls://HOST:PORT), "local", or "slurm". `workers`: processes to
+    start, if they are started here. `failed`: units that ended their worker, with the reason.
+    """
+
+    def __init__(self, work: Work, store: Store, where: str, workers: int | None) -> None:
+        self._work, self._store, self._where, self._workers = work, store, check(where, workers), workers
+        self._text = to_text(work)
+        self.failed: dict[int, str] = {}
+
+    def __enter__(self) -> Self:
+        distributed = needed("distributed", "cluster")
+        for name in ("distributed", "asyncio", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is reported by this module
+        self._made = _started(self._where, self._workers)
+        try:
+            address = self._where if self._made is None else self._made
+            self._client = distributed.Client(address, timeout=_ANSWER, set_as_default=False, name="friction-rig")
+        except Exception as fault:
+            self._close_cluster()
+            if not isinstance(fault, OSError | TimeoutError | ValueError | ImportError | TypeError):
+                raise
+            raise UsageError(
+                f"--cluster {self._where}: no scheduler answers within {_ANSWER:g} s "
+                f"({' '.join(str(fault).split())[:200]}); start one: dask scheduler --host {LOOPBACK}"
+            ) from None
+        try:
+            self._compare()
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
+        self._close()
+
+    def _close(self) -> None:
+        with suppress(Exception):
+            self._client.close(timeout=_ANSWER)
+        self._close_cluster()
+
+    def _close_cluster(self) -> None:
+        if self._made is not None:
+            with suppress(Exception):
+                self._made.close(timeout=_ANSWER)
+
+    def _compare(self) -> None:
+        """Raise UsageError if a worker has other sources, or none."""
+        mine = sources()
+        wrong = []
+        for address, found in self._client.run(_identity, on_error="return").items():
+            if isinstance(found, BaseException):
+                wrong.append(
+                    f"{address}: cannot load this version of friction-rig ({' '.join(str(found).split())[:120]})"
+                )
+            elif found != mine:
+                wrong.append(f"{address}: {found}")
+        if wrong:
+            others = "\n".join(f"  {one}" for one in wrong)
+            raise UsageError(
+                f"--cluster {self._where}: these workers have other sources than this process ({mine}):\n{others}\n"
+                "install the same version on all of them"
+            )
+
+    def compute(self, units: Mapping[int, tuple[float, ...]], progress: Callable[[int], object]) -> None:
+        """Compute `units` (number -> values that they are given) and save them, as `WorkerProcesses.compute` does.
+
+        Raises WorkerError for a fault that ends the whole work, if the scheduler is lost, and if no worker joins.
+        """
+        schedule = Schedule(units, max(self._threads(), 1), SPAN)
+        ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        out: dict[Any, list[int]] = {}
+        joined = time.monotonic()
+        try:
+            while schedule.left:
+                threads = self._threads()
+                if threads:
+                    joined = time.monotonic()
+                elif time.monotonic() - joined > (_JOIN if self._where != "slurm" else _QUEUE):
+                    raise self._lost("no worker has joined for a minute")
+                while threads and schedule.waiting and len(out) < _AHEAD * threads:
+                    batch = schedule.batch()
+                    given = [(unit, *units[unit]) for unit in batch]
+                    future = self._client.submit(
+                        _compute,
+                        self._text,
+                        given,
+                        sources(),
+                        pure=False,
+                        key=f"friction-rig-{batch[0]}-{time.time_ns()}",
+                    )
+                    out[future] = batch
+                    future.add_done_callback(ended.put)
+                with suppress(queue.Empty):
+                    future = ended.get(timeout=_LOOK)
+                    self._take(future, out.pop(future), schedule)
+                if self._client.status != "running":
+                    raise self._lost("the scheduler does not answer any more")
+                progress(len(units) - schedule.left)
+        except BaseException:
+            with suppress(Exception):
+                self._client.cancel(list(out), force=True)
+            raise
+
+    def _take(self, future: Any, batch: list[int], schedule: Schedule) -> None:
+        """Save the result of a batch, or send it out again if it ended its worker."""
+        if future.status == "finished":
+            try:
+                fault, found, seconds, processor = future.result(timeout=_ANSWER)
+            except Exception:  # its worker was lost before the result was fetched
+                schedule.lost(batch, 0)
+                return
+            if fault:
+                raise WorkerError(f"{fault}. Finished results are kept in {self._store.folder}")
+            self._store.save(found, processor)
+            schedule.done(batch, seconds)
+            future.release()
+        elif future.status == "cancelled":
+            raise self._lost("the scheduler has cancelled the work, or was lost")
+        else:
+            error = future.exception(timeout=_ANSWER)
+            if type(error).__name__ != "KilledWorker":
+                what = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+                raise WorkerError(f"a worker failed: {what}. Finished results are kept in {self._store.folder}")
+            attempts = 2 if len(batch) == 1 else 1  # dask itself has tried it more than once
+            for unit in schedule.lost(batch, attempts):
+                self.failed[unit] = "ended every worker that dask gave it to"
+
+    def _threads(self) -> int:
+        """Number of batches that the workers compute at a time: one in each process."""
+        with suppress(Exception):
+            return len(self._client.scheduler_info(n_workers=-1)["workers"])
+        return 0
+
+    def _lost(self, what: str) -> WorkerError:
+        return WorkerError(
+            f"--cluster {self._where}: {what}. Finished results are kept in {self._store.folder}; the same command "
+            "continues from there"
+        )
+
+
+def check(where: str, workers: int | None) -> str:
+    """Return `where` if it names a cluster. Raises UsageError."""
+    if where == "slurm" and workers is None:
+        raise UsageError("--cluster slurm: state the number of worker processes to ask for: --workers 16")
+    scheme, found, rest = where.partition("://")
+    if where in ("local", "slurm") or (found and scheme in ("tcp", "tls") and rest.rpartition(":")[2].isdigit()):
+        return where
+    raise UsageError(
+        f"--cluster {where}: expected local, slurm or the address of a dask scheduler (tcp://HOST:PORT, tls://HOST:PORT)"
+    )
+
+
+def job_script(workers: int | None) -> str:
+    """Return the job script with which `--cluster slurm` asks for worker processes. Raises UsageError."""
+    check("slurm", workers)
+    cluster = _slurm_cluster()
+    try:
+        [spec] = [cluster.new_worker_spec()]
+        each = int(next(iter(spec.values()))["options"].get("processes") or 1)
+        script: str = cluster.job_script()
+    finally:
+        with suppress(Exception):
+            cluster.close(timeout=_ANSWER)
+    reach = "where other machines do not reach it: state jobqueue.slurm.interface in the configuration of dask"
+    note = "" if _told_host() else f"# the scheduler listens on {LOOPBACK}, {reach}\n"
+    return f"# submitted {-(-(workers or 1) // each)} times\n{note}{script}"
+
+
+def _told_host() -> bool:
+    """Whether the configuration of dask says where the scheduler of a batch system listens."""
+    own = needed("dask", "cluster").config.get("jobqueue.slurm", {})
+    return bool(own.get("interface") or (own.get("scheduler-options") or {}).get("host"))
+
+
+def _slurm_cluster() -> Any:
+    jobqueue = needed("dask_jobqueue", "cluster")
+    dask = needed("dask", "cluster")
+    own = dask.config.get("jobqueue.slurm", {})
+    defaults = {"cores": 1, "processes": 1, "memory": "4 GB"}
+    asked: dict[str, Any] = {name: value for name, value in defaults.items() if not own.get(name)}
+    if not _told_host():
+        asked["scheduler_options"] = {"host": LOOPBACK, "dashboard_address": None}
+    try:
+        return jobqueue.SLURMCluster(**asked)
+    except Exception as fault:
+        raise UsageError(f"--cluster slurm: {type(fault).__name__}: {fault}") from None
+
+
+def _started(where: str, workers: int | None) -> Any:
+    """The cluster that is started here; None for a scheduler that runs already."""
+    if where == "slurm":
+        cluster = _slurm_cluster()
+        cluster.scale(n=workers)
+        return cluster
+    if where != "local":
+        return None
+    distributed = needed("distributed", "cluster")
+    dask = needed("dask", "cluster")
+    dask.config.set({"distributed.scheduler.allowed-failures": 1, "distributed.worker.memory.terminate": False})
+    secure = dask.config.get("distributed.comm.require-encryption", None)
+    return distributed.LocalCluster(
+        n_workers=workers or cores(),
+        threads_per_worker=1,
+        host=LOOPBACK,
+        protocol="tls://" if secure else "tcp://",
+        security=distributed.Security(),
+        dashboard_address=None,
+        worker_dashboard_address=None,
+        silence_logs=logging.CRITICAL,
+    )
+
+
+def _identity() -> str:
+    """The sources of a worker."""
+    return sources()
+
+
+def _compute(text: str, batch: list[tuple[float, ...]], expected: str) -> tuple[str, dict[int, Arrays], float, str]:
+    """Compute a batch on a worker: a fault ("" if there is none), results, seconds, type of the processor."""
+    if sources() != expected:
+        return f"a worker has other sources: {sources()}, not {expected}", {}, 0.0, ""
+    with _TAKEN:
+        try:
+            work = _work(text)
+            begin = time.perf_counter()
+            found = {int(unit): work.compute(int(unit), *given) for unit, *given in batch}
+            return "", found, time.perf_counter() - begin, this_processor()
+        except RigError as fault:  # some of these cannot be sent as they are
+            return str(fault), {}, 0.0, ""
+
+
+@lru_cache(maxsize=2)
+def _work(text: str) -> Work:
+    """The work of a text, its kernels compiled: once in each worker, by one process of a machine at a time."""
+    parts.trust_scene(text)
+    work = from_text(text)
+    with kernel.FOLDER.claimed("pool", _PREPARING):
+        work.prepare()
+    return work

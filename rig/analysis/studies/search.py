@@ -1,0 +1,235 @@
+"""A global search for the smallest or largest value of a measure: differential evolution over ranges of parameters.
+
+The search is a function of its seed, so that its points come in the same order each time. Their values are stored like
+those of a study: when the same search is started again, it reads them and continues from there. A point without a value
+(no limit cycle, a run that stopped) is worse than every other one. Source: Storn and Price, J. Global Optim. 11 (1997)
+341-359, as scipy.optimize.differential_evolution implements it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from rig.analysis.kernel_shapes import prepare
+from rig.analysis.pool import Arrays, Progress, Store, pool
+from rig.analysis.studies.factors import Factor, changed, factors
+from rig.analysis.studies.functions import check_not_loading
+from rig.analysis.studies.measures import Measure, Measured, evaluate, measures
+from rig.analysis.studies.runs import as_arrays, digest
+from rig.analysis.studies.search_result import SearchResult
+from rig.errors import RigError, SceneError, UsageError
+from rig.record.provenance import provenance
+from rig.record.run import Run
+from rig.scenes.scene import Scene
+
+ROOT = Path("searches")
+EVALUATIONS = 600
+"""Default largest number of points."""
+_CROWD = 15  # points of a generation for each parameter, as scipy has it
+_WORST = 1e100  # of a point without a value: scipy computes a generation again whose values are all infinite
+_LEAST = 5  # points that differential evolution needs
+
+
+@dataclass(frozen=True)
+class SearchRuns:
+    """The points of a search as a work (rig.analysis.pool), which learns them while it runs.
+
+    `factors`: the parameters with the ends of their ranges. Every point is run with `seed`.
+    """
+
+    scene: Scene
+    factors: tuple[Factor, ...]
+    measure: Measure
+    largest: bool
+    evaluations: int
+    seed: int
+    duration: float | None
+    total = 0
+
+    @property
+    def name(self) -> str:
+        """The scene."""
+        return self.scene.name
+
+    @property
+    def portable(self) -> bool:
+        """Whether other processes can compute it."""
+        return self.measure.function is None or self.measure.function.portable
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """The ends of the ranges (SI)."""
+        return [(one.axis.values[0], one.axis.values[1]) for one in self.factors]
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash (12 hex digits) of everything that the points and values depend on, sources included.
+
+        More evaluations continue a search: its points are the same up to there.
+        """
+        raw = {name: value for name, value in json.loads(self.to_json()).items() if name != "evaluations"}
+        return digest(self.scene, f"{scipy.__version__} {json.dumps(raw)}")
+
+    @property
+    def crowd(self) -> int:
+        """Number of points of a generation."""
+        return max(_LEAST, _CROWD * len(self.factors))
+
+    def prepare(self) -> None:
+        """Compile the kernels."""
+        prepare([self.scene])
+
+    def compute(self, unit: int, *given: float) -> Arrays:
+        """Compute the measure of a point with the values `given` (SI)."""
+        try:
+            scene = changed(self.scene, {one.key: v for one, v in zip(self.factors, given)}, self.seed)
+            found = evaluate(scene, [self.measure], self.duration)
+        except SceneError as fault:
+            found = Measured((math.nan,), (self.measure.unit,), "; ".join(fault.faults))
+        return as_arrays(found) | {"point": np.array(given)}
+
+    def failed(self, unit: int, why: str) -> Arrays:
+        """Return a point without a value."""
+        return as_arrays(Measured((math.nan,), (self.measure.unit,), why))
+
+    def to_json(self) -> str:
+        """Return the work as JSON text."""
+        raw: dict[str, Any] = {name: getattr(self, name) for name in ("largest", "evaluations", "seed", "duration")}
+        raw |= {"scene": json.loads(self.scene.to_json()), "measure": self.measure.to_json()}
+        return json.dumps(raw | {"factors": [one.to_json() for one in self.factors]})
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return the work of a text by `to_json`."""
+        raw: dict[str, Any] = json.loads(text)
+        given = {name: raw[name] for name in ("largest", "evaluations", "seed", "duration")}
+        scene, measure = Scene.from_json(json.dumps(raw["scene"])), Measure.from_json(raw["measure"])
+        return cls(scene=scene, factors=tuple(map(Factor.from_json, raw["factors"])), measure=measure, **given)
+
+
+def prepared(
+    scene: Scene,
+    over: Mapping[str, Any],
+    measure: str | Callable[[Run], Any],
+    largest: bool = False,
+    evaluations: int = EVALUATIONS,
+    seed: int | None = None,
+    duration: float | None = None,
+) -> SearchRuns:
+    """Return a checked search of `scene`; `over`: key -> range, "10 N:30 N" or (10.0, 30.0).
+
+    Raises SceneError, UsageError with every fault that is found.
+    """
+    check_not_loading()
+    faults: list[str] = []
+
+    def checked(make: Callable[[], Any]) -> Any:
+        try:
+            return make()
+        except RigError as fault:
+            faults.append(str(fault))
+
+    found = checked(lambda: measures(scene, [measure]))
+    ends = {key: given.split(":") if isinstance(given, str) else list(given) for key, given in over.items()}
+    wrong = [key for key, parts in ends.items() if len(parts) != 2 or not all(str(part).strip() for part in parts)]
+    faults += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key in wrong]
+    whole = {key: _joined(parts) for key, parts in ends.items() if key not in wrong}
+    varied: tuple[Factor, ...] = checked(lambda: factors(scene, whole)) if whole or not wrong else ()
+    for one in varied or ():
+        if not one.axis.values[0] < one.axis.values[1]:
+            faults.append(f"{one.key}: the range must rise, from {one.axis.text(one.axis.values[0])} upwards")
+    least = max(_LEAST, _CROWD * max(len(over), 1))
+    if evaluations < least:
+        faults.append(f"evaluations = {evaluations}: must be at least {least} for {len(over)} parameters")
+    if found and found[0].source in ("run", "") and duration is None and scene.duration_ns is None:
+        faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
+    if faults:
+        raise UsageError("\n".join(faults))
+    return SearchRuns(scene, varied, found[0], largest, evaluations, scene.seed if seed is None else seed, duration)
+
+
+def _joined(parts: list[Any]) -> Any:
+    """The two ends of a range as the values of a parameter."""
+    return ", ".join(part.strip() for part in parts) if all(isinstance(part, str) for part in parts) else parts
+
+
+def search(
+    work: SearchRuns,
+    root: Path = ROOT,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    cluster: str = "",
+) -> SearchResult:
+    """Carry out a search; values that its folder under `root` contains already are not computed again.
+
+    `workers`, `cluster`: as for a study. Raises UsageError, WorkerError as a study does; what is finished stays.
+    """
+    from scipy.optimize import differential_evolution
+
+    if not work.portable and (workers is not None or cluster) and workers != 1:
+        raise UsageError(f"measure {work.measure.name}: worker processes cannot load it; define it in a .py file")
+    store, say = Store.of(work, root), progress or (lambda done, total: None)
+    with store.open(work), pool(work, store, workers if work.portable else 1, work.crowd, cluster=cluster) as processes:
+        found = store.load()
+        asked = 0
+
+        def values(points: NDArray[np.float64]) -> NDArray[np.float64]:
+            """The values of a generation, [point], to be made small; `points` [parameter, point]."""
+            nonlocal asked, found
+            rows = {asked + i: tuple(point) for i, point in enumerate(points.T.tolist())}
+            todo = {unit: given for unit, given in rows.items() if unit not in found}
+            begin, asked = asked, asked + len(rows)
+            ready = begin + len(rows) - len(todo)
+            if todo:
+                processes.compute(todo, lambda done: say(ready + done, work.evaluations))
+                found = store.load()
+                found |= {unit: work.failed(unit, why) | {"point": np.array(rows[unit])}
+                          for unit, why in processes.failed.items() if unit in rows}  # fmt: skip
+            say(asked, work.evaluations)
+            sign = -1.0 if work.largest else 1.0
+            made = np.array([sign * float(found[unit]["values"][0]) for unit in rows])
+            return np.where(np.isfinite(made), made, _WORST)
+
+        ended = differential_evolution(
+            values,
+            work.bounds,
+            rng=np.random.default_rng(work.seed),
+            init=_crowd(work),
+            maxiter=work.evaluations // work.crowd - 1,
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+        )
+    rows = [found[unit] for unit in range(asked)]
+    return SearchResult(
+        scene=work.scene,
+        factors=work.factors,
+        measure=work.measure.name,
+        unit=next((str(row["units"][0]) for row in rows if str(row["units"][0])), "1"),
+        largest=work.largest,
+        points=np.array([row["point"] for row in rows]),
+        values=np.array([float(row["values"][0]) for row in rows]),
+        reasons=tuple(str(row["reason"]) for row in rows),
+        settled=bool(ended.success),
+        provenance=provenance(work.seed),
+        folder=store.folder,
+    )
+
+
+def _crowd(work: SearchRuns) -> NDArray[np.float64]:
+    """The first generation, [point, parameter] (SI): a Latin hypercube."""
+    from scipy.stats import qmc
+
+    shares = qmc.LatinHypercube(len(work.factors), rng=np.random.default_rng(work.seed)).random(work.crowd)
+    low, high = np.array(work.bounds).T
+    return np.asarray(low + (high - low) * shares)

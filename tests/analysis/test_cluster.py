@@ -1,0 +1,218 @@
+"""The pool on a real dask cluster on loopback: nothing is lost or counted twice when a worker or the scheduler dies."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pool_works import Trial
+
+import rig as lab
+from rig.analysis.pool import Store, carry_out, cluster
+from rig.analysis.studies import prepared, study
+from rig.errors import UsageError, WorkerError
+
+pytest.importorskip("distributed")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+SUPPORT = Path(__file__).parents[1] / "support"
+ROOT = Path(lab.__file__).parents[1]
+
+
+class Processes:
+    """A scheduler and workers in processes of their own, on loopback."""
+
+    def __init__(self, folder, scheme="tcp"):
+        self.folder, self.scheme = folder, scheme
+        self.started = []
+        self.scheduler()
+
+    def _start(self, module, *arguments, path=ROOT):
+        words = [sys.executable, "-m", f"distributed.cli.{module}", *map(str, arguments), "--host", "127.0.0.1"]
+        with (self.folder / f"{len(self.started)}.txt").open("w") as said:
+            process = subprocess.Popen(
+                words,
+                stdout=said,
+                stderr=said,
+                cwd=self.folder,
+                env={**os.environ, "PYTHONPATH": f"{path}{os.pathsep}{SUPPORT}"},
+            )
+        self.started.append(process)
+        return process
+
+    def scheduler(self):
+        file = self.folder / f"scheduler-{len(self.started)}.json"
+        more = ("--protocol", self.scheme) if self.scheme == "tls" else ()
+        process = self._start("dask_scheduler", "--port", 0, "--no-dashboard", "--scheduler-file", file, *more)
+        until = time.monotonic() + 60.0
+        while not file.exists() or not file.read_text().strip().endswith("}"):
+            assert process.poll() is None, (self.folder / f"{len(self.started) - 1}.txt").read_text()
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        self.address = json.loads(file.read_text())["address"]
+        return process
+
+    def worker(self, path=ROOT, nanny=False):
+        options = ("--nthreads", 1, "--no-dashboard", "--local-directory", self.folder, "--death-timeout", 60)
+        return self._start("dask_worker", self.address, *options, "--nanny" if nanny else "--no-nanny", path=path)
+
+    def end(self):
+        for process in self.started:
+            process.kill()
+            process.wait(10.0)
+
+
+@pytest.fixture
+def processes(tmp_path):
+    found = Processes(tmp_path)
+    yield found
+    found.end()
+
+
+def done(work, root, where, progress=None, workers=None):
+    store = Store.of(work, root)
+    with store.open(work):
+        return carry_out(work, store, workers, progress, cluster=where)
+
+
+def squares(found):
+    return {unit: float(arrays["square"][0]) for unit, arrays in sorted(found.items())}
+
+
+def test_a_worker_that_is_killed_costs_nothing_and_values_have_the_same_bits(processes, tmp_path):
+    """Two workers, one of which is killed in mid-work; then a study of four points."""
+    victim, _ = processes.worker(), processes.worker()
+    work = Trial(str(tmp_path), total=30, seconds=0.05)
+
+    def kill(count, total):
+        if count >= 8:
+            victim.kill()
+
+    assert squares(done(work, tmp_path, processes.address, kill)) == {unit: unit**2 for unit in range(30)}
+    assert victim.wait(10.0) == -signal.SIGKILL
+    assert squares(Store.of(work, tmp_path).load()) == {unit: unit**2 for unit in range(30)}
+    points = prepared(lab.load("belt"), {"load.force": [10.0, 20.0]}, ["cycle.amplitude", "run.rms"], duration=0.2)
+    there = study(points, tmp_path / "there", cluster=processes.address)
+    here = study(points, tmp_path / "here", workers=1)
+    assert np.array_equal(there.values, here.values)
+    assert "processors" not in there.provenance
+
+
+def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "_ANSWER", 1.0)
+    begin = time.monotonic()
+    with pytest.raises(UsageError, match=r"--cluster tcp://127\.0\.0\.1:9: no scheduler answers within 1 s"):
+        done(Trial(str(tmp_path)), tmp_path, "tcp://127.0.0.1:9")
+    assert time.monotonic() - begin < 20.0
+
+
+@pytest.mark.parametrize("where", ["somewhere", "tcp://host", "http://127.0.0.1:80", "tcp://127.0.0.1:port"])
+def test_what_is_no_cluster_is_refused(where):
+    with pytest.raises(UsageError, match="expected local, slurm or the address of a dask scheduler"):
+        cluster.check(where, None)
+
+
+def test_the_job_script_of_slurm_is_printed_and_the_scheduler_listens_on_loopback(rig, tmp_path):
+    asked = ("study", "belt", "--over", "load.force=1, 2 N", "--measure", "cycle.period", "--out", tmp_path)
+    code, out, _ = rig(*asked, "--cluster", "slurm", "--workers", 8, "--dry-run")
+    assert code == 0
+    assert "# submitted 8 times" in out
+    assert "#SBATCH" in out
+    assert "dask_worker tcp://127.0.0.1:" in out
+    assert "jobqueue.slurm.interface" in out
+    assert [*tmp_path.iterdir()] == []
+    code, _, err = rig(*asked, "--cluster", "slurm")
+    assert (code, "--workers 16" in err) == (2, True)
+    code, _, err = rig(*asked, "--dry-run")
+    assert (code, "prints the job script of --cluster slurm" in err) == (2, True)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_killed_is_told_and_the_same_call_continues(processes, tmp_path):
+    scheduler = processes.started[0]
+    first = [processes.worker(), processes.worker()]
+    work = Trial(str(tmp_path), total=24, seconds=0.2)
+
+    def kill(count, total):
+        if count >= 6:
+            scheduler.kill()
+
+    with pytest.raises(WorkerError, match=r"Finished results are kept in .*; the same command continues"):
+        done(work, tmp_path, processes.address, kill)
+    for process in first:
+        process.wait(90.0)
+    saved = {unit: work.counts()[unit] for unit in Store.of(work, tmp_path).load()}
+    assert 6 <= len(saved) < 24
+    processes.scheduler()
+    processes.worker()
+    assert squares(done(work, tmp_path, processes.address)) == {unit: unit**2 for unit in range(24)}
+    assert {unit: work.counts()[unit] for unit in saved} == saved
+
+
+@pytest.mark.slow
+def test_a_unit_that_ends_its_worker_is_a_row_with_its_reason(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(SUPPORT))
+    work = Trial(str(tmp_path), total=8, does={"5": "kill"})
+    found = done(work, tmp_path, "local", workers=2)
+    assert {unit: v for unit, v in squares(found).items() if unit != 5} == {u: u**2 for u in range(8) if u != 5}
+    assert str(found[5]["name"]) == "ended every worker that dask gave it to"
+
+
+@pytest.mark.slow
+def test_workers_of_another_version_are_named(processes, tmp_path):
+    """The same sources but for a comment; and a worker that does not have them at all."""
+    shutil.copytree(ROOT / "rig", tmp_path / "other" / "rig", ignore=shutil.ignore_patterns("__pycache__"))
+    with (tmp_path / "other" / "rig" / "quantities.py").open("a") as file:
+        file.write("# another version\n")
+    processes.worker(path=tmp_path / "other")
+    time.sleep(8.0)
+    with pytest.raises(UsageError, match=r"other sources than this process \(friction-rig [^)]*\):\n  tcp://127"):
+        done(Trial(str(tmp_path)), tmp_path, processes.address)
+
+
+@pytest.mark.slow
+def test_a_fault_of_a_unit_is_told_in_its_words(processes, tmp_path):
+    processes.worker()
+    work = Trial(str(tmp_path), total=4, does={"2": "fault"})
+    with pytest.raises(WorkerError, match=r"nothing is as it should be\. Finished results are kept in"):
+        done(work, tmp_path, processes.address)
+
+
+@pytest.mark.slow
+def test_a_cluster_without_workers_is_told_within_a_bound(processes, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "_JOIN", 2.0)
+    with pytest.raises(WorkerError, match="no worker has joined"):
+        done(Trial(str(tmp_path)), tmp_path, processes.address)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl to make a certificate")
+def test_connections_use_the_certificates_of_the_configuration_of_dask(tmp_path, monkeypatch):
+    made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1"]
+    subprocess.run([*made, "-keyout", "key.pem", "-out", "cert.pem"], cwd=tmp_path, check=True, capture_output=True)
+    import dask
+
+    files = {what: str(tmp_path / f"{what}.pem") for what in ("key", "cert")}
+    tls = {f"distributed.comm.tls.{who}.{what}": file for who in ("scheduler", "worker", "client")
+           for what, file in files.items()}  # fmt: skip
+    tls["distributed.comm.tls.ca-file"] = files["cert"]
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CA_FILE", files["cert"])
+    for who in ("SCHEDULER", "WORKER", "CLIENT"):
+        for what in ("key", "cert"):
+            monkeypatch.setenv(f"DASK_DISTRIBUTED__COMM__TLS__{who}__{what.upper()}", str(tmp_path / f"{what}.pem"))
+    found = Processes(tmp_path, "tls")
+    try:
+        assert found.address.startswith("tls://")
+        found.worker()
+        with dask.config.set(tls):
+            assert len(done(Trial(str(tmp_path), total=3), tmp_path, found.address)) == 3
+    finally:
+        found.end()

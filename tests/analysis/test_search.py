@@ -1,0 +1,105 @@
+"""The search for the smallest value of a measure: it finds it, and continues where it was."""
+
+import json
+
+import numpy as np
+import pytest
+
+import rig as lab
+from rig.analysis.studies.search import SearchRuns, prepared, search
+from rig.errors import UsageError
+
+RANGES = {"load.force": "10 N:30 N"}
+
+
+def distance(run):
+    """From 20 N, of the load of the scene."""
+    return (json.loads(run.scene)["parameters"]["load"]["force"] - 20.0) ** 2, "N^2"
+
+
+@pytest.fixture(scope="module")
+def belt():
+    return lab.load("belt")
+
+
+@pytest.fixture(scope="module")
+def found(belt, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("searches")
+    return lab.optimise(belt, RANGES, distance, evaluations=60, duration=0.002, folder=folder, workers=1)
+
+
+def test_the_smallest_value_is_found(found):
+    assert found.parameters["load.force"] == pytest.approx(20.0, abs=0.2)
+    assert found.value == found.values.min() < 0.04
+    assert (found.unit, len(found.values)) == ("N^2", 60)
+    assert "smallest distance" in found.text()
+    assert len(found.csv().splitlines()) == 61
+
+
+def test_the_search_continues_from_its_store_with_more_evaluations(belt, tmp_path, monkeypatch, found):
+    """An interruption, the same again, and more: every point is computed once."""
+    asked = []
+    compute = SearchRuns.compute
+
+    def counted(self, unit, *given):
+        asked.append(unit)
+        if len(asked) == 20:
+            raise KeyboardInterrupt
+        return compute(self, unit, *given)
+
+    monkeypatch.setattr(SearchRuns, "compute", counted)
+    with pytest.raises(KeyboardInterrupt):
+        lab.optimise(belt, RANGES, distance, evaluations=45, duration=0.002, folder=tmp_path, workers=1)
+    more = {"duration": 0.002, "folder": tmp_path, "workers": 1}
+    part = lab.optimise(belt, RANGES, distance, evaluations=45, **more)
+    whole = lab.optimise(belt, RANGES, distance, evaluations=60, **more)
+    assert np.array_equal(whole.values, found.values)
+    assert np.array_equal(part.values, found.values[:45])
+    assert sorted(asked) == sorted([*range(60), asked[19]])
+
+
+def test_worker_processes_find_the_same_bits(belt, tmp_path):
+    work = prepared(belt, RANGES, "cycle.amplitude", True, 15)
+    two, one = search(work, tmp_path / "2", 2), search(work, tmp_path / "1", 1)
+    assert np.array_equal(two.points, one.points)
+    assert np.array_equal(two.values, one.values)
+    assert two.best == int(np.argmax(one.values))
+
+
+def test_a_search_without_any_value_is_told(belt, tmp_path):
+    work = prepared(belt, {"drive.speed": "1 m/s:2 m/s"}, "cycle.amplitude", evaluations=15)
+    found = search(work, tmp_path, 1)
+    assert found.best is None
+    assert "no point has a value of cycle.amplitude" in found.text()
+    assert len(found.values) == 15
+    assert "points have no value: no limit cycle" in found.text()
+
+
+@pytest.mark.parametrize(
+    ("over", "more", "told"),
+    [
+        ({"load.force": "10 N"}, {}, "load.force: expected a range FROM:TO"),
+        ({"load.force": "30 N:10 N"}, {}, "the range must rise, from 30 N upwards"),
+        ({"load.forse": "10 N:30 N"}, {}, "load.forse: is not a numeric parameter of this scene; did you mean"),
+        ({"body.mass": "-1 kg:1 kg"}, {}, "body.mass: -1 kg: .*greater than 0"),
+        ({}, {}, "no parameter is varied"),
+        (RANGES, {"evaluations": 3}, "evaluations = 3: must be at least 15 for 1 parameters"),
+        (RANGES, {"measure": "cycle.amplitud"}, "did you mean cycle.amplitude"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named(belt, over, more, told):
+    with pytest.raises(UsageError, match=told):
+        prepared(belt, over, **{"measure": "cycle.amplitude", **more})
+
+
+def test_the_command_writes_table_and_figure(rig, tmp_path):
+    asked = ("optimise", "belt", "--over", "load.force=10 N:30 N", "--out", tmp_path, "--workers", 1)
+    code, _, err = rig(*asked)
+    assert (code, "state one measure" in err) == (2, True)
+    code, out, _ = rig(*asked, "--maximise", "cycle.amplitude", "--evaluations", 15)
+    assert code == 0
+    assert "largest cycle.amplitude" in out
+    folder = next(tmp_path.iterdir())
+    assert {"search.csv", "search.png"} <= {path.name for path in folder.iterdir()}
+    code, out, _ = rig(*asked, "--maximise", "cycle.amplitude", "--evaluations", 15, "--force", "--json")
+    assert json.loads(out)["evaluations"] == 15
