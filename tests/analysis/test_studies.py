@@ -107,6 +107,15 @@ def test_figures_suit_the_plan(grid, tmp_path):
     assert path.stat().st_size > 10_000
 
 
+def test_curves_show_median_and_range_and_leave_out_what_is_missing(belt, tmp_path):
+    over = {"load.force": "10 N:30 N:5", "friction.mu_static": lab.normal(0.4, 0.02)}
+    work = prepared(belt, over, ["cycle.period", "cycle.stick_share"], samples=8)
+    found = {k: {"values": np.array([k % 7, math.nan if k < 8 else 0.1 * k]), "units": np.array(["s", "1"]),
+                 "reason": np.array("")} for k in range(work.total)}  # fmt: skip
+    drawn = gathered(work, found, {}, tmp_path).draw(tmp_path)
+    assert [path.name for path in drawn] == ["curves.png", "scatter.png"]
+
+
 def test_a_point_without_a_value_is_a_row_with_its_reason(belt, tmp_path):
     """At 1 m/s nothing sticks any more; a function that fails tells its line."""
     found = lab.study(

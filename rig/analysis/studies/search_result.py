@@ -129,7 +129,7 @@ class SearchResult:
             numbers = np.arange(1, len(course) + 1)
             top.plot(numbers, self.values, ".", ms=3.5, color=_LIGHT, label="points")
             top.plot(numbers, np.where(np.isfinite(so_far), so_far, np.nan), color=_COLOUR, label="best so far")
-            top.set(xlabel="evaluation", ylabel=title)
+            top.set(xlabel="number of the evaluation", ylabel=title)
             top.legend(loc="best")
             for i, (axes, one) in enumerate(zip(rest, self.factors)):
                 axes.plot(self.points[:, i] / one.axis.scale, self.values, ".", ms=3.5, color=_COLOUR, alpha=0.5)
