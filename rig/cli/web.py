@@ -1,4 +1,4 @@
-"""The command that serves the bench as a page in the browser."""
+"""The commands that serve a browser, and programs that speak WebSocket."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from rig.cli import printing
+from rig.cli.options import Json, RunName
 from rig.errors import UsageError
 
 
@@ -43,4 +44,29 @@ def web(
     serve(port, not no_open, say)
 
 
-COMMANDS = {"web": (web, "rig web --no-open --port 8765")}
+def bridge(
+    run: RunName = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port on loopback. 0: any free one.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Offer the bus of a live run over WebSocket, for controllers and tools in other languages.
+
+    Only this machine can reach it, under the printed address with its token.
+    It ends with the run, or by Ctrl-C. docs/wire.md describes the messages.
+    """
+    from rig.web import bridge as server
+
+    def say(made: server.Bridge) -> None:
+        if as_json:
+            printing.report({"run": made.run, "address": made.address})
+        else:
+            printing.line(f"run {made.run} is at {made.address}\nit ends with the run; Ctrl-C ends it before")
+        sys.stdout.flush()  # whoever reads a pipe waits for the address
+
+    server.serve(run, port, say)
+
+
+COMMANDS = {
+    "web": (web, "rig web --no-open --port 8765"),
+    "bridge": (bridge, "rig bridge --run mine"),
+}

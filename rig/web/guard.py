@@ -1,18 +1,17 @@
 """Admits only the pages of this server's user: checks host, origin and token of every request and web socket.
 
-The Host header stops other names for this address (DNS rebinding), the Origin header stops the pages of other servers,
-the token stops other users of this machine. The token is in the address that is printed; the first visit moves it to a
+`rig.web.gate` has the checks. The token is in the address that is printed; the first visit moves it to a
 cookie that scripts cannot read. A cookie is sent to every port, so its name contains the port.
 """
 
 from __future__ import annotations
 
-import hmac
 from collections.abc import Mapping
 from typing import Any
-from urllib.parse import parse_qs
 
 from starlette.responses import PlainTextResponse, RedirectResponse
+
+from rig.web.gate import Gate
 
 REFUSED = 1008
 """Code with which a web socket is closed that is not admitted: policy violation."""
@@ -26,11 +25,9 @@ class Guard:
     """An ASGI application that passes admitted requests on to `app`. `port`: that of the server, on loopback."""
 
     def __init__(self, app: Any, port: int, token: str) -> None:
-        self._app, self._token = app, token
+        self._app, self._token, self._gate = app, token, Gate(port, token)
         self._cookie = f"bench-{port}"
-        self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
-        self._origins = {f"http://{host}" for host in self._hosts}
-        sources = " ".join(f"ws://{host}" for host in sorted(self._hosts))
+        sources = " ".join(f"ws://{host}" for host in sorted(self._gate.hosts))
         self._headers = [
             (b"content-security-policy", f"default-src 'self'; img-src 'self' data: blob:; "
              f"connect-src 'self' {sources}; frame-ancestors 'none'".encode()),
@@ -46,22 +43,19 @@ class Guard:
             await self._app(scope, receive, send)
             return
         head = {name.decode("latin1"): value.decode("latin1") for name, value in scope["headers"]}
-        is_socket, origin = scope["type"] == "websocket", head.get("origin")
-        local = head.get("host") in self._hosts and (origin in self._origins if is_socket or origin else True)
-        if local and any(self._same(value) for value in self._cookies(head)):
+        is_socket = scope["type"] == "websocket"
+        local = self._gate.local(head.get("host"), head.get("origin"), of_a_page=is_socket)
+        if local and any(map(self._gate.same, self._cookies(head))):
             await self._app(scope, receive, self._with_headers(send))
         elif is_socket:
             await receive()
             await send({"type": "websocket.close", "code": REFUSED})
-        elif local and scope["method"] == "GET" and self._same(_from_query(scope)):
+        elif local and scope["method"] == "GET" and self._gate.in_query(scope["query_string"].decode("latin1")):
             answer = RedirectResponse(scope["path"], 303)
             answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
             await answer(scope, receive, self._with_headers(send))
         else:
             await PlainTextResponse(FORBIDDEN, 403)(scope, receive, self._with_headers(send))
-
-    def _same(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self._token.encode())
 
     def _cookies(self, head: Mapping[str, str]) -> list[str]:
         # other servers on this machine may set cookies too: http.cookies gives up at one that it cannot read
@@ -77,8 +71,3 @@ class Guard:
             await send(message)
 
         return wrapped
-
-
-def _from_query(scope: Any) -> str:
-    query: str = scope["query_string"].decode("latin1")
-    return parse_qs(query).get("token", [""])[0]

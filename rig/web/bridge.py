@@ -1,0 +1,140 @@
+"""The bus of one run over WebSocket, for languages without a Zenoh client: docs/wire.md describes the messages.
+
+Every client has a session of its own on the bus and, once it is admitted as a controller, a seat of its own: the plant
+checks what it sends like everything else, and knows when it has gone. A client that does not read loses messages, which
+are counted, and is disconnected when it takes nothing for seconds.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import secrets
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from http import HTTPStatus
+from typing import Any
+from urllib.parse import urlsplit
+
+from rig.bus import address
+from rig.errors import BusError, UsageError
+from rig.extras import needed
+from rig.process import told_to_stop
+from rig.web.bridge_client import LOOK_S, Client
+from rig.web.gate import Gate
+
+HOST = "127.0.0.1"
+CLIENTS = 8
+"""Most clients at a time."""
+LARGEST = 1 << 16
+"""Largest message of a client [bytes]."""
+_SEND_S, _END_S = 5, 3.0
+_QUIET = logging.getLogger(__name__)
+_QUIET.addHandler(logging.NullHandler())
+_QUIET.propagate = False  # a client that breaks off its handshake is none of the user's concern
+FORBIDDEN = "Open the address that rig bridge printed, with its token, from a program or a page of this address.\n"
+
+
+class Bridge:
+    """The server for `run`; `port` 0: any free port. Use it in a `with` block. Raises UsageError for a used port."""
+
+    def __init__(self, run: str, port: int = 0) -> None:
+        self.run = run
+        self._clients: set[Client] = set()
+        self._stopped = threading.Event()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._socket.bind((HOST, port))
+            self._socket.listen(16)
+        except OSError as fault:
+            self._socket.close()
+            raise UsageError(f"--port {port}: cannot be used ({fault.strerror}); choose another one") from None
+        self.port: int = self._socket.getsockname()[1]
+        self.token = secrets.token_urlsafe(24)
+        self._gate = Gate(self.port, self.token)
+        self._server = needed("websockets.sync.server", "web").serve(
+            self._serve, sock=self._socket, process_request=self._check, compression=None, open_timeout=5,
+            ping_interval=5, ping_timeout=10, close_timeout=1, max_size=LARGEST, server_header=None, logger=_QUIET,
+        )  # fmt: skip
+        self._thread = threading.Thread(target=self._server.serve_forever, name="bridge", daemon=True)
+
+    @property
+    def address(self) -> str:
+        """The address for clients, with the token of this start."""
+        return f"ws://{HOST}:{self.port}/?token={self.token}"
+
+    def __enter__(self) -> Bridge:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Tell all clients why it ends, and disconnect them; wait at most a few seconds for each step."""
+        self._stopped.set()
+        deadline = time.monotonic() + _END_S
+        while self._clients and time.monotonic() < deadline:
+            time.sleep(0.01)
+        for client in list(self._clients):  # of a client that waits for an answer
+            client.close()
+        ending = threading.Thread(target=self._server.shutdown, name="bridge-close", daemon=True)
+        ending.start()
+        ending.join(_END_S)
+
+    def _check(self, connection: Any, request: Any) -> Any:
+        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+        once = len(hosts) == 1 and len(origins) < 2
+        if once and self._gate.local(*hosts, *origins) and self._gate.in_query(urlsplit(request.path).query):
+            if len(self._clients) < CLIENTS:
+                return None
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, f"{CLIENTS} clients are connected already\n")
+        return connection.respond(HTTPStatus.FORBIDDEN, FORBIDDEN)
+
+    def _serve(self, connection: Any) -> None:
+        """Serve one client, in a thread of its own."""
+        closed = needed("websockets", "web").ConnectionClosed
+        # a client that takes nothing must not hold its seat: sending fails after some seconds
+        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _SEND_S, 0))
+        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, LARGEST)
+        connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        try:
+            client = Client(self.run, connection.send)
+        except BusError as fault:
+            with suppress(closed, OSError):
+                connection.send(json.dumps({"error": str(fault)}))
+            return
+        self._clients.add(client)
+        try:
+            while True:
+                try:
+                    client.answer(connection.recv(LOOK_S))
+                except TimeoutError:
+                    pass
+                if client.ended:
+                    client.say(ended=self.run)
+                    break
+                if self._stopped.is_set():
+                    client.say(error="the bridge was ended by its user")
+                    break
+        except (closed, OSError):
+            pass
+        finally:
+            client.close()
+            self._clients.discard(client)
+
+
+def serve(run: str | None, port: int = 0, say: Callable[[Bridge], object] = print) -> None:
+    """Serve a live run (the newest by default) until it ends, or until Ctrl-C. Raises RigError."""
+    found = address.find(run)
+    stopped = threading.Event()
+
+    def stop(_: str) -> None:  # set from another thread: the main thread may hold the lock of the event
+        threading.Thread(target=stopped.set).start()
+
+    with Bridge(found.run, port) as bridge, told_to_stop(stop):
+        say(bridge)
+        while not stopped.wait(LOOK_S) and address.is_live(found.run):
+            pass

@@ -1,0 +1,79 @@
+"""What docs/wire.md promises: its example takes part in a run without friction-rig, with the bits of one process."""
+
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from waiting_run import in_process, waiting_run
+
+import rig.bus
+from rig.bus.topics import TABLE
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "docs" / "wire_controller.py"
+PAGE = (ROOT / "docs" / "wire.md").read_text()
+
+
+@pytest.fixture
+def example(runs, tmp_path):
+    """Starts the example in a folder that has the generated messages and no friction-rig."""
+    shutil.copy(EXAMPLE, tmp_path)
+    shutil.copy(Path(rig.bus.__file__).parent / "rig_pb2.py", tmp_path)
+    without = "import sys; sys.modules['rig'] = None; import runpy; sys.argv = sys.argv[1:]; "
+    started = []
+
+    def start(run):
+        code = without + "sys.path.insert(0, '.'); runpy.run_path(sys.argv[0], run_name='__main__')"
+        command = [sys.executable, "-c", code, EXAMPLE.name, run]
+        process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def test_the_example_is_short_and_imports_nothing_but_zenoh_and_protobuf():
+    text = EXAMPLE.read_text()
+    assert len(text.splitlines()) <= 60
+    imported = set(re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE))
+    assert imported - sys.stdlib_module_names == {"zenoh", "rig_pb2"}
+
+
+def test_the_example_has_the_bits_of_a_run_in_one_process(example):
+    with waiting_run("plain") as run:
+        process = example("wire")
+        run.thread.join(30.0)
+        assert run.summary is not None, process.communicate(timeout=5.0)
+        said, _ = process.communicate(timeout=10.0)  # it notices the end of the run
+        assert (process.returncode, said) == (0, "")
+    here = in_process("plain")
+    assert run.summary["loop"]["plain"] == here.summary["exchange"]["plain"]
+    assert run.summary["loop"]["plain"]["taken"] == 300
+    assert run.summary["energy"] == here.energy
+    assert run.summary["refused"] == {}
+
+
+def test_a_second_program_of_the_same_name_is_refused_with_the_reason(example):
+    with waiting_run("nobody") as run:
+        both = [example("wire"), example("wire")]
+        deadline = time.monotonic() + 20.0
+        while all(process.poll() is None for process in both) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        (refused,) = [process for process in both if process.poll() is not None]
+        assert "cmd/plant refused: the name 'plain' is taken in this run" in refused.communicate()[0]
+        assert refused.returncode == 1
+        run.end()
+
+
+def test_the_page_names_every_topic_that_a_program_meets():
+    for row in TABLE:
+        first = row.name.partition("/")[0]
+        assert first in PAGE, first
