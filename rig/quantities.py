@@ -16,7 +16,7 @@ Products of a few values within these sizes stay far below the largest double.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from functools import partial
 from typing import Annotated, Any, ClassVar
@@ -94,6 +94,13 @@ def finite(value: Any, unit: str, *bounds: Gt | Ge | Lt | Le) -> float:
     return within.check(within.read(value))
 
 
+BOUNDS = {
+    "greater_than": ("greater than", "gt"),
+    "greater_than_equal": ("at least", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("at most", "le"),
+}
+"""Kind of pydantic's fault of a bound -> the bound in words, its name in the context of the fault."""
 _WORDS = {
     "missing": "is missing",
     "extra_forbidden": "unknown key",
@@ -114,15 +121,20 @@ _WORDS = {
 }
 
 
-def in_words(kind: str, message: str) -> str:
-    """A fault that pydantic found, of `kind` with its `message`, in the words of this project."""
+def in_words(kind: str, message: str, context: Mapping[str, Any] | None = None) -> str:
+    """A fault that pydantic found, of `kind` with its `message` and `context`, in the words of this project."""
+    if kind in BOUNDS:
+        words, name = BOUNDS[kind]
+        return f"must be {words} {(context or {})[name]:g}"
     return _WORDS.get(kind) or message.removeprefix("Value error, ")
 
 
 def faults_of(error: ValidationError) -> list[tuple[str, str, Any]]:
     """Dotted key, fault in words and given value of each fault that pydantic found in a section."""
-    found = error.errors(include_url=False)
-    return [(".".join(map(str, one["loc"])), in_words(one["type"], one["msg"]), one["input"]) for one in found]
+    return [
+        (".".join(map(str, one["loc"])), in_words(one["type"], one["msg"], one.get("ctx")), one["input"])
+        for one in error.errors(include_url=False)
+    ]
 
 
 def quantity(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:

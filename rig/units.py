@@ -85,7 +85,8 @@ def si(value: Any, unit: str) -> float:
     try:
         magnitude = float(number)
     except ValueError:
-        raise ValueError(f"is {brief(value)}; expected a number, a space and a unit in {_named(unit)}") from None
+        what = "a number" if unit == "1" else f"a number, a space and a unit in {unit}"
+        raise ValueError(f"is {brief(value)}; expected {what}") from None
     rest = rest.strip()
     if rest == unit or (not rest and unit == "1"):
         return magnitude

@@ -1,9 +1,10 @@
-"""Commands as the help shows them: an option that takes no value is shown without a type."""
+"""Commands: their help shows an option that takes no value without a type, and their faults are in our words."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from typer import BadParameter
 from typer.core import TyperCommand, TyperGroup
 
 
@@ -16,6 +17,20 @@ class _Flags:
         for one in found:
             if getattr(one, "is_flag", False):
                 one.metavar = ""
+        return found
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments. Raises typer.BadParameter, which states what was given and what is allowed."""
+        try:
+            found: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
+        except BadParameter as error:
+            from pydantic import ValidationError  # only where something is wrong: start-up counts
+
+            from rig.quantities import faults_of
+
+            if isinstance(cause := error.__cause__, ValidationError):
+                error.message = "; ".join(f"{fault} (given: {given})" for _, fault, given in faults_of(cause))
+            raise
         return found
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Pace, Trust, changes, pace, plain, renamed, seconds
+from rig.cli.options import Force, Json, Trust, changes, pace, plain, renamed, seconds
 from rig.cli.outputs import named, new, reads
 from rig.errors import ExitCode, LogError, UsageError
 
@@ -69,7 +69,9 @@ def opened(log: Path, trust: bool = False) -> Run:
 
 def replay(
     log: Log,
-    speed: Pace = "1.0",
+    speed: Annotated[
+        str, typer.Option("--pace", metavar="FACTOR", help='Real-time factor: recorded seconds per second, or "max".')
+    ] = "1.0",
     into: Annotated[
         list[str] | None,
         typer.Option(

@@ -11,6 +11,7 @@ from rig.cli import printing
 from rig.cli.logs import Log, opened
 from rig.cli.options import Force, Json, Trust
 from rig.cli.outputs import hold, named
+from rig.errors import UsageError
 
 
 def report(
@@ -29,6 +30,8 @@ def report(
     """
     path = out or log.with_suffix(".html")
     named("--out", path)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"--out {path}: the name of a page ends in .html")
     hold(context, "--out", path)
     run = opened(log, trust)
     from rig.analysis.report import write

@@ -17,15 +17,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from rig.quantities import Unit, in_words
+from rig.quantities import BOUNDS, Unit, in_words
 from rig.units import brief
 
-BOUNDS = {
-    "greater_than": ("greater than", "gt"),
-    "greater_than_equal": ("at least", "ge"),
-    "less_than": ("less than", "lt"),
-    "less_than_equal": ("at most", "le"),
-}
 TAGS = ("law", "kind", "on", "step", "direction")
 _MANY = 24  # names: a longer list is not read
 _LONG = 100  # characters: no name has as many, and comparing them is slow
