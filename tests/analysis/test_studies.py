@@ -128,6 +128,18 @@ def test_a_point_without_a_value_is_a_row_with_its_reason(belt, tmp_path):
     assert "1 of 2 points" in found.text() or "2 of 2 points" in found.text()
 
 
+def test_numbers_of_controllers_and_sensors_are_parameters_too():
+    over = {"controllers.nf.gain": "100:300 N*s/m:3", "sensors.vibrometer.noise": [1e-5, 2e-5]}
+    scene = lab.load("pendulum")
+    work = prepared(scene, over | {"drive.speed": "1 rpm:2:2"}, ["run.rms"])
+    assert work.total == 12
+    last = work.scene_of(11)
+    assert last.controllers["nf"].gain == 300.0
+    assert last.sensors["vibrometer"].noise == 2e-5
+    assert work.plan.factors[2].axis.shown_values.tolist() == pytest.approx([1.0, 2.0])
+    assert last.seed == scene.seed + 11
+
+
 def test_samples_of_a_distribution_are_drawn_from_the_seed(belt):
     over = {"load.force": [10.0, 20.0], "friction.mu_static": lab.normal(0.4, 0.02), "body.damping": lab.uniform(1, 3)}
     plans = {how: prepared(belt, over, ["cycle.period"], samples=64, sampling=how).plan
@@ -201,6 +213,9 @@ WRONG = [
     ({"load.force": [float("nan")]}, {}, "is not finite"),
     ({"body.mass": [-1.0, 1.0]}, {}, r"body.mass: -1 kg: .*greater than 0"),
     ({}, {}, "no parameter is varied"),
+    ({"load.force": "1 N:2 N"}, {}, "1 N:2 N: expected values such as"),
+    ({"load.force": "1 N:2 N:1"}, {}, "count = 1: must be a whole number from 2"),
+    ({"load.force": "2 N:2 N:5"}, {}, "a value is given twice"),
     ({"load.force": "gauss(1, 2)"}, {}, "no distribution; known: normal"),
     ({"load.force": "normal(1)"}, {}, "deviation missing"),
     ({"load.force": "uniform(3 N, 2 N)"}, {}, "low must be less than high"),

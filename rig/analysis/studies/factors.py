@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 
-from rig.analysis.axis import Axis, in_words, sweepable
+from rig.analysis.axis import MOST, Axis, in_words, sweepable
 from rig.analysis.studies.distributions import Distribution
 from rig.bench.rig_variant import with_values
 from rig.errors import SceneError, UsageError
@@ -98,9 +99,7 @@ def _factor(scene: Scene, key: str, unit: str, given: Any) -> Factor:
     if isinstance(given, Distribution):
         given.in_si(unit)  # the values have units that fit
         return Factor(Axis(key, unit, (), unit, words=words), given)
-    if isinstance(given, str) and given.count(":") == 2:
-        return Factor(Axis.parse(f"{key}={given}", scene))
-    values, shown = _listed(given, unit)
+    values, shown = _spaced(given, unit) if isinstance(given, str) and ":" in given else _listed(given, unit)
     if not values:
         raise ValueError(f"the list is empty; {FORM}")
     if len(set(values)) < len(values):
@@ -109,6 +108,20 @@ def _factor(scene: Scene, key: str, unit: str, given: Any) -> Factor:
     axis = Axis(key, unit, tuple(values), shown, scale, words)
     refused(scene, axis, values)
     return Factor(axis)
+
+
+def _spaced(given: str, unit: str) -> tuple[list[float], str]:
+    """The evenly spaced values of FROM:TO:COUNT in SI, and the unit in which they are shown."""
+    parts = [part.strip() for part in given.split(":")]
+    if len(parts) != 3 or not all(parts):
+        raise ValueError(f"{shortened(given)}: {FORM}")
+    count = int(parts[2]) if re.fullmatch("[0-9]{1,9}", parts[2]) else 0
+    if not 2 <= count <= MOST:
+        raise ValueError(f"count = {shortened(parts[2])}: must be a whole number from 2 to {MOST}")
+    if " " in parts[0] and " " not in parts[1]:  # an end without a unit takes that of the other one
+        parts[1] += f" {parts[0].partition(' ')[2]}"
+    (low, high), shown = _listed(f"{parts[0]}, {parts[1]}", unit)
+    return np.linspace(low, high, count).tolist(), shown
 
 
 def _listed(given: Any, unit: str) -> tuple[list[float], str]:

@@ -1,13 +1,14 @@
 """`make bench`: measures every number of docs/benchmarks.md on this machine.
 
-`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone, `--pages` only the pages of `rig web`,
-`--steps` only those of an environment of Gymnasium.
+`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone, `--studies` only studies, `--pages`
+only the pages of `rig web`, `--steps` only those of an environment of Gymnasium.
 `--loop SECONDS` measures the loop over the bus alone, with a paced run of that length. `--against COMMIT` only compares
 the speed with that of another version of the sources.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import platform
 import sys
@@ -26,6 +27,7 @@ from rig.qualify.benchmarks import (
     one_contact,
     pages,
     recording,
+    studies,
     twins,
     whole_runs,
 )
@@ -57,7 +59,10 @@ FLOORS = {
     "tip_waves": 10.0,
     "tip_beam": 20.0,
     "four_dof": 5000.0,
-    "map": 0.85,
+    "map": 0.95,
+    "study": 0.95,
+    "study_dask": 0.90,
+    "study_overhead_ms": 1.0,
     "pictures": 20.0,
     "picture_delay": 0.3,
 }
@@ -83,8 +88,28 @@ def main() -> int:
         say("\nmap of the rig, run-up and run-down, kernels compiled")
         found["map"] = m = maps.efficiency(24 if quick else 100)
         verdict = judged("map", m["efficiency"], "map")
-        say(f"  {maps.SCENE}, {m['points']} points: one worker {m['wall'][1]:.1f} s, two {m['wall'][2]:.1f} s, "
+        say(f"  {maps.SCENE}, {m['points']} points: one worker {m['one']:.3g} points/s, two {m['two']:.3g} points/s, "
             f"efficiency {m['efficiency']:.2f} {verdict}")  # fmt: skip
+
+    def studied() -> None:
+        say("\nstudies: points per second with one and two workers, from the first result to the last")
+        dask = importlib.util.find_spec("distributed") is not None
+        found["studies"] = {}
+        for what in ("P1", "loop"):
+            found["studies"][what] = s = studies.measured(what, quick, dask)
+            verdict = judged(f"study {what}", s["efficiency"], "study")
+            one, two = s["one"], s["two"]
+            say(f"  {what}, {s['points']} points: one {one['units']:.3g}/s, two {two['units']:.3g}/s, "
+                f"efficiency {s['efficiency']:.2f} {verdict}; first result after {two['start']:.1f} s")  # fmt: skip
+            if dask:
+                verdict = judged(f"study {what} on dask", s["efficiency_dask"], "study_dask")
+                say(f"    dask: two {s['dask']['units']:.3g}/s, efficiency {s['efficiency_dask']:.2f} {verdict}; "
+                    f"first result after {s['dask']['start']:.1f} s")  # fmt: skip
+        if not dask:
+            say("  dask is not installed: not measured")
+        found["studies"]["overhead_ms"] = ms = studies.overhead_ms(quick)
+        verdict = judged("overhead of a point", ms, "study_overhead_ms", at_most=True)
+        say(f"  a point that computes nothing: {ms:.3f} ms {verdict}")
 
     def looped(seconds: float) -> None:
         say("\nloop over the bus: controller and recorder, paced also viewer bridge; alternating with bare round trips")
@@ -171,6 +196,9 @@ def main() -> int:
     if "--map" in sys.argv:
         mapped()
         return finish()
+    if "--studies" in sys.argv:
+        studied()
+        return finish()
     if "--steps" in sys.argv:
         stepped()
         return finish()
@@ -256,6 +284,7 @@ def main() -> int:
     looped(10.0 if quick else 60.0)
     watched()
     mapped()
+    studied()
     return finish()
 
 
