@@ -30,9 +30,13 @@ class Catalogue:
         self._folder = folder
 
     def cards(self) -> list[dict[str, Any]]:
-        """Name, title, plant and first line of the description of every scene; `own`: it is a file of the folder."""
-        own = [one for one in cards(self._folder) if one["plant"]]
-        return [{**one, "own": True} for one in own] + [{**card(name), "own": False} for name in names()]
+        """Name, title, plant and first line of the description of every scene; `own`: it is a file of the folder.
+
+        The title of a file that cannot be read says why.
+        """
+        return [{**one, "own": True} for one in cards(self._folder)] + [
+            {**card(name), "own": False} for name in names()
+        ]
 
     def scene(self, name: Any, changes: Any = None) -> Scene:
         """The scene with changed values. Raises SceneError with every fault, as the command line does."""

@@ -1,6 +1,7 @@
 """Scenes to choose from, their values as a form, and what is wrong with changed ones."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -37,6 +38,24 @@ def test_the_form_has_every_value_with_unit_range_and_origin(name):
             assert one["limits"][0] <= low <= one["value"] <= high <= one["limits"][1]
             assert low < high
     assert all(not one["live"] for key, one in entries.items() if key.startswith(("start.", "clock.")))
+
+
+def test_a_scene_file_that_cannot_be_used_is_listed_and_says_why(client, folder):
+    (folder / "typo.toml").write_text('based_on = "belt"\n[drive]\nsped = 3\n')
+    (folder / "cut.toml").write_text('based_on = "belt"\n[drive\n')
+    (folder / "lost.toml").write_text('based_on = "nothing"\n')
+    (folder / "pyproject.toml").write_text('[project]\nname = "x"\n')
+    own = {Path(one["name"]).name: one for one in client.get("/api/scenes").json() if one["own"]}
+    assert {*own} == {"typo.toml", "cut.toml", "lost.toml"}
+    assert own["lost.toml"]["title"].startswith("cannot be read: nothing: no scene has this name")
+    for name, told in (
+        ("typo.toml", "did you mean drive.speed"),
+        ("cut.toml", "line 2"),
+        ("lost.toml", "no scene has this name"),
+    ):
+        refused = client.post("/api/scene", scene=own[name]["name"])
+        assert (refused.status_code, told in refused.json()["error"]) == (422, True), refused.text
+        assert client.post("/api/run", scene=own[name]["name"]).status_code == 422
 
 
 def test_the_owner_of_an_actuator_is_its_controller():

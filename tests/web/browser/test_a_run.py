@@ -143,6 +143,23 @@ def test_a_server_that_ended_is_said_and_a_new_one_refuses_the_old_page(page, se
     page.complaints()  # of the connection that was refused
 
 
+def test_a_scene_that_fails_its_checks_is_said_and_nothing_of_another_is_shown(page, folder):
+    (folder / "typo.toml").write_text('based_on = "belt"\ntitle = "Typo"\n[drive]\nsped = 3\n')
+    page.driver.refresh()
+    page.until(lambda: page.text("title"))
+    page.run(
+        "const list = document.getElementById('scene'); list.value = arguments[0];"
+        "list.dispatchEvent(new Event('change'))",
+        str(folder / "typo.toml"),
+    )
+    page.until(lambda: "did you mean drive.speed" in page.text("form-fault"))
+    assert (page.text("title"), page.text("about"), page.text("values")) == ("", "", "")
+    assert not page.one("start").is_enabled()
+    page.choose("belt")
+    page.until(lambda: page.text("form-fault") == "" and page.one("start").is_enabled())
+    page.complaints()  # of the request that was refused
+
+
 def test_faults_are_said_beside_the_form_and_are_gone_when_mended(page):
     page.choose(SCENE)
     page.unfold()

@@ -9,6 +9,7 @@ export function create(bench) {
   const changes = {};
   let form = null;
   let good = false; // whether the values as they are can be started
+  let shown = ""; // the scene whose form is shown
   let asked = 0;
   let wasActive = false;
 
@@ -45,15 +46,27 @@ export function create(bench) {
       const found = await post("/api/scene", body());
       if (mine !== asked) return;
       form = found;
+      shown = list.value;
       good = true;
       fault.textContent = "";
       render();
     } catch (error) {
-      if (mine === asked) { good = false; fault.textContent = error.message; }
+      if (mine === asked) {
+        good = false;
+        fault.textContent = error.message;
+        if (shown !== list.value) blank();
+      }
     }
     if (mine === asked) sections.setAttribute("aria-busy", "false");
     update();
     bench.redraw();
+  }
+
+  /** The chosen scene cannot be shown: nothing is left of the one before. */
+  function blank() {
+    form = null;
+    shown = "";
+    for (const one of [title, about, warnings, effects, steps, sections]) one.replaceChildren();
   }
 
   function render() {

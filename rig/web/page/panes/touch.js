@@ -75,7 +75,7 @@ export function create(bench) {
     }
     const range = limits ? `${number(limits[0])} to ${quantity(limits[1], unit)}` : "";
     const element = h("div", { class: "small", title: `${key}\n${range}` },
-      h("div", { class: "row" }, h("span", { class: "grow" }, key), field, unit === "1" ? "" : unit), slider, owner);
+      h("div", { class: "row" }, h("span", { class: "grow" }, key.replace(`controllers.${entry.of}.`, "")), field, unit === "1" ? "" : unit), slider, owner);
     function show(now) {
       if (!now) return;
       if (document.activeElement !== field && !held) field.value = now.value === null ? "" : number(now.value, 6);
