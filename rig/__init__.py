@@ -20,6 +20,7 @@ record      MCAP: write, read, recover, replay, compare
 view        figures and rerun
 analysis    what one learns of a rig
 gym         rigs as environments of Gymnasium
+plant_fmu   scenes as FMUs
 qualify     what one learns of the simulator: cost, torture, benchmarks
 papers      the figures of the papers, made again
 cli         the commands

@@ -141,3 +141,15 @@ def brief(value: Any) -> str:
 
 def _named(unit: str) -> str:
     return "1 (no unit)" if unit == "1" else unit
+
+
+def exponents(unit: str) -> dict[str, int] | None:
+    """The exponents of kg, m, s, A, K, mol, cd and rad in an SI unit; None if one is not whole, or another base is."""
+    registry = _registry()
+    _, found = registry.get_root_units(registry.parse_units("" if unit == "1" else unit))
+    names = {"kilogram": "kg", "gram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol"}
+    names |= {"candela": "cd", "radian": "rad"}
+    powers = {names.get(name, ""): power for name, power in found._units.items()}  # noqa: SLF001
+    if "" in powers or any(power != int(power) for power in powers.values()):
+        return None
+    return {name: int(power) for name, power in powers.items()}

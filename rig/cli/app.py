@@ -14,6 +14,7 @@ from rig.cli import (
     cost,
     diff,
     export,
+    fmu,
     host,
     lesson,
     library,
@@ -48,7 +49,7 @@ _app = typer.Typer(
 )
 PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
     "Run a scene": {**runs.COMMANDS, **simulate.COMMANDS, **web.COMMANDS},
-    "Look at scenes": scenes.COMMANDS,
+    "Look at scenes": {**scenes.COMMANDS, **fmu.COMMANDS},
     "Learn": lesson.COMMANDS,
     "Analyse a rig": {
         **analysis.COMMANDS,

@@ -1,31 +1,22 @@
 """An episode: a rig whose actuators an agent drives, step by step, with the same bits as every run with these commands.
 
 The agent is a controller: its command for the measurements of a tick is received at this tick. Controllers of the scene
-that drive the same actuators are left out; the others work. A reset returns the rig to tick 0 by a kept state, which
-takes 0.5 ms and gives the bits of a new rig with the seed.
+that drive the same actuators are left out; the others work.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from math import isfinite, nan
 from typing import Any, NamedTuple
 
-from rig import design
-from rig.bench.checkpoint import KeptState
 from rig.bench.compiled_controllers import CompiledControllers
-from rig.bench.controller_in_process import ControllerInProcess
-from rig.bench.experiment import Experiment
+from rig.bench.restartable import RestartableRig
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import carry_on
-from rig.controllers import restored
-from rig.controllers.runtime.loop import Loop
 from rig.errors import NumericsError, UsageError
 from rig.quantities import finite, nanoseconds
-from rig.scenes.protocol import Connect, Disconnect, Repeat
 from rig.scenes.scene import Scene
-from rig.scenes.sections import controller_drives
 
 Ranges = Mapping[str, tuple[Any, Any]]
 """Sensor or actuator -> its least and largest value: numbers in SI, or texts with a unit."""
@@ -68,71 +59,49 @@ class Episode:
     def __init__(
         self, scene: Scene, observe: Ranges, act: Ranges, reward: Reward, frames: int = 1, duration: Any = None
     ) -> None:
-        removed = {name for name, section in scene.controllers.items() if {*controller_drives(section)} & act.keys()}
-        others = {name: section for name, section in scene.controllers.items() if name not in removed}
         assembly = scene.assemble()
         faults = [*_unknown("observe", observe, scene.sensors), *_unknown("act", act, assembly.inputs)]
         faults += [f"frames = {frames}: a step has at least one frame"] if frames < 1 else []
-        faults += [f"the scene already has a controller {AGENT}; rename it"] if AGENT in others else []
+        faults += [f"the scene already has a controller {AGENT}; rename it"] if AGENT in scene.controllers else []
         length, wrong = _length(scene, duration)
         if faults := [*faults, *wrong]:
             raise UsageError("\n".join(faults))
-        self.scene = replace(
-            scene,
-            controllers=others,
-            driven=scene.driven | act.keys(),
-            protocol=tuple(_without(scene.protocol, removed)),
-        )
         self.sensors, self.actuators = tuple(observe), tuple(act)
         self._reward, self._frames, self._length_ns = reward, frames, length
-        self._described = design.described(self.scene)
-        self._new_runner()
-        bank, inputs = self._runner.bank, self._runner.inputs
+        self._rig = RestartableRig(scene, self.actuators)
+        bank, inputs = self.runner.bank, self.runner.inputs
         units = dict(zip(bank.names, bank.units))
         self.observed, wrong_observed = _ranges("observe", observe, units, {})
         limits = {name: (one.low, one.high) for name, one in inputs.items()}
         self.driven, wrong_driven = _ranges("act", act, {name: one.unit for name, one in inputs.items()}, limits)
         faults = [*wrong_observed, *wrong_driven]
         faults += [f"act: {name}: each value needs new matrices; an agent cannot drive it"
-                   for name in act if self._runner.coefficient(name)]  # fmt: skip
+                   for name in act if self.runner.coefficient(name)]  # fmt: skip
         if faults:
             raise UsageError("\n".join(faults))
         self._columns = [bank.names.index(name) for name in self.sensors]
         self._last_tick = -(-self._length_ns // self.scene.frame_ns)
 
-    def _new_runner(self) -> None:
-        self._runner = PlantRunner(self.scene)
-        self._kept: KeptState | None = None
-        if self._runner.motion.integration.method != "kick":  # whose tables have a memory: a reset makes a new runner
-            self._kept = self._runner.keep()
-
     @property
     def runner(self) -> PlantRunner:
         """The plant runner; a reset may replace it."""
-        return self._runner
+        return self._rig.runner
+
+    @property
+    def scene(self) -> Scene:
+        """The scene, without the controllers that are left out."""
+        return self._rig.scene
 
     def reset(self, seed: int) -> list[float]:
         """Begin a new episode with this seed of all noise; returns the first observation."""
-        if self._kept is None or self._kept.scene is not self._runner.scene:
-            self.scene = replace(self.scene, seed=seed)
-            self._new_runner()
-        else:
-            self._runner.back(self._kept, seed)
-        runner = self._runner
-        experiment = Experiment(self.scene, runner, self._length_ns, self._retune)
+        experiment = self._experiment = self._rig.begin(seed, self._length_ns)
         experiment.exchange.admit(AGENT, self.actuators, self._frames * self.scene.frame_ns)
         experiment.open()
-        self._loops = {name: Loop(restored(one)) for name, one in self._described.items()}
-        self._working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(self._loops.items())]
+        self._working = self._rig.working
         self._inside = CompiledControllers(experiment) if self._frames > 1 or self._working else None
-        self._experiment = experiment
         self._heard = [nan] * len(self._columns)
         self._ended = False
         return self._observation()
-
-    def _retune(self, name: str, changes: Mapping[str, Any]) -> None:
-        if name in self._loops:
-            self._loops[name].retune(changes)
 
     def step(self, command: Sequence[float]) -> Stepped:
         """Carry the rig on by one step with this command [SI], which is limited to the range of each actuator.
@@ -142,7 +111,7 @@ class Episode:
         """
         if self._ended:
             raise UsageError("the episode has ended; call reset")
-        runner, experiment = self._runner, self._experiment
+        runner, experiment = self._rig.runner, self._experiment
         given = tuple([low if u < low else high if u > high else u for u, (low, high) in zip(command, self.driven)])
         end, first, why = runner.tick + self._frames, True, ""
         try:
@@ -166,7 +135,7 @@ class Episode:
 
     def _observation(self) -> list[float]:
         """The latest measurements within their ranges; where there is none, the last one."""
-        latest, heard = self._runner.hearing.latest, self._heard
+        latest, heard = self.runner.hearing.latest, self._heard
         found = []
         for i, (column, (low, high)) in enumerate(zip(self._columns, self.observed)):
             value = latest.item(column)
@@ -216,14 +185,3 @@ def _length(scene: Scene, duration: Any) -> tuple[int, list[str]]:
     except ValueError as fault:
         return 0, [f"duration: {fault}"]
     return found, [] if found > 0 else [f"duration = {duration}: must be above 0 s"]
-
-
-def _without(protocol: Sequence[Any], controllers: set[str]) -> Iterable[Any]:
-    """The steps of a protocol, without those that connect or disconnect these controllers."""
-    for step in protocol:
-        if isinstance(step, Connect | Disconnect) and step.controller in controllers:
-            continue
-        if isinstance(step, Repeat):
-            yield step.model_copy(update={"steps": tuple(_without(step.steps, controllers))})
-        else:
-            yield step
