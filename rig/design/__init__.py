@@ -14,6 +14,7 @@ sampled      the sampled control loop: controller, instrument, delay, sample and
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from rig import controllers
@@ -22,6 +23,8 @@ from rig.design.designer import Designer
 from rig.errors import PartError, SceneError
 from rig.model.assembly import Assembly
 from rig.parts import calling, code_of, file_of
+from rig.scenes.faults import near, shown
+from rig.scenes.sections import controller_reads
 from rig.units import brief
 
 __all__ = ["described", "numbers"]
@@ -36,6 +39,9 @@ def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str,
     faults: list[str] = []
     for name, section in scene.controllers.items():
         try:
+            if missing := _missing(section, scene.sensors):
+                faults += [f"controllers.{name}.{text}" for text in missing]
+                continue
             design = getattr(controllers.controller_class(section), "design", None)
             found[name] = {} if design is None else _designed(design, rig, section)
         except PartError as fault:
@@ -48,6 +54,15 @@ def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str,
     if faults:
         raise SceneError(scene.name, faults)
     return found
+
+
+def _missing(section: Any, sensors: Mapping[str, Any]) -> list[str]:
+    """The sensors that a controller reads and the scene does not have: that of a recording was not checked."""
+    return [
+        f"{field} = {shown(sensor)}: unknown sensor; {near(sensor, sensors)}"
+        for field, sensor in controller_reads(section).items()
+        if sensor not in sensors
+    ]
 
 
 def _designed(design: Any, rig: DesignRig, section: Any) -> dict[str, Any]:

@@ -81,8 +81,11 @@ def test_a_controller_states_its_own_numbers_or_gets_none(monkeypatch):
             load = rig.actuator("load.force")
             return {"unit": load.unit, "load": load.value, "none": rig.actuator("drive.torque"), "m": rig.inertia}
 
+    class Section(SimpleNamespace):
+        model_fields, sensor = ("sensor",), None
+
     monkeypatch.setattr(controllers, "controller_class", lambda section: section.made)
-    found = design.numbers(scene(a=SimpleNamespace(made=Asks), b=SimpleNamespace(made=object)), rig(RADIUS))
+    found = design.numbers(scene(a=Section(made=Asks), b=Section(made=object)), rig(RADIUS))
     assert found == {"a": {"unit": "N", "load": 20.0, "none": None, "m": pytest.approx(5.0)}, "b": {}}
 
 
@@ -223,6 +226,14 @@ def test_a_rig_whose_sizes_no_number_holds_is_a_fault_of_the_controller():
     given = scenes.load("belt_normal_force_acceleration", overrides={"load.force": "1e-200 N"})
     with pytest.raises(SceneError, match="its numbers cannot be computed for this rig"):
         design.numbers(given)
+
+
+def test_a_recorded_scene_without_the_sensors_of_its_controllers_is_told_with_all_faults():
+    edited = scene(one=normal_force(sensor="vibrometr"), two=normal_force(sensor="gone"))
+    with pytest.raises(SceneError) as fault:
+        design.numbers(edited, rig())
+    assert 'controllers.one.sensor = "vibrometr": unknown sensor; did you mean vibrometer?' in str(fault.value)
+    assert 'controllers.two.sensor = "gone": unknown sensor; known: ' in str(fault.value)
 
 
 def test_every_scene_that_ships_gets_its_numbers():
