@@ -13,7 +13,7 @@ from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 
 from rig.errors import LogError
-from rig.record.mcap_file import DIGEST, MAGIC, PROFILE
+from rig.record.mcap_file import DIGEST, MAGIC, PROFILE, refuse_newer
 from rig.user_files import regular
 
 SUFFIX = ".mcap"
@@ -91,6 +91,7 @@ def _contents(path: Path, file: BinaryIO) -> Contents:
         scene = next((one.data for one in log.iter_attachments() if one.name == "scene.json"), b"{}")
     except (McapError, OSError, ValueError, EOFError, MemoryError, struct.error) as fault:
         raise LogError(f"{path} is cut off or damaged: {fault or type(fault).__name__}") from None
+    refuse_newer(path, noted.get("log", {}))
     described = _json(scene.decode(errors="replace"), {})
     stored_summary = noted.get("summary", {})
     seconds = _json(noted.get("recording", {}).get("seconds", "null"), None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import mmap
-import stat
 import struct
 import zlib
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from mcap.records import Footer
 from rig.errors import LogError
 from rig.record.byte_scan import Data, Found, walk
 from rig.record.mcap_file import MAGIC
+from rig.user_files import regular
 
 _FOOTER = 29  # bytes
 _OFFSET_HEAD = struct.pack("<BQ", Opcode.SUMMARY_OFFSET, 17)
@@ -28,14 +28,11 @@ _SLICE = 1 << 20
 def mapped(path: Path) -> Iterator[Data]:
     """The bytes of a file. Raises LogError if they cannot be read."""
     try:
-        with path.open("rb") as file:
-            if not stat.S_ISREG(path.stat().st_mode):
-                raise LogError(f"{path} is not a file")
-            if not path.stat().st_size:  # an empty file cannot be mapped
-                yield b""
-                return
-            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                yield data
+        if not regular(path):  # an empty file cannot be mapped
+            yield b""
+            return
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield data
     except OSError as fault:
         raise LogError(f"{path} cannot be read: {fault.strerror}") from None
 

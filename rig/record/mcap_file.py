@@ -18,6 +18,7 @@ import struct
 import tempfile
 import zlib
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import zstandard
@@ -38,6 +39,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from rig.errors import LogError
+
 MAGIC = b"\x89MCAP0\r\n"
 PROFILE = "friction-rig"
 FORMAT = 1
@@ -55,6 +58,16 @@ _INDEX = struct.Struct("<BQHI")
 _CHUNK_INDEX = struct.Struct("<BQQQQQI")
 _OFFSET = struct.Struct("<HQ")
 _END = struct.Struct("<BQQQ")
+
+
+def refuse_newer(path: Path, log: Mapping[str, str]) -> None:
+    """Raise LogError for a recording of a format that only newer versions can read. `log`: its metadata "log"."""
+    written = log.get("format", "1")
+    if not written.isdecimal() or int(written) > FORMAT:
+        raise LogError(
+            f"{path} is a recording of format {written[:20]}, written by a newer version of friction-rig; "
+            f"this version reads recordings up to format {FORMAT}: install a newer version"
+        )
 
 
 def checksum(name: str, values: Mapping[str, str]) -> str:

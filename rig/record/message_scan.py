@@ -21,7 +21,7 @@ from rig.errors import BusError, LogError
 from rig.record.byte_scan import Data, Found, Hole, Message, Messages, inside, walk
 from rig.record.foreign import why
 from rig.record.mapped_file import crc_of, mapped, sha256_of, summary_start
-from rig.record.mcap_file import CRC, DIGEST, FORMAT, MAGIC, checksum
+from rig.record.mcap_file import CRC, DIGEST, MAGIC, checksum, refuse_newer
 
 _SEQUENCE = 1 << 32
 _COPY = "a copy of a chunk that stands before it,"
@@ -237,17 +237,10 @@ class Scan:
                 self._digest_at, self.metadata[DIGEST] = part.begin, values
             else:
                 self.metadata[body.name] = values
-                self._accept(values.get("format", "1") if body.name == "log" else "1")
+                if body.name == "log":
+                    refuse_newer(self.path, values)
         else:
             self._describe(body)
-
-    def _accept(self, written: str) -> None:
-        """Raise LogError for a recording of a format that only newer versions can read."""
-        if not written.isdecimal() or int(written) > FORMAT:
-            raise LogError(
-                f"{self.path} is a recording of format {written[:20]}, written by a newer version of friction-rig; "
-                f"this version reads recordings up to format {FORMAT}: install a newer version"
-            )
 
     def _conclude(self, data: Data) -> None:
         """Check the checksums of the whole file, and describe the damage in words."""

@@ -8,6 +8,7 @@ from rig.errors import LogError
 from rig.record import reader
 from rig.record.mcap_file import FORMAT
 from rig.record.message_scan import Scan
+from rig.record.run_list import runs
 from rig.record.save_run import save
 from rig.scenes import Scene
 
@@ -37,3 +38,5 @@ def test_a_recording_of_a_newer_format_is_refused(run, tmp_path, monkeypatch):
     save(run, tmp_path / "run.mcap")
     with pytest.raises(LogError, match=rf"recording of format {FORMAT + 1}, written by a newer version .* install"):
         reader.open(tmp_path / "run.mcap")
+    (listed,) = runs(tmp_path)
+    assert (listed.contents, listed.fault.partition(",")[0]) == (None, f"is a recording of format {FORMAT + 1}")

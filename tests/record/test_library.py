@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rig.errors import LogError, OutputError, UsageError
-from rig.record import user_notes
+from rig.record import reader, user_notes
 from rig.record.contents import contents
 from rig.record.run import Run
 from rig.record.run_list import INDEX, one, runs
@@ -142,6 +142,9 @@ def test_links_in_a_loop_pipes_and_folders_do_not_stop_the_list(tmp_path, log):
     os.mkfifo(tmp_path / "pipe.mcap")
     listed = [(one.path.name, one.fault) for one in runs(tmp_path)]
     assert listed == [("run.mcap", ""), ("loop.mcap", f"cannot be read: {os.strerror(errno.ELOOP)}")]
+    for read in (one, reader.open):
+        with pytest.raises(LogError, match=r"pipe\.mcap cannot be read: it is not a regular file"):
+            read(tmp_path / "pipe.mcap")
 
 
 @pytest.mark.parametrize(("mode", "place"), [(0o000, "closed"), (0o744, "closed/run.mcap")])
