@@ -105,9 +105,13 @@ def run(
     loaded = the_scene(scene, added(controller) | overrides)
     keeps_up(loaded, factor)
     loaded = configured(loaded, overrides, precision, budget)
-    if windows is not None:  # the recorder would find a wrong name or unit only when the run has begun
+    if windows is not None:  # the recorder would find what is wrong only when the run has begun
+        from rig.record.windows import replaceable
+
         outputs = {name: output.unit for name, output in loaded.assemble().outputs.items()}
         windows.condition.bound(outputs, {name: sensor.delivers for name, sensor in loaded.sensors.items()})
+        if out is not None:
+            replaceable(out, force)
     printing.run_warnings(loaded, length)
     outcome = supervise(
         loaded,

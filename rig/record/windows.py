@@ -60,6 +60,22 @@ def former(base: Path) -> list[Path]:
     return [path for number, path in sorted(found) if path == path_of(base, number) and _is_window(path)]
 
 
+def replaceable(base: Path, replace: bool) -> list[Path]:
+    """Return the windows of an earlier watch of this name, which the first one of a new watch removes.
+
+    Raises UsageError if there are any and they may not be `replace`d, or if another process is writing one.
+    """
+    found = former(base)
+    if not replace and (there := [one for one in (path_of(base, 1), *found) if one.exists()]):
+        raise UsageError(f"{there[0]} exists; name another file, or add --force to replace it")
+    for one in found:
+        try:
+            unused(one)
+        except OSError as fault:
+            raise UsageError(f"{one} cannot be replaced: {fault.strerror}") from None
+    return found
+
+
 def _is_window(path: Path) -> bool:
     try:
         scan = Scan(path)
@@ -103,14 +119,7 @@ class Windows:
         self._lost: Counter[str] = Counter()
         self._closest = (-np.inf, 0.0, 0)
         """The sample that came closest to the level: distance, value, time [ns]."""
-        self._former = former(base)
-        if not replace and (there := [one for one in (path_of(base, 1), *self._former) if one.exists()]):
-            raise UsageError(f"{there[0]} exists; name another file, or add --force to replace it")
-        for one in self._former:
-            try:
-                unused(one)
-            except OSError as fault:
-                raise UsageError(f"{one} cannot be replaced: {fault.strerror}") from None
+        self._former = replaceable(base, replace)
 
     def write(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
         """Take a message: write it if a window is open, else keep it for the next one."""
