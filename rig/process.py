@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -16,6 +17,7 @@ from typing import NoReturn
 from rig.errors import ExitCode
 
 _GARBAGE = 100_000  # new objects
+_PARENT_S = 0.2  # between two looks at the parent
 
 
 @contextmanager
@@ -49,6 +51,18 @@ def stopping() -> Iterator[threading.Event]:
 
     with told_to_stop(heard):
         yield stop
+
+
+def with_parent(end: Callable[[], object]) -> None:
+    """Call `end` in another thread when the parent of this process has ended, however long the main thread works."""
+    parent = os.getppid()
+
+    def look() -> None:
+        while os.getppid() == parent:
+            time.sleep(_PARENT_S)
+        end()
+
+    threading.Thread(target=look, name="parent", daemon=True).start()
 
 
 def as_process(main: Callable[[], int | None]) -> NoReturn:

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -135,6 +136,30 @@ with store.open(work):
     before = work.counts()
     assert squares(done(work, tmp_path)) == {unit: unit**2 for unit in range(12)}
     assert all(work.counts()[unit] == before[unit] for unit in saved)
+
+
+def test_a_worker_ends_with_its_parent_in_the_middle_of_a_long_unit(tmp_path):
+    code = f"""
+import sys; sys.path.insert(0, {str(SUPPORT)!r})
+from pathlib import Path
+from pool_works import Trial
+from rig.analysis.pool import Store, carry_out
+work = Trial({str(tmp_path)!r}, total=2, seconds=60.0)
+store = Store.of(work, Path({str(tmp_path)!r}))
+with store.open(work):
+    carry_out(work, store, 2)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code])
+    until = time.monotonic() + 60.0
+    while len(list(tmp_path.glob("*.count"))) < 2:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    workers = psutil.Process(process.pid).children()
+    assert len(workers) == 2
+    process.kill()
+    process.wait(10.0)
+    _, alive = psutil.wait_procs(workers, 10.0)
+    assert not alive
 
 
 def test_arrays_of_one_shape_are_stacked_and_all_come_back(tmp_path):

@@ -10,6 +10,8 @@ done S       the batch is saved, S s       fault TEXT   the whole work has to en
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -17,7 +19,7 @@ from pathlib import Path
 from rig.analysis.pool.store import Store
 from rig.analysis.pool.work import Arrays, Work
 from rig.errors import ExitCode, RigError
-from rig.process import as_process
+from rig.process import as_process, with_parent
 
 MARK = "\x01"
 _TELL = 0.1  # s between two messages on a batch
@@ -26,6 +28,7 @@ _TELL = 0.1  # s between two messages on a batch
 def main() -> int:
     """Run one worker."""
     store = Store(Path(sys.argv[1]))
+    with_parent(lambda: os.kill(os.getpid(), signal.SIGINT))  # as Ctrl-C: what is finished of a batch is saved
     try:
         work = store.work()
         _say("ready")
