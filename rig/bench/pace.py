@@ -134,7 +134,6 @@ class Waiting(NamedTuple):
 
     spin_ns: int
     sleep_p95: int
-    hybrid_p95: int
     why: str
 
     @property
@@ -175,13 +174,13 @@ def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, core
     """Choose by two sets of lateness [ns], the number of cores and the load on them [cores]."""
     a, b = int(np.quantile(slept, 0.95)), int(np.quantile(spun, 0.95))
     if cores < 2 or load > cores - 1:
-        return Waiting(0, a, b, f"no free core: load {load:.1f} on {cores}")
+        return Waiting(0, a, f"no free core: load {load:.1f} on {cores}")
     bad = frame_ns // 2
     if np.mean(spun > bad) > np.mean(slept > bad):
-        return Waiting(0, a, b, "spinning has more bad frames")
+        return Waiting(0, a, "spinning has more bad frames")
     if b > a / 2:
-        return Waiting(0, a, b, "spinning gains nothing")
-    return Waiting(spin_ns, a, b, "spinning is more exact")
+        return Waiting(0, a, "spinning gains nothing")
+    return Waiting(spin_ns, a, "spinning is more exact")
 
 
 class ProcessorTime(NamedTuple):

@@ -135,11 +135,6 @@ def _value(sample: tuple[int, float]) -> float:
     return sample[1]
 
 
-def value_of(payload: bytes) -> float:
-    """The number in a message of a curve."""
-    return float(_POINT.unpack(payload)[-1])
-
-
 def schema(topic: str) -> tuple[str, str, bytes, str]:
     """Schema of a derived topic: its name, its encoding and its text, and the encoding of the messages."""
     if topic.startswith("log/"):

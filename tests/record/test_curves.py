@@ -11,11 +11,18 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from rig.record import reader
-from rig.record.curves import WINDOW_NS, Curves, derived, topic_of, value_of
+from rig.record.curves import WINDOW_NS, Curves, derived, topic_of
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
 
 BEGAN = 1_800_000_000_000_000_000
+
+
+def value_of(payload):
+    """The number of a std_msgs/Float64MultiArray in CDR, little endian, with neither dimension nor offset."""
+    header, dimensions, offset, count, value = struct.unpack("<4sIII4xd", payload)
+    assert (header, dimensions, offset, count) == (b"\0\1\0\0", 0, 0, 1)
+    return value
 
 
 @pytest.fixture
