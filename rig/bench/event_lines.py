@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rig.bus.port import Receiver
+from rig.bus.receivers import Receiver
 
 _LINE = 400
 """Longest text of an event that is shown."""

@@ -26,7 +26,8 @@ from rig.bench.outcome import Outcome
 from rig.bench.run_log import RunLog
 from rig.bench.status import Live
 from rig.bus import address
-from rig.bus.port import Receiver, Session
+from rig.bus.port import Session
+from rig.bus.receivers import Receiver
 from rig.child_process import Child, end
 from rig.errors import BusError, ExitCode, Interrupted, LogError, RigError, UsageError
 from rig.process import told_to_stop

@@ -13,9 +13,10 @@ import zenoh
 from rig.bus import messages, topics
 from rig.bus.access import BusUser, take_user
 from rig.bus.address import Reservation, is_live
-from rig.bus.port import Receiver, Session, Watch
+from rig.bus.port import Session
 from rig.bus.publisher import Publisher
 from rig.bus.queries import Answer, Server
+from rig.bus.receivers import Receiver, Watch
 from rig.bus.sender import Sender
 from rig.bus.zenoh_endpoints import PolledReceiver, QueuedReceiver, ZenohPublisher, ZenohServer, ZenohWatch
 from rig.errors import BusError

@@ -16,9 +16,9 @@ import zenoh
 from rig.bus.arrivals import HEADER, Arrived, Message
 from rig.bus.batch import Batch
 from rig.bus.inbound import InboundCheck, Row
-from rig.bus.port import PRESENCES, Receiver, Watch
 from rig.bus.publisher import Publisher
 from rig.bus.queries import WAITING, Answer, Request, Server
+from rig.bus.receivers import PRESENCES, Receiver, Watch
 from rig.bus.waiting import Inbox, patiently
 from rig.errors import BusError
 

@@ -13,6 +13,7 @@ from rig.cli import (
     channels,
     cost,
     diff,
+    explain,
     export,
     fmu,
     host,
@@ -49,7 +50,7 @@ _app = typer.Typer(
 )
 PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
     "Run a scene": {**runs.COMMANDS, **simulate.COMMANDS, **web.COMMANDS},
-    "Look at scenes": {**scenes.COMMANDS, **fmu.COMMANDS},
+    "Look at scenes": {**scenes.COMMANDS, **explain.COMMANDS, **fmu.COMMANDS},
     "Learn": lesson.COMMANDS,
     "Analyse a rig": {
         **analysis.COMMANDS,

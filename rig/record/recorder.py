@@ -20,7 +20,8 @@ from rig import bus
 from rig.bus import messages, run_setup
 from rig.bus.arrivals import Message
 from rig.bus.batch import WAITING
-from rig.bus.port import Receiver, Session, Watch
+from rig.bus.port import Session
+from rig.bus.receivers import Receiver, Watch
 from rig.bus.run_setup import Setup
 from rig.errors import BusError, OutputError
 from rig.process import stopping

@@ -22,8 +22,9 @@ import numpy as np
 
 from rig import controllers
 from rig.bus import messages
-from rig.bus.port import Receiver, Session
+from rig.bus.port import Session
 from rig.bus.queries import param_request
+from rig.bus.receivers import Receiver
 from rig.bus.run_setup import Setup
 from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.errors import BusError, LogError

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 
 from rig import bus
 from rig.bus import run_setup
-from rig.bus.port import Receiver, Session, Watch
+from rig.bus.port import Session
+from rig.bus.receivers import Receiver, Watch
 from rig.errors import BusError
 from rig.parts import trust_scene
 from rig.plants.structures import model_store

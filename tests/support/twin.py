@@ -9,9 +9,10 @@ from rig.bus import messages, topics
 from rig.bus.arrivals import Arrived
 from rig.bus.batch import Batch
 from rig.bus.inbound import InboundCheck
-from rig.bus.port import PRESENCES, Receiver, Session, Watch
+from rig.bus.port import Session
 from rig.bus.publisher import Publisher
 from rig.bus.queries import WAITING, Answer, Request, Server
+from rig.bus.receivers import PRESENCES, Receiver, Watch
 from rig.bus.waiting import Inbox
 
 
