@@ -12,7 +12,6 @@ from rig.scenes.sections import controller_drives
 from rig.view import contact
 from rig.view.channels import Channels
 from rig.web.form import protocol
-from rig.web.picture import MovingPicture
 from rig.web.sound import audible
 
 
@@ -22,9 +21,12 @@ def description(
     assembly: Assembly,
     channels: Channels,
     contacts: Sequence[str],
-    picture: MovingPicture | None,
+    still: dict[str, Any] | None,
 ) -> dict[str, Any]:
-    """Everything that a page needs in order to read the frames of a run (`rig.web.frames`)."""
+    """Everything that a page needs in order to read the frames of a run (`rig.web.frames`).
+
+    `contacts`: their names; `still`: the picture without what moves (`rig.web.picture`).
+    """
     return {
         "run": setup.run,
         "scene": scene.name,
@@ -59,5 +61,5 @@ def description(
         "protocol": protocol(scene, assembly),
         "limits": scene.limits,
         "sound": audible(setup),
-        "picture": picture.still if picture is not None else None,
+        "picture": still,
     }

@@ -132,9 +132,13 @@ class Follower:
                 system = assembly.system()
                 sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
                 channels = Channels((scene, assembly), setup.outputs, sensors)
-                picture = MovingPicture.of(scene, assembly, system, channels.colours)
+                try:
+                    picture = MovingPicture.of(scene, assembly, system, channels.colours)
+                    still = None if picture is None else picture.still
+                except Exception:  # of a drawer that came with a plant of the user; the form has told it
+                    picture = still = None
                 frames = Frames(setup, system, picture)
-                self._news("setup", description(setup, scene, assembly, channels, Contacts(system).names, picture))
+                self._news("setup", description(setup, scene, assembly, channels, Contacts(system).names, still))
                 values = LiveValues(operator, scene, assembly.inputs)
                 session.announce()
                 self._operator = operator

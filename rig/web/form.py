@@ -54,11 +54,17 @@ def form(scene: Scene, duration: float | None = None) -> dict[str, Any]:
 
 
 def picture(scene: Scene, assembly: Assembly) -> dict[str, Any] | None:
-    """The picture of the rig before a run, with its frame in `at`; None for a plant without a picture."""
+    """The picture of the rig before a run, with its frame in `at`; None for a plant without a picture.
+
+    Of a drawer that fails, which a plant of the user may have, the entry `fault` says why.
+    """
     system = assembly.system()
     channels = Channels((scene, assembly), {name: one.unit for name, one in assembly.outputs.items()}, {})
-    found = MovingPicture.of(scene, assembly, system, channels.colours)
-    return None if found is None else {**found.still, "at": found.at_rest(assembly, system)}
+    try:
+        found = MovingPicture.of(scene, assembly, system, channels.colours)
+        return None if found is None else {**found.still, "at": found.at_rest(assembly, system)}
+    except Exception as fault:
+        return {"fault": f"{type(fault).__name__}: {fault}"}
 
 
 def warnings(scene: Scene, duration: float | None) -> list[str]:

@@ -85,7 +85,7 @@ class Frames:
         found: dict[str, Any] = {"n": self._number, "t": self._t_ns * 1e-9, "lost": lost}
         if self._states:
             if self._picture is not None:
-                found["picture"] = self._moved(self._picture)
+                self._move(found, self._picture)
             found["rows"] = self._rows()
         if self._blocks:
             found["meas"] = {name: self._samples(blocks) for name, blocks in self._blocks.items()}
@@ -101,14 +101,19 @@ class Frames:
             self._events = []
         return self._number, json.dumps(_finite(found))
 
-    def _moved(self, picture: MovingPicture) -> dict[str, Any]:
+    def _move(self, found: dict[str, Any], picture: MovingPicture) -> None:
         t_ns = np.array([state.t_ns for state in self._states], np.int64)
         modes = self._modes.indices(np.array([state.mode for state in self._states], np.int64))
         signals = {
             name: np.array([getattr(state, field) for state in self._states])
             for name, field in zip(self._setup.outputs, self._fields)
         }
-        return picture.frame(t_ns, signals, modes)
+        try:
+            found["picture"] = picture.frame(t_ns, signals, modes)
+        except Exception as fault:  # of a drawer that came with a plant of the user: the run is followed without it
+            self._picture = None
+            text = f"the picture cannot be drawn: {type(fault).__name__}: {fault}"
+            self._events.append({"t": t_ns[-1] * 1e-9, "source": "page", "kind": "warning", "text": text, "data": {}})
 
     def _rows(self) -> dict[str, Any]:
         states = list(self._states)

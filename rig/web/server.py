@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import uvicorn
+import websockets  # noqa: F401 (uvicorn imports it in the thread of the server, where a lack would go unseen)
 
 from rig.errors import UsageError
 from rig.process import told_to_stop

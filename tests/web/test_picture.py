@@ -10,6 +10,7 @@ from rig.bus import messages
 from rig.plants import PLANTS
 from rig.scenes.shipped import names
 from rig.view import contact
+from rig.view.belt import Belt
 from rig.view.channels import Channels
 from rig.web.form import picture
 from rig.web.frames import Frames
@@ -27,7 +28,7 @@ def frames_of(scene):
     assembly = scene.assemble()
     system, setup = assembly.system(), Setup(assembly, scene)
     channels = Channels((scene, assembly), setup.outputs, {})
-    frames = Frames(setup, system, scene.clock, MovingPicture.of(scene, assembly, system, channels.colours))
+    frames = Frames(setup, system, MovingPicture.of(scene, assembly, system, channels.colours))
 
     class Said:
         def __init__(self, t_ns, key, values):
@@ -94,3 +95,17 @@ def test_every_contact_has_its_own_mode():
 def test_contacts_are_named(name, told):
     found = contact.Contacts(rig.load(name).assemble().system()).names
     assert len(found) == 24 if told is None else found == told
+
+
+def test_a_drawer_that_fails_costs_the_picture_alone(monkeypatch):
+    def fails(*_):
+        raise KeyError("no_output")
+
+    scene = rig.load("belt")
+    _, _, tell = frames_of(scene)
+    monkeypatch.setattr(Belt, "_frames", fails)
+    found = tell(0)
+    assert "picture" not in found
+    assert [event["text"] for event in found["events"]] == ["the picture cannot be drawn: KeyError: 'no_output'"]
+    assert "events" not in tell(1_000_000)
+    assert picture(scene, scene.assemble()) == {"fault": "KeyError: 'no_output'"}

@@ -83,7 +83,7 @@ def test_a_server_that_is_killed_leaves_no_process_and_a_recording(serving):
     assert package.open(log).time.size
 
 
-@pytest.mark.parametrize("lacking", ["starlette", "uvicorn"])
+@pytest.mark.parametrize("lacking", ["starlette", "uvicorn", "websockets"])
 def test_without_its_packages_it_says_how_to_install_them(rig, monkeypatch, lacking):
     for name in [name for name in sys.modules if name.partition(".")[0] == lacking or name.startswith("rig.web")]:
         monkeypatch.delitem(sys.modules, name)

@@ -18,7 +18,7 @@ export function create(bench) {
     if (store.setup && (store.active || (chosen?.scene ?? store.setup.scene) === store.setup.scene)) return { run: true, solids: store.picture };
     if (chosen !== form) {
       form = chosen;
-      rest = form?.picture ? new Solids(form.picture) : null;
+      rest = form?.picture?.shapes ? new Solids(form.picture) : null;
       rest?.move(form.picture.at);
     }
     return { run: false, solids: rest };
@@ -38,7 +38,8 @@ export function create(bench) {
       } else if (run) {
         bars(sized(canvas, 230), store);
         text.textContent = "The plant of this scene declares no picture. Its outputs now, each as a share of the largest so far.";
-      } else text.textContent = "The plant of this scene declares no picture; its signals are shown when it runs.";
+      } else if (form.picture) text.textContent = `The picture of this plant cannot be drawn: ${form.picture.fault}`;
+      else text.textContent = "The plant of this scene declares no picture; its signals are shown when it runs.";
     },
   };
 }
