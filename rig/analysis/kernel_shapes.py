@@ -101,6 +101,10 @@ class Progress:
         self.spent: dict[Shape, float] = {}
         self._missing, self._workers, self._say = list(missing.items()), workers, say
 
+    def starts(self) -> None:
+        """Report that all shapes are being compiled, in several processes."""
+        self._say(f"compiling {len(self._missing)} kernel shapes in {self._workers} processes; {self._left()}")
+
     def begins(self, number: int) -> None:
         """Report that a shape is being compiled."""
         one, scene = self._missing[number]
@@ -164,6 +168,7 @@ def together(scenes_: list[Scene], workers: int, progress: Progress) -> None:
     """Compile for these scenes in several processes."""
     work = Compilations(tuple(scene.to_json() for scene in scenes_))
     told: set[int] = set()
+    progress.starts()
     with temporary(work) as store:
 
         def look(done: int, _: int) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,8 +13,6 @@ from rig.cli.outputs import refuse
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
-    from rig.analysis.map import Job
-    from rig.analysis.pool import Store
     from rig.scenes.scene import Scene
 
 XAxis = Annotated[
@@ -86,7 +82,7 @@ def map_(
     todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
     store = store_of(todo, out)
     refuse(store.folder, ("map.csv", "map.png"), force)
-    with _kept(store, todo), printing.bar("rows" if y else "parts") as progress:
+    with printing.kept(store, "parts", len(todo.units)), printing.bar("rows" if y else "parts") as progress:
         found = chart(todo, out, workers, progress)
     if as_json:
         printing.report(found.to_json())
@@ -95,17 +91,6 @@ def map_(
         printing.line(f"\n{store.folder}/map.png, map.csv")
     write_file(store.folder / "map.csv", found.csv().encode())
     draw(found, store.folder / "map.png")
-
-
-@contextmanager
-def _kept(store: Store, todo: Job) -> Iterator[None]:
-    """Print on Ctrl-C how many parts of the map are kept."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        printing.note(f"interrupted: {len(store.load())} of {len(todo.units)} parts are kept in {store.folder}; "
-                  "the same command continues from there")  # fmt: skip
-        raise
 
 
 def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, force: bool, as_json: bool) -> None:
@@ -120,7 +105,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
     todo = surveyed(scene, across, along)
     store = store_of(todo, out)
     refuse(store.folder, ("regions.csv", "regions.png"), force)
-    with _kept(store, todo), printing.bar("rows") as progress:
+    with printing.kept(store, "parts", len(todo.units)), printing.bar("rows") as progress:
         found, folder = survey(scene, across, along, out, workers, progress)
     if as_json:
         printing.report(found.to_json() | {"folder": str(folder)})

@@ -66,13 +66,8 @@ def optimise(
         return
     store = Store.of(work, at(out))
     refuse(store.folder, ("search.csv",), force)
-    try:
-        with printing.bar("points") as progress:
-            found = search(work, out, workers, progress, cluster)
-    except KeyboardInterrupt:
-        printing.note(f"interrupted: {len(store.load())} points are kept in {store.folder}; the same command continues "
-                  "from there")  # fmt: skip
-        raise
+    with printing.kept(store, "points"), printing.bar("points") as progress:
+        found = search(work, out, workers, progress, cluster)
     if as_json:
         printing.report(found.to_json())
     else:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rig.printable import printable
 
 if TYPE_CHECKING:
+    from rig.analysis.pool import Store
     from rig.scenes.scene import Scene
 
 PROGRESS_S = 5.0
@@ -140,6 +141,18 @@ def bar(what: str) -> Iterator[Callable[[int, int], object]]:
             bar.update(task, completed=done, rate=rate.text(done))
 
         yield show
+
+
+@contextlib.contextmanager
+def kept(store: Store, what: str, total: int = 0) -> Iterator[None]:
+    """Print on Ctrl-C how many results of a work are kept, of `total` if that is known; `what` they are."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        of = f" of {total}" if total else ""
+        note(f"interrupted: {len(store.load())}{of} {what} are kept in {store.folder}; the same command continues from "
+             "there")  # fmt: skip
+        raise
 
 
 class Rate:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +14,6 @@ from rig.cli.outputs import hold, named, refuse
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
-    from rig.analysis.pool import Store, Work
     from rig.scenes.scene import Scene
 
 What = Annotated[
@@ -113,7 +110,7 @@ def study(
         return
     store = Store.of(work, at(out))
     refuse(store.folder, ("study.csv",), force)
-    with kept(store, work), printing.bar("points") as progress:
+    with printing.kept(store, "points", work.total), printing.bar("points") as progress:
         found = carry_out(work, out, workers, progress, given.get("keep"), cluster)
     if as_json:
         printing.report(found.to_json())
@@ -181,17 +178,6 @@ def _target(context: typer.Context, to: Path | None) -> None:
         hold(context, "--to", to)
     elif to.exists():
         refuse(to.parent, (to.name,), bool(context.params.get("force")))
-
-
-@contextmanager
-def kept(store: Store, work: Work) -> Iterator[None]:
-    """Print on Ctrl-C how much of a work is kept."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        printing.note(f"interrupted: {len(store.load())} of {work.total} points are kept in {store.folder}; "
-                  "the same command continues from there")  # fmt: skip
-        raise
 
 
 COMMANDS = {

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import logging
 import queue
+import signal
 import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from types import TracebackType
 from typing import Any, Self
@@ -239,16 +240,30 @@ def _started(where: str, workers: int | None) -> Any:
     dask = needed("dask", "cluster")
     dask.config.set({"distributed.scheduler.allowed-failures": 1, "distributed.worker.memory.terminate": False})
     secure = dask.config.get("distributed.comm.require-encryption", None)
-    return distributed.LocalCluster(
-        n_workers=workers or cores(),
-        threads_per_worker=1,
-        host=LOOPBACK,
-        protocol="tls://" if secure else "tcp://",
-        security=distributed.Security(),
-        dashboard_address=None,
-        worker_dashboard_address=None,
-        silence_logs=logging.CRITICAL,
-    )
+    with _without_interrupts():
+        return distributed.LocalCluster(
+            n_workers=workers or cores(),
+            threads_per_worker=1,
+            host=LOOPBACK,
+            protocol="tls://" if secure else "tcp://",
+            security=distributed.Security(),
+            dashboard_address=None,
+            worker_dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+        )
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Processes that are started here ignore Ctrl-C, which reaches all processes of a terminal."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _identity() -> str:
