@@ -10,7 +10,7 @@ from typing import Any
 from rig.bench.experiment import Experiment
 from rig.controllers.blocks.base import Controller, Values
 from rig.controllers.runtime.body import Untranslatable
-from rig.controllers.runtime.loop import Loop
+from rig.controllers.runtime.loop import NOT_FINITE, Loop
 from rig.controllers.runtime.native import Native
 from rig.errors import ControllerLost
 
@@ -93,7 +93,10 @@ class ControllerInProcess:
         else:
             heard = tuple([self._latest(i) for i in self.columns])
         t_ns = tick * self._runner.frame_ns
+        first = not self.loop.refused
         self.given = self.loop.answer(t_ns, heard)
+        if first and self.loop.refused:
+            self._journal.note_at(tick, "not finite", NOT_FINITE.format(self.name), controller=self.name)
         if self._speaks:
             for text in self.loop.controller.take_messages():  # type: ignore[attr-defined]
                 self._journal.note_at(tick, "log", text, controller=self.name)

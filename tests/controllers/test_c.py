@@ -154,6 +154,16 @@ def test_a_crash_is_only_the_controllers(libraries, more, told, monkeypatch):
     same(simulate(faulty, {}, 200_000_000, Recorded(run.commands, run.events)), run)
 
 
+def test_an_answer_that_is_not_finite_is_reported_once_and_the_last_command_is_held(libraries):
+    run = simulate(
+        scene(libraries(more="if (t >= 50000000 && t < 60000000) out[0] = 0.0 / 0.0;")), duration_ns=100_000_000
+    )
+    (told,) = [event for event in run.events if event["kind"] == "not finite"]
+    assert told["t_ns"] == 50_000_000
+    assert told["text"] == "an answer of nf is not finite: it is not sent, and the controller starts again"
+    assert run.summary["controllers"]["nf"] == {"updates": 90, "held": 0, "refused": 10}
+
+
 def test_a_helper_that_is_killed_ends_its_controller_and_the_next_run_has_a_new_one(sound):
     one = made(sound)
     state = one.start()

@@ -5,6 +5,7 @@ One helper serves all controllers of a library in this process, since a library 
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import subprocess
@@ -29,6 +30,8 @@ class LibraryProcess:
 
     def __init__(self, binary: Binary) -> None:
         self._binary = binary
+        if os.name != "posix":
+            raise PartError(f"{binary}: a library is called through a helper process, which needs Linux or macOS")
         with binary.unpacked() as path:
             self._link, theirs = socket.socketpair()
             command = [sys.executable, "-I", "-S", c_library.__file__, str(path), str(theirs.fileno())]

@@ -14,6 +14,9 @@ from rig.controllers.blocks.base import Controller, State, Values, gets_every_sa
 from rig.errors import UsageError
 from rig.units import brief
 
+NOT_FINITE = "an answer of {} is not finite: it is not sent, and the controller starts again"
+"""What is reported the first time."""
+
 
 def _finite(values: Values) -> bool:
     return isfinite(sum(values)) or all(map(isfinite, values))  # the sum alone may overflow

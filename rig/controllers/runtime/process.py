@@ -27,7 +27,7 @@ from rig.bus import encode, run_setup
 from rig.bus.port import Session
 from rig.controllers.blocks.base import Controller, Samples
 from rig.controllers.runtime.file import load_file
-from rig.controllers.runtime.loop import Loop
+from rig.controllers.runtime.loop import NOT_FINITE, Loop
 from rig.controllers.runtime.service import Service
 from rig.errors import BusError, RigError, UsageError
 from rig.parts import foreign_fault, trust_scene
@@ -109,9 +109,11 @@ class Worker(Service):
             values = (
                 self._new_samples(step) if self.loop.every_sample else tuple([step.values[i] for i in self.columns])
             )
-            first, begin = self.loop.held == 0, time.perf_counter_ns()
+            first, finite, begin = self.loop.held == 0, not self.loop.refused, time.perf_counter_ns()
             self.answered = encode.act(step.tick, step.t_ns, self.loop.answer(step.t_ns, values))
             self.act.put(self.answered, step.t_ns)
+            if finite and self.loop.refused:
+                self.publish("not finite", NOT_FINITE.format(self.session.name), {})
             if self._speaks:
                 for text in self.loop.controller.take_messages():  # type: ignore[attr-defined]
                     self.publish("log", text, {})
