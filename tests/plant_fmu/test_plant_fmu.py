@@ -192,21 +192,6 @@ def test_steps_that_the_rig_cannot_make_are_errors_that_say_why(plant):
     plant.unit.doStep(0.0, 0.001)
 
 
-def test_a_killed_child_is_an_error_and_leaves_no_process(path, tmp_path, plant):
-    before = children()
-    other = Importer(path, tmp_path, timeout=120.0)
-    (pid,) = children() - before
-    assert os.getsid(pid) == pid  # Ctrl-C in a terminal reaches only the importing program
-    os.kill(pid, signal.SIGKILL)
-    with pytest.raises(FMICallException):
-        other.unit.doStep(0.0, 1e-3)
-    assert "was ended by signal 9 in the step from t = 0 s" in other.said[-1]
-    with pytest.raises(FMICallException):
-        other.unit.doStep(0.0, 1e-3)
-    assert children() == before
-    other.unit.freeInstance()
-
-
 def fake(folder, path, fault):
     """A child that answers once, and then does `fault`."""
     description = read_model_description(str(path))
@@ -216,6 +201,22 @@ def fake(folder, path, fault):
     script.write_text(text)
     script.chmod(0o755)
     return str(script)
+
+
+def test_a_killed_child_is_an_error_and_leaves_no_process(path, tmp_path):
+    before = children()
+    plant = Importer(path, tmp_path / "unit", python=fake(tmp_path, path, "time.sleep(60)"))
+    (pid,) = children() - before
+    assert os.getsid(pid) == pid  # Ctrl-C in a terminal reaches only the importing program
+    os.kill(pid, signal.SIGKILL)
+    with pytest.raises(FMICallException):
+        plant.unit.doStep(0.0, 1e-3)
+    assert "was ended by signal 9 in the step from t = 0 s" in plant.said[-1]
+    with pytest.raises(FMICallException):
+        plant.unit.doStep(0.0, 1e-3)
+    assert plant.said[-1] == "the rig is not running"
+    assert children() == before
+    plant.unit.freeInstance()
 
 
 @pytest.mark.parametrize(
