@@ -41,7 +41,7 @@ SPEED_BAND = 0.1  # bandwidth of the filter of a measured belt speed, which cont
 class Dither(ControllerSection):
     """Parameters; amplitudes and the belt `speed` are velocities at the contact [m/s] for every kind of generator."""
 
-    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "speed_sensor"}
+    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"speed_sensor"}
 
     kind: Literal["dither"]
     sensor: str

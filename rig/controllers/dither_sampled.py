@@ -10,7 +10,7 @@ errors: see `dither`.
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import model_validator
 
@@ -22,8 +22,6 @@ from rig.quantities import Hertz, MetrePerSecond, PositiveMetrePerSecond, Second
 
 class SampledDither(ControllerSection):
     """Parameters; `nominal` is the belt speed v0 at the contact, by default that of the scene."""
-
-    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"drive"}
 
     kind: Literal["dither_sampled"]
     amplitude: Speed

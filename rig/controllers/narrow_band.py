@@ -40,7 +40,7 @@ class NarrowBand(ControllerSection):
     """
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {
-        "sensor", "drive", "frequency", "bandwidth", "effort", "disturbance", "noise",
+        "frequency", "bandwidth", "effort", "disturbance", "noise",
     }  # fmt: skip
 
     kind: Literal["narrow_band"]

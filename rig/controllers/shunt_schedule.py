@@ -5,7 +5,7 @@ Source: Kroeger, Neubauer, Popp (2008), figure 29: the shunt of a squealing brak
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 from rig.controllers.blocks.base import ControllerSection, Numbers, Values
 from rig.quantities import PositiveSecond, Second
@@ -13,8 +13,6 @@ from rig.quantities import PositiveSecond, Second
 
 class ShuntSchedule(ControllerSection):
     """Parameters: from `begin` [s] on, alternately connected for `connected_for` [s] and open for `open_for` [s]."""
-
-    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"drive"}
 
     kind: Literal["shunt_schedule"]
     begin: Second = 0.0

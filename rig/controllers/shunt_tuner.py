@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from rig.controllers.blocks.base import ControllerSection, Fraction, Numbers, Samples, Values
 from rig.controllers.blocks.design import Rig, sampling_numbers
@@ -23,8 +23,6 @@ from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveNumber, Positi
 
 class ShuntTuner(ControllerSection):
     """Parameters; `ratio`: L over the inductance that resonates at the tracked frequency."""
-
-    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "drive"}
 
     kind: Literal["shunt_tuner"]
     sensor: str

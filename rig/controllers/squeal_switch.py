@@ -9,7 +9,7 @@ Source: Kroeger, Neubauer, Popp (2008), section 4, where the shunt is switched m
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalSecond, Samples, Values
 from rig.controllers.blocks.design import Rig, sampling_numbers
@@ -20,8 +20,6 @@ from rig.quantities import Hertz, PositiveMetrePerSecond, Second
 
 class SquealSwitch(ControllerSection):
     """Parameters; `threshold`: amplitude of the pad's velocity [m/s]."""
-
-    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "drive"}
 
     kind: Literal["squeal_switch"]
     sensor: str

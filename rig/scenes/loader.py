@@ -168,6 +168,7 @@ class _Reading:
             return "", None
         if not isinstance(plant, str) or plant not in PLANTS:
             self._fault("plant", _unknown_part("plant", plant, PLANTS))
+            self._effects(Section)
             return str(plant), None
         try:
             model = PLANTS[plant].Parameters

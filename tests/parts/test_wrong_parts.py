@@ -11,8 +11,10 @@ from pathlib import Path
 import pytest
 
 import rig as lab
+from rig import controllers, design
 from rig.bench.job import Job
 from rig.bench.rehearsal import visited
+from rig.controllers.blocks.base import retune, tunable
 from rig.errors import PartError, SceneError, UsageError
 
 TOYS = Path(__file__).parent / "two_masses"
@@ -334,6 +336,14 @@ def test_the_effect_twice_is_refused(toys):
     """Its states have fixed names, so a rig has room for one."""
     with pytest.raises(SceneError, match=r"eddy\.py: .*the rig has a state 'eddy' already"):
         lab.load(changed(toys, "scene.toml", "[sensors.v]", '[eddy2]\neffect = "eddy.py"\n[sensors.v]'))
+
+
+def test_a_run_can_change_numbers_of_a_controller_but_not_what_it_reads_and_drives(toys):
+    scene = lab.load(toys / "scene.toml")
+    lead = controllers.build(scene.controllers["lead"], design.numbers(scene)["lead"])
+    assert tunable(lead) == {"gain": "N*s/m", "pole": "1"}
+    with pytest.raises(UsageError, match="sensor: is fixed while the rig runs"):
+        retune(lead, {"sensor": "coil"})
 
 
 def test_a_controller_on_its_own_is_checked_alike(toys):

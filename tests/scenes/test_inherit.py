@@ -198,6 +198,10 @@ def test_faults_of_values_that_are_no_more_have_a_line(write, text, told):
             '"load.force": a name in quotes is one key; write load.force without quotes (mine.toml, line 2)',
         ),
         (
+            'plant = "nothing"\n[oil]\neffect = "oil"',
+            'oil.effect = "oil": unknown; expected a file (./NAME.py); installed: none (mine.toml, line 3)',
+        ),
+        (
             'plant = "./no.py"\n[oil]\neffect = "./oil.py"',
             "oil.effect: {folder}/oil.py: there is no such file (mine.toml, line 3)",
         ),

@@ -73,10 +73,11 @@ ForcePerSpeed = quantity("N*s/m")
 class ControllerSection(Section):
     """The keys of every controller of a scene: period, additional delay of its loop, process in which it works.
 
+    `fixed`: keys that a run cannot change, among them the names of a sensor and an actuator that most sections have.
     where     process in a live run: "process" (its own, over the bus) or "plant" (the process of the plant) [chosen]
     """
 
-    fixed: ClassVar[frozenset[str]] = frozenset({"kind", "period", "delay", "where"})
+    fixed: ClassVar[frozenset[str]] = frozenset({"kind", "period", "delay", "where", "sensor", "drive"})
     files: ClassVar[tuple[str, ...]] = ()
     """Suffixes of files that this kind reads, if the key `file` names one."""
 

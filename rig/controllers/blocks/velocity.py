@@ -29,7 +29,7 @@ GAP = 1000  # longest gap that an observer bridges [periods]; after a longer one
 class VelocitySection(ControllerSection):
     """Parameters of the velocity path of a feedback controller."""
 
-    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "velocity", "unknown_force", "drive"}
+    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"velocity", "unknown_force"}
 
     sensor: str
     velocity: Literal["measured", "observed"] = "measured"
