@@ -99,6 +99,13 @@ def golden():
     return run, Page(page(run, GOLDEN))
 
 
+@pytest.fixture
+def unreadable_figures(_figures):
+    """Texts of this test fit into no figure."""
+    yield
+    _figures.clear()
+
+
 def hostile():
     """A run in which everybody wrote what is no text."""
     time = np.arange(500) * 1e-3
@@ -214,6 +221,7 @@ def test_lost_contact_states_are_not_counted(golden):
     assert whole[3:7] == part[3:7] == ["100.0%", "0.0%", "0.0%", "0.0%"]
 
 
+@pytest.mark.usefixtures("unreadable_figures")
 def test_what_others_wrote_is_text(tmp_path):
     log = tmp_path / "run.mcap"
     save(laboratory.simulate("belt", 0.02), log)
@@ -330,6 +338,7 @@ def test_the_command_writes_the_page_beside_the_recording(rig, tmp_path):
     assert (tmp_path / "mine.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
+@pytest.mark.usefixtures("unreadable_figures")
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine: the page is not opened in a browser")
 def test_a_browser_shows_the_page_and_runs_nothing_of_it(tmp_path):
     path = tmp_path / "hostile.html"
