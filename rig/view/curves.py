@@ -157,14 +157,19 @@ def phases(axes: Axes, run: Run) -> None:
             color="#333333",
             clip_on=True,
         )
-    marks = timeline.marks(run)
+    marks, taken = timeline.marks(run), 0.0
+    letters *= 0.75  # larger ones, and no mark is cut off at the edge
     for mark, after in zip(marks, [m.time for m in marks[1:]] + [end]):
         axes.plot([mark.time, mark.time], [0.0, 1.9], color="#777777", lw=0.8, ls=(0, (4, 3)), clip_on=False)
-        room = letters * (max(after - mark.time, end * 0.12 if after == end else 0.0)) - 1
+        room, before = letters * (after - mark.time) - 1, letters * (mark.time - taken) - 1
+        left = mark is marks[-1] and room < min(len(mark.text), before)  # near the end of the run
+        text = _fitting(mark.text, before if left else room)
+        taken = mark.time + (0.0 if left else (len(text) + 1) / letters)
         axes.text(
-            mark.time + 0.004 * end,
+            mark.time + (-0.004 if left else 0.004) * end,
             1.45,
-            _fitting(mark.text, room),
+            text,
+            ha="right" if left else "left",
             va="center",
             fontsize=9.5,
             color="#111111",
