@@ -41,7 +41,7 @@ from rig.solve.frames import Surroundings
 
 Array = NDArray[np.float64]
 ROWS = 1 << 15
-"""Steps that a motion keeps for `truth` before they are handed over."""
+"""Most steps that a motion keeps: for `truth` before they are handed over, and in one call."""
 
 
 class PlantRunner:
@@ -193,8 +193,8 @@ class PlantRunner:
     def _carry(self, most: int) -> bool:
         """Advance the motion by up to `most` frames; see `Motion.advance`."""
         motion, truth = self.motion, self.truth
-        if truth is None:
-            return motion.advance(most * self.steps)
+        if truth is None:  # a longer call would only need more memory
+            return motion.advance(min(most, max(ROWS // self.steps, 1)) * self.steps)
         if motion.kept + self.steps > ROWS:
             self.hand_over(truth)
         room = (ROWS - motion.kept) // self.steps

@@ -26,7 +26,7 @@ from rig.bench.restartable import RestartableRig
 from rig.bench.simulate import carry_on
 from rig.errors import RigError, UsageError
 from rig.parts import trust_scene
-from rig.process import as_process
+from rig.process import as_process, with_parent
 from rig.quantities import LONGEST
 from rig.scenes.scene import Scene
 
@@ -115,6 +115,7 @@ def serve(link: socket.socket, scene: str, drives: Sequence[str], results: int) 
 
 def main() -> int:
     """`python -m rig.plant_fmu.child SCENE.json`, with the socket as descriptor 3."""
+    with_parent(lambda: os._exit(1))  # a step may take longer than the importing program lives
     os.closerange(LINK + 1, 1024)  # what the importing program has left open
     path = Path(sys.argv[1])
     drives = json.loads(path.with_name("interface.json").read_text())
