@@ -243,9 +243,12 @@ class Loop:
             yield f"  its own gain, {self.gain:g}{unit}, {'has the wrong sign' if wrong else 'lies outside'}"
 
 
-def loop(scene: Scene, name: str) -> Loop:
+def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Loop:
     """Linearise the loop of controller `name` of `scene` about the equilibrium at the scene's own values; the others
     stay open.
+
+    `more_ns`: delay in addition to that of the scene [ns]; `newer`: see `rig.design.sampled.sampled`. Impaired links
+    are left out.
 
     Raises SceneError for an unknown controller, for one that is not a linear feedback, and for a rig without steady
     sliding.
@@ -270,7 +273,7 @@ def loop(scene: Scene, name: str) -> Loop:
         sensor = scene.sensors[reads]
         end = sensor.front_end()
         rig = plant(scene)
-        model = sampled(rig, feedback, sensor.reads, end, section.delay)
+        model = sampled(rig, feedback, sensor.reads, end, section.delay + more_ns, newer)
     except PartError as fault:
         raise SceneError(scene.name, [f"controllers.{name}: {fault}"]) from None
     except ValueError as fault:
@@ -281,7 +284,7 @@ def loop(scene: Scene, name: str) -> Loop:
         through=f"{reads} to {drives}",
         gain=own,
         unit="" if unit == "1" else unit,
-        delay=(end.delay_ns + section.delay) * 1e-9,
+        delay=(end.delay_ns + section.delay + more_ns) * 1e-9,
         model=model,
         energy=rig.energy,
         others=tuple(other for other in scene.controllers if other != name),

@@ -21,6 +21,7 @@ from rig.cli import (
     library,
     live,
     logs,
+    loop,
     maps,
     optimise,
     printing,
@@ -54,6 +55,7 @@ PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
     "Learn": lesson.COMMANDS,
     "Analyse a rig": {
         **analysis.COMMANDS,
+        **loop.COMMANDS,
         **maps.COMMANDS,
         **study.COMMANDS,
         **optimise.COMMANDS,

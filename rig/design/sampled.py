@@ -50,9 +50,13 @@ class Sampled:
         return self.F + gain * np.outer(self.G, self.H)
 
 
-def sampled(plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_ns: int) -> Sampled:
+def sampled(
+    plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_ns: int, newer: int | None = 0
+) -> Sampled:
     """Discretise the loop of `feedback` through its drive and the front end of its sensor on output `reads`.
 
+    `newer`: which command takes effect, counted in periods from the one whose delay is over; None: none does, and the
+    actuator holds the one before.
     Raises ValueError if neither the period of the sensor nor that of the controller is a multiple of the other, and for
     a sensor with echoes.
     """
@@ -72,7 +76,7 @@ def sampled(plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_n
             f"period: {own / 1e6:g} ms and the {between / 1e6:g} ms between samples are not multiples of each other, "
             f"so that the loop has no common period. It has one if the sensor samples at {near}"
         )
-    return _Period(plant, feedback, plant.outputs.index(reads), end, delay_ns, period).sampled()
+    return _Period(plant, feedback, plant.outputs.index(reads), end, delay_ns, period, newer).sampled()
 
 
 def _near(own: int, between: float) -> list[float]:
@@ -85,8 +89,17 @@ def _near(own: int, between: float) -> list[float]:
 class _Period:
     """One period of the loop, instant by instant. Every quantity is a row over [z at the beginning, y']."""
 
-    def __init__(self, plant: Plant, feedback: Feedback, reads: int, end: FrontEnd, delay_ns: int, period: int) -> None:
-        self.end, self.period, self.own = end, period, len(plant.states)
+    def __init__(
+        self,
+        plant: Plant,
+        feedback: Feedback,
+        reads: int,
+        end: FrontEnd,
+        delay_ns: int,
+        period: int,
+        newer: int | None,
+    ) -> None:
+        self.end, self.period, self.own, self.newer = end, period, len(plant.states), newer
         drive = plant.inputs.index(feedback.drives[0])
         self.A, self.B, self.reading = _with_front_end(plant, drive, reads, end)
         self.controller = arithmetic(feedback)
@@ -152,7 +165,8 @@ class _Period:
         self.rows[self.xi] = A @ xi + np.outer(b, self.outside)
 
     def _command(self, k: int, wait: int) -> None:
-        self.rows[self.u] = self.rows[self.queues[k]][0] if wait else self.answers[k]
+        if self.newer is not None:
+            self.rows[self.u] = self.rows[self.queues[k]][self.newer] if wait > self.newer else self.answers[k]
 
     def _reset(self) -> None:
         self.rows[len(self.A) - 1] = 0.0

@@ -1,0 +1,151 @@
+"""Control loops over poor links: jump linear systems against constant delays, random links and simulations."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rig
+from rig.analysis import jump_loop, loop_check, loop_report
+from rig.analysis.control_loop import loop
+from rig.analysis.jump_loop import ages, jump_growth, latencies, mean_age
+from rig.analysis.loop_figure import draw
+from rig.analysis.loop_report import report
+from rig.bus.impaired_link import HeardSensor
+from rig.cli.app import program
+from rig.errors import SceneError
+from rig.scenes.network import Link, Network
+
+MS = 1_000_000
+
+
+def link(**values):
+    return Link().model_copy(update=values)
+
+
+links = st.builds(
+    lambda delay, share, loss, reorder: link(delay=delay, jitter=int(share * delay), loss=loss, reorder=reorder),
+    st.integers(0, 12 * MS),
+    st.floats(0.0, 1.0),
+    st.floats(0.0, 0.9),
+    st.booleans(),
+)
+
+
+@pytest.fixture(scope="module")
+def belt():
+    return rig.load("belt_normal_force")
+
+
+@given(links)
+def test_probabilities_add_up(one):
+    least, most = one.ticks(MS)
+    assert sum(latencies(one, MS).values()) == pytest.approx(1.0)
+    assert min(latencies(one, MS)) == least
+    found = ages(one, MS)
+    assert sum(p for _, p in found) == pytest.approx(1.0)
+    assert all(age is None or least <= age <= most for age, _ in found)
+
+
+@pytest.mark.parametrize("reorder", [False, True])
+def test_ages_are_those_of_a_link(reorder):
+    one, count = link(delay=4 * MS, jitter=3 * MS, reorder=reorder), 30_000
+    heard, seen = HeardSensor(one.made("meas/v", 1, MS)), np.zeros(20)
+    for tick in range(count):
+        heard.tick(tick, [float(tick)])
+        if tick > 20 and not reorder:
+            seen[int(tick - heard.latest)] += 1
+    expected = dict(ages(one, MS))
+    if reorder:
+        arriving = {age: p for age, p in expected.items() if age is not None}
+        assert sum(arriving.values()) + expected[None] == pytest.approx(1.0)
+        assert mean_age(one, MS) < mean_age(link(delay=4 * MS, jitter=3 * MS), MS)
+    else:
+        assert seen[1:8] / seen.sum() == pytest.approx([expected.get(age, 0.0) for age in range(1, 8)], abs=0.015)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 25), st.integers(0, 25))
+def test_constant_delays_are_those_of_the_loop(belt, heard, commanded):
+    found = jump_growth(belt, "nf", link(delay=heard * MS), link(delay=commanded * MS))
+    assert found.mean_square == pytest.approx(loop(belt, "nf", (heard + commanded) * MS).growth, rel=1e-6)
+    assert found.mean == pytest.approx(found.mean_square, rel=1e-6)
+
+
+def test_a_held_command_is_a_held_measurement_for_a_controller_without_memory(belt):
+    lossy = link(loss=0.6)
+    one, other = jump_growth(belt, "nf", lossy, Link()), jump_growth(belt, "nf", Link(), lossy)
+    assert one.mean_square == pytest.approx(other.mean_square, rel=1e-8)
+    assert one.mean_square > one.mean  # Jensen
+
+
+def test_the_operator_has_the_eigenvalue_of_its_matrix(belt, monkeypatch):
+    about = link(delay=3 * MS, jitter=2 * MS, loss=0.3), link(loss=0.2)
+    monkeypatch.setattr(jump_loop, "_DENSE", 12)
+    found = jump_growth(belt, "nf", *about).mean_square
+    monkeypatch.setattr(jump_loop, "_DENSE", 0)
+    assert jump_growth(belt, "nf", *about).mean_square == pytest.approx(found, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("about", "runs", "error"),
+    [({"delay": 12 * MS}, 1, 1e-3), ({"delay": 20 * MS, "jitter": 8 * MS, "loss": 0.3}, 4, 0.05)],
+)
+def test_computed_decay_is_that_of_simulations(belt, monkeypatch, about, runs, error):
+    monkeypatch.setattr(loop_check, "RUNS", runs)
+    one = link(**about)
+    computed = jump_growth(belt, "nf", one, Link())
+    network = Network(meas={"vibrometer": one})
+    found = loop_check.simulated(belt, "nf", network, computed.mean_square, computed.hertz)
+    assert found.growth == pytest.approx(computed.mean_square, rel=error)
+
+
+def test_the_report_of_a_scene_with_links(monkeypatch, tmp_path):
+    monkeypatch.setattr(loop_check, "RUNS", 2)
+    monkeypatch.setattr(loop_report, "POINTS", 3)
+    about = {"load.lag": "5 ms", "network.meas.vibrometer.delay": "6 ms", "network.meas.vibrometer.jitter": "2 ms"}
+    scene = rig.load("belt_poor_network", about)
+    found = report(scene, "nf", bus=0.4e-3)
+    items = {one.part: one for one in found.items}
+    assert items["link meas/vibrometer"].seconds == pytest.approx(mean_age(scene.network.meas["vibrometer"], MS) * 1e-3)
+    omega = abs(found.found.spectrum.rates[0].imag)
+    assert items["lag of load.force"].seconds == pytest.approx(math.atan(omega * 5e-3) / omega)
+    assert items["lag of load.force"].origin == "load.lag (user)"
+    assert items["bus of a paced run"].origin == "0.4 ms, measured: 1 frame"
+    assert [curve.key for curve in found.curves] == ["delay", "jitter", "loss"]
+    assert found.computed == found.growth  # the scene's own links are the point that is simulated
+    assert found.error < 0.1
+    text = found.text()
+    assert f"relative error {found.error:.2g}" in text
+    assert "delay margin" in text
+    assert found.to_json()["check"]["relative_error"] == found.error
+    draw(found, tmp_path / "loop.png")
+    assert (tmp_path / "loop.png").stat().st_size > 20_000
+
+
+def test_a_loop_of_a_longer_period_has_the_longest_delay(monkeypatch):
+    monkeypatch.setattr(loop_report, "POINTS", 3)
+    monkeypatch.setattr(loop_check, "RUNS", 1)
+    found = report(rig.load("belt_normal_force", {"controllers.nf.period": "5 ms"}), "nf")
+    assert [curve.key for curve in found.curves] == ["delay", "jitter"]
+    assert "longest constant delay" in found.notes[-1]
+    assert found.checked is not None
+    assert found.error < 0.01
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["belt"], "name the controller of the loop with --controller; there are: none"),
+        (["belt_normal_force", "--controller", "fn"], "controller fn: unknown; known: nf"),
+        (["belt_dither_sampled"], "is no linear feedback"),
+        (["belt_normal_force", "--net", "act/nf: loss 100 %"], "loses every message"),
+        (["belt_normal_force", "--net", "act/nf: los 1 %"], "column 9: los: unknown; did you mean loss?"),
+    ],
+)
+def test_what_has_no_loop_is_refused(arguments, told):
+    with pytest.raises((SceneError, rig.errors.UsageError)) as caught:
+        program(["loop", *arguments], standalone_mode=False)
+    assert told in str(caught.value)
