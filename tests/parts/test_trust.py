@@ -7,6 +7,7 @@ from hashlib import sha256
 import pytest
 
 import rig as lab
+from rig.analysis.recorded.comparison import compare
 from rig.analysis.recorded.series import drive, vibration
 from rig.errors import PartError, SceneError, Untrusted
 from rig.record.save_run import save
@@ -69,6 +70,19 @@ def test_data_are_analysed_without(rig, log):
     code, out, err = rig("spectrum", log, "--signal", "geophone")
     assert code == 0, err
     assert "geophone" in out
+
+
+def test_recordings_whose_parts_have_another_source_differ_in_it(log, folder):
+    """Here in a comment, so that no value and no sample differs; no code runs for it."""
+    with (folder / "example_plant.py").open("a") as file:
+        file.write("# another edition\n")
+    other = folder / "other.mcap"
+    lab.simulate(lab.load(folder / "scene.toml"), 0.3).save(other)
+    found = compare(lab.open(log), lab.open(other))
+    [value] = found.values
+    assert value.key == "source of example_plant.py"
+    assert value.first != value.second
+    assert found.signals.identical
 
 
 def test_source_that_does_not_have_its_hash_is_refused(rig, log, tmp_path):

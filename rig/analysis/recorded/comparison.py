@@ -200,7 +200,7 @@ def _values(first: Run, second: Run) -> Iterator[Value]:
 
 
 def _flat(run: Run) -> dict[str, str]:
-    """Dotted key -> value as text, of a recorded scene; empty if it is lost."""
+    """Dotted key -> value as text, of a recorded scene, and the hash of each part from a file; empty if it is lost."""
     found: dict[str, str] = {}
 
     def walk(value: Any, key: str) -> None:
@@ -217,7 +217,12 @@ def _flat(run: Run) -> dict[str, str]:
             found[key] = f"{value:.9g}" if isinstance(value, float) else str(value)
 
     with suppress(ValueError):
-        walk(json.loads(run.scene), "")
+        raw = json.loads(run.scene)
+        walk(raw, "")
+        listed = raw.get("parts") if isinstance(raw, dict) else None
+        for part in listed if isinstance(listed, list) else ():
+            if isinstance(part, dict):
+                found[f"source of {part.get('name')}"] = f"SHA-256 {part.get('sha256')!s:.12}..."
     return found
 
 
