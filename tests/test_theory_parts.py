@@ -1,0 +1,161 @@
+"""Closed forms of docs/theory for shunt, dither, instruments, controllers and the certificate of a quiet tick,
+evaluated against the program.
+"""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.linalg import expm
+from scipy.special import i0
+
+import rig
+from rig.analysis.averaged import mean_friction
+from rig.analysis.control_loop import loop
+from rig.controllers.blocks.resonator import Resonator
+from rig.model.mode_sets import _bounds
+from rig.papers.kroeger_shunt import _CPS, _E, _KAPPA, _SWING, shaken, stack, transfer
+from rig.qualify.cost.delay import IDEAL, _with
+from rig.sensors.chain import filters
+from rig.sensors.chain.front_end import FrontEnd, deviation
+from rig.sensors.chain.instants import Instants
+from rig.sensors.microphone import Microphone
+
+
+def response(modal, hertz):
+    """H(i omega) of a filter."""
+    return FrontEnd(Instants.of(1e6), 0, *modal).response(2j * math.pi * hertz)
+
+
+@pytest.mark.parametrize("delta", [0.0, -0.5, -0.9])
+@pytest.mark.parametrize("R", [25.0, 100.0])
+def test_a_shunt_in_tune_turns_the_force_by_a_right_angle_and_dissipates_what_the_page_says(R, delta):
+    """eq-shunt-stiffness, eq-shunt-resonance: at resonance the imaginary part is 1 / rho for every delta."""
+    scene = stack(R, delta)
+    coil = scene.parameters.shunt.inductance
+    resonance = math.sqrt((1.0 + delta) / (_CPS * coil))
+    rho = R * _CPS * resonance
+    [G] = transfer(scene, np.array([resonance / (2.0 * math.pi)]))
+    s = 1j * resonance
+    Z = R + s * coil + delta / (s * _CPS)
+    assert pytest.approx(Z / (Z + 1.0 / (s * _CPS)), rel=1e-9) == G
+    assert G.imag == pytest.approx(1.0 / rho, rel=1e-9)
+
+
+def test_the_heat_of_a_shunt_in_tune_in_time():
+    """pi x^2 kappa / rho per cycle, from a simulated vibration of 1 um."""
+    R, delta, hertz = 100.0, -0.5, 3400.0
+    rho = R * _CPS * 2.0 * math.pi * hertz
+    assert pytest.approx(_E**2 / _CPS) == _KAPPA
+    assert shaken(R, delta, hertz)[1] == pytest.approx(math.pi * _SWING**2 * _KAPPA / rho, rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.9, 1.1, 3.0])
+def test_the_mean_force_under_dither_is_the_integral_of_the_page(share):
+    """eq-averaged, by quadrature."""
+    law, w, a = rig.load("belt").assemble().system().patches[0].law, 0.06, 0.06 * share
+
+    def force(theta):
+        slip = w + a * math.cos(theta)
+        return law.mu(abs(slip)) * math.copysign(1.0, slip)
+
+    turns = [math.acos(-w / a)] if a > w else []
+    expected = quad(force, 0.0, math.pi, points=turns or None, epsabs=1e-12)[0] / math.pi
+    assert mean_friction(law, w, 1.0, complex(a))[0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(("w", "expected"), [(0.03, 2.0 / math.pi * math.asin(0.5)), (0.07, 1.0), (-0.03, -1.0 / 3.0)])
+def test_the_mean_of_coulomb_friction_under_dither(w, expected):
+    """eq-arcsine, for a = 0.06 m/s."""
+    law = rig.load("belt_c").assemble().system().patches[0].law
+    assert mean_friction(law, w, 20.0, complex(0.06))[0] == pytest.approx(20.0 * law.mu(0.1) * expected, rel=1e-9)
+
+
+def test_dither_below_the_belt_speed_raises_an_exponential_law_by_a_bessel_function():
+    """The solution of the lesson on dither: the mean of exp(-w / c) is I0(a / c) exp(-w / c)."""
+    p = rig.load("belt").parameters.friction
+    law, w, a, c = p.friction(), 0.06, 0.03, p.speed_scale
+    mean = p.mu_dynamic + (p.mu_static - p.mu_dynamic) * math.exp(-w / c) * i0(a / c)
+    assert mean_friction(law, w, 1.0, complex(a))[0] == pytest.approx(mean, rel=1e-9)
+
+
+def test_corner_and_delay_of_the_bessel_filter():
+    """Table of filters: -3 dB at the corner, delay 0.279 / f_c, H = 15 / (p^3 + 6 p^2 + 15 p + 15)."""
+    corner = 1000.0
+    modal = filters.bessel(corner)
+    assert abs(response(modal, corner)) == pytest.approx(math.sqrt(0.5), rel=1e-9)
+    assert -cmath.phase(response(modal, 1.0)) / (2.0 * math.pi) == pytest.approx(0.279 / corner, rel=2e-3)
+    for hertz in (100.0, 700.0, 3000.0):
+        p = 1.7557j * hertz / corner
+        assert response(modal, hertz) == pytest.approx(15.0 / (p**3 + 6.0 * p**2 + 15.0 * p + 15.0), rel=1e-4)
+
+
+@pytest.mark.parametrize("hertz", [3.0, 200.0, 900.0, 5000.0])
+def test_the_other_filters_of_the_table(hertz):
+    w, corner, high, Q = 2.0 * math.pi * hertz, 2.0 * math.pi * 1000.0, 2.0 * math.pi * 2.0, 0.8
+    s = 1j * w
+    low = corner**2 / (s**2 + corner * s / Q + corner**2)
+    assert response(filters.first_order(1000.0), hertz) == pytest.approx(corner / (s + corner), rel=1e-9)
+    assert response(filters.second_order(1000.0, Q), hertz) == pytest.approx(low, rel=1e-9)
+    assert response(filters.resonance(1000.0, Q, 2.0), hertz) == pytest.approx(s / (s + high) * low, rel=1e-9)
+
+
+def test_noise_of_a_density_up_to_half_the_rate():
+    """eq-noise-density: the variance is the density squared times the band."""
+    density, rate = 3e-5, 10e3
+    assert deviation(density, rate) ** 2 == pytest.approx(density**2 * rate / 2.0, rel=1e-12)
+
+
+def test_echoes_of_the_microphone():
+    """eq-echoes: each path has the share rho d / l and comes (l - d) / c later."""
+    section = Microphone(kind="microphone", reads="velocity")
+    d, rho, c = section.distance, section.reflection, section.sound_speed
+    shares, later = zip(*section.flawed().echoes)
+    assert shares == pytest.approx([rho * d / path for path in section.paths], rel=1e-9)
+    assert later == pytest.approx([(path - d) / c for path in section.paths], abs=0.5 / section.rate)
+
+
+@pytest.mark.parametrize("gain", [50.0, 200.0])
+def test_damping_of_normal_force_feedback(gain):
+    """eq-normal-force-damping: without delay and lag, growth is -d_eff / 2 m."""
+    scene = rig.load("belt_normal_force", {"controllers.nf.gain": gain})
+    p = scene.parameters
+    law = p.friction.friction()
+    v = p.drive.speed
+    damping = p.body.damping + p.load.force * law.slope(v) + law.mu(v) * gain
+    found = loop(_with(scene, "nf", IDEAL, 0), "nf").growth
+    assert found == pytest.approx(-damping / (2.0 * p.body.mass), rel=0.02)
+
+
+def test_a_narrow_band_settles_on_amplitude_and_phase():
+    """eq-resonator."""
+    centre, band, period, a, phase = 100.0, 2.0, 1e-3, 0.7, 0.4
+    one = Resonator(centre, band, period)
+    times = period * np.arange(4001)
+    z, _, _ = one.run(0j, (a * np.cos(2.0 * math.pi * centre * times + phase)).tolist())
+    assert z == pytest.approx(a * cmath.exp(1j * (2.0 * math.pi * centre * times[-1] + phase)), abs=a * band / centre)
+
+
+@pytest.mark.parametrize("step", [1e-4, 1e-3])
+@pytest.mark.parametrize("name", ["belt_c", "two_dof", "pin", "belt_shunt"])
+def test_no_guard_leaves_the_bound_of_its_chord(name, step):
+    """eq-certificate, for random states: the largest distance of g from its chord is below sum B_j |x_j|."""
+    from rig.stability.linearisation import sliding_key, steady
+
+    system = rig.load(name).assemble().system()
+    A = steady(system, sliding_key(system)).modes.A
+    draw = np.random.default_rng(3)
+    guards = draw.standard_normal((4, len(A)))
+    bounds, _ = _bounds(A, guards, step)
+    places = np.linspace(0.0, 1.0, 17)
+    motions = [expm(A * step * place) for place in places]
+    closest = 0.0
+    for x in draw.standard_normal((10, len(A))):
+        g = np.array([guards @ motion @ x for motion in motions])
+        chord = g[0] + places[:, None] * (g[-1] - g[0])
+        away, bound = np.abs(g - chord).max(axis=0), bounds @ np.abs(x)
+        assert np.all(away <= bound)
+        closest = max(closest, float((away / bound).max()))
+    assert closest > 0.02  # the bound is no empty promise
