@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.modes import at_rest, missing
+from rig.analysis.averaged import averaged
+from rig.analysis.modes import GENERATOR, at_rest, missing
 from rig.design.linearised import energy_form
 from rig.errors import Singular
 from rig.scenes.scene import Scene
@@ -106,10 +107,17 @@ def follow(spectra: Spectra, x: float, a: Spectrum, y: float, b: Spectrum, depth
     return np.where(first >= 0, second[first], -1)
 
 
-def equilibrium(scene: Scene) -> Spectrum:
-    """Return the spectrum of a scene at its sliding equilibrium, with dither off and without controllers."""
+def equilibrium(scene: Scene, dithered: bool = False) -> Spectrum:
+    """Return the spectrum of a scene at its sliding equilibrium, without controllers.
+
+    `dithered`: with the friction averaged over its dither, else with dither off.
+    """
     try:
-        return sliding(at_rest(scene)[1])
+        assembly, at = at_rest(scene)
+        if dithered:
+            sine, cosine = (at.system.names.index(name) for name in GENERATOR)
+            at = averaged(at.system, sine, cosine, assembly.inputs["dither.amplitude"].value)
+        return sliding(at)
     except Singular as error:
         return absent(JAMS, "friction takes up all of the inertia", 0.0) if error.jams else absent(NOTHING, error.why)
 

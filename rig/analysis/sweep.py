@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -31,6 +31,7 @@ class Sweep:
     steadily, and `notes` [value] what makes the eigenvalues invalid. `gaps`: ranges without steady sliding, and why.
     `resolution`: critical values closer together than this may be missed. `loop`: the controller whose loop is closed,
     "" for none. `fixed`: the main parameters that the sweep holds constant, in words.
+    `dither`: how a scene with dither is analysed, in words.
     """
 
     scene: str
@@ -45,6 +46,7 @@ class Sweep:
     resolution: float
     loop: str = ""
     fixed: str = ""
+    dither: str = ""
 
     @property
     def growth(self) -> Array:
@@ -71,6 +73,7 @@ class Sweep:
         return {
             "scene": self.scene,
             "loop": self.loop or None,
+            "dither": self.dither or None,
             "key": self.axis.key,
             "unit": self.axis.unit,
             "values": list(self.axis.values),
@@ -94,6 +97,7 @@ class Sweep:
         """Return the report as text."""
         axis = self.axis
         what = f"the loop of {self.loop}" if self.loop else "steady sliding"
+        what += f", {self.dither}," if self.dither else ""
         lines = [f"{self.scene}: {what} over {axis.label}"]
         for one in self.critical:
             at = f" at {one.frequency:.6g} Hz" if one.frequency else ""
@@ -123,9 +127,15 @@ class Sweep:
 
 def sweep(scene: Scene, axis: Axis) -> Sweep:
     """Compute the eigenvalues of `scene` at its sliding equilibrium over `axis`, and the critical values between its
-    ends.
+    ends. With a key of the dither, or if the scene switches its dither on, the friction is averaged over it.
     """
-    return along(scene.name, axis, lambda value: equilibrium(axis.at(scene, value)), fixed=fixed(scene, [axis]))
+    dither = getattr(scene.parameters, "dither", None)
+    dithered = dither is not None and (dither.enable or axis.key.startswith("dither."))
+    found = along(
+        scene.name, axis, lambda value: equilibrium(axis.at(scene, value), dithered), fixed=fixed(scene, [axis])
+    )
+    what = "" if dither is None else "friction averaged over the dither" if dithered else "without the dither"
+    return replace(found, dither=what)
 
 
 def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "", fixed: str = "") -> Sweep:

@@ -298,6 +298,26 @@ def test_what_cannot_be_swept_is_refused(key, values, told):
     assert told in str(raised.value)
 
 
+def test_a_sweep_of_the_dither_averages_the_friction_and_says_so():
+    amplitudes = [0.03, 0.05, 0.1]
+    found = rig.sweep("belt_dither", "dither.amplitude", amplitudes)
+    ours = [rig.modes(rig.load("belt_dither", {"dither.amplitude": a})).dithered.modes[0].growth for a in amplitudes]
+    assert found.largest == pytest.approx(ours, rel=1e-9)
+    assert found.largest[0] > found.largest[2]
+    assert "friction averaged over the dither" in found.text()
+
+
+@pytest.mark.parametrize(("on", "told"), [(False, "without the dither"), (True, "friction averaged over the dither")])
+def test_a_sweep_of_another_key_tells_whether_the_dither_counts(on, told):
+    scene = rig.load("belt_dither", {"dither.enable": on})
+    found = rig.sweep(scene, "load.force", [15.0, 20.0])
+    modes = rig.modes(scene)
+    expected = modes.dithered if on else modes.sliding
+    assert found.largest[1] == pytest.approx(expected.modes[0].growth, rel=1e-9)
+    assert told in found.text()
+    assert found.to_json()["dither"] == told
+
+
 def lines(found):
     """Style and points [n, 2] of every curve in the plot of growth."""
     figure = Figure(figsize=(12.8, 6.6))
