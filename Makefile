@@ -76,7 +76,7 @@ site: $(VENV)/.installed-site # every warning is an error: a link that leads now
 	@echo "open build/site/index.html"
 
 $(VENV)/.installed-site: $(VENV)/.installed requirements-site.lock
-	@echo "installing Sphinx into $(VENV) (once)"
+	@echo "installing Sphinx into $(VENV), beside the packages of requirements.lock, which the pages need too (once)"
 	@$(PIP) --require-hashes -r requirements-site.lock
 	@touch $@
 
