@@ -16,8 +16,8 @@ from sphinx.writers.html5 import HTML5Translator
 _log = logging.getLogger(__name__)
 _ALIGNED = re.compile(r"\\(begin|end)\{(?:align|eqnarray|gather|multline|split)\*?\}")
 _MISREAD = re.compile(r"\\[dt]?frac\s*\d|\\(?:hat|bar|d?dot|tilde) *\\?[a-zA-Z]+[_^]")
-"""What the converter reads as something else without an error: \\frac12 k as the fraction 12 over k, and the subscript of
-\\dot q_i as one below q. With braces both are right: \\frac{1}{2} k, \\dot q{}_i."""
+"""What the converter reads as something else without an error: \\frac12 k as the fraction 12 over k, and the subscript
+of \\dot q_i as one below q. With braces both are right: \\frac{1}{2} k, \\dot q{}_i."""
 _EQUATION = re.compile(r"\\(?:begin|end)\{equation\*?\}")
 """Environments of displayed equations, which the converter knows as `aligned` only. Numbers are Sphinx's."""
 
