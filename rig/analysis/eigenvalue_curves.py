@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.averaged import averaged
-from rig.analysis.modes import GENERATOR, at_rest, missing
+from rig.analysis.modes import at_rest, missing, under_dither
 from rig.design.linearised import energy_form
 from rig.errors import Singular
 from rig.scenes.scene import Scene
@@ -113,11 +112,7 @@ def equilibrium(scene: Scene, dithered: bool = False) -> Spectrum:
     `dithered`: with the friction averaged over its dither, else with dither off.
     """
     try:
-        assembly, at = at_rest(scene)
-        if dithered:
-            sine, cosine = (at.system.names.index(name) for name in GENERATOR)
-            at = averaged(at.system, sine, cosine, assembly.inputs["dither.amplitude"].value)
-        return sliding(at)
+        return sliding(under_dither(scene) if dithered else at_rest(scene)[1])
     except Singular as error:
         return absent(JAMS, "friction takes up all of the inertia", 0.0) if error.jams else absent(NOTHING, error.why)
 

@@ -51,6 +51,22 @@ def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assem
     return assembly, steady(system, sliding_key(system))
 
 
+def under_dither(scene: Scene) -> Steady:
+    """Return the sliding equilibrium with the friction averaged over the dither of `scene`."""
+    assembly, at = at_rest(scene)
+    sine, cosine = (at.system.names.index(name) for name in GENERATOR)
+    return averaged(at.system, sine, cosine, assembly.inputs["dither.amplitude"].value)
+
+
+def dithers(scene: Scene, key: str) -> bool | None:
+    """Return whether an analysis over `key` averages the friction over dither; None if `scene` has no dither.
+
+    It does if the key belongs to the dither or the scene switches its dither on.
+    """
+    dither = getattr(scene.parameters, "dither", None)
+    return None if dither is None else dither.enable or key.startswith("dither.")
+
+
 def modes(scene: Scene) -> Modes:
     """Compute the eigenvalues of `scene` at its sliding equilibrium.
 

@@ -15,6 +15,7 @@ from rig.analysis.critical_values import Critical, Gap, search
 from rig.analysis.eigenvalue_curves import Spectra, Spectrum, equilibrium, follow
 from rig.analysis.fixed_parameters import fixed
 from rig.analysis.growth_crossings import ROUNDING, none
+from rig.analysis.modes import dithers
 from rig.analysis.modes_report import shape_text
 from rig.analysis.text_table import columns
 from rig.scenes.scene import Scene
@@ -31,7 +32,7 @@ class Sweep:
     steadily, and `notes` [value] what makes the eigenvalues invalid. `gaps`: ranges without steady sliding, and why.
     `resolution`: critical values closer together than this may be missed. `loop`: the controller whose loop is closed,
     "" for none. `fixed`: the main parameters that the sweep holds constant, in words.
-    `dither`: how a scene with dither is analysed, in words.
+    `friction`: how a scene with dither is analysed, in words.
     """
 
     scene: str
@@ -46,7 +47,7 @@ class Sweep:
     resolution: float
     loop: str = ""
     fixed: str = ""
-    dither: str = ""
+    friction: str = ""
 
     @property
     def growth(self) -> Array:
@@ -73,7 +74,7 @@ class Sweep:
         return {
             "scene": self.scene,
             "loop": self.loop or None,
-            "dither": self.dither or None,
+            "friction": self.friction or None,
             "key": self.axis.key,
             "unit": self.axis.unit,
             "values": list(self.axis.values),
@@ -97,7 +98,7 @@ class Sweep:
         """Return the report as text."""
         axis = self.axis
         what = f"the loop of {self.loop}" if self.loop else "steady sliding"
-        what += f", {self.dither}," if self.dither else ""
+        what += f", {self.friction}," if self.friction else ""
         lines = [f"{self.scene}: {what} over {axis.label}"]
         for one in self.critical:
             at = f" at {one.frequency:.6g} Hz" if one.frequency else ""
@@ -129,13 +130,13 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
     """Compute the eigenvalues of `scene` at its sliding equilibrium over `axis`, and the critical values between its
     ends. With a key of the dither, or if the scene switches its dither on, the friction is averaged over it.
     """
-    dither = getattr(scene.parameters, "dither", None)
-    dithered = dither is not None and (dither.enable or axis.key.startswith("dither."))
-    found = along(
-        scene.name, axis, lambda value: equilibrium(axis.at(scene, value), dithered), fixed=fixed(scene, [axis])
-    )
-    what = "" if dither is None else "friction averaged over the dither" if dithered else "without the dither"
-    return replace(found, dither=what)
+    dithered = dithers(scene, axis.key)
+
+    def spectrum(value: float) -> Spectrum:
+        return equilibrium(axis.at(scene, value), bool(dithered))
+
+    how = {None: "", True: "friction averaged over the dither", False: "without the dither"}[dithered]
+    return replace(along(scene.name, axis, spectrum, fixed=fixed(scene, [axis])), friction=how)
 
 
 def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "", fixed: str = "") -> Sweep:

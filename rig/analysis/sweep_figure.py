@@ -76,7 +76,7 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
     locus.set_title("root locus")
     figure.align_ylabels((growth, frequency))
     what = f"loop of {sweep.loop}" if sweep.loop else "steady sliding"
-    what += f", {sweep.dither}" if sweep.dither else ""
+    what += f", {sweep.friction}" if sweep.friction else ""
     figure.text(0.07, 0.95, f"{sweep.scene}: {what}", fontsize=15, fontweight="bold")
     fixed = f"fixed: {sweep.fixed}; " if sweep.fixed else ""
     figure.text(0.07, 0.918, f"{fixed}solid: decays, dashed: grows", fontsize=10)

@@ -106,17 +106,25 @@ def _panels(figure: Figure) -> Any:
 
 
 def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> dict[float, list[float]]:
-    """Edges [rad/s] of the regions of a scene at each preload, with the unstable ranges of speed drawn."""
+    """Speeds [rad/s] at which sliding gains or loses stability, at each preload, with the unstable ranges drawn.
+
+    Nothing is drawn over speeds without steady sliding: there the contact would have to pull.
+    """
     from rig.analysis.axis import Axis
     from rig.analysis.regions import regions
 
     found = regions(scene, Axis.of("drive.speed", speeds, scene), Axis.of("load.force", LOADS, scene))
-    edges = {N0: [value for value, _ in ends] for N0, ends in zip(LOADS, found.edges)}
-    for N0, growth in zip(LOADS, found.growth[:, 0]):
-        for number, (low, high) in enumerate(pairwise((speeds[0], *edges[N0], _SPEEDS[-1]))):
-            unstable = (growth > 0.0) == (number % 2 == 0)
+    edges: dict[float, list[float]] = {}
+    for N0, ends, growth in zip(LOADS, found.edges, found.growth):
+        gaps = []  # where sliding does not exist, between two edges
+        for number, (low, high) in enumerate(pairwise((speeds[0], *(value for value, _ in ends), _SPEEDS[-1]))):
+            if np.isnan(growth[(speeds > low) & (speeds < high)]).any():
+                gaps += [low, high]
+                continue
+            unstable = (growth[0] > 0.0) == (number % 2 == 0)
             for axis in row:
                 axis.hlines(N0, low, high, color=VERMILION if unstable else BLUE, lw=7 if unstable else 1.2)
+        edges[N0] = [value for value, _ in ends if value not in gaps]
     return edges
 
 
@@ -244,7 +252,8 @@ def instability_shaken(figure: Figure) -> Iterator[Comparison]:
 ENTRIES = (
     Entry("liu000-table-1", "liu000", "Table 1", "the disc and its natural frequencies", ("disc_slider",), modes),
     Entry("liu000-8", "liu000", "Figure 8", "where sliding is unstable, over speed and preload",
-          ("disc_slider",), instability, _GAPS, (9.6, 7.2)),
+          ("disc_slider",), instability, f"{_GAPS} White in (c): to slide steadily the contact would have to pull.",
+          (9.6, 7.2)),
     Entry("liu000-9", "liu000", "Figure 9", "growth from near sliding", ("disc_slider",), growing, size=(9.6, 5.6)),
     Entry("liu000-10", "liu000", "Figure 10", "the same under dither", ("disc_slider_dither",), quenched,
           size=(9.6, 5.6)),

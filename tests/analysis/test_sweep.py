@@ -315,7 +315,7 @@ def test_a_sweep_of_another_key_tells_whether_the_dither_counts(on, told):
     expected = modes.dithered if on else modes.sliding
     assert found.largest[1] == pytest.approx(expected.modes[0].growth, rel=1e-9)
     assert told in found.text()
-    assert found.to_json()["dither"] == told
+    assert found.to_json()["friction"] == told
 
 
 def lines(found):
