@@ -178,6 +178,9 @@ def test_a_formula_becomes_mathml_and_a_wrong_one_is_an_error(tmp_path):
     wrong = build(FORMULA + "\n$\\nosuchcommand x$\n")
     assert wrong.returncode != 0
     assert "cannot be made MathML" in wrong.stderr
+    misread = build(FORMULA + "\n$\\frac12 k$\n")
+    assert misread.returncode != 0
+    assert "misreads" in misread.stderr
 
 
 @pytest.mark.usefixtures("site")
