@@ -252,8 +252,8 @@ def instability_shaken(figure: Figure) -> Iterator[Comparison]:
 ENTRIES = (
     Entry("liu000-table-1", "liu000", "Table 1", "the disc and its natural frequencies", ("disc_slider",), modes),
     Entry("liu000-8", "liu000", "Figure 8", "where sliding is unstable, over speed and preload",
-          ("disc_slider",), instability, f"{_GAPS} White in (b) and (c): to slide steadily the contact would have to pull.",
-          (9.6, 7.2)),
+          ("disc_slider",), instability,
+          f"{_GAPS} White in (b) and (c): to slide steadily the contact would have to pull.", (9.6, 7.2)),
     Entry("liu000-9", "liu000", "Figure 9", "growth from near sliding", ("disc_slider",), growing, size=(9.6, 5.6)),
     Entry("liu000-10", "liu000", "Figure 10", "the same under dither", ("disc_slider_dither",), quenched,
           size=(9.6, 5.6)),
