@@ -16,19 +16,24 @@ if TYPE_CHECKING:
 
 LIVE_S = 6.0
 """Time span of the curves of a live run [s]."""
+ROOM = 0.25
+"""Share of the time span that is empty behind the curves: the legend is there, clear of them."""
 
 
-def blueprint(drawing: Drawing, live: bool) -> rrb.Blueprint:
-    """The window of a rig: for a live run it follows the last seconds, for a recording it shows the whole run."""
+def blueprint(drawing: Drawing, until: float | None) -> rrb.Blueprint:
+    """The window of a rig: for a live run it follows the last seconds, for a recording it shows the whole run.
+
+    `until`: the end of the recording [s], None for a live run.
+    """
     import rerun.blueprint as rrb
 
     most = 4 if drawing.points else 2
     panels = drawing.channels.panels
-    large, more = panels[:most], _more(drawing, panels[most:], live)
+    large, more = panels[:most], _more(drawing, panels[most:], until)
     right = rrb.Vertical(
-        *(_curves(panel, live) for panel in large),
-        _strips(drawing, live),
-        rrb.Horizontal(_health(live), more) if live else more,
+        *(_curves(panel, until) for panel in large),
+        _strips(drawing, until),
+        rrb.Horizontal(_health(until), more) if until is None else more,
         row_shares=[*(6.0 / len(large) for _ in large), 1.2 if drawing.points else 2.0, 2.2],
     )
     second = _map(drawing) or _portrait(drawing)
@@ -36,58 +41,59 @@ def blueprint(drawing: Drawing, live: bool) -> rrb.Blueprint:
     left.append(_events())
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 3, 2.0][: len(left)]), right, column_shares=[2, 3]),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following" if live else "playing"),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following" if until is None else "playing"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,
     )
 
 
-def _axis(live: bool) -> rrb.archetypes.TimeAxis | None:
-    """A time axis with the last seconds before the cursor; None for the whole time."""
+def _axis(until: float | None) -> rrb.archetypes.TimeAxis:
+    """A time axis with the last seconds before the cursor, or with the whole run, and room for the legend behind."""
     import rerun as rr
     import rerun.blueprint as rrb
 
-    if not live:
-        return None
-    boundary = rr.TimeRangeBoundary.cursor_relative
-    window = rr.TimeRange(start=boundary(seconds=-LIVE_S), end=boundary(seconds=0.0))
+    at = rr.TimeRangeBoundary
+    if until is None:
+        window = rr.TimeRange(start=at.cursor_relative(seconds=-LIVE_S), end=at.cursor_relative(seconds=ROOM * LIVE_S))
+    else:
+        window = rr.TimeRange(start=at.absolute(seconds=0.0), end=at.absolute(seconds=(1.0 + ROOM) * (until or 1.0)))
     return rrb.archetypes.TimeAxis(view_range=window)
 
 
-def _series(name: str, contents: list[str], live: bool) -> rrb.TimeSeriesView:
+def _series(name: str, contents: list[str], until: float | None) -> rrb.TimeSeriesView:
     import rerun.blueprint as rrb
 
     return rrb.TimeSeriesView(
         origin="/",
         contents=contents,
         name=name,
-        axis_x=_axis(live),
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+        axis_x=_axis(until),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
     )
 
 
-def _curves(panel: Panel, live: bool) -> rrb.TimeSeriesView:
+def _curves(panel: Panel, until: float | None) -> rrb.TimeSeriesView:
     paths = [f"/sensor/{name}" for name in panel.sensors] + [f"/plant/{name}" for name in panel.outputs]
-    return _series(panel.title, paths, live)
+    return _series(panel.title, paths, until)
 
 
-def _more(drawing: Drawing, panels: list[Panel], live: bool) -> rrb.Tabs:
+def _more(drawing: Drawing, panels: list[Panel], until: float | None) -> rrb.Tabs:
     import rerun.blueprint as rrb
 
-    views = [_curves(panel, live) for panel in panels]
-    commands = _series("commands", ["/command/**"], live)  # a controller that is not in the scene may join
+    views = [_curves(panel, until) for panel in panels]
+    commands = _series("commands", ["/command/**"], until)  # a controller that is not in the scene may join
     return rrb.Tabs(*([commands, *views] if drawing.controllers else [*views, commands]), active_tab=0)
 
 
-def _strips(drawing: Drawing, live: bool) -> rrb.StateTimelineView:
+def _strips(drawing: Drawing, until: float | None) -> rrb.StateTimelineView:
     import rerun.blueprint as rrb
 
     name = "contact, protocol, controllers" if drawing.worded else "protocol, controllers"
-    return rrb.StateTimelineView(origin="/strip", name=name, time_view=_axis(live))
+    return rrb.StateTimelineView(origin="/strip", name=name, time_view=_axis(until))
 
 
-def _health(live: bool) -> rrb.Tabs:
+def _health(until: float | None) -> rrb.Tabs:
     import rerun.blueprint as rrb
 
     tabs = {
@@ -97,7 +103,9 @@ def _health(live: bool) -> rrb.Tabs:
         "stick share": ["stick_share"],
         "rate": ["rate"],
     }
-    return rrb.Tabs(*(_series(tab, [f"/health/{n}" for n in names], live) for tab, names in tabs.items()), active_tab=0)
+    return rrb.Tabs(
+        *(_series(tab, [f"/health/{n}" for n in names], until) for tab, names in tabs.items()), active_tab=0
+    )
 
 
 def _events() -> rrb.TextLogView:

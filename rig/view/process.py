@@ -87,7 +87,7 @@ def view(
     with bus.join(run, role="viewer", name=name, wait=wait) as session:
         bridge = Bridge(session, wait, trust)
         target = viewer.sink(
-            session.run, bridge.drawing, live=True, save=save, web=web, connect=connect, headless=headless
+            session.run, bridge.drawing, until=None, save=save, web=web, connect=connect, headless=headless
         )
         with target as (rec, shown):
             if shown is not None and shown.page:

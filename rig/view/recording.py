@@ -14,6 +14,7 @@ from rig.errors import OutputError
 from rig.process import stopping
 from rig.record.run import Run
 from rig.user_files import draft_of
+from rig.view import timeline
 from rig.view.drawing import Drawing, send
 
 if TYPE_CHECKING:
@@ -52,16 +53,16 @@ def view_run(
     """
     from rig.view import viewer
 
-    drawing = drawing_of(run)
+    drawing, end = drawing_of(run), timeline.end_of(run)
     if save is not None:
         with (
             draft_of(Path(save)) as draft,
-            viewer.sink(name, drawing, live=False, save=draft) as (rec, _),
+            viewer.sink(name, drawing, until=end, save=draft) as (rec, _),
         ):
             write(run, rec, drawing)
             _flush(rec, lambda: f"{save} cannot be written: {_free(draft)} MiB are free there")
         return
-    with viewer.sink(name, drawing, live=False, web=web, connect=connect, headless=headless) as (rec, shown):
+    with viewer.sink(name, drawing, until=end, web=web, connect=connect, headless=headless) as (rec, shown):
         write(run, rec, drawing)
         _flush(rec, lambda: "the viewer was closed, or hangs: it does not have the whole run")
         if shown is not None and web:

@@ -147,7 +147,7 @@ def sink(
     name: str,
     drawing: Drawing,
     *,
-    live: bool,
+    until: float | None,
     save: Path | str | None = None,
     web: bool = False,
     connect: str | None = None,
@@ -155,12 +155,13 @@ def sink(
 ) -> Iterator[tuple[rr.RecordingStream, Viewer | None]]:
     """Open a recording stream of rerun called `name`, with the window arranged; yields it and the viewer.
 
-    `save` writes a file (.rrd), which `rerun FILE` shows; the viewer is None then. `connect` is the address of a viewer
-    that already runs. Raises OutputError if the file cannot be written, UsageError if the viewer does not open.
+    `until` is the end of a recording [s], None for a live run. `save` writes a file (.rrd), which `rerun FILE` shows;
+    the viewer is None then. `connect` is the address of a viewer that already runs. Raises OutputError if the file
+    cannot be written, UsageError if the viewer does not open.
     """
     import rerun as rr
 
-    described = blueprint(drawing, live)
+    described = blueprint(drawing, until)
     plant = re.sub(r"[^A-Za-z0-9_-]", "-", Path(drawing.plant).stem)  # rerun warns of other letters in a name
     rec = rr.RecordingStream(f"friction-rig {plant}", recording_id=str(uuid4()))
     viewer: Viewer | None = None

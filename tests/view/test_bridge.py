@@ -40,7 +40,7 @@ def shown(stage, contents, tmp_path_factory):
     with hub.open("viewer", "viewer") as session:
         bridge = Bridge(session)
         session.announce()
-        with viewer.sink("viewed", bridge.drawing, live=True, save=path) as (rec, process):
+        with viewer.sink("viewed", bridge.drawing, until=None, save=path) as (rec, process):
             assert process is None
             working = threading.Thread(target=lambda: found.append(bridge.run(rec, threading.Event())))
             working.start()
@@ -192,7 +192,7 @@ def test_a_file_that_cannot_be_written_is_told(plant, hub, tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(OutputError, match=r"run\.rrd cannot be written: "),
-        viewer.sink("viewed", bridge.drawing, live=True, save=tmp_path / "file" / "run.rrd"),
+        viewer.sink("viewed", bridge.drawing, until=None, save=tmp_path / "file" / "run.rrd"),
     ):
         pass
 

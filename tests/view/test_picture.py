@@ -13,7 +13,7 @@ from rig.scenes.shipped import names
 from rig.view import contact
 from rig.view.base import Scale, scale_of
 from rig.view.belt import Belt
-from rig.view.blueprint import blueprint
+from rig.view.blueprint import _axis, blueprint
 from rig.view.drawing import Drawing
 from rig.view.picture import picture_of
 
@@ -258,7 +258,7 @@ def test_modes_have_names_for_each_state_of_the_contact():
     assert [contact.NAMES[i] for i in modes.indices(np.tile(keys, 3))] == [*names] * 3
 
 
-@pytest.mark.parametrize("live", [True, False])
+@pytest.mark.parametrize("until", [None, 20.0])
 @pytest.mark.parametrize(
     "name",
     [
@@ -276,9 +276,16 @@ def test_modes_have_names_for_each_state_of_the_contact():
         None,
     ],
 )
-def test_every_rig_has_a_window(name, live):
+def test_every_rig_has_a_window(name, until):
     scene = rig.load(name).to_json() if name else "{}"
     told = outputs(rig.load(name)) if name else {"velocity": "m/s"}
     drawing = Drawing(scene, told, {})
     assert (drawing.picture is None) == (name is None)
-    blueprint(drawing, live)
+    blueprint(drawing, until)
+
+
+@pytest.mark.parametrize(("until", "window"), [(None, (-6.0, 1.5)), (20.0, (0.0, 25.0))])
+def test_the_curves_end_before_the_legend(until, window):
+    """A fifth of the time axis lies behind the last sample (of a live run: behind now); the legend is there."""
+    [shown] = _axis(until).view_range.as_arrow_array().to_pylist()
+    assert (shown["start"] * 1e-9, shown["end"] * 1e-9) == pytest.approx(window)
