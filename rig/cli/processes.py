@@ -80,7 +80,7 @@ def plant(
 
 
 def control(
-    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A controller of the scene, or a Python file.")],
+    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A controller of the scene, or a file.")],
     run: RunName = None,
     p: Changes = None,
     trust: Trust = False,

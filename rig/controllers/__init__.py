@@ -22,11 +22,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from rig.controllers.blocks.base import Controller, ControllerSection, Numbers
 from rig.controllers.blocks.compiled import CompiledSection
+from rig.errors import UsageError
 from rig.parts import Code, Parts, Room, calling, code_of, named, one_class
 from rig.quantities import Nanoseconds, Section
 
@@ -67,6 +69,15 @@ def parameters_of(module: ModuleType) -> Any:
 
 KINDS: Room[Any] = Room("controllers", __name__, __path__, _section)
 """Sections of controllers by kind: `KINDS["normal_force"]` is that of rig/controllers/normal_force.py."""
+
+
+def kind_of_file(file: Path) -> str:
+    """The kind of controller that reads files like this one, by its suffix. Raises UsageError if there is none."""
+    suffixes = {suffix: kind for kind in KINDS for suffix in getattr(KINDS[kind], "files", ())}
+    if file.suffix not in suffixes:
+        known = ", ".join([".py", *suffixes])
+        raise UsageError(f"{file}: no kind of controller reads such a file; its name ends in {known}")
+    return suffixes[file.suffix]
 
 
 def recorded_class(table: Mapping[str, Any], parts: Parts) -> Any:

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Gt
-from pydantic import field_validator, model_validator
+from pydantic import Strict, field_validator, model_validator
 
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Values
 from rig.controllers.blocks.design import Linear, Rig
@@ -25,7 +25,7 @@ from rig.errors import UsageError
 from rig.quantities import Number, finite, nanoseconds
 
 Rows = tuple[tuple[float, ...], ...]
-Levels = tuple[float | str, ...]
+Levels = tuple[Annotated[float, Strict()] | str, ...]
 MATRICES = ("A", "B", "C", "D", "L")
 _PERIOD = 1e-9 * ControllerSection.model_fields["period"].default
 
@@ -90,8 +90,9 @@ class LTI(ControllerSection):
     @field_validator("nominal", "lowest", "highest", mode="before")
     @classmethod
     def _each(cls, given: Any) -> Any:
-        """A single level as a list of one."""
-        return [given] if isinstance(given, int | float | str) and not isinstance(given, bool) else given
+        """A single level as a list of one; a text that is a number as this number."""
+        levels = given if isinstance(given, list | tuple) or given is None else [given]
+        return levels and [_number(one) for one in levels]
 
     @model_validator(mode="after")
     def _fits(self) -> LTI:
@@ -110,6 +111,13 @@ class LTI(ControllerSection):
         if faults:
             raise ValueError("; ".join(faults))
         return self
+
+
+def _number(given: Any) -> Any:
+    try:
+        return float(given) if isinstance(given, str) else given
+    except ValueError:  # with a unit
+        return given
 
 
 def _period(raw: Mapping[str, Any]) -> float | None:

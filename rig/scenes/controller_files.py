@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from rig.controllers import KINDS
+from rig.controllers import kind_of_file
 from rig.errors import UsageError
 from rig.parts import is_file
 
@@ -23,15 +23,5 @@ def changes(files: Mapping[str, str | Path]) -> dict[str, object]:
         if is_file(str(file)):
             found[f"controllers.{name}.kind"] = str(file)
         else:
-            found |= {f"controllers.{name}.kind": _kind(name, Path(file)), f"controllers.{name}.file": str(file)}
+            found |= {f"controllers.{name}.kind": kind_of_file(Path(file)), f"controllers.{name}.file": str(file)}
     return found
-
-
-def _kind(name: str, file: Path) -> str:
-    suffixes = {suffix: kind for kind in KINDS for suffix in getattr(KINDS[kind], "files", ())}
-    if file.suffix not in suffixes:
-        known = ", ".join([".py", *suffixes])
-        raise UsageError(
-            f"controller {name}: {file}: no kind of controller reads such a file; its name ends in {known}"
-        )
-    return suffixes[file.suffix]

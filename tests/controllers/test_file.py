@@ -104,3 +104,21 @@ def test_a_retune_is_tried_before_a_file_is_let_near_a_rig(tmp_path, kept, fault
         text = text.replace("self.section.load", "20.0")
     with pytest.raises(UsageError, match=fault):
         load_file(written(tmp_path, text))
+
+
+def test_a_file_of_another_tool_is_a_controller_with_the_keys_of_its_table(tmp_path):
+    (tmp_path / "k.json").write_text('{"num": [-200.0], "den": [0.002, 1.0], "dt": 0, "inputs": ["vibrometer"]}')
+    keys = {"drives": "load.force", "method": "tustin", "nominal": "20", "highest": 100.0}
+    made = load_file(tmp_path / "k.json", keys)
+    assert (made.reads, made.drives, made.period_ns) == (("vibrometer",), ("load.force",), 1_000_000)
+    assert made.update(made.start(), 0, (0.0,))[1] == (20.0,)
+    for wrong, told in (
+        ({**keys, "method": "zoe"}, "method: Input should be 'zoh'"),
+        ({"method": "zoh"}, "drives: is missing"),
+        ({**keys, "highest": "9 N"}, "the unit of load.force is not known here"),
+    ):
+        with pytest.raises(UsageError, match=told) as refused:
+            load_file(tmp_path / "k.json", wrong)
+        assert "k.json: " in str(refused.value)
+    with pytest.raises(UsageError, match=r"k\.txt: no kind of controller reads such a file"):
+        load_file(tmp_path / "k.txt")

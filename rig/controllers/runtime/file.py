@@ -14,24 +14,31 @@ update.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from rig.controllers import build, class_of, module_of, parameters_of
+from rig.controllers import build, class_of, kind_of_file, module_of, parameters_of, recorded_class
 from rig.controllers.blocks.base import Controller, Numbers, explain, gets_every_sample
+from rig.controllers.blocks.compiled import CompiledSection
 from rig.controllers.runtime.loop import Loop
-from rig.errors import ControllerLost, UsageError
-from rig.parts import Code, calling, trust
+from rig.errors import ControllerLost, PartError, UsageError
+from rig.parts import Code, calling, is_file, trust
 from rig.quantities import Section
 from rig.units import brief
 
 
-def load_file(path: str | Path) -> Controller:
-    """Load the controller of a file. Raises UsageError with the line or the attribute that is wrong."""
+def load_file(path: str | Path, keys: Mapping[str, object] | None = None) -> Controller:
+    """Load the controller of a file. Raises UsageError with the line or the attribute that is wrong.
+
+    `keys`: of the table that a scene would have for a file of another tool.
+    """
     path = Path(path)
+    if not is_file(path.name):
+        return _of_another_tool(path, keys or {})
     code = Code.read(path)
     trust([code])
     module = code.module(path)
@@ -45,6 +52,23 @@ def load_file(path: str | Path) -> Controller:
     if faults:
         raise UsageError("\n".join(f"{path}: {fault}" for fault in faults))
     return controller  # type: ignore[no-any-return]
+
+
+def _of_another_tool(path: Path, keys: Mapping[str, object]) -> Controller:
+    table = {"kind": kind_of_file(path), "file": str(path), **keys}
+    try:
+        model = recorded_class(table, {})
+        if issubclass(model, CompiledSection):
+            table["file"] = model.model_fields["file"].default
+        section = model.model_validate(table)
+        faults = section_faults(section, {})
+    except ValidationError as error:
+        faults = explain(error)
+    except PartError as error:
+        faults = [str(error)]
+    if faults:
+        raise UsageError("\n".join(f"{path}: {fault}" for fault in faults))
+    return build(section, {})
 
 
 def section_faults(section: Section, numbers: Numbers) -> list[str]:

@@ -30,7 +30,7 @@ from rig.controllers.runtime.file import load_file
 from rig.controllers.runtime.loop import NOT_FINITE, Loop
 from rig.controllers.runtime.service import Service
 from rig.errors import BusError, RigError, UsageError
-from rig.parts import foreign_fault, trust_scene
+from rig.parts import foreign_fault, is_file, trust_scene
 from rig.pinned_memory import locked
 from rig.placement import anywhere, placed
 from rig.process import as_process, stopping
@@ -147,16 +147,22 @@ class Worker(Service):
         return bool(self.plant.present)
 
 
-def made(described: run_setup.Setup, name: str, file: Path | None = None) -> Controller:
+def made(
+    described: run_setup.Setup, name: str, file: Path | None = None, keys: Mapping[str, object] | None = None
+) -> Controller:
     """The controller `name` of the scene, or the one in a user's own file. Raises UsageError for an unknown name."""
     if file is not None:
-        return load_file(file)
+        return _alone(load_file(file, keys))
     if name not in described.controllers:
         known = ", ".join(described.controllers) or "none"
-        raise UsageError(f"the scene has no controller called {name}; it has {known}. A file of your own ends in .py")
-    found = controllers.restored(described.controllers[name])
+        raise UsageError(f"the scene has no controller called {name}; it has {known}. A file has a suffix, such as .py")
+    return _alone(controllers.restored(described.controllers[name]))
+
+
+def _alone(found: Controller) -> Controller:
     alone = getattr(found, "in_own_process", None)  # of compiled code, which elsewhere runs in a helper process
-    return found if alone is None else alone()
+    made: Controller = found if alone is None else alone()
+    return made
 
 
 def run(
@@ -168,19 +174,23 @@ def run(
     trust: bool = False,
     say: Callable[[str], object] = lambda _: None,
 ) -> None:
-    """Run the controller `what`, a name in the scene or a Python file, in a live run (the newest by default).
+    """Run the controller `what`, a name in the scene or a file, in a live run (the newest by default).
 
-    `trust`: run the code of foreign parts of the run. Returns when the plant ends or on a signal to stop; raises
-    RigError if it cannot begin or the controller fails.
+    `changes`: parameters to begin with; of a file of another tool, all keys of its table. `trust`: run the code of
+    foreign parts of the run. Returns when the plant ends or on a signal to stop; raises RigError if it cannot begin or
+    the controller fails.
     """
     come_first()
-    file = Path(what) if what.endswith(".py") else None
+    file = Path(what) if Path(what).suffix else None
+    table: Mapping[str, object] = {}
+    if file is not None and not is_file(what):
+        table, changes = changes or {}, None
     name = file.stem if file is not None else what
     with bus.join(run, role="controller", name=name, wait=wait) as session:
         described = run_setup.fetch(session, wait)
         if trust:
             trust_scene(described.scene)
-        worker = Worker(session, described, made(described, name, file), changes)
+        worker = Worker(session, described, made(described, name, file, table), changes)
         drives, reads = ", ".join(worker.loop.controller.drives), ", ".join(worker.loop.controller.reads)
         say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")
         gc.collect()
@@ -209,7 +219,7 @@ def run(
 def main(arguments: list[str] | None = None) -> int:
     """`python -m rig.controllers.runtime.process NAME_OR_FILE [--run RUN] [--wait S]`, started by a supervisor."""
     parser = argparse.ArgumentParser(prog="rig.controllers.runtime.process", description=__doc__.partition("\n")[0])
-    parser.add_argument("what", help="name of a controller in the scene, or a Python file")
+    parser.add_argument("what", help="name of a controller in the scene, or a file")
     parser.add_argument("--run", help="the run to join; the newest by default")
     parser.add_argument("--wait", type=float, default=10.0, help="longest wait for the run [s]")
     given = parser.parse_args(arguments)
