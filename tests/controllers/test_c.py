@@ -14,7 +14,7 @@ from rig import controllers, design, scenes
 from rig.bench.simulate import Recorded, simulate
 from rig.controllers import c
 from rig.controllers.blocks.base import parameters, retune, tunable
-from rig.controllers.runtime import c_process, process
+from rig.controllers.runtime import c_library, c_process, process
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerLost, PartError, SceneError, Untrusted, UsageError
 from rig.parts import trust_scene
@@ -173,6 +173,23 @@ def test_a_helper_that_is_killed_ends_its_controller_and_the_next_run_has_a_new_
         one.update(state, 0, (0.0,))
     assert one.update(state, 0, (0.0,))[1] == (20.0,)
     assert c_process.helper(sound.controllers["nf"].file).pid != first.pid
+
+
+def test_an_answer_that_was_interrupted_is_not_taken_for_the_next_one(sound, monkeypatch):
+    one = made(sound)
+    state = one.start()
+    first = c_process.helper(sound.controllers["nf"].file)
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(c_library, "received", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            one.update(state, 0, (0.05,))
+    assert not first.lives
+    fresh = made(sound)
+    assert fresh.update(fresh.start(), 0, (0.0,))[1] == (20.0,)
 
 
 @pytest.mark.parametrize(

@@ -82,11 +82,13 @@ class LibraryProcess:
             self._link.sendall(request)
             raw = c_library.received(self._link, self._answer.size)
         except OSError:
-            raw = self._lost(when)
-        return self._answer.unpack(raw or self._lost(when))
-
-    def _lost(self, when: str) -> bytes:
-        raise ControllerLost(f"{self._binary}: {self._ending(when)}")
+            raw = b""
+        except BaseException:  # Ctrl-C: the answer to this request must not be taken for that to the next one
+            self._end()
+            raise
+        if not raw:
+            raise ControllerLost(f"{self._binary}: {self._ending(when)}")
+        return self._answer.unpack(raw)
 
     def _ending(self, when: str) -> str:
         """How the helper ended, in words; one that hangs is ended."""
