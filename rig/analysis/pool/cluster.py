@@ -111,7 +111,7 @@ class Cluster:
         schedule = Schedule(units, max(self._threads(), 1), SPAN)
         ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         out: dict[Any, list[int]] = {}
-        joined = time.monotonic()
+        joined, alone = time.monotonic(), False
         try:
             while schedule.left:
                 threads = self._threads()
@@ -119,22 +119,16 @@ class Cluster:
                     joined = time.monotonic()
                 elif time.monotonic() - joined > (_JOIN if self._where != "slurm" else _QUEUE):
                     raise self._lost("no worker has joined for a minute")
-                while threads and schedule.waiting and len(out) < _AHEAD * threads:
-                    batch = schedule.batch()
-                    given = [(unit, *units[unit]) for unit in batch]
-                    future = self._client.submit(
-                        _compute,
-                        self._text,
-                        given,
-                        sources(),
-                        pure=False,
-                        key=f"friction-rig-{batch[0]}-{time.time_ns()}",
-                    )
-                    out[future] = batch
+                while threads and schedule.waiting and len(out) < _AHEAD * threads and not alone:
+                    if schedule.suspects and out:
+                        break
+                    alone = schedule.suspects  # dask also blames what waited behind: alone, it is known who did it
+                    future = self._send(schedule.batch(), units, out)
                     future.add_done_callback(ended.put)
                 with suppress(queue.Empty):
                     future = ended.get(timeout=_LOOK)
                     self._take(future, out.pop(future), schedule)
+                    alone = False
                 if self._client.status != "running":
                     raise self._lost("the scheduler does not answer any more")
                 progress(len(units) - schedule.left)
@@ -143,12 +137,21 @@ class Cluster:
                 self._client.cancel(list(out), force=True)
             raise
 
+    def _send(self, batch: list[int], units: Mapping[int, tuple[float, ...]], out: dict[Any, list[int]]) -> Any:
+        """Let a worker compute a batch; return its future."""
+        given = [(unit, *units[unit]) for unit in batch]
+        key = f"friction-rig-{batch[0]}-{time.time_ns()}"
+        future = self._client.submit(_compute, self._text, given, sources(), pure=False, key=key)
+        out[future] = batch
+        return future
+
     def _take(self, future: Any, batch: list[int], schedule: Schedule) -> None:
         """Save the result of a batch, or send it out again if it ended its worker."""
         if future.status == "finished":
             try:
                 fault, found, seconds, processor = future.result(timeout=_ANSWER)
             except Exception:  # its worker was lost before the result was fetched
+                future.release()
                 schedule.lost(batch, 0)
                 return
             if fault:
@@ -158,13 +161,15 @@ class Cluster:
             future.release()
         elif future.status == "cancelled":
             raise self._lost("the scheduler has cancelled the work, or was lost")
+        elif future.status != "error":  # finished when it was reported, and lost with its worker since then
+            future.release()
+            schedule.lost(batch, 0)
         else:
             error = future.exception(timeout=_ANSWER)
             if type(error).__name__ != "KilledWorker":
                 what = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
                 raise WorkerError(f"a worker failed: {what}. Finished results are kept in {self._store.folder}")
-            attempts = 2 if len(batch) == 1 else 1  # dask itself has tried it more than once
-            for unit in schedule.lost(batch, attempts):
+            for unit in schedule.lost(batch):
                 self.failed[unit] = "ended every worker that dask gave it to"
 
     def _threads(self) -> int:
@@ -221,7 +226,7 @@ def _slurm_cluster() -> Any:
     defaults = {"cores": 1, "processes": 1, "memory": "4 GB"}
     asked: dict[str, Any] = {name: value for name, value in defaults.items() if not own.get(name)}
     if not _told_host():
-        asked["scheduler_options"] = {"host": LOOPBACK, "dashboard_address": None}
+        asked["scheduler_options"] = {"host": LOOPBACK, "dashboard_address": f"{LOOPBACK}:0"}
     try:
         return jobqueue.SLURMCluster(**asked)
     except Exception as fault:
@@ -247,7 +252,7 @@ def _started(where: str, workers: int | None) -> Any:
             host=LOOPBACK,
             protocol="tls://" if secure else "tcp://",
             security=distributed.Security(),
-            dashboard_address=None,
+            dashboard_address=f"{LOOPBACK}:0",
             worker_dashboard_address=None,
             silence_logs=logging.CRITICAL,
         )

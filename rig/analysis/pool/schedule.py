@@ -32,6 +32,11 @@ class Schedule:
         """Whether a unit waits for a worker."""
         return bool(self._waiting or self._again)
 
+    @property
+    def suspects(self) -> bool:
+        """Whether the next batch is a unit whose worker was lost before."""
+        return bool(self._again)
+
     def batch(self) -> list[int]:
         """Return the next units for a worker; none if none waits."""
         if self._again:

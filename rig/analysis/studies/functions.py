@@ -79,7 +79,9 @@ def function_of(given: str | Callable[[Run], Any]) -> Function:
     except (OSError, TypeError, UnicodeDecodeError):
         here = False
     if here:
-        return Function(name, str(Path(file).resolve()), text)
+        found = Function(name, str(Path(file).resolve()), text)
+        found._loaded()  # noqa: SLF001 (as worker processes load it)
+        return found
     _OWN[name] = given
     code = getattr(given, "__code__", None)
     constants = [one for one in code.co_consts if not inspect.iscode(one)] if code else []

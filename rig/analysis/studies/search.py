@@ -35,7 +35,7 @@ from rig.scenes.scene import Scene
 ROOT = Path("searches")
 EVALUATIONS = 600
 """Default largest number of points."""
-_CROWD = 15  # points of a generation for each parameter, as scipy has it
+_POPULATION = 15  # points of a generation for each parameter, as scipy has it
 _WORST = 1e100  # of a point without a value: scipy computes a generation again whose values are all infinite
 _LEAST = 5  # points that differential evolution needs
 
@@ -81,9 +81,9 @@ class SearchRuns:
         return digest(self.scene, f"{scipy.__version__} {json.dumps(raw)}")
 
     @property
-    def crowd(self) -> int:
+    def population(self) -> int:
         """Number of points of a generation."""
-        return max(_LEAST, _CROWD * len(self.factors))
+        return max(_LEAST, _POPULATION * len(self.factors))
 
     def prepare(self) -> None:
         """Compile the kernels."""
@@ -148,7 +148,7 @@ def prepared(
     for one in varied or ():
         if not one.axis.values[0] < one.axis.values[1]:
             faults.append(f"{one.key}: the range must rise, from {one.axis.text(one.axis.values[0])} upwards")
-    least = max(_LEAST, _CROWD * max(len(over), 1))
+    least = max(_LEAST, _POPULATION * max(len(over), 1))
     if evaluations < least:
         faults.append(f"evaluations = {evaluations}: must be at least {least} for {len(over)} parameters")
     if found and found[0].source in ("run", "") and duration is None and scene.duration_ns is None:
@@ -179,7 +179,10 @@ def search(
     if not work.portable and (workers is not None or cluster) and workers != 1:
         raise UsageError(f"measure {work.measure.name}: worker processes cannot load it; define it in a .py file")
     store, say = Store.of(work, root), progress or (lambda done, total: None)
-    with store.open(work), pool(work, store, workers if work.portable else 1, work.crowd, cluster=cluster) as processes:
+    with (
+        store.open(work),
+        pool(work, store, workers if work.portable else 1, work.population, cluster=cluster) as processes,
+    ):
         found = store.load()
         asked = 0
 
@@ -204,8 +207,8 @@ def search(
             values,
             work.bounds,
             rng=np.random.default_rng(work.seed),
-            init=_crowd(work),
-            maxiter=work.evaluations // work.crowd - 1,
+            init=_first_generation(work),
+            maxiter=work.evaluations // work.population - 1,
             polish=False,
             updating="deferred",
             vectorized=True,
@@ -226,10 +229,10 @@ def search(
     )
 
 
-def _crowd(work: SearchRuns) -> NDArray[np.float64]:
+def _first_generation(work: SearchRuns) -> NDArray[np.float64]:
     """The first generation, [point, parameter] (SI): a Latin hypercube."""
     from scipy.stats import qmc
 
-    shares = qmc.LatinHypercube(len(work.factors), rng=np.random.default_rng(work.seed)).random(work.crowd)
+    shares = qmc.LatinHypercube(len(work.factors), rng=np.random.default_rng(work.seed)).random(work.population)
     low, high = np.array(work.bounds).T
     return np.asarray(low + (high - low) * shares)
