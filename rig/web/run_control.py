@@ -53,7 +53,9 @@ class RunControl:
         self._follower: Follower | None = None
         self._interrupts: list[str] = []
         self._lines: deque[str] = deque(maxlen=LINES)
-        self._phase, self._number, self._looked = "idle", 0, False
+        self._phase, self._number = "idle", 0
+        self._looked = self._leaving = False
+        """Of a run of another terminal: whether its status is known, and whether the page leaves it."""
         self._facts: dict[str, Any] = {}
         # Processes inherit the priority of the thread that starts them: this one has that of the user, and not that of
         # the threads that serve pages, which leave the processor to the run.
@@ -111,8 +113,7 @@ class RunControl:
         """Stop following a run of another terminal, which goes on. Raises UsageError for a run of the page."""
         if not (self.active and self._foreign):
             raise UsageError("no run of another terminal is followed")
-        if self._follower is not None:
-            self._follower.stop()
+        self._leave()
         return self.state
 
     def others(self, _: dict[str, Any]) -> list[dict[str, Any]]:
@@ -160,8 +161,8 @@ class RunControl:
 
     def end(self) -> None:
         """End the present run in order and wait for its end; leave one of another terminal."""
-        if self._foreign and self._follower is not None:
-            self._follower.stop()
+        if self._foreign:
+            self._leave()
         for _ in range(2):
             if not self._idle.is_set():
                 self._interrupt()
@@ -176,6 +177,11 @@ class RunControl:
         """Whether another terminal started the present run."""
         return bool(self._facts.get("foreign"))
 
+    def _leave(self) -> None:
+        self._leaving = True
+        if self._follower is not None:
+            self._follower.stop()
+
     def _refuse_second(self) -> None:
         if self.active:
             what = self._facts["run"] or f"of {self._facts['scene']}"
@@ -184,7 +190,8 @@ class RunControl:
 
     def _begin(self, scene: str, title: str, pace: float | None, command: str) -> None:
         self._phase, self._number, self._follower = "starting", self._number + 1, None
-        self._interrupts, self._lines, self._looked = [], deque(maxlen=LINES), False
+        self._interrupts, self._lines = [], deque(maxlen=LINES)
+        self._looked = self._leaving = False
         self._facts = {"run": "", "scene": scene, "title": title, "pace": pace, "command": command}
         self._facts |= {"fault": "", "outcome": None, "log": "", "foreign": False}
 
@@ -296,5 +303,8 @@ class RunControl:
         """A run of another terminal is no longer followed."""
         with self._lock:
             self._phase = "ended"
-        if not (self._facts["outcome"] or self._facts["fault"]):
+        if self._leaving:
             self._lines.append(f"run {self._facts['run']} is no longer followed")
+        elif not (self._facts["outcome"] or self._facts["fault"]):
+            died = "has ended without a summary: its plant died; the terminal that started it says why"
+            self._facts["fault"] = f"run {self._facts['run']} {died}"
