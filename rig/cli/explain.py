@@ -157,8 +157,10 @@ def _audited(log: str, as_json: bool) -> None:
 
     run = opened(Path(log))
     judged, network = run.summary.get("audit", []), run.summary.get("network", {})
+    faults = [(event["t_ns"] / 1e9, event["text"]) for event in run.plant_events if event["kind"] == "fault"]
     if as_json:
-        printing.report({"log": log, "effects": judged, "network": network})
+        happened = [{"t": t, "text": text} for t, text in faults]
+        printing.report({"log": log, "effects": judged, "network": network, "faults": happened})
         return
     state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
     rows = [(e["effect"], now, f"{e['share']:.2g}", e["text"] if e["noted"] else "") for e, now in zip(judged, state)]
@@ -169,6 +171,9 @@ def _audited(log: str, as_json: bool) -> None:
         printing.line()
         counted = [(topic, *counts.values()) for topic, counts in network.items()]
         printing.table("impaired links, number of messages", ("link", *next(iter(network.values()))), counted)
+    if faults:
+        printing.line()
+        printing.table("faults of sensors and actuators", ("t", ""), [(f"{t:g} s", text) for t, text in faults])
     if not judged:
         printing.line(
             "no result: the run was too short, or no shipped scene of its plant has values for the absent effects"

@@ -15,6 +15,7 @@ from rig.bench.compiled_controllers import CompiledControllers
 from rig.bench.simulate import Recorded, simulate
 from rig.bench.verify import verify
 from rig.bus import messages
+from rig.cli.app import program
 from rig.record.compare import compare
 from rig.record.provenance import provenance
 from rig.record.save_run import save
@@ -212,3 +213,16 @@ def test_a_fault_after_the_end_is_a_warning():
         "faults.a.at: 3 s is after the end of the run at 0.5 s, so this fault never acts (vibrometer is frozen); let "
         "it begin earlier or run longer"
     )
+
+
+def test_explain_lists_the_faults_and_links_of_a_recording(tmp_path, capsys):
+    about = ALL | {"network.act.nf.loss": "50 %"}
+    log = recorded(tmp_path, rig.simulate(belt(about), 0.4))
+    program(["explain", str(log)], standalone_mode=False)
+    told = capsys.readouterr().out
+    assert "0.25 s  weak: load.force reaches only 0.5 of its command" in told
+    assert "act/nf" in told
+    program(["explain", str(log), "--json"], standalone_mode=False)
+    found = json.loads(capsys.readouterr().out)
+    assert [one["t"] for one in found["faults"]] == [0.2, 0.25, 0.3, 0.3, 0.4, 0.4]
+    assert found["network"]["act/nf"]["sent"] == 400
