@@ -171,7 +171,7 @@ def sweep(scene: Scene | str, key: str, values: Iterable[float], controller: str
 def loop(scene: Scene | str, controller: str) -> Loop:
     """The closed loop of a controller about steady sliding: eigenvalues, range of gains, margins of phase and delay.
 
-    Raises rig.errors.SceneError for a controller that is no linear feedback and where nothing slides steadily.
+    Raises rig.errors.SceneError for a controller that is not a linear feedback and where nothing slides steadily.
     """
     from rig.analysis.control_loop import loop as solve
 

@@ -103,7 +103,7 @@ def si(value: Any, unit: str) -> float:
 def unit_fault(unit: Any) -> str:
     """What is wrong with the unit that a part declares, in words; "" for an SI unit without a prefix (kg has one)."""
     if not isinstance(unit, str):
-        return f"{brief(unit)} is no unit; {_ALLOWED}"
+        return f"{brief(unit)} is not a unit; {_ALLOWED}"
     if unit in SIZES:
         return ""
     try:

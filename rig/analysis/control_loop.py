@@ -262,7 +262,7 @@ def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Lo
         known = [n for n, s in scene.controllers.items() if hasattr(controllers.controller_class(s), "linear")]
         other = f"; {', '.join(known)} is" if known else ""
         raise SceneError(
-            scene.name, [f"controllers.{name}: {section.kind} is no linear feedback: it has no margins{other}"]
+            scene.name, [f"controllers.{name}: {section.kind} is not a linear feedback: it has no margins{other}"]
         )
     own, unit = 1.0, "1"
     try:

@@ -83,7 +83,7 @@ class Fmu(CompiledSection):
             found = super().faults()
         step, period = self.file.about["step"], self.period * 1e-9
         if step is not None and (step <= 0.0 or abs(period / step - round(period / step)) > 1e-9 or period < step):
-            found.append(f"period: {period:g} s is no multiple of {step:g} s, the fixed step of {self.file}")
+            found.append(f"period: {period:g} s is not a multiple of {step:g} s, the fixed step of {self.file}")
         return found
 
     def notes(self) -> Iterator[str]:

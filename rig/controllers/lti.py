@@ -134,7 +134,7 @@ def table(given: System, raw: Mapping[str, Any]) -> dict[str, Any]:
     if given.dt and "period" not in raw:
         own["period"] = given.dt
         if abs(given.dt * 1e9 - round(given.dt * 1e9)) > 1e-3:
-            raise ValueError(f"period: the system has dt = {given.dt!r} s, which is no whole number of nanoseconds")
+            raise ValueError(f"period: the system has dt = {given.dt!r} s, which is not a whole number of nanoseconds")
     method, period = raw.get("method"), _period({**raw, **own})
     try:
         prewarp = None if raw.get("prewarp") is None else finite(raw["prewarp"], "Hz", Gt(0.0))

@@ -79,7 +79,7 @@ def _designed(design: Any, rig: DesignRig, section: Any) -> dict[str, Any]:
     try:
         json.dumps(numbers, allow_nan=False)
     except (TypeError, ValueError) as error:
-        raise PartError(f"{file_of(module)}: design gives values that are no plain JSON: {error}") from None
+        raise PartError(f"{file_of(module)}: design gives values that are not plain JSON: {error}") from None
     if found := section_faults(section, numbers):
         raise PartError("; ".join(found))
     return numbers

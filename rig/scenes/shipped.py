@@ -72,7 +72,7 @@ def cards(folder: Path) -> list[dict[str, Any]]:
     Raises SceneError for what is no folder.
     """
     if not folder.is_dir():
-        raise SceneError(str(folder), ["is no folder; rig explain SCENE shows one scene"])
+        raise SceneError(str(folder), ["is not a folder; rig explain SCENE shows one scene"])
     found = []
     for file in sorted(folder.glob("*.toml")):
         try:

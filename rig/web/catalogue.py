@@ -107,7 +107,7 @@ def as_text(value: Any) -> str:
         return repr(value)
     if isinstance(value, str | int):
         return str(value)
-    raise UsageError(f"{value!r:.80} is no value; expected a number, a truth value or a text such as '2 rpm'")
+    raise UsageError(f"{value!r:.80} is not a value; expected a number, a truth value or a text such as '2 rpm'")
 
 
 def timing(scene: Scene, pace: Any, duration: Any) -> tuple[float | None, float | None]:

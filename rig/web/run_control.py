@@ -129,7 +129,7 @@ class RunControl:
         self._check(body)
         what = body.get("do")
         if not isinstance(what, str) or what not in COMMANDS:
-            raise UsageError(f"{what!r:.80} is no command; there are: {', '.join(sorted(COMMANDS))}")
+            raise UsageError(f"{what!r:.80} is not a command; there are: {', '.join(sorted(COMMANDS))}")
         follower = self._follower
         if what in ("stop", "emergency") and not self._foreign and (follower is None or self._phase == "starting"):
             self._interrupt()

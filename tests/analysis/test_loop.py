@@ -287,7 +287,7 @@ def test_a_report_is_plain():
     [
         ("belt", "nf", {}, "controller nf: unknown; there is none in this scene"),
         ("belt_normal_force", "nff", {}, "did you mean nf?"),
-        ("belt_dither_controlled", "dither", {}, "dither is no linear feedback"),
+        ("belt_dither_controlled", "dither", {}, "dither is not a linear feedback"),
         ("belt_normal_force", "nf", {"drive.speed": 0.0}, "no steady sliding"),
         (
             "belt_normal_force",

@@ -140,7 +140,7 @@ def test_a_loop_of_a_longer_period_has_the_longest_delay(monkeypatch):
     [
         (["belt"], "name the controller of the loop with --controller; there are: none"),
         (["belt_normal_force", "--controller", "fn"], "controller fn: unknown; known: nf"),
-        (["belt_dither_sampled"], "is no linear feedback"),
+        (["belt_dither_sampled"], "is not a linear feedback"),
         (["belt_normal_force", "--net", "act/nf: loss 100 %"], "loses every message"),
         (["belt_normal_force", "--net", "act/nf: los 1 %"], "column 9: los: unknown; did you mean loss?"),
     ],

@@ -184,7 +184,10 @@ def test_one_that_cannot_return_to_its_state_is_marked_and_its_parameters_are_fi
     [
         ({"platform": "win64"}, "has code for win64; this machine needs linux64"),
         ({"version": 3, "platform": "aarch64-darwin"}, "has code for aarch64-darwin; this machine needs"),
-        ({"variable": "false", "step": None, "described_step": "0.0007"}, "no multiple of 0.0007 s, the fixed step of"),
+        (
+            {"variable": "false", "step": None, "described_step": "0.0007"},
+            "not a multiple of 0.0007 s, the fixed step of",
+        ),
         ({"more": "x[2] = 0.0 / 0.0;"}, "commands (nan,) when all measurements are zero"),
         ({"start": "2000"}, "gain: its value 2000 is not within 0 to 1000"),
     ],

@@ -171,7 +171,7 @@ def test_a_system_of_python_control_without_a_period_is_refused(dt):
 
 
 def test_a_nonlinear_system_of_python_control_is_refused():
-    with pytest.raises(ValueError, match="NonlinearIOSystem of python-control is no linear system"):
+    with pytest.raises(ValueError, match="NonlinearIOSystem of python-control is not a linear system"):
         of_python_control(control.nlsys(None, lambda t, x, u, p: u**3, inputs=1, outputs=1, dt=1e-3))
 
 

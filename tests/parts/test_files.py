@@ -135,7 +135,7 @@ def test_plots_portrait_and_conversions_come_from_the_files_of_plant_and_sensor(
 def test_a_plant_draws_a_figure_of_its_own_from_its_file(folder):
     text = (
         'FIGURE = Own(":compose", ("table_velocity",))\n\n\ndef compose(figure, run):\n'
-        '    figure.add_axes((0, 0, 1, 1)).set_facecolor("black")\n'
+        '    figure.add_axes((0, 0, 1, 1)).set(facecolor="black", xticks=(), yticks=())\n'
     )
     rewritten(
         folder / "example_plant.py",
@@ -265,7 +265,7 @@ def test_linear_analyses_of_a_scene_with_parts(folder):
     stiffness = scene.parameters.buffer.stiffness
     swept = lab.sweep(scene, "buffer.stiffness", [stiffness, 2.0 * stiffness])
     assert np.sort_complex(swept.rates[0]) == pytest.approx(np.sort_complex(rates), rel=1e-9)
-    with pytest.raises(SceneError, match=r"example_controller\.py is no linear feedback"):
+    with pytest.raises(SceneError, match=r"example_controller\.py is not a linear feedback"):
         lab.loop(scene, "two_levels")
 
 

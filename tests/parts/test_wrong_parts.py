@@ -70,7 +70,12 @@ def test_they_are_right_as_they_are(toys):
         ),
         ("twin.py", X_LEFT, 'Output({"l": 1.0}, "furlong")', "twin.py: unit of output 'x_left': 'furlong' is not SI"),
         ("twin.py", X_LEFT, 'Output({"l": 1.0}, "metr")', "unit of output 'x_left': 'metr' is unknown; expected an SI"),
-        ("twin.py", X_LEFT, 'Output({"l": 1.0}, None)', "unit of output 'x_left': None is no unit; .* such as .m., "),
+        (
+            "twin.py",
+            X_LEFT,
+            'Output({"l": 1.0}, None)',
+            "output .x_left.: None is not a unit; .* such as .m., ",
+        ),
         (
             "twin.py",
             "    return a\n",
@@ -231,7 +236,7 @@ def test_what_is_wrong_is_a_fault_of_the_scene(toys, file, old, new, told):
         (
             "        return rig.comm",
             "        return {'a': {1}} or rig.comm",
-            "design gives values that are no plain JSON",
+            "design gives values that are not plain JSON",
         ),
         (
             "        return rig.comm",

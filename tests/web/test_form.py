@@ -91,7 +91,7 @@ def test_what_is_no_scene_no_change_no_pace_is_refused(tmp_path):
             catalogue.scene(name)
     with pytest.raises(UsageError, match='"changes" is'):
         catalogue.scene("belt", [1])
-    with pytest.raises(UsageError, match="is no value"):
+    with pytest.raises(UsageError, match="is not a value"):
         catalogue.scene("belt", {"load.force": [1.0]})
     belt = catalogue.scene("belt")
     for pace in (0.0, -1, "fast", 1e9, float("nan"), True):

@@ -122,7 +122,7 @@ def of_control(given: Any) -> System:
             found = {"D": found["D"]}
     else:
         raise ValueError(
-            f"a {type(given).__name__} of python-control is no linear system with a matrix form; "
+            f"a {type(given).__name__} of python-control is not a linear system with a matrix form; "
             "give a StateSpace or a TransferFunction"
         )
     names = {

@@ -112,7 +112,7 @@ class Reduced:
                 raise ValueError
             return cls.of(Surface.from_bytes(body), grid, (x, y))
         except (KeyError, TypeError, ValueError, OverflowError):
-            raise ValueError("is no reduced model of a plate") from None
+            raise ValueError("is not a reduced model of a plate") from None
 
     @classmethod
     def of(cls, surface: Surface, grid: Grid, point: tuple[float, float]) -> Self:

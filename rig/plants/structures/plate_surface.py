@@ -71,7 +71,7 @@ class Surface:
             yields = float(head["compliance"]), float(head["residual"])
             return cls(frequencies, xs, ys, shapes.reshape(modes, 3, y, x), *yields)
         except (KeyError, TypeError, ValueError, OverflowError):
-            raise ValueError("is no surface of a plate") from None
+            raise ValueError("is not a surface of a plate") from None
 
 
 def framed(head: dict[str, Any], body: bytes) -> bytes:
@@ -84,7 +84,7 @@ def unframed(content: bytes) -> tuple[dict[str, Any], bytes]:
     """The head and the body that `framed` was called with. Raises ValueError for other content."""
     whole, stated = content[:-_SUM], content[-_SUM:]
     if not whole.startswith(_MAGIC):
-        raise ValueError("is no plate model of this version")
+        raise ValueError("is not a plate model of this version")
     if hashlib.sha256(whole).digest() != stated:
         raise ValueError("is damaged: its checksum does not agree")
     line, _, body = whole[len(_MAGIC) :].partition(b"\n")
@@ -93,7 +93,7 @@ def unframed(content: bytes) -> tuple[dict[str, Any], bytes]:
     except ValueError:
         head = None
     if not isinstance(head, dict):
-        raise ValueError("is no plate model of this version")
+        raise ValueError("is not a plate model of this version")
     return head, body
 
 
