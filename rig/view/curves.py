@@ -77,7 +77,8 @@ def plain(name: str) -> str:
 def legend(axes: Axes, columns: int) -> None:
     """Draw the legend above the curves, in space that is added there."""
     low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.16 * (high - low))
+    rows = -(-len(axes.get_legend_handles_labels()[1]) // columns)
+    axes.set_ylim(low, high + (0.05 + 0.11 * rows) * (high - low))
     drawn = axes.legend(loc="upper left", ncols=columns, borderaxespad=0.2, handlelength=1.6, columnspacing=1.4)
     for handle in drawn.get_lines():
         handle.set_linewidth(2.2)

@@ -137,8 +137,11 @@ def _figure(run: Run, modes: Integers) -> Html:
         figure = run.plot()
     except RigError as error:  # e.g. of a plant whose code the user has not trusted
         return element("p", f"The run was not drawn: {error}", class_="doubtful")
+    from matplotlib import rc_context
+
     drawn = io.BytesIO()
-    figure.savefig(drawn, format="png")
+    with rc_context({"agg.path.chunksize": 300}):  # a curve that fills its panel takes a quarter of the time
+        figure.savefig(drawn, format="png")
     names = ", ".join(name.replace("_", " ") for name in list(run.signals)[:6])
     stick = f"; {share}" if (share := outcome.stick(modes)) else ""
     words = (
