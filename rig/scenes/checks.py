@@ -190,7 +190,7 @@ def wiring(
                 key = f"controllers.{name}.{field}"
                 yield key, f"{key} = {shown(sensor)}: unknown sensor; {near(sensor, sensors)}"
         for actuator in controller_drives(section):
-            key = f"controllers.{name}.drive"
+            key = f"controllers.{name}.{'drives' if 'drives' in type(section).model_fields else 'drive'}"
             if actuator not in inputs:
                 yield key, f"{key} = {shown(actuator)}: {plant} has no such actuator; {near(actuator, inputs)}"
             elif actuator in owners:

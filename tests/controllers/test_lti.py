@@ -131,7 +131,7 @@ def test_a_system_that_cannot_work_is_refused(tmp_path, told):
     ("keys", "told"),
     [
         ({"reads": "laser"}, r"controllers.nf.reads\[1\] = \"laser\": unknown sensor"),
-        ({"drives": "load.speed"}, "load.speed"),
+        ({"drives": "load.speed"}, 'controllers.nf.drives = "load.speed": belt has no such actuator'),
         ({"reads": "vibrometer, normal_force"}, "reads: names vibrometer, normal_force; expected 1 different"),
         ({"prewarp": "10 Hz"}, "prewarp: has no meaning, the system is discrete"),
         ({"method": "zoh"}, "method: has no meaning, the system is discrete"),
