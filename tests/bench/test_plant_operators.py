@@ -43,6 +43,11 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene):
     with Bench(scene, pace=1.0) as bench:
         bench.begin()
         ask = bench.me.ask
+        found = ask("cmd/plant", {"do": "status"}, 20.0)
+        assert found["verdict"] in ("VALID", "DEGRADED", "INVALID")
+        assert found["reasons"]
+        assert (found["paused"], found["pace"]) == (False, 1.0)
+        assert found["step"] >= 0
         for topic, body, wrong in [
             ("param/plant", {"set": {"friction.mu_statc": 0.4}}, "did you mean friction.mu_static"),
             ("param/plant", {"set": {"friction.mu_static": "x"}}, "mu_static"),
