@@ -58,15 +58,16 @@ def simulate(
     stop: Stop | None = None,
     tell: Tell | None = None,
     guests: Mapping[str, Guest] = NOBODY,
+    audited: bool = True,
 ) -> Run:
     """Run `scene` for `duration_ns`, or for the duration of its protocol.
 
     `controllers`: by name; by default those of the scene, with their design values. `guests`: controllers that the
     scene does not know; they are admitted before the first tick.
     `recorded`: actions of a recorded run to repeat. `stop` is called ten times per simulated second; it returns why to
-    stop, or "". `tell` is called after each piece of the run, and changes none of them. If the integration has to
-    stop, the run up to there is returned with `fault`, and its events say what happened. Raises UsageError without a
-    duration.
+    stop, or "". `tell` is called after each piece of the run, and changes none of them. `audited`: judge the effects
+    in the summary, which takes as long as a short run. If the integration has to stop, the run up to there is returned
+    with `fault`, and its events say what happened. Raises UsageError without a duration.
     """
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; state a duration, e.g. --duration 10")
@@ -78,7 +79,7 @@ def simulate(
         carried = carry_out(scene, controllers, duration_ns, recorded, stop, tell, guests)
     for one in models.values():  # drawing the run assembles its rig again
         model_store.offer(one)
-    run = _run(scene.made_with(models), tuple(models.values()), *carried)
+    run = _run(scene.made_with(models), tuple(models.values()), audited, *carried)
     run.controllers = own
     return run
 
@@ -247,6 +248,7 @@ def carry_on(
 def _run(
     scene: Scene,
     models: tuple[bytes, ...],
+    audited: bool,
     runner: PlantRunner,
     experiment: Experiment,
     loops: Mapping[str, Loop],
@@ -276,7 +278,7 @@ def _run(
         summary={
             "ended": experiment.over or "stopped by the numerics",
             "plant": statistics,
-            "audit": runner.audit(),
+            "audit": runner.audit() if audited else [],
             "exchange": experiment.exchange.counters(),
             "controllers": {name: loop.counters() for name, loop in loops.items()},
             "sensors": runner.bank.counters(),

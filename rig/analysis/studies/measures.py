@@ -192,7 +192,8 @@ def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, s
 
 
 def _of_run(scene: Scene, duration: float | None, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
-    run = simulate(scene, duration_ns=None if duration is None else round(duration * 1e9))
+    own = any(one.function is not None for one in some)  # it may read the summary
+    run = simulate(scene, duration_ns=None if duration is None else round(duration * 1e9), audited=own)
     stopped = run.fault.partition("\n")[0]
     for one in some:
         if stopped:
