@@ -11,13 +11,17 @@ from pathlib import Path
 import figure_rules
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from rig.cli import app
 
-settings.register_profile("same", derandomize=True)  # on every machine: `rig torture --search` is what draws anew
+settings.register_profile(
+    "same",
+    derandomize=True,  # on every machine: `rig torture --search` is what draws anew
+    suppress_health_check=[HealthCheck.too_slow],  # that is the load of the machine
+)
 settings.load_profile("same")
 
 

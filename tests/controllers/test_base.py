@@ -11,6 +11,7 @@ SECTIONS = {
     "belt_velocity": {"sensor": "v", "gain": 2.0, "nominal": "60 mm/s"},
     "dither": {"sensor": "v", "speed": 0.06, "frequency": "150 Hz"},
     "dither_sampled": {"amplitude": 0.1, "nominal": 0.06},
+    "lti": {"A": [[0.5]], "B": [[1.0]], "C": [[2.0]], "D": [[0.0]], "reads": ["v"], "drives": ["load.force"]},
     "narrow_band": {"sensor": "v", "frequency": "2.14 kHz", "effort": "6e4 V*s/m"},
     "shunt_schedule": {"begin": "1 s"},
     "shunt_tuner": {"sensor": "v", "frequency": "3.4 kHz"},

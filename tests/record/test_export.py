@@ -377,7 +377,7 @@ def test_files_of_a_folder_are_known_before_they_are_written(run, tmp_path):
 def test_a_library_that_is_missing_is_named(run, tmp_path, monkeypatch, library, to):
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(
-        UsageError, match=rf"{library} cannot be loaded \(.*\); pip install friction-rig\[data\] installs"
+        UsageError, match=rf"{library} cannot be loaded \(.*\); pip install 'friction-rig\[data\]' installs"
     ):
         export(tables(run), to, tmp_path / "export", {})
     assert not [*tmp_path.iterdir()]
