@@ -58,7 +58,7 @@ class Falling(_OverSpeed):
     """A coefficient that falls linearly with the slip speed, down to a floor."""
 
     law: Literal["falling"]
-    mu_zero: Ratio
+    mu_zero: Annotated[Ratio, Field(title="coefficient of friction at zero speed")]
     slope: SecondPerMetre
     mu_floor: Ratio = 0.0
 

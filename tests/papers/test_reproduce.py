@@ -1,6 +1,7 @@
 """Figures of the papers: the list, what compares, and the page. The figures themselves run with the slow tests."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -20,6 +21,19 @@ def test_every_entry_names_shipped_scenes_and_has_a_name_of_its_own():
     entries = papers.pick("all")
     assert len({entry.name for entry in entries}) == len(entries) > 10
     assert {scene for entry in entries for scene in entry.scenes} <= set(names())
+
+
+def test_the_gallery_has_every_figure_as_pixels_and_as_curves():
+    folder = Path(__file__).parents[2] / "docs" / "gallery"
+    names = {entry.name for entry in papers.pick("all")}
+    assert {path.stem for path in folder.glob("*.png")} == {path.stem for path in folder.glob("*.svg")} == names
+    page = (folder / "README.md").read_text()
+    for name in names:
+        drawn = (folder / f"{name}.svg").read_text()
+        assert len(drawn) < 1_000_000
+        assert "<dc:date>" not in drawn
+        assert f"({name}.png)" in page
+        assert f"({name}.svg)" in page
 
 
 def test_a_figure_a_paper_or_all():
@@ -47,6 +61,7 @@ def test_what_is_made_is_a_picture_and_a_page(tmp_path):
     entry = Entry("kroeger-x", "kroeger", "Figure x", "two numbers", ("belt",), drawn)
     made = papers.make(entry, tmp_path / "gallery")
     assert made.picture.read_bytes().startswith(b"\x89PNG")
+    assert b"<svg" in made.picture.with_suffix(".svg").read_bytes()
     assert not made.agrees
     page = papers.page([made], "this machine")
     assert "| one | 1.001 s | 1 s | paper | 0.002 relative | agrees |" in page
