@@ -60,6 +60,7 @@ FILES = [
     ("sound", "log.mcap", "--signal", "s", "--figure"),
     ("amplitude", "log.mcap", "--figure"),
     ("cycle", "belt", "--figure"),
+    ("loop", "belt_normal_force", "--figure"),
     ("identify", "lever_kinetic_friction", "--figure"),
     ("diff", "log.mcap", "log.mcap", "--figure"),
     ("hysteresis", "log.mcap", "--figure"),
@@ -75,18 +76,23 @@ FILES = [
 ]
 
 
+def suffix(command):
+    """That of the file that the command writes, or one that the command has no opinion about."""
+    return ".html" if command[0] == "report" else ".png"
+
+
 @pytest.mark.usefixtures("log")
 @pytest.mark.parametrize("command", FILES, ids=lambda command: f"{command[0]} {command[-1]}")
 def test_a_file_is_not_overwritten(rig, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
-    mine = tmp_path / "mine.png"
+    mine = tmp_path / f"mine{suffix(command)}"
     mine.write_text("mine")
     code, err = rig(*command, mine)
     assert code in (1, 2)
     assert "exists" in err
     assert "--force" in err
     assert mine.read_text() == "mine"
-    assert {path.name for path in tmp_path.iterdir()} == {"mine.png", "log.mcap", "cut.mcap"}
+    assert {path.name for path in tmp_path.iterdir()} == {mine.name, "log.mcap", "cut.mcap"}
 
 
 @pytest.mark.parametrize(("option", "suffix"), [("--save", ".rrd"), ("--foxglove", ".json")])
@@ -137,7 +143,7 @@ def test_force_replaces_and_a_name_that_is_free_needs_none(rig, log, tmp_path):
 def test_a_file_that_another_run_is_writing_is_refused_before_anything_starts(rig, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rig.bench.supervise.run", None)
-    path = tmp_path / "theirs.png"
+    path = tmp_path / f"theirs{suffix(command)}"
     with opened_new(path, True) as theirs:
         theirs.write(b"theirs")
         theirs.flush()
@@ -247,12 +253,13 @@ def test_an_empty_name_is_told(rig, tmp_path, monkeypatch, command):
 @pytest.mark.parametrize("command", FILES, ids=lambda command: f"{command[0]} {command[-1]}")
 def test_a_pipe_is_no_file_to_write(rig, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
-    os.mkfifo(tmp_path / "pipe.png")
+    pipe = f"pipe{suffix(command)}"
+    os.mkfifo(tmp_path / pipe)
     for force in ((), ("--force",)):
-        code, err = rig(*command, "pipe.png", *force)
+        code, err = rig(*command, pipe, *force)
         assert code in (1, 2)
-        assert "pipe.png cannot be written: it is not a regular file" in err
-    assert (tmp_path / "pipe.png").is_fifo()
+        assert f"{pipe} cannot be written: it is not a regular file" in err
+    assert (tmp_path / pipe).is_fifo()
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")

@@ -19,6 +19,8 @@ REQUIRED = {
     "map": ["--x", "drive.speed=0:1:5"],
     "response": ["--input", "a", "--output", "b"],
     "export": ["--to", "csv"],
+    "fmu": ["--out", "plant.fmu"],
+    "optimise": ["--over", "load.force=10:20", "--minimise", "cycle.amplitude"],
 }
 """Options without which a command does not begin."""
 

@@ -54,7 +54,7 @@ def full(logs):
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda one: f"{one[0]} {one[1]} {one[-1]}")
 def test_a_file_that_does_not_fit_is_named_and_goes(rig, logs, tmp_path, command):
     name, *options = command
-    path = tmp_path / f"file{SUFFIXES.get(command[-1], '')}"
+    path = tmp_path / f"file{'.html' if name == 'report' else SUFFIXES.get(command[-1], '')}"
     code, out, err = rig(name, logs.get(name, GOLDEN / "pendulum.mcap"), *options, path)
     assert code == 1
     assert str(path) in err
