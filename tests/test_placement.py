@@ -79,7 +79,7 @@ def test_a_controller_that_computes_long_leaves_the_core_of_the_bus(allowed, pau
     worker = process.Worker(Twin().open("controller", "nf"), setup, controllers.restored(told["nf"]))
     answer = worker.loop.answer
     worker.loop = type("Slow", (), {
-        "every_sample": False, "held": 0, "due": lambda _, t_ns: True,
+        "every_sample": False, "held": 0, "refused": 0, "due": lambda _, t_ns: True,
         "answer": lambda _, *given: (time.sleep(pause), answer(*given))[1],
     })()  # fmt: skip
     core = min(allowed)

@@ -28,7 +28,8 @@ _TELL = 0.1  # s between two messages on a batch
 def main() -> int:
     """Run one worker."""
     store = Store(Path(sys.argv[1]))
-    with_parent(lambda: os.kill(os.getpid(), signal.SIGINT))  # as Ctrl-C: what is finished of a batch is saved
+    # SIGTERM acts as Ctrl-C, which a job in the background ignores: what is finished of a batch is saved
+    with_parent(lambda: os.kill(os.getpid(), signal.SIGTERM))
     try:
         work = store.work()
         _say("ready")
