@@ -233,9 +233,10 @@ def test_a_recorder_writes_what_can_be_read(followed, count, tmp_path):
     hub, plant = followed
     mine, stop, found = hub.open("recorder", "recorder"), threading.Event(), []
     heard, watch = mine.subscribe("**", depth=1 << 17), mine.watch("plant/*")
-    writer = Writer(tmp_path / "run.mcap", fetch(mine), "recorded")
+    setup = fetch(mine)
+    recorder = _Recorder(mine, setup, heard, watch, Writer(tmp_path / "run.mcap", setup, "recorded"))
     watch.wait_for("plant", "plant", 5.0)
-    thread = threading.Thread(target=lambda: found.append(_Recorder(mine, heard, watch, writer).run(stop)), daemon=True)
+    thread = threading.Thread(target=lambda: found.append(recorder.run(stop)), daemon=True)
     thread.start()
     state, pack, measured = plant.publisher("state"), encode.StateEncoder(2), plant.publisher("meas/vibrometer")
     for k in range(10):
