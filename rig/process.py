@@ -85,7 +85,10 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
             os._exit(ExitCode.INTERRUPTED)
         sys.__unraisablehook__(fault)
 
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # a child in a session of its own inherits the ignored SIGINT of a job in the background, but must be stopped by it
+    led = hasattr(os, "getsid") and os.getsid(0) == os.getpid()
+    heard = signal.getsignal(signal.SIGINT)
+    if heard is signal.default_int_handler or (led and heard == signal.SIG_IGN):
         signal.signal(signal.SIGINT, interrupt)
         sys.unraisablehook = ignored
     for name in ("SIGTERM", "SIGHUP"):  # resources are released, as on Ctrl-C
