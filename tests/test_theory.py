@@ -4,19 +4,26 @@ import importlib.util
 import math
 import re
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
 import rig
 from rig.analysis.cycle import limit_cycle
+from rig.controllers import KINDS as CONTROLLERS
+from rig.effects import friction
 from rig.model.formulation import assemble
+from rig.plants import PLANTS
+from rig.sensors import KINDS as SENSORS
 from rig.solve.state_codes import SLIP_PLUS, STICK
 
 DOCS = Path(__file__).parents[1] / "docs"
 THEORY = DOCS / "theory"
 EVERY_PAGE = sorted(page for page in DOCS.rglob("*.md") if "gallery" not in page.parts)
 PAGES = sorted(THEORY.glob("*.md"))
+LAWS = [get_args(law.model_fields["law"].annotation)[0] for law in vars(friction).values()
+        if getattr(law, "__module__", "") == friction.__name__ and "law" in getattr(law, "model_fields", ())]  # fmt: skip
 
 
 def growth(scene, changes):
@@ -153,3 +160,54 @@ def test_the_figures_are_those_of_the_page(tmp_path):
     shown = set(re.findall(r"^```\{image\} (\S+)$", (THEORY / "plants.md").read_text(), re.MULTILINE))
     kept = {path.name for path in THEORY.glob("*.svg")}
     assert drawn == shown == kept
+
+
+def sections(page):
+    """Heading -> text of each section of a page."""
+    parts = re.split(r"^## (.+)\n", (THEORY / page).read_text(), flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2]))
+
+
+def tables_of_effects(section=None):
+    """The tables of a scene that are those of effects, of all plants."""
+    if section is None:
+        return {"noise"}.union(*(tables_of_effects(PLANTS[plant].Parameters) for plant in PLANTS.shipped))
+    found = set()
+    for name, info in section.model_fields.items():
+        for kind in get_args(info.annotation) or (info.annotation,):
+            if getattr(kind, "__module__", "").startswith("rig.effects") and hasattr(kind, "model_fields"):
+                found.add(name)
+    return found
+
+
+@pytest.mark.parametrize("plant", [*PLANTS.shipped])
+def test_a_plant_has_its_equations_its_figure_and_its_source(plant):
+    [text] = [text for text in sections("plants.md").values() if f"{{image}} {plant}.svg\n" in text]
+    assert "$$ (eq-" in text
+    assert "Source: " in text
+
+
+@pytest.mark.parametrize("name", sorted(tables_of_effects() - {"friction"}))  # its laws: a table of contact.md
+def test_an_effect_has_its_equations_and_its_source(name):
+    [text] = [text for text in sections("effects.md").values() if f"`[{name}]`" in text]
+    assert "$$ (eq-" in text
+    assert "Source: " in text
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_friction_law_has_its_formula(law):
+    assert re.search(rf"^\| `{law}` \| .*(\$|cubic)", (THEORY / "contact.md").read_text(), re.MULTILINE)
+
+
+@pytest.mark.parametrize("kind", [*SENSORS.shipped])
+def test_an_instrument_has_its_front_end_and_the_source_of_its_values(kind):
+    text = sections("instruments.md")["The instruments"]
+    [row] = re.findall(rf"^\| {kind.replace('_', ' ')} \|(.*)\|$", text, re.MULTILINE)
+    assert all(cell.strip() for cell in row.split(" | "))
+    assert len(row.split(" | ")) == 4
+
+
+@pytest.mark.parametrize("kind", [*CONTROLLERS.shipped])
+def test_a_controller_has_its_equations_and_its_source(kind):
+    found = [text for text in sections("controllers.md").values() if re.search(rf"`{kind}`", text)]
+    assert any(("$$ (eq-" in text or "{eq}" in text) and "Source: " in text for text in found)

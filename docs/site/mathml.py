@@ -21,13 +21,34 @@ of \\dot q_i as one below q. With braces both are right: \\frac{1}{2} k, \\dot q
 _EQUATION = re.compile(r"\\(?:begin|end)\{equation\*?\}")
 """Environments of displayed equations, which the converter knows as `aligned` only. Numbers are Sphinx's."""
 
+_FUNCTION = re.compile(
+    r"(<msup>\s*)?(?:<mi>(?=arc|arg|artanh|cos|det|ln|Re|sin|tan)|<mo>(?=max|min))(\w+)</m[io]>"
+    r"(?:\s*<mo>&ApplyFunction;</mo>)?"
+    r"(?=(\s*<mn>2</mn>\s*</msup>)?(?:\s*<mrow>)?\s*(?:<mo[^>]*>(\())?)"
+)
+_ENDS = re.compile(r"(?:</(?!mo>)\w+>|<mo[^>]*>[)|]</mo>)\s*$")
+"""What a function needs space behind: the end of a quantity."""
+_SPACE = "0.1667em"
+"""Thin space of TeX."""
+
+
+def _spaced(mathml: str) -> str:
+    """Names of functions apart from what they stand beside, as TeX sets them: browsers leave no space."""
+
+    def operator(found: re.Match[str]) -> str:
+        before = _SPACE if _ENDS.search(mathml[: found.start()]) else "0"
+        behind = "0" if found[4] else _SPACE
+        return f'{found[1] or ""}<mo lspace="{before}" rspace="{behind}">{found[2]}</mo>'
+
+    return _FUNCTION.sub(operator, mathml)
+
 
 def _converted(page: HTML5Translator, node: nodes.math | nodes.math_block, block: bool) -> str:
     if wrong := _MISREAD.search(node.astext()):
         _log.warning("the converter misreads %r: write braces", wrong.group(), location=node)
     text = _EQUATION.sub("", _ALIGNED.sub(r"\\\1{aligned}", node.astext()))
     try:
-        return str(tex2mathml(text, as_block=block))
+        return _spaced(str(tex2mathml(text, as_block=block)))
     except MathError as fault:
         _log.warning("this formula cannot be made MathML: %s\n%s", fault, node.astext(), location=node)
         return f"<code>{page.encode(node.astext())}</code>"
