@@ -22,8 +22,11 @@ DOCS = Path(__file__).parents[1] / "docs"
 THEORY = DOCS / "theory"
 EVERY_PAGE = sorted(page for page in DOCS.rglob("*.md") if "gallery" not in page.parts)
 PAGES = sorted(THEORY.glob("*.md"))
-LAWS = [get_args(law.model_fields["law"].annotation)[0] for law in vars(friction).values()
-        if getattr(law, "__module__", "") == friction.__name__ and "law" in getattr(law, "model_fields", ())]  # fmt: skip
+LAWS = [
+    get_args(law.model_fields["law"].annotation)[0]
+    for law in vars(friction).values()
+    if getattr(law, "__module__", "") == friction.__name__ and "law" in getattr(law, "model_fields", ())
+]
 
 
 def growth(scene, changes):

@@ -68,8 +68,7 @@ class _Left(Exception):
 def _walk(one: Lesson) -> None:
     """Show the parts of a lesson one by one. Exits with 1 if a number did not agree."""
     _show(f"# Lesson {one.number}: {one.title}")
-    for name in ("time", "needed before", "you learn"):
-        printing.line(f"{name}: {one.facts[name]}")
+    _show("\n\n".join(f"{name}: {one.facts[name]}" for name in ("time", "needed before", "you learn")))
     _show(f"## Question\n\n{one.question}")
     disagreed = 0
     try:
@@ -98,17 +97,27 @@ def _offer(command: Command, one: Lesson) -> int:
         rows = [(expected.quantity, expected.text) for expected in command.expected]
         if rows:
             printing.table("", ("quantity", "expected"), rows)
+            printing.line()
         return 0
     folder = RESULTS / str(one.number)
     folder.mkdir(parents=True, exist_ok=True)
-    outcome = attempt(command, folder)
+    status = printing.Status()
+    status.show("running ... (Ctrl-C stops it)")
+    try:
+        outcome = attempt(command, folder)
+    except KeyboardInterrupt:
+        status.done()
+        printing.note(f"interrupted; what the command has written is in {folder}")
+        raise
+    status.done()
     if outcome.notes:
         printing.note(outcome.notes.rstrip())
     found = compare(command, outcome)
     compared = [(each.expected.quantity, each.expected.text, each.text, each.agrees) for each in found]
     printing.table("", ("quantity", "expected", "found", "agrees"), compared)
+    printing.line()
     if figure := _figure(command):
-        printing.line(f"figure: {folder / figure}")
+        printing.line(f"figure: {folder / figure}\n")
     return sum(not each.agrees for each in found)
 
 
@@ -125,6 +134,8 @@ def _ask(text: str, answers: str) -> str:
         sys.stdout.flush()
         line = sys.stdin.readline()
         answer = line.strip().lower()
+        if not line:
+            printing.line()
         if not line or (answer == "q" and "q" in answers):
             raise _Left
         if answer in ("", *answers):

@@ -116,7 +116,7 @@ def read(file: Path) -> Lesson:
     if title is None:
         raise ValueError(f"{file}: begins without a title")
     rows = [_cells(line) for line in head.splitlines() if line.startswith("| ") and line.strip("| ")]
-    facts = dict(row for row in rows if len(row) == 2)
+    facts = dict(row for row in rows[1:] if len(row) == 2)  # without the heads of the columns
     if missing := {"time", "needed before", "you learn", "scene"} - facts.keys():
         raise ValueError(f"{file}: the table at the head has no row {', '.join(sorted(missing))}")
     experiment = _parts(found["Experiment"] + "\n", file)

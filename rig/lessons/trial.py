@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.child_process import STEPS
+from rig.errors import WorkerError
 from rig.lessons.page import EXIT_CODE, Command, Expected
 
 LONGEST_S = 600.0
@@ -45,19 +47,45 @@ class Found:
 def attempt(command: Command, folder: Path) -> Outcome:
     """Run `command` in `folder`, with a report as JSON; files of an earlier run of it are replaced.
 
-    Raises subprocess.TimeoutExpired after `LONGEST_S`.
+    The command is a process in a session of its own: on Ctrl-C it is told to stop and has time to complete what it
+    writes. Raises WorkerError after `LONGEST_S`.
     """
     words = [*command.words, "--json"]
     if any(word in _WRITES for word in words) and "--force" not in words:
         words.append("--force")
-    done = subprocess.run(
-        [sys.executable, "-m", "rig", *words], cwd=folder, capture_output=True, text=True, timeout=LONGEST_S
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rig", *words],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     try:
-        report = json.loads(done.stdout)
+        printed, notes = process.communicate(timeout=LONGEST_S)
+    except subprocess.TimeoutExpired:
+        _end(process)
+        raise WorkerError(f"{command.text}: no end within {LONGEST_S:g} s, and therefore stopped") from None
+    except KeyboardInterrupt:
+        _end(process)
+        raise
+    try:
+        report = json.loads(printed)
     except ValueError:
         report = None
-    return Outcome(done.returncode, report, done.stderr)
+    return Outcome(process.returncode, report, notes)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a command and wait for it: by Ctrl-C first, so that it keeps what it has done."""
+    for number, patience in STEPS:
+        process.send_signal(number)
+        try:
+            process.communicate(timeout=patience)
+        except subprocess.TimeoutExpired:
+            continue
+        return
 
 
 def compare(command: Command, outcome: Outcome) -> list[Found]:

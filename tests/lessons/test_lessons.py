@@ -4,17 +4,21 @@ import json
 import os
 import pty
 import select
+import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
+import rig
 from rig import scenes
 from rig.errors import UsageError
 from rig.lessons import FOLDER, attempt, compare, lesson, lessons
-from rig.lessons.page import read
+from rig.lessons.page import Command, read
 from rig.lessons.trial import at
 
 ROOT = Path(__file__).parents[2]
@@ -43,6 +47,7 @@ def every_number(one, folder):
 @pytest.mark.parametrize("one", ALL, ids=lambda one: one.file.stem)
 def test_a_page_has_its_parts(one):
     assert one.scene in scenes.names()
+    assert "subject" not in one.facts
     assert one.asked.endswith("?")
     assert "Common wrong answers" in one.solutions
     assert one.next
@@ -95,6 +100,27 @@ def test_a_notebook_runs_in_jupyter(file):
     client = pytest.importorskip("nbclient", reason="nbclient is not installed: make site installs it")
     nbformat = pytest.importorskip("nbformat")
     client.NotebookClient(nbformat.read(file, as_version=4), timeout=120).execute()
+
+
+def test_ctrl_c_ends_a_command_and_keeps_what_it_recorded(tmp_path):
+    """Only this process gets the signal, as from a terminal: commands are in a session of their own."""
+    file = tmp_path / "long.mcap"
+
+    def interrupt():
+        deadline = time.monotonic() + 60.0
+        while time.monotonic() < deadline and not file.exists():
+            time.sleep(0.02)
+        time.sleep(0.2)  # it has begun to compute
+        os.kill(os.getpid(), signal.SIGINT)
+
+    watch = threading.Thread(target=interrupt)
+    watch.start()
+    with pytest.raises(KeyboardInterrupt):
+        attempt(Command(("simulate", "belt", "--duration", "36000", "--out", file.name), ()), tmp_path)
+    watch.join()
+    found = rig.open(file)
+    assert 0.0 < found.time[-1] < 36000.0
+    assert not psutil.Process().children()
 
 
 PAGE = """# T
