@@ -119,7 +119,7 @@ def table(figure: Figure) -> Iterator[Comparison]:
     axis.plot(ratios, [up for up, _ in ours], "o-", color=BLUE, markersize=4, lw=0.8, label="simulated, up")
     axis.plot(ratios, [down for _, down in ours], "s-", color=VERMILION, markersize=4, lw=0.8, label="simulated, down")
     axis.plot(ratios, [_closed(row) for row in order], "^--", color=GREEN, markersize=4, lw=0.8, label="closed form")
-    axis.axhline(150.0, color=GREY, lw=0.8)
+    axis.axhline(150.0, color=GREY, lw=0.8, label="highest speed of the run")
     axis.set(xlabel="static over kinetic coefficient", ylabel="speed of the disc [mm/s]", ylim=(0.0, 160.0))
     axis.legend()
     for row in TABLE_1:

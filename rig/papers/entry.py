@@ -37,7 +37,8 @@ PAPERS = {
     "state for frictional continuous system. Nonlinear Dyn. 102 (2020) 1361-1374",
 }
 _MOST_POINTS = 1500  # of a curve in an SVG file
-_COLOURS = 96  # colours of a picture: reduces it to a third of the bytes
+_PLAIN: dict[str, Any] = {"colors": 96}  # colours of a picture: reduces it to a third of the bytes
+_MAPPED: dict[str, Any] = {"colors": 256, "method": 2}  # octree: few colours would make steps in a colour bar
 _STYLE: dict[str, Any] = {
     "font.size": 10.5,
     "axes.titlelocation": "left",
@@ -174,7 +175,8 @@ def make(entry: Entry, folder: Path) -> Result:
         figure.suptitle(f"{entry.number}: {entry.title}", x=0.01, ha="left", fontsize=12.5, fontweight="bold")
         folder.mkdir(parents=True, exist_ok=True)
         drawn = Image.open(io.BytesIO(encoded(figure, "png")))
-        drawn.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+        how = _MAPPED if any(hasattr(axes, "_colorbar") for axes in figure.axes) else _PLAIN
+        drawn.convert("RGB").quantize(**how, dither=Image.Dither.NONE).save(path, optimize=True)
         _as_pixels(figure)
         put(figure, path.with_suffix(".svg"))
     return Result(entry, comparisons, path, time.perf_counter() - begin)

@@ -200,7 +200,7 @@ def dither(figure: Figure) -> Iterator[Comparison]:
     from rig.analysis.averaged import mean_friction
 
     law = law_of(load("belt"))
-    amplitudes = np.array([0.005 * k for k in range(1, 61) if k != 12])
+    amplitudes = np.concatenate([np.linspace(0.005, 0.06, 56), 0.06 + 0.24 * np.linspace(0.0, 1.0, 121)[1:] ** 3])
     mean = [mean_friction(law, 0.06, 1.0, complex(a))[0] for a in amplitudes]
     axis = figure.subplots()
     axis.plot(1e3 * amplitudes, mean, color=BLUE, label="averaged")
@@ -216,7 +216,7 @@ def dither(figure: Figure) -> Iterator[Comparison]:
     axis.plot(
         [1e3 * a for a, _ in simulated], [mu for _, mu in simulated], "o", color=VERMILION, label="simulated, 150 Hz"
     )
-    axis.axvline(60.0, color=GREY, lw=0.7, ls="--")
+    axis.axvline(60.0, color=GREY, lw=0.7, ls="--", label="speed of the belt")
     axis.set(xlabel="amplitude of the dither [mm/s]", ylabel="mean friction coefficient", ylim=(0.0, None))
     axis.legend()
 

@@ -199,6 +199,7 @@ def stability(figure: Figure) -> Iterator[Comparison]:
     axes[-1].contour(tunings, deltas, found[..., 0], levels=[0.0], colors="black", linewidths=1.0)
     axes[-1].set(title="50 ohm", xlabel=tuned, ylabel="capacitance ratio Cp / C [1]")
     figure.colorbar(mesh, ax=axes, label="growth rate of the squeal [1/s]", aspect=40, extend="both")
+    figure.supxlabel("black line: limit of stability of all modes; blue beyond it: another mode grows", fontsize=10)
     flutter = rig.modes("brake_shunt").sliding.modes[0]  # in the initial state of the scene
     yield Comparison("open: growth", "1/s", flutter.growth, _OPEN[0], "reference", absolute=1e-3)
     yield Comparison("open: frequency", "Hz", flutter.frequency, _OPEN[1], "reference", absolute=1e-3)

@@ -101,6 +101,7 @@ def _panels(figure: Figure) -> Any:
     for row in rows:
         row[0].set(ylabel="preload [N]", xlim=(0.0, _SLOW[-1]), ylim=(0.0, 220.0))
         row[1].set(xlim=(_FAST[0], _FAST[-1]))
+    rows[-1, 0].set_xticks([0.0, 2.0, 4.0, 6.0, 8.0], ["0", "2", "4", "6", ""])  # 8 would touch the 900 beside it
     figure.supxlabel("speed of the disc [rad/s]; wide: sliding is unstable", fontsize=10.5)
     return rows
 

@@ -56,6 +56,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
 def histories(figure: Figure) -> Iterator[Comparison]:
     """Draw the growth up to the lift-off, at which the paper ends its time histories."""
     axes = figure.subplots(2, 2, sharex="row")
+    figure.supxlabel("time [s]; dashed: first lift-off, where the paper ends; grey: after it", fontsize=10.5)
     for (along, across), mu, lifts in zip(axes, (0.4, 0.5), (16.295828024162887, 6.846114495624962)):
         x, y = _START[mu]
         ran = run(quiet(load("two_dof", friction__mu=mu, start__displacement=x, start__height=y)), lifts + 2.0)
@@ -65,7 +66,7 @@ def histories(figure: Figure) -> Iterator[Comparison]:
             axis.plot(ran.time, 1e3 * ran.signals[name], color=GREY, lw=0.7)
             axis.plot(ran.time[before], 1e3 * ran.signals[name][before], color=BLUE, lw=0.8)
             axis.axvline(first, color=VERMILION, ls="--", lw=1.0)
-            axis.set(title=f"{title}, mu = {mu:g}", xlabel="time [s]", ylabel=f"{name} [mm]")
+            axis.set(title=f"{title}, mu = {mu:g}", ylabel=f"{name} [mm]")
         yield Comparison(f"mu = {mu:g}: lift-off", "s", first, lifts, "reference", relative=1e-6)
 
 

@@ -123,6 +123,8 @@ def maps(figure: Figure) -> Iterator[Comparison]:
         draw_map(axis, points, 1e6 * pressure[i], points.scale, centred)
         axis.set_title(f"{title}\n{made.time[i]:.4f} s", fontsize=9)
         axis.tick_params(labelsize=8)
+        axis.set_xlabel("along [mm]" if k >= 4 else "", fontsize=8)
+        axis.set_ylabel("across [mm]" if k % 4 == 0 else "", fontsize=8)
     draw_scale(axis, points.scale, float(1e6 * pressure[shown].max()) > points.scale, ax=figure.axes, fraction=0.03)
     axis = figure.add_subplot(grid[2, :])
     axis.plot(made.time, 1e3 * centre, color=BLUE, lw=0.4)

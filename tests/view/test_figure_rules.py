@@ -15,7 +15,7 @@ from rig.qualify.torture.figure import COLOURS as RESULTS
 from rig.view import contact
 from rig.view.curves import apart
 from rig.view.palette import GREY, LINES
-from rig.view.save_figure import encoded
+from rig.view.save_figure import encoded, printed
 
 
 def drawn(size=(6.0, 4.0)):
@@ -136,3 +136,26 @@ def test_every_figure_of_a_paper_fits_a_page():
         assert height <= 1.41 * width
         assert width <= 12.0
         assert mpl.rcParams["font.size"] * figure_rules.PAPER[1] / width > 6.0
+
+
+@pytest.mark.parametrize(
+    ("typed", "sign"),
+    [
+        ("[m/s^2]", "[m/s²]"),
+        ("[(m/s^2)^2/Hz]", "[(m/s²)²/Hz]"),
+        ("[N/Hz^0.5]", "[N/√Hz]"),
+        ("[um]", "[µm]"),
+        ("[dB re 20 uPa]", "[dB re 20 µPa]"),
+        ("[C]", "[°C]"),
+        ("[1/C]", "[1/C]"),
+        ("[N*s/m]", "[N s/m]"),
+        ("[us per run]", "[µs per run]"),
+        ("[number of runs]", "[number of runs]"),
+    ],
+)
+def test_a_unit_in_a_figure_has_its_printed_form(typed, sign):
+    assert printed(typed) == sign
+    figure, axes = drawn()
+    axes.set_ylabel(f"y^2 um* {typed}")
+    encoded(figure, "svg")
+    assert axes.get_ylabel() == f"y^2 um* {sign}"
