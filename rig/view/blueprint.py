@@ -18,6 +18,8 @@ LIVE_S = 6.0
 """Time span of the curves of a live run [s]."""
 ROOM = 0.25
 """Share of the time span that is empty behind the curves: the legend is there, clear of them."""
+ROOM_BESIDE = 0.6
+"""The same for two plots side by side: a legend is as wide in a narrow plot."""
 
 
 def blueprint(drawing: Drawing, until: float | None) -> rrb.Blueprint:
@@ -48,41 +50,42 @@ def blueprint(drawing: Drawing, until: float | None) -> rrb.Blueprint:
     )
 
 
-def _axis(until: float | None) -> rrb.archetypes.TimeAxis:
-    """A time axis with the last seconds before the cursor, or with the whole run, and room for the legend behind."""
+def _axis(until: float | None, room: float = ROOM) -> rrb.archetypes.TimeAxis:
+    """A time axis with the last seconds before the cursor, or with the whole run, and `room` for the legend behind."""
     import rerun as rr
     import rerun.blueprint as rrb
 
     at = rr.TimeRangeBoundary
     if until is None:
-        window = rr.TimeRange(start=at.cursor_relative(seconds=-LIVE_S), end=at.cursor_relative(seconds=ROOM * LIVE_S))
+        window = rr.TimeRange(start=at.cursor_relative(seconds=-LIVE_S), end=at.cursor_relative(seconds=room * LIVE_S))
     else:
-        window = rr.TimeRange(start=at.absolute(seconds=0.0), end=at.absolute(seconds=(1.0 + ROOM) * (until or 1.0)))
+        window = rr.TimeRange(start=at.absolute(seconds=0.0), end=at.absolute(seconds=(1.0 + room) * (until or 1.0)))
     return rrb.archetypes.TimeAxis(view_range=window)
 
 
-def _series(name: str, contents: list[str], until: float | None) -> rrb.TimeSeriesView:
+def _series(name: str, contents: list[str], until: float | None, room: float = ROOM) -> rrb.TimeSeriesView:
     import rerun.blueprint as rrb
 
     return rrb.TimeSeriesView(
         origin="/",
         contents=contents,
         name=name,
-        axis_x=_axis(until),
+        axis_x=_axis(until, room),
         plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
     )
 
 
-def _curves(panel: Panel, until: float | None) -> rrb.TimeSeriesView:
+def _curves(panel: Panel, until: float | None, room: float = ROOM) -> rrb.TimeSeriesView:
     paths = [f"/sensor/{name}" for name in panel.sensors] + [f"/plant/{name}" for name in panel.outputs]
-    return _series(panel.title, paths, until)
+    return _series(panel.title, paths, until, room)
 
 
 def _more(drawing: Drawing, panels: list[Panel], until: float | None) -> rrb.Tabs:
     import rerun.blueprint as rrb
 
-    views = [_curves(panel, until) for panel in panels]
-    commands = _series("commands", ["/command/**"], until)  # a controller that is not in the scene may join
+    room = ROOM_BESIDE if until is None else ROOM
+    views = [_curves(panel, until, room) for panel in panels]
+    commands = _series("commands", ["/command/**"], until, room)  # a controller that is not in the scene may join
     return rrb.Tabs(*([commands, *views] if drawing.controllers else [*views, commands]), active_tab=0)
 
 
@@ -104,7 +107,8 @@ def _health(until: float | None) -> rrb.Tabs:
         "rate": ["rate"],
     }
     return rrb.Tabs(
-        *(_series(tab, [f"/health/{n}" for n in names], until) for tab, names in tabs.items()), active_tab=0
+        *(_series(tab, [f"/health/{n}" for n in names], until, ROOM_BESIDE) for tab, names in tabs.items()),
+        active_tab=0,
     )
 
 

@@ -156,6 +156,6 @@ def test_every_figure_of_a_paper_fits_a_page():
 def test_a_unit_in_a_figure_has_its_printed_form(typed, sign):
     assert printed(typed) == sign
     figure, axes = drawn()
-    axes.set_ylabel(f"y^2 um* {typed}")
+    axes.set_ylabel(f"depth^2 um* {typed}")
     encoded(figure, "svg")
-    assert axes.get_ylabel() == f"y^2 um* {sign}"
+    assert axes.get_ylabel() == f"depth^2 um* {sign}"
