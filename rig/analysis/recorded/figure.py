@@ -117,8 +117,10 @@ def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, a
         if len(named) == _NAMED or any(abs(math.log10(line.at / other)) < _APART for other in named):
             continue
         named.append(line.at)
-        axes.annotate(f"{line.at:.4g} {axis}", (line.at, line.density), (0, 5), textcoords="offset points",
-                      ha="center", fontsize=9, color=_LINE)  # fmt: skip
+        digits = max(0, 3 - math.floor(math.log10(line.at)))  # at least four, without an exponent
+        axes.annotate(f"{line.at:.{digits}f} {axis}", (line.at, line.density), (0, 5), textcoords="offset points",
+                      ha="center", fontsize=9, color=_LINE,
+                      bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
 
 
 def _map(axes: Axes, found: Map, density: Density, unit: str) -> None:
