@@ -33,7 +33,9 @@ def test_the_smallest_value_is_found(found):
     assert found.value == found.values.min() < 0.04
     assert (found.unit, len(found.values)) == ("N^2", 60)
     assert "smallest distance" in found.text()
-    assert len(found.csv().splitlines()) == 61
+    head, *lines = found.csv().splitlines()
+    assert head == f"load.force [N],{found.measure} [N^2],reason"
+    assert len(lines) == 60
 
 
 def test_the_search_continues_from_its_store_with_more_evaluations(belt, tmp_path, monkeypatch, found):

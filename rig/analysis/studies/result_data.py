@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.studies.runs import StudyRuns
+from rig.analysis.studies.words import with_unit
 from rig.analysis.text_table import columns
 
 Array = NDArray[np.float64]
@@ -142,11 +143,12 @@ class StudyData:
             yield record | {"seed": plan.seed_of(k)} | dict(zip(self.names, values)) | {"reason": self.reasons[k]}
 
     def csv(self) -> str:
-        """Return every point as a line of a CSV file; parameters in SI, measures in their units."""
+        """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
         made = io.StringIO()
-        writer = csv.DictWriter(made, [*(one.key for one in self.work.plan.factors), "seed", *self.names, "reason"])
-        writer.writeheader()
-        writer.writerows(self.records())
+        writer = csv.writer(made)
+        measures = (with_unit(name, unit) for name, unit in zip(self.names, self.units))
+        writer.writerow([*(one.axis.si_label for one in self.work.plan.factors), "seed", *measures, "reason"])
+        writer.writerows(record.values() for record in self.records())
         return made.getvalue()
 
     def to_json(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.studies.factors import Factor
-from rig.analysis.studies.words import in_words
+from rig.analysis.studies.words import in_words, with_unit
 from rig.analysis.text_table import columns
 from rig.scenes.scene import Scene
 from rig.view.run_figure import STYLE
@@ -102,10 +102,10 @@ class SearchResult:
         }
 
     def csv(self) -> str:
-        """Return every point as a line of a CSV file; parameters in SI."""
+        """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
         made = io.StringIO()
         writer = csv.writer(made)
-        writer.writerow([*(one.key for one in self.factors), self.measure, "reason"])
+        writer.writerow([*(one.axis.si_label for one in self.factors), with_unit(self.measure, self.unit), "reason"])
         for point, value, why in zip(self.points.tolist(), self.values.tolist(), self.reasons):
             writer.writerow([*point, value, why])
         return made.getvalue()

@@ -33,7 +33,8 @@ def lines(found: Sequence[Entry], target: float) -> list[tuple[str, ...]]:
 
 def write(found: Sequence[Entry], path: Path) -> None:
     """Write the comparison as CSV. Raises OutputError."""
-    write_file(path, csv_table([vars(found[0]), *(vars(one).values() for one in found)]))
+    head = ("solver", "setting", "largest error of event times / period", "real-time factor", "fault")
+    write_file(path, csv_table([head, *(vars(one).values() for one in found)]))
 
 
 def draw(found: Sequence[Entry], title: str, machine: dict[str, str], target: float, path: Path) -> None:
