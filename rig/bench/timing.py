@@ -234,7 +234,7 @@ class Timing:
             reasons.append(f"{share:.2%} of {self.frames + self.given_up} {what[0]} late by more than one {what[1]}")
         if self.worst_ns:
             because = f", {self.worst_cause}" if self.worst_cause else ""
-            reasons.append(f"worst {self.worst_ns / 1e6:.3g} ms at {what[1]} {self.worst_frame}{because}")
+            reasons.append(f"worst {_in_words(self.worst_ns)} at {what[1]} {self.worst_frame}{because}")
         missing = {topic: count for topic, count in (lost or {}).items() if count}
         if self.stolen_share > _STOLEN:
             reasons.append(f"the host of this machine took {self.stolen_share:.1%} of its processors' time")
@@ -270,3 +270,8 @@ class Timing:
             "busy": self.busy.to_json(),
             "spans": {name: spread.to_json() for name, spread in self.spans.items()},
         }
+
+
+def _in_words(ns: int) -> str:
+    """A time in words: "6.26 ms", from a second on "3 s"."""
+    return f"{ns / 1e6:.3g} ms" if ns < 999.5e6 else f"{ns / 1e9:.3g} s"

@@ -107,6 +107,8 @@ def test_worst_lateness_is_shown_even_when_no_frame_was_late():
     timing = kept([100, 200_000, 300])
     assert (timing.worst_ns, timing.worst_frame) == (200_000, 1)
     assert any("0.2 ms at frame 1" in reason for reason in timing.verdict(0.01, 0.05).reasons)
+    timing = kept([100, 3_002_880_000, 300])
+    assert any("worst 3 s at frame 1" in reason for reason in timing.verdict(0.01, 0.05).reasons)
 
 
 @pytest.mark.parametrize(
