@@ -36,7 +36,7 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 	@echo "download and install: about $(PACKAGES) packages into $(VENV), once; one to three minutes"
 	@$(PYTHON) -m venv $(VENV) || { echo "Python's venv module is missing: install it (often a package named python3-venv)"; exit 1; }
 	@{ $(RUN) pip install --disable-pip-version-check --progress-bar off --require-hashes -r requirements.lock 2>&1; echo "ended $$?"; } \
-	  | awk -v whole=$(PACKAGES) '/^Collecting /{ if (++n % 20 == 0) { print "  " n " of about " whole " packages"; fflush() } } \
+	  | awk -v whole=$(PACKAGES) '/^(Collecting|Processing) /{ if (++n % 20 == 0) { print "  " n " of about " whole " packages"; fflush() } } \
 	    /^Installing /{ print "  all there, installing"; fflush() } /^(ERROR|error)/{ print; fflush() } END{ exit $$2 }'
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
