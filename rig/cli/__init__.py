@@ -24,6 +24,7 @@ Nothing heavy is imported before it is needed.
 from __future__ import annotations
 
 import os
+import sys
 
 
 def main() -> None:
@@ -39,6 +40,10 @@ def main() -> None:
 
 
 def _run() -> None:
+    from io import TextIOWrapper
+
     from rig.cli.app import run
 
+    if isinstance(sys.stdout, TextIOWrapper):  # a terminal that has no ± or µ shows their escapes
+        sys.stdout.reconfigure(errors="backslashreplace")
     run()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -143,10 +144,13 @@ def _ask(text: str, answers: str) -> str:
 
 
 def _show(text: str) -> None:
-    """Print Markdown in the width of the terminal."""
+    """Print Markdown in the width of the terminal; of a figure, what it shows and its file."""
     from rich.console import Console
     from rich.markdown import Markdown
 
+    from rig.lessons import FOLDER
+
+    text = re.sub(r"!\[(.+?)\]\((.+?)\)", lambda found: f"{found[1]}: `{FOLDER / found[2]}`", text)
     Console(width=min(Console().width, 100)).print(Markdown(text, hyperlinks=False))
     printing.line()
 
