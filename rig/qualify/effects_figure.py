@@ -35,14 +35,16 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
             worst = paired.worst
             if worst is not None:
                 at = (worst.size, place)
-                right.annotate(worst.measure, at, (0, 8), textcoords="offset points", ha="right", fontsize=8.5)
+                right.annotate(
+                    worst.measure.replace("_", " "), at, (0, 8), textcoords="offset points", ha="right", fontsize=8.5
+                )
             else:
                 right.annotate(
                     "no change", (0.02, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5
                 )
         handles = [left.barh(0, 0, color=colour) for colour in (ON, ABSENT)]
         figure.legend(handles, ["on: if it is dropped", "absent: if it is added"], loc="outside lower left", ncols=2)
-        labels = [f"{one.name}\n{'on' if one.on else 'absent'}" for one, _ in shown]
+        labels = [f"{one.name.replace('_', ' ')}\n{'on' if one.on else 'absent'}" for one, _ in shown]
         left.set_yticks(range(len(shown)), labels)
         whole = max((p.whole for one, p in shown if one.on), default=max(p.whole for _, p in shown))
         noise = max(p.noise for _, p in shown)

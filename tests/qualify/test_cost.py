@@ -281,7 +281,8 @@ def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypat
 def test_references_that_do_not_agree_are_drawn_and_told(belt, tmp_path):
     found = belt[2]
     rows = [replace(one, floors={"period": 1e-9, "event times": math.inf}) for one in found.rows]
-    apart = replace(found, rows=rows)
+    machine = found.machine | {"processor": "Brand and Model of Many Words (architecture, instructions 0123abcd)"}
+    apart = replace(found, rows=rows, machine=machine)
     assert notes(apart, "worst")[0].endswith("the references do not agree: event times")
     with warnings.catch_warnings():
         warnings.simplefilter("error")

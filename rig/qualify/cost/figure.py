@@ -59,7 +59,7 @@ def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path
         _second(right, _factor, "real-time factor")
         left.set_ylabel("largest relative error of all measures" if metric == WORST else f"error of {metric}")
         labels = dict(zip(*reversed(left.get_legend_handles_labels())))
-        figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=3)
+        figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=2)
 
 
 @contextlib.contextmanager

@@ -62,14 +62,14 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
                     right.plot(change.size, place, "o", ms=5, color=VERMILION, alpha=0.7)
             worst = one.worst
             if worst is not None:
-                right.annotate(f"{worst.measure}, {worst.size:.2g}", (worst.size, place), (0, 8),
+                right.annotate(f"{worst.measure.replace('_', ' ')}, {worst.size:.2g}", (worst.size, place), (0, 8),
                                textcoords="offset points", ha="right", fontsize=8.5)  # fmt: skip
             else:
                 right.annotate("no change", (0.02, place), xycoords=("axes fraction", "data"), fontsize=9.5)
         left.axvline(whole, color="black", ls=":", lw=1.0)
         noise = max(one.noise for one in shown)
         left.set(xlabel=f"compute of a step of {1e6 * table.step:g} us [ns]; noise up to {noise:.2g} ns")
-        left.set_yticks(list(places), ["everything else", *(one.name for one in shown)])
+        left.set_yticks(list(places), ["everything else", *(one.name.replace("_", " ") for one in shown)])
         right.set(xscale="log", xlabel="change if left out: share of the larger value")
         right.set_xlim(*_range([size for one in shown for size in one.errors.values()]))
         tick_labels(right)

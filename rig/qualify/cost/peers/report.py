@@ -54,4 +54,4 @@ def draw(found: Sequence[Entry], title: str, machine: dict[str, str], target: fl
         axes.axhline(target, color=ALARM, lw=1.0, ls=":", label=f"{target:g}")
         axes.set(xscale="log", yscale="log", xlabel="compute in 1 ms of simulated time [us], samples every 1 ms")
         axes.set_ylabel("largest error of event times / period")
-        figure.legend(loc="outside lower left", ncols=4)
+        figure.legend(loc="outside lower left", ncols=3)
