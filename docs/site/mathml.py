@@ -28,19 +28,24 @@ _FUNCTION = re.compile(
 )
 _ENDS = re.compile(r"(?:</(?!mo>)\w+>|<mo[^>]*>[)|]</mo>)\s*$")
 """What a function needs space behind: the end of a quantity."""
+_BARS = re.compile(r'<mo class="mathopen">([|‖])</mo>(.*?)<mo>\1</mo>', re.DOTALL)
 _SPACE = "0.1667em"
 """Thin space of TeX."""
 
 
 def _spaced(mathml: str) -> str:
-    """Names of functions apart from what they stand beside, as TeX sets them: browsers leave no space."""
+    """Names of functions apart from what they stand beside, and bars close to what they enclose, as TeX sets them."""
 
     def operator(found: re.Match[str]) -> str:
-        before = _SPACE if _ENDS.search(mathml[: found.start()]) else "0"
+        before = _SPACE if _ENDS.search(found.string[: found.start()]) else "0"
         behind = "0" if found[4] else _SPACE
         return f'{found[1] or ""}<mo lspace="{before}" rspace="{behind}">{found[2]}</mo>'
 
-    return _FUNCTION.sub(operator, mathml)
+    bar = '<mo form="{}" stretchy="false">{}</mo>'
+    closed = _BARS.sub(
+        lambda found: bar.format("prefix", found[1]) + found[2] + bar.format("postfix", found[1]), mathml
+    )
+    return _FUNCTION.sub(operator, closed)
 
 
 def _converted(page: HTML5Translator, node: nodes.math | nodes.math_block, block: bool) -> str:
