@@ -1,7 +1,8 @@
 """The recorder: a separate process that receives every message and can never slow the plant.
 
 Messages wait in a deep ring buffer outside of Python, so that a slow disk first uses memory and only then loses
-messages, which are counted. Nothing else grows with the length of the recording: the process needs 300 MB at most. A
+messages, which are counted. The threads of the bus, which fill it, come before other programs; the writing thread
+stands back. Nothing else grows with the length of the recording: the process needs 300 MB at most. A
 plant without a pace waits before the ring overflows (rig.bench.recorder_lag): the recorder tells it how far it is. The
 file is finished when the plant leaves, or on a signal to stop.
 """
@@ -29,7 +30,7 @@ from rig.record.sender_lives import SenderLives
 from rig.record.trigger import Trigger
 from rig.record.windows import Windows, path_of
 from rig.record.writer import Writer
-from rig.scheduling import stand_back
+from rig.scheduling import receive_first, stand_back
 from rig.user_files import RUNS
 
 _TURN = 1 << 12  # messages taken between two checks for the plant
@@ -116,8 +117,10 @@ def record(
     Waits at most `wait` seconds for the run. A file that cannot be written, or that exists and may not be `replace`d,
     raises OutputError; the run continues without a recording.
     """
-    stand_back(_NICE)
+    stand_back(0)
     with bus.join(run, role="recorder", name=name, wait=wait) as session:
+        receive_first()
+        stand_back(_NICE)  # this thread only: it writes, which may wait
         described = run_setup.fetch(session, wait)
         heard = session.subscribe("**", depth=WAITING, polled=True)  # every message from here on is received
         plant = session.watch("plant/*")

@@ -35,7 +35,7 @@ import json, resource, sys
 from pathlib import Path
 from rig.record.recorder import record
 accounts = []
-record(None, Path(sys.argv[1]), accounts.append)
+record(sys.argv[1], Path(sys.argv[2]), accounts.append)
 used = resource.getrusage(resource.RUSAGE_SELF)
 (account,) = accounts
 print(json.dumps({"lost": account.lost, "messages": account.messages, "seconds": used.ru_utime + used.ru_stime}))
@@ -57,7 +57,7 @@ def recording(seconds: float = 10.0) -> dict[str, Any]:
         watch, totals = session.watch("*/*"), session.subscribe("total/*")
         session.announce()
         path = Path(folder) / "run.mcap"
-        child = subprocess.Popen([sys.executable, "-c", _RECORDER, str(path)], stdout=subprocess.PIPE)
+        child = subprocess.Popen([sys.executable, "-c", _RECORDER, session.run, str(path)], stdout=subprocess.PIPE)
         try:
             deadline = time.monotonic() + _JOIN_S
             while ("recorder", "recorder") not in watch.present:
