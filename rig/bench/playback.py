@@ -38,7 +38,8 @@ class Playback(Exchange):
     def play(self, recorded: Mapping[str, Commands], end: int | None = None) -> None:
         """Take the commands of each controller before tick `end` from a recording; all without `end`."""
         self.end = end
-        self.played = {name: PlayedCommands(_before(end, found)) for name, found in recorded.items()}
+        readable = [(name, found) for name, found in recorded.items() if found.tick.size]  # damage may leave none
+        self.played = {name: PlayedCommands(_before(end, found)) for name, found in readable}
         for queue in self.queues.values():
             self._fits(queue)
 
@@ -49,7 +50,7 @@ class Playback(Exchange):
         return queue
 
     def _fits(self, queue: CommandQueue) -> None:
-        if (played := self.played.get(queue.name)) is not None and played.commands.tick.size:
+        if (played := self.played.get(queue.name)) is not None:
             if (width := played.commands.values.shape[1]) != len(queue.drives):
                 raise LogError(f"the recorded commands of {queue.name} have {width} values, its actuators are "
                                f"{', '.join(queue.drives)}")  # fmt: skip

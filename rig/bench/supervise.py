@@ -245,6 +245,8 @@ class RunProcesses:
                 self._say("ending the run; press Ctrl-C again to end at once")
                 self.plant.send(signal.SIGINT)
             else:
+                if self._asked == 1:
+                    self._say("ending all processes; the recorder writes what it has; press Ctrl-C again to kill them")
                 for child in self.children:
                     child.send(signal.SIGTERM if self._asked == 1 else signal.SIGKILL)
             self._asked += 1

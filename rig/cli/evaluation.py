@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from rig.cli import printing
-from rig.cli.logs import opened
+from rig.cli.logs import opened, without_outputs
 from rig.cli.options import seconds
 from rig.cli.outputs import new
 from rig.errors import LogError, UsageError
@@ -74,8 +74,8 @@ def opened_span(
     length = faults(lambda: seconds(window, "--window"), None)
     begin, end = span(faults, first, last)
     run = opened(log, trust)
-    if not run.time.size:
-        raise LogError(f"{log}: the recording ends before its first sample")
+    if nothing := without_outputs(run, log):
+        raise LogError(nothing)
     return run, length, begin, end
 
 

@@ -67,6 +67,15 @@ def opened(log: Path, trust: bool = False) -> Run:
     return run
 
 
+def without_outputs(run: Run, log: Path | str) -> str:
+    """Why there is nothing to analyse or to draw; "" for a run with outputs of the plant."""
+    if run.time.size:
+        return ""
+    if any(samples.v.size for samples in run.measurements.values()):
+        return f"{log}: no output of the plant can be read in it, only measurements; rig export writes these"
+    return f"{log}: the recording ends before its first sample"
+
+
 def replay(
     log: Log,
     speed: Annotated[
@@ -217,8 +226,8 @@ def amplitude(
 
     begin, end = seconds(first, "--from", low=0.0) or 0.0, seconds(last, "--to") or float("inf")
     run = opened(log, trust)
-    if not run.time.size:
-        raise LogError(f"{log}: the recording ends before its first sample")
+    if nothing := without_outputs(run, log):
+        raise LogError(nothing)
     if begin >= min(end, float(run.time[-1])):
         raise UsageError(f"--from {begin:g} s to {min(end, float(run.time[-1])):g} s: the time span is empty; "
                          f"the recording has {run.time[0]:g} to {run.time[-1]:g} s")  # fmt: skip

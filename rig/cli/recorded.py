@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rig.cli.evaluation import Faults, First, Last, Picture, Table, opened_span, show, write
-from rig.cli.logs import Log, opened
+from rig.cli.logs import Log, opened, without_outputs
 from rig.cli.options import Force, Json, Trust, seconds
 from rig.errors import LogError
 
@@ -132,8 +132,8 @@ def pressure(
     times = [faults(partial(seconds, one, "--at", 0.0), None) for one in at.split(",") if one.strip()]
     faults.raise_found()
     run = opened(log, trust)
-    if not run.time.size:
-        raise LogError(f"{log}: the recording ends before its first sample")
+    if nothing := without_outputs(run, log):
+        raise LogError(nothing)
     found = find(run, [one for one in times if one is not None])
     show(found.to_json(), found.text(), figure, csv, as_json)
     if csv is not None:

@@ -148,12 +148,12 @@ def configured(scene: Scene, overrides: Mapping[str, object], precision: float |
 
 def _draw(log: str, figure: Path) -> None:
     """Draw a recording."""
-    from rig.cli.logs import opened
+    from rig.cli.logs import opened, without_outputs
     from rig.view.run_figure import draw
 
     run = opened(Path(log))
-    if not run.time.size:
-        printing.note(f"no figure: {log} ends before its first sample")
+    if nothing := without_outputs(run, log):
+        printing.note(f"no figure: {nothing}")
         return
     draw(run, figure)
     printing.note(f"figure {figure}")

@@ -25,6 +25,8 @@ from rig.record.mcap_file import CRC, DIGEST, MAGIC, checksum, refuse_newer
 
 _SEQUENCE = 1 << 32
 _COPY = "a copy of a chunk that stands before it,"
+_UNPROVED = "its header or an index"
+"""What differs if every record is intact and the checksum of the whole file is wrong."""
 _NO_MESSAGES = (_COPY, "an attachment", "metadata")
 """Damaged places that contain no message."""
 
@@ -49,6 +51,8 @@ class Skipped(NamedTuple):
     """Simulated time [ns] reached before them."""
 
     def __str__(self) -> str:
+        if self.what == _UNPROVED:
+            return f"nothing: every record was read, but {self.what} is not as it was recorded"
         place = f"{self.what} after t = {self.after_ns * 1e-9:.3f} s" if self.what else "no record is identifiable"
         return f"{self.end - self.begin} bytes from byte {self.begin} on: {place}"
 
@@ -253,7 +257,7 @@ class Scan:
         right = digest == sha256_of(data, self._digest_at) if digest else False
         self.sealed = proved and right and self._indexed and not self.skipped
         if self._end is not None and not self.skipped and ((stated and not proved) or (digest and not right)):
-            self.skipped.append(Skipped(0, self._end.begin, "its header or an index", 0))
+            self.skipped.append(Skipped(0, self._end.begin, _UNPROVED, 0))
         if self._end is None and self._footer and not self.skipped:
             self.skipped.append(Skipped(0, len(data), "the record that ends its messages", self.last_ns))
         cut = self._end is None and not self._footer
@@ -290,4 +294,9 @@ class Scan:
             return "the index at its end is damaged" if ended else "it breaks off in the index at its end"
         if all(one.what == _COPY for one in self.skipped):
             return "a chunk stands in it twice; no message is missing"
+        if self.skipped[0].what == _UNPROVED:
+            return (
+                f"{_UNPROVED} is damaged, or another program has written it anew; "
+                "no message that its index counts is missing"
+            )
         return f"{self.skipped[0].what or 'a record'} is damaged; no message is missing"

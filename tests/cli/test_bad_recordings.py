@@ -151,6 +151,13 @@ def test_a_recording_that_lacks_something_is_read_and_says_what_it_lacks(call, b
         assert PART[kind] in said
 
 
+@pytest.mark.parametrize("command", ["amplitude", "hysteresis", "pressure"])
+def test_a_recording_without_outputs_is_not_called_too_short(call, bad, command):
+    code, said = call(command, bad / "no_outputs")
+    assert code == 2
+    assert "no output of the plant can be read in it, only measurements; rig export writes these" in said
+
+
 @pytest.mark.parametrize("kind", PART)
 def test_what_lacks_something_is_not_verified(call, bad, kind):
     code, said = call("verify", bad / kind)

@@ -14,6 +14,7 @@ from rig import controllers
 from rig.bench import compiled_controllers, controller_in_process, playback, simulate
 from rig.bench.compiled_controllers import CompiledControllers
 from rig.design import numbers
+from rig.record.run import Commands
 from rig.solve import control_loop
 
 WAYS = ("outside", "called", "compiled")
@@ -100,6 +101,13 @@ def test_more_commands_than_the_compiled_loop_has_room_for(monkeypatch):
         outside = rig.simulate(scene, 0.5)
     assert told(first) == told(outside)
     assert told(again)[0] == told(outside)[0]
+
+
+def test_recorded_commands_of_which_none_can_be_read_are_as_if_there_were_none():
+    scene, none = rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.0}), np.empty(0, np.int64)
+    lost = {"nf": Commands(none, none, none, np.empty((0, 0)))}
+    found = [simulate.simulate(scene, {}, 10**8, simulate.Recorded(commands)) for commands in (lost, {})]
+    assert told(found[0]) == told(found[1])
 
 
 def test_frames_are_carried_in_one_piece(monkeypatch):

@@ -172,6 +172,31 @@ def test_damage_outside_of_the_messages_costs_none(logs, run, tmp_path):
         assert compare(run, reader.open(done.path)).identical
 
 
+def test_a_file_that_another_program_has_written_anew_is_not_called_complete(logs, run, tmp_path):
+    """Such a program may leave out messages: its index counts those that are there."""
+    with (logs / "saved.mcap").open("rb") as file, (tmp_path / "anew.mcap").open("wb") as copy:
+        read, out, channels = make_reader(file), PlainWriter(copy), {}
+        out.start(read.get_header().profile, "another program")
+        for one in read.iter_attachments():
+            out.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
+        for one in read.iter_metadata():
+            out.add_metadata(one.name, dict(one.metadata))
+        for schema, channel, one in read.iter_messages():
+            if channel.topic == "applied/feedback":
+                continue
+            if channel.topic not in channels:
+                kind = out.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = out.register_channel(channel.topic, channel.message_encoding, kind)
+            out.add_message(channels[channel.topic], one.log_time, one.data, one.publish_time, one.sequence)
+        out.finish()
+    found = reader.open(tmp_path / "anew.mcap")
+    assert not found.sealed
+    assert "another program has written it anew; no message that its index counts is missing" in found.damage
+    assert all(np.array_equal(found.signals[name], v) for name, v in run.signals.items())
+    done = recover(tmp_path / "anew.mcap")
+    assert done.skipped == ["nothing: every record was read, but its header or an index is not as it was recorded"]
+
+
 def test_messages_are_within_reach_when_every_description_is_damaged(logs, run, tmp_path):
     data = (logs / "saved.mcap").read_bytes().replace(b'"plant"', b'"plamt"').replace(b'"frame_ns"', b'"frame_ms"')
     (tmp_path / "wrong.mcap").write_bytes(data)

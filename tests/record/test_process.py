@@ -3,12 +3,13 @@
 import json
 import signal
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from rig import bus
+from rig import bus, placement
 from rig.bus import encode, messages
 from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
@@ -143,11 +144,22 @@ def test_a_killed_recorder_leaves_all_but_the_last_half_second(plant, script, tm
     assert np.array_equal(run.signals["displacement"], np.arange(run.time.size))
 
 
+def niceness(pid):
+    """Niceness of the bus threads and of the main thread of a process (0 if in real time)."""
+    threads = list(Path(f"/proc/{pid}/task").iterdir())
+    chosen = {"bus": [one for one in threads if placement.of_bus(one)], "writer": [Path(f"/proc/{pid}/task/{pid}")]}
+    return {
+        what: {int((one / "stat").read_text().rpartition(")")[2].split()[16]) for one in found}
+        for what, found in chosen.items()
+    }
+
+
 def test_a_recorder_that_is_told_to_stop_finishes_its_file(plant, script, tmp_path):
     path = tmp_path / "run.mcap"
     recorder = script(RECORDER, path)
     plant.wait_for_recorder()
     plant.advance(300)
+    assert niceness(recorder.pid) == {"bus": {0}, "writer": {5}}, "what receives does not stand back"
     recorder.send_signal(signal.SIGINT)
     account = json.loads(recorder.communicate(timeout=5)[0])
     assert account["ended"] == "the recorder was told to stop"
@@ -286,7 +298,7 @@ def test_a_killed_plant_ends_the_recorder_with_a_whole_file(script, tmp_path):
 
 PLANT = """
 import time
-from rig import bus
+from rig import bus, placement
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 with bus.host(scene="belt") as me:
