@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.linalg import expm
-from scipy.special import i0
+from scipy.optimize import brentq
+from scipy.special import i0, i1
 
 import rig
 from rig.analysis.averaged import mean_friction
@@ -159,3 +160,14 @@ def test_no_guard_leaves_the_bound_of_its_chord(name, step):
         assert np.all(away <= bound)
         closest = max(closest, float((away / bound).max()))
     assert closest > 0.02  # the bound is no empty promise
+
+
+def test_the_unstable_cycle_between_two_states_has_the_amplitude_of_the_lesson():
+    """Damper and falling friction take and give the same: d a^2 / 2 = N 0.32 exp(-V / c) a I1(a / c)."""
+    p = rig.load("belt").parameters
+    drop, c = p.friction.mu_static - p.friction.mu_dynamic, p.friction.speed_scale
+
+    def balance(a):
+        return 0.5 * p.body.damping * a - p.load.force * drop * math.exp(-0.4 / c) * i1(a / c)
+
+    assert brentq(balance, 0.1, 0.4) == pytest.approx(0.353, abs=5e-4)
