@@ -49,6 +49,8 @@ _POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
 _UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
 """Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever."""
 _LONGEST_UNIT = 60
+_GLUED = re.compile(r"^([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![eE][-+]?\d)(?=[^\W\d_]|[°%µμ])")
+"""A number that a unit follows without a space: 2s, 40mm/s."""
 _ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'
 
 
@@ -81,11 +83,11 @@ def si(value: Any, unit: str) -> float:
             return math.inf if value > 0 else -math.inf
     if not isinstance(value, str):
         raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}")
-    number, _, rest = value.strip().partition(" ")
+    number, _, rest = _GLUED.sub(r"\1 ", value.strip(), count=1).partition(" ")
     try:
         magnitude = float(number)
     except ValueError:
-        what = "a number" if unit == "1" else f"a number, a space and a unit in {unit}"
+        what = "a number" if unit == "1" else f"a number and a unit in {unit}"
         raise ValueError(f"is {brief(value)}; expected {what}") from None
     rest = rest.strip()
     if rest == unit or (not rest and unit == "1"):

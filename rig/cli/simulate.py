@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -83,9 +82,8 @@ def instant_of(text: str) -> tuple[Path, float | None]:
     name, at, instant = text.rpartition("@")
     if not at or not name or "/" in instant or Path(text).exists():
         return Path(text), None
-    spaced = re.sub(r"(?<=[0-9.])(?=[^\W0-9_]+$)", " ", instant.strip())  # 12.5s is 12.5 s
     try:
-        return Path(name), float(si(plain(spaced), "s"))
+        return Path(name), float(si(plain(instant), "s"))
     except ValueError as error:
         raise UsageError(f"{text}: the instant {error}; write LOG@12.5s or LOG@12500ms") from None
 

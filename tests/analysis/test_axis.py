@@ -54,7 +54,7 @@ def test_the_scene_at_a_value(belt):
         ("drive.speed=0:1:1", "count = 1: must be a whole number from 2"),
         ("drive.speed=0:1:2.5", "count = 2.5: must be a whole number from 2"),
         ("drive.speed=0 N:1 N:3", "from is '0 N'; expected a unit that converts to m/s"),
-        ("drive.speed=0:fast:3", "to is 'fast m/s'; expected a number, a space and a unit in m/s"),
+        ("drive.speed=0:fast:3", "to is 'fast m/s'; expected a number and a unit in m/s"),
         ("drive.speed=1:1:3", "the ends are the same"),
         ("load.force=-10 N:10 N:5", "load.force = -10 N (and 1 more values): load.force = -10.0: must be at least 0 N"),
     ],

@@ -21,7 +21,7 @@ HUGE, LONG = 10**4000, "x" * 5000
     [
         ("param/plant", {"set": {"load.force": HUGE}}, "must be 0 to"),
         ("param/plant", {"set": {"load.force": f"{HUGE} N"}}, "must be 0 to"),
-        ("param/plant", {"set": {"body.mass": LONG}}, "expected a number, a space and a unit in kg"),
+        ("param/plant", {"set": {"body.mass": LONG}}, "expected a number and a unit in kg"),
         ("param/plant", {"set": {LONG: 1.0}}, "unknown key"),
         ("param/plant", {"get": [LONG]}, "is not a parameter of this rig"),
         ("cmd/plant", {"do": "knock", "impulse": HUGE}, "it must be a finite number, -1e+06 to 1e+06 N*s"),

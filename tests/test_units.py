@@ -1,0 +1,35 @@
+"""Numbers with units as users write them."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.units import si
+
+
+@given(
+    st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(["s", "ms", "km", "rpm", "µm", "N/m", "eV", "E"])
+)
+def test_the_space_before_a_unit_may_be_left_out(number, unit):
+    def read(text):
+        found = []
+        for target in ("s", "m", "rad/s", "N/m", "J"):
+            try:
+                found.append(si(text, target))
+            except ValueError:
+                found.append(None)
+        return found
+
+    assert read(f"{number!r}{unit}") == read(f"{number!r} {unit}")
+
+
+@pytest.mark.parametrize("text", ["1e3", "12e-3", "1E+2", "7", ".5"])
+def test_an_exponent_is_no_unit(text):
+    assert si(text, "1") == float(text)
+    assert si(f"{text} s", "s") == float(text)
+
+
+@pytest.mark.parametrize("text", ["1e3e3", "2m s", "0x10", "1,5s", "s", "10-20s"])
+def test_what_is_no_number_with_a_unit_is_refused(text):
+    with pytest.raises(ValueError, match=r"expected a (number|unit)"):
+        si(text, "s")
