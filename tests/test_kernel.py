@@ -280,7 +280,7 @@ def checkout(tmp_path_factory):
         ("rig/sensors/accelerometer.py", "", "\nX = 1\n", True),
         ("rig/scenes/belt.toml", "title", "# title\ntitle", True),
         ("rig/kernel_store.py", "LIMIT = ", "LIMIT = 2 * ", True),
-        ("rig/solve/advance.py", "def carry(", "# prose\ndef carry(", True),
+        ("rig/solve/advance.py", "def advance_block(", "# prose\ndef advance_block(", True),
         ("rig/solve/advance.py", '"""The compiled', '"""A compiled', True),
         ("rig/solve/advance.py", "_FLUSH = 1e-150", "_FLUSH = 1e-140", False),
         ("rig/solve/contact_state.py", "_SLACK = 1e-9", "_SLACK = 1e-8", False),

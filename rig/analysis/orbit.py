@@ -17,9 +17,9 @@ from rig.motion.motion import Frames, Motion
 from rig.scenes.scene import Scene
 from rig.sensors.chain.bank import Bank
 from rig.solve import energy_balance
-from rig.solve.control_loop import controls
+from rig.solve.control_loop import controller_tables
 from rig.solve.frames import Surroundings
-from rig.solve.random_input import none
+from rig.solve.random_input import no_random_numbers
 from rig.solve.state_codes import CLOSED, STICK
 
 Array = NDArray[np.float64]
@@ -167,7 +167,7 @@ def in_frames(scene: Scene, steps: int) -> Frames:
     """Return frames of `steps` ticks without samples."""
     bank = Bank({}, (), scene.frame_ns, scene.seed)
     bank.start(np.zeros(0))
-    return Frames(steps, Loan(Surroundings(bank.rack.content, controls(), none())))
+    return Frames(steps, Loan(Surroundings(bank.loan.content, controller_tables(), no_random_numbers())))
 
 
 class _EnergyBalance:

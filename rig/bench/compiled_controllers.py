@@ -40,9 +40,9 @@ class CompiledControllers:
 
     def __init__(self, experiment: Experiment) -> None:
         self._exchange, self._runner = experiment.exchange, experiment.runner
-        self._controls = self._runner.controls
-        self._command: Any = self._controls.command.data
-        self._clock: Any = self._controls.clock.data
+        self._tables = self._runner.controllers
+        self._command: Any = self._tables.command.data
+        self._clock: Any = self._tables.clock.data
         self._compiled: list[CompiledQueue] = []
         answers = self._answers()
         next(answers)
@@ -54,7 +54,7 @@ class CompiledControllers:
 
         The controllers have given the answers due at this tick, and recorded commands of this tick are in force.
         """
-        c = self._controls
+        c = self._tables
         c.clock[NOW], c.clock[COUNT], c.clock[UNUSUAL] = self._runner.tick, 0, 0
         for one in working:
             if one.queue.values and not one.queue.wanted and one.queue.status != SAFE and one.queue.link is None:
@@ -66,10 +66,10 @@ class CompiledControllers:
         return [found.queue.name for found in self._compiled]
 
     def _lend(self, queue: CommandQueue, one: ControllerInProcess | None, played: PlayedCommands | None) -> None:
-        c, i = self._controls, len(self._compiled)
+        c, i = self._tables, len(self._compiled)
         read, driven = (self._compiled[-1].reads.stop, self._compiled[-1].drives.stop) if i else (0, 0)
         places = [self._runner.plain(drive) for drive in queue.drives]
-        fits = i < len(c.lines) and driven + len(places) <= len(c.command) and len(queue.queue) < ROWS
+        fits = i < len(c.controllers) and driven + len(places) <= len(c.command) and len(queue.queue) < ROWS
         if not fits or None in places or not self._exchange.faulty.keys().isdisjoint(queue.drives):
             return
         native = None
@@ -82,7 +82,7 @@ class CompiledControllers:
         c.place[drives], c.slope[drives] = zip(*places)
         c.force[drives] = [self._exchange.in_force.get(drive, nan) for drive in queue.drives]
         found = CompiledQueue(queue, reads, drives, one, native, played)
-        record = c.lines[i]
+        record = c.controllers[i]
         record["hears"], record["deaf"] = reads.start, reads.stop
         record["drives"], record["driven"] = drives.start, drives.stop
         record["given"], record["updates"], record["kept"], record["clamped"] = -1, 0, 0, 0
@@ -96,7 +96,7 @@ class CompiledControllers:
 
     def _lay_working(self, record: Any, i: int, found: CompiledQueue, one: ControllerInProcess) -> None:
         queue, reads, drives, _, native, _ = found
-        c, inputs = self._controls, self._runner.inputs
+        c, inputs = self._tables, self._runner.inputs
         c.low[drives] = [inputs[drive].low for drive in queue.drives]
         c.high[drives] = [inputs[drive].high for drive in queue.drives]
         for k, (due, answered, values) in enumerate(queue.queue):
@@ -110,7 +110,7 @@ class CompiledControllers:
         record["due"], record["last"] = one.due, queue.last
 
     def _lay_played(self, record: Any, i: int, found: CompiledQueue) -> None:
-        c, played = self._controls, found.played
+        c, played = self._tables, found.played
         assert played is not None
         tick, answered, status, values = (column[played.done : played.done + ROWS] for column in played.commands)
         count = len(tick)
@@ -122,9 +122,9 @@ class CompiledControllers:
 
     def take_back(self) -> None:
         """Update queues, counts and states of the lent controllers with what the loop has done."""
-        c = self._controls
+        c = self._tables
         for i, found in enumerate(self._compiled):
-            queue, record, drives = found.queue, c.lines[i], found.drives
+            queue, record, drives = found.queue, c.controllers[i], found.drives
             if found.one is not None:
                 self._take_back_working(record, i, found, found.one)
             if kept := int(record["kept"]):
@@ -137,7 +137,7 @@ class CompiledControllers:
         c.clock[COUNT] = 0
 
     def _take_back_working(self, record: Any, i: int, found: CompiledQueue, one: ControllerInProcess) -> None:
-        c, queue, drives = self._controls, found.queue, found.drives
+        c, queue, drives = self._tables, found.queue, found.drives
         updates, kept = int(record["updates"]), int(record["kept"])
         if found.native is not None:
             one.due = int(record["due"])

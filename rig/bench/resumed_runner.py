@@ -62,9 +62,9 @@ class ResumedRunner(PlantRunner):
 
     def _put_into_force(self, end: int) -> None:
         """Do what the compiled loop does with the recorded commands lent to it that are due before tick `end`."""
-        controls = self.controls
+        controls = self.controllers
         for i in range(controls.clock[COUNT]):
-            line = controls.lines[i]
+            line = controls.controllers[i]
             first = int(line["oldest"])
             waiting = controls.queue[i, first : first + int(line["waiting"])]
             count = int(np.searchsorted(waiting[:, DUE], end))

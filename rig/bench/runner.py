@@ -36,7 +36,7 @@ from rig.scenes.part_faults import SensorFault
 from rig.scenes.scene import Scene
 from rig.scenes.sections import controller_drives, controller_reads
 from rig.sensors.chain.bank import Bank
-from rig.solve.control_loop import Controls, controls
+from rig.solve.control_loop import ControllerTables, controller_tables
 from rig.solve.frames import Surroundings
 
 Array = NDArray[np.float64]
@@ -78,8 +78,8 @@ class PlantRunner:
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
         broken = {name: one for name, one in scene.faults.items() if isinstance(one, SensorFault)}
         self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
-        self.controls = _room(scene)
-        self.chance = Numbers(system, scene.seed)
+        self.controllers = _room(scene)
+        self.random_numbers = Numbers(system, scene.seed)
         self.motion = Motion(
             system,
             self.step_ns,
@@ -92,7 +92,9 @@ class PlantRunner:
             limit=clock.limit,
             longest=ROWS if truthful else piece * self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
-            frames=Frames(self.steps, Loan(Surroundings(self.bank.rack.content, self.controls, self.chance.record))),
+            frames=Frames(
+                self.steps, Loan(Surroundings(self.bank.loan.content, self.controllers, self.random_numbers.record))
+            ),
             smoothing=clock.smoothing,
         )
         self._index = {name: i for i, name in enumerate(system.names)}
@@ -169,7 +171,7 @@ class PlantRunner:
                 if self.bank.full:
                     self.read_samples()
                 self.bank.fill()
-            self.chance.fill()
+            self.random_numbers.fill()
         self._look = True
         if self._over_links is not None:
             _, most = self.hearing, min(most, ROOM)
@@ -268,7 +270,7 @@ class PlantRunner:
             self.state_samples.hears(key, value)
         self.inputs.update(variant.assembly.inputs)
         self._index = {name: i for i, name in enumerate(self.motion.system.names)}
-        self.chance.find(self.motion.system)
+        self.random_numbers.find(self.motion.system)
 
     def go_on(self, wanted: Wanted) -> None:
         """Continue with the variant `wanted` from this tick on."""
@@ -344,7 +346,7 @@ class PlantRunner:
         """What `resume` needs at this tick, before anything is changed at it; empty if the method cannot resume."""
         if not (motion := self.motion.checkpoint()):
             return b""
-        return packed({**motion, **self.bank.checkpoint(), "random": np.array([self.chance.used])})
+        return packed({**motion, **self.bank.checkpoint(), "random": np.array([self.random_numbers.used])})
 
     def resume(self, found: Arrays) -> None:
         """Continue from the `checkpoint` of this tick, made by a runner with the same rig and the same instruments.
@@ -353,7 +355,7 @@ class PlantRunner:
         """
         self.motion.resume(found, self.tick * self.steps)
         self.bank.resume(found, self.t_ns)
-        self.chance.resume(int(found["random"][0]))
+        self.random_numbers.resume(int(found["random"][0]))
         self._look = True
 
     def keep(self) -> KeptState:
@@ -363,7 +365,7 @@ class PlantRunner:
         """
         if not (motion := self.motion.checkpoint()):
             raise UsageError(f"a rig with the method {self.motion.integration.method} cannot return to a state")
-        arrays = {**motion, **self.bank.keep(), "random": np.array([self.chance.used])}
+        arrays = {**motion, **self.bank.keep(), "random": np.array([self.random_numbers.used])}
         return KeptState(self.scene, self.tick, arrays, dict(self.values))
 
     def back(self, kept: KeptState, seed: int | None = None) -> None:
@@ -382,7 +384,7 @@ class PlantRunner:
         self.tick = kept.tick
         self.values = dict(kept.values)
         if seed is not None:
-            self.bank.seed = self.chance.seed = seed
+            self.bank.seed = self.random_numbers.seed = seed
         self.bank.back(kept.arrays)
         self.resume(kept.arrays)
         self.state_samples = StateSamples(self.scene, self.values)
@@ -410,8 +412,8 @@ class PlantRunner:
         return audit(self.scene, self.state_samples, self.motion)
 
 
-def _room(scene: Scene) -> Controls:
+def _room(scene: Scene) -> ControllerTables:
     """Return what the compiled loop needs for the controllers of a scene."""
     sections = scene.controllers.values()
     reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
-    return controls(len(sections), reads, drives, scene.frame_ns)
+    return controller_tables(len(sections), reads, drives, scene.frame_ns)

@@ -10,7 +10,7 @@ from rig.model.film import Film, on
 from rig.model.system import System
 from rig.solve import expm
 from rig.solve.column_blocks import LANE, zeros
-from rig.solve.film_records import GROUP, FilmTables, Side
+from rig.solve.film_records import GROUP, FilmTables, SymmetryClass
 from rig.solve.film_sums import SUMS
 
 Array = NDArray[np.float64]
@@ -20,8 +20,8 @@ def empty() -> FilmTables:
     """The tables of a rig without a film."""
     z, none = np.zeros, np.zeros(0, dtype=np.int64)
     return FilmTables(
-        alike=Side(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
-        against=Side(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
+        symmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
+        antisymmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
         numbers=z(0),
         where=none,
         below=none,
@@ -47,7 +47,7 @@ def empty() -> FilmTables:
         moved=z(0),
         begun=z((2, 0)),
         held=z(0),
-        riders=z((0, 0)),
+        slider_rows=z((0, 0)),
         advance=z(0),
         ahead=z(0),
         pressed=z(0),
@@ -87,14 +87,14 @@ def tables(system: System, step: float, outputs: Array, read: int) -> FilmTables
         for p in np.flatnonzero(pushed == i).tolist():
             column[p] = expm.ladder(A, step)[0][:2, 2:]
     entries = np.nonzero(outputs)
-    riders = np.flatnonzero((film.rows == film.rows[0]).all(axis=(0, 1, 3)))
+    slider_coordinates = np.flatnonzero((film.rows == film.rows[0]).all(axis=(0, 1, 3)))
     room = -(-film.points // LANE) * LANE
-    normal = zeros((len(riders), room))
-    normal[:, : film.points] = film.everywhere(0.0)[0, riders]
+    normal = zeros((len(slider_coordinates), room))
+    normal[:, : film.points] = film.everywhere(0.0)[0, slider_coordinates]
     sums = first + nq + np.arange(len(SUMS))
     return FilmTables(
-        alike=_side(film, 1.0),
-        against=_side(film, -1.0),
+        symmetric=_side(film, 1.0),
+        antisymmetric=_side(film, -1.0),
         numbers=np.array([film.pitch, film.longest, film.stiffness, film.damping, film.shear, film.mu]),
         where=np.array(
             [*map(system.names.index, (film.travel, film.slid)), first, film.points, directions, film.damping > 0.0]
@@ -122,9 +122,9 @@ def tables(system: System, step: float, outputs: Array, read: int) -> FilmTables
         moved=np.zeros(m),
         begun=np.zeros((2, m)),
         held=np.zeros(len(pushed)),
-        riders=normal,
-        advance=step * step / 12.0 / mass[riders],
-        ahead=zeros(len(riders)),
+        slider_rows=normal,
+        advance=step * step / 12.0 / mass[slider_coordinates],
+        ahead=zeros(len(slider_coordinates)),
         pressed=zeros(room),
         fits=_fits(),
         values=np.zeros((GROUP + 1, read)),
@@ -140,10 +140,12 @@ def _fits() -> Array:
     return fits
 
 
-def _side(film: Film, parity: float) -> Side:
+def _side(film: Film, parity: float) -> SymmetryClass:
     """The coordinates of one parity (symmetric or antisymmetric)."""
     which = np.flatnonzero(film.parity == parity)
     lanes = film.directions * (film.points // 2)
     rows = zeros((len(film.rows), len(which), -(-lanes // LANE) * LANE))
     rows[:, :, :lanes] = film.rows[:, :, which].transpose(0, 2, 1, 3).reshape(*rows.shape[:2], -1)
-    return Side(rows, which, zeros(rows.shape[1:]), zeros(rows.shape[1:]), zeros(len(which)), zeros(rows.shape[2]))
+    return SymmetryClass(
+        rows, which, zeros(rows.shape[1:]), zeros(rows.shape[1:]), zeros(len(which)), zeros(rows.shape[2])
+    )

@@ -9,7 +9,18 @@ from rig.model.economisation import bernstein, economy
 from rig.model.energy_forms import gathered
 from rig.solve import expm
 from rig.solve.column_blocks import BLOCK, blocks, zeros
-from rig.solve.many_states import CHECKS, MARGIN, NODES, QUICK, SIZE, TERMS, TURN, WEIGHTS, ManyStatesTables, powers
+from rig.solve.many_states import (
+    CHECKS,
+    MARGIN,
+    NODES,
+    QUICK,
+    SIZE,
+    TERMS,
+    TURN,
+    WEIGHTS,
+    ManyStatesTables,
+    taylor_matrices,
+)
 from rig.solve.roots import DEGREE as ORDER
 from rig.solve.segments import DEGREE
 
@@ -61,7 +72,7 @@ def series(A: Array, length: float) -> Array:
     d = expm.balance(A)
     out = np.zeros((TERMS + 1, n, -(-n // BLOCK) * BLOCK))
     out[0, :, :n] = np.eye(n)
-    powers(blocks((A * d[:, None] / d[None, :] * length).T), out)
+    taylor_matrices(blocks((A * d[:, None] / d[None, :] * length).T), out)
     return np.asarray(out[:, :, :n] * d[None, None, :] / d[None, :, None])
 
 

@@ -125,14 +125,14 @@ class ModeSets:
             "load": load,
             "load_t": load_t,
             "sigma": modes.sigma,
-            "pace": modes.sigma[:, None] * system.slip_rows,
-            "bear": modes.sigma[:, None] * load,
-            "bear_t": modes.sigma[:, None] * load_t,
+            "law_speed": modes.sigma[:, None] * system.slip_rows,
+            "law_load": modes.sigma[:, None] * load,
+            "law_load_t": modes.sigma[:, None] * load_t,
             "signals": rows,
             "signals_t": rows_t,
-            "asks": rows_t.any(axis=1).astype(np.int64),
+            "output_needs_inputs": rows_t.any(axis=1).astype(np.int64),
             "coupled": int(load_t[:, : len(system.patches)].any()),
-            "needs": _padded(np.array(modes.guards_t.any(axis=1), dtype=np.int64), g),
+            "guard_needs_inputs": _padded(np.array(modes.guards_t.any(axis=1), dtype=np.int64), g),
             "store": store(system, key),
             "loss": loss_rows(system, modes),
             "press": modes.normal * closed,
@@ -145,10 +145,12 @@ class ModeSets:
         at = len(self.sets)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), at, new[name]) for name in new}
         if self._wide:
-            stacked["wide"] = t.wide._replace(**{name: _put(getattr(t.wide, name), at, broad[name]) for name in broad})
+            stacked["many_states"] = t.many_states._replace(
+                **{name: _put(getattr(t.many_states, name), at, broad[name]) for name in broad}
+            )
         if self._kicks:
             own = kick_tables.tables(system, modes, forms, self.step / self._kicks, g)
-            stacked["flow"] = t.flow._replace(**{name: _put(getattr(t.flow, name), at, own[name]) for name in own})
+            stacked["kick"] = t.kick._replace(**{name: _put(getattr(t.kick, name), at, own[name]) for name in own})
         self.tables = t._replace(mode_set_of=mode_set_of, **stacked)
         self.handle = Loan(self.tables)
         self.sets.append(modes)
@@ -161,7 +163,7 @@ class ModeSets:
         Tables that rig.solve.film_steps does not read keep length zero.
         """
         t, rows = self.tables, signal_rows(self.system, modes, self.rows)[0]
-        new: dict[str, Any] = {"signals": rows, "asks": np.zeros(len(rows))}
+        new: dict[str, Any] = {"signals": rows, "output_needs_inputs": np.zeros(len(rows))}
         new |= dict.fromkeys(("depth", "guards", "stuck", "lands"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
@@ -179,9 +181,9 @@ class ModeSets:
         """
         t, count, total = self.tables, len(self.sets), np.zeros(TERMS)
         if self._wide:
-            total += many_states_tables.collected_energy(t.wide, count, t.work[:, 0], t.powers)
+            total += many_states_tables.collected_energy(t.many_states, count, t.work[:, 0], t.powers)
         if self._kicks:
-            total += gathered(t.flow.work, t.flow.whole, count)
+            total += gathered(t.kick.work, t.kick.whole, count)
         return total
 
     def sums(self) -> dict[str, NDArray[Any]]:
@@ -189,15 +191,15 @@ class ModeSets:
 
         `visited`: the mode sets to which they belong; `whole`, `part`: their sums.
         """
-        wide, count = self.tables.wide, len(self.sets) if self._wide else 0
-        visited = np.flatnonzero(wide.whole[:count].any(axis=(1, 2)) | wide.part[:count].any(axis=(1, 2)))
-        return {"visited": visited, "whole": wide.whole[visited], "part": wide.part[visited]}
+        tables, count = self.tables.many_states, len(self.sets) if self._wide else 0
+        visited = np.flatnonzero(tables.whole[:count].any(axis=(1, 2)) | tables.part[:count].any(axis=(1, 2)))
+        return {"visited": visited, "whole": tables.whole[visited], "part": tables.part[visited]}
 
     def put_sums(self, found: Mapping[str, NDArray[Any]]) -> None:
         """Replace the collected sums by those of `sums`."""
-        wide = self.tables.wide
-        wide.whole[:], wide.part[:] = 0.0, 0.0
-        wide.whole[found["visited"]], wide.part[found["visited"]] = found["whole"], found["part"]
+        tables = self.tables.many_states
+        tables.whole[:], tables.part[:] = 0.0, 0.0
+        tables.whole[found["visited"]], tables.part[found["visited"]] = found["whole"], found["part"]
 
 
 def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:

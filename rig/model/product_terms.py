@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.product_inputs import FRICTION, NORMAL, PRESS, SINE, STATE, Products
+from rig.solve.product_inputs import FRICTION, NORMAL, PRESS, SINE, STATE, ProductTables
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Product:
         return 2 if FRICTION in kinds else 1 if NORMAL in kinds else 0
 
 
-def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> Products:
+def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> ProductTables:
     """The arrays of `products`, which must be in the order of their levels."""
     angles: list[Array] = []
     presses: list[Array] = []
@@ -61,7 +61,7 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
     ends = np.cumsum([0, n, len(angles), len(angles), normals, patches, len(presses)])  # in the order of the kinds
     values = np.zeros(ends[-1])
     parts = [values[begin:end] for begin, end in pairwise(ends)]
-    return Products(
+    return ProductTables(
         patches=np.array([patches]),
         upto=np.array([sum(level <= top for level in levels) for top in range(3)]),
         first=np.array(first),

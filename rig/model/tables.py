@@ -18,7 +18,7 @@ from rig.solve.energy_balance import TERMS
 from rig.solve.film_records import FilmTables
 from rig.solve.kick import KickTables
 from rig.solve.many_states import ManyStatesTables
-from rig.solve.product_inputs import Products
+from rig.solve.product_inputs import ProductTables
 
 Array = NDArray[np.float64]
 UNROLLED = 8
@@ -57,14 +57,14 @@ class Tables(NamedTuple):
     load: Array  # [mode set, P, n] sum of the closed normal forces of a patch
     load_t: Array  # [mode set, P, I]
     sigma: Array  # [mode set, P]
-    pace: Array  # [mode set, P, n] sigma times the slip speed
-    bear: Array  # [mode set, P, n] sigma times the load
-    bear_t: Array  # [mode set, P, I]
+    law_speed: Array  # [mode set, P, n] sigma times the slip speed
+    law_load: Array  # [mode set, P, n] sigma times the load
+    law_load_t: Array  # [mode set, P, I]
     signals: Array  # [mode set, S, n] outputs that sensors read
     signals_t: Array  # [mode set, S, I]
-    asks: NDArray[np.int64]  # [mode set, S] 1: the output depends on the inputs
+    output_needs_inputs: NDArray[np.int64]  # [mode set, S] 1: the output depends on the inputs
     coupled: NDArray[np.int64]  # [mode set] 1: a load depends on the friction forces T
-    needs: NDArray[np.int64]  # [mode set, guard] 1: the guard depends on the inputs
+    guard_needs_inputs: NDArray[np.int64]  # [mode set, guard] 1: the guard depends on the inputs
     press: Array  # [mode set, K, n] closed normal forces, 0 for open ones
     press_t: Array  # [mode set, K, I]
     active: NDArray[np.int64]  # [mode set, terms] 1: the power is not identically zero
@@ -79,24 +79,24 @@ class Tables(NamedTuple):
     static: Array  # [mode set, P]
     code: NDArray[np.int64]  # [mode set, P]
     numbers: Array  # [mode set, P, widest]
-    of_patch: NDArray[np.int64]  # [K]
+    patch_of_normal: NDArray[np.int64]  # [K]
     opens: NDArray[np.int64]  # [K] 1: the contact opens at N = 0; 0: it transmits tension too
     limiters: NDArray[np.int64]  # [1] number of limiters
     sectors: NDArray[np.int64]  # [sector row] number of sectors
     turn: NDArray[np.int64]  # [sector row] the state that is shifted by a period
     commanded: NDArray[np.int64]  # [switch] the state that commands its position
     positions: NDArray[np.int64]  # [switch] number of positions
-    swing: NDArray[np.int64]  # [generator, 2] states a, b with a' = rate b, b' = -rate a
-    swing_rate: Array  # [generator]
+    generators: NDArray[np.int64]  # [generator, 2] states a, b with a' = rate b, b' = -rate a
+    generator_rate: Array  # [generator]
     store: Array  # [mode set, n, n] twice the energy in the network
     loss: Array  # [mode set, resistor, n] power: the square of this row times x, times the
     conductance: Array  # [resistor]
     path: Array  # [sector row, n] position along the path
     edges: Array  # [sector row, widest + 1] the last is the period
     change: Array  # [sector row, widest, nq, nq] stiffness that a sector adds; no rows if none does
-    products: Products
-    wide: ManyStatesTables  # of rigs with many states
-    flow: KickTables  # of the method kick
+    products: ProductTables
+    many_states: ManyStatesTables  # of rigs with many states
+    kick: KickTables  # of the method kick
     film: FilmTables  # of the method kick with a travelling film
     step: Array  # [1] s
 
@@ -142,14 +142,14 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         load=z((0, P, n)),
         load_t=z((0, P, I)),
         sigma=z((0, P)),
-        pace=z((0, P, n)),
-        bear=z((0, P, n)),
-        bear_t=z((0, P, I)),
+        law_speed=z((0, P, n)),
+        law_load=z((0, P, n)),
+        law_load_t=z((0, P, I)),
         signals=z((0, S, n)),
         signals_t=z((0, S, I)),
-        asks=z((0, S), dtype=np.int64),
+        output_needs_inputs=z((0, S), dtype=np.int64),
         coupled=z(0, dtype=np.int64),
-        needs=z((0, g), dtype=np.int64),
+        guard_needs_inputs=z((0, g), dtype=np.int64),
         press=z((0, K, n)),
         press_t=z((0, K, I)),
         active=z((0, TERMS), dtype=np.int64),
@@ -164,15 +164,15 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         static=z((0, P)),
         code=z((0, P), dtype=np.int64),
         numbers=z((0, P, friction_law.width(tuple(law for p in range(P) for law in s.laws(p))))),
-        of_patch=np.array([k.patch for k in s.normals], dtype=np.int64),
+        patch_of_normal=np.array([k.patch for k in s.normals], dtype=np.int64),
         opens=np.array([k.opens for k in s.normals], dtype=np.int64),
         limiters=np.array([len(s.limiters)]),
         sectors=np.array([len(sector.edges) for sector in s.sectors], dtype=np.int64),
         turn=np.array([sector.turn for sector in s.sectors], dtype=np.int64),
         commanded=np.array([switch.state for switch in s.switches], dtype=np.int64),
         positions=np.array([len(switch.positions) for switch in s.switches], dtype=np.int64),
-        swing=np.array([pair for *pair, _ in s.generators], dtype=np.int64).reshape(-1, 2),
-        swing_rate=np.array([rate for *_, rate in s.generators], dtype=np.float64),
+        generators=np.array([pair for *pair, _ in s.generators], dtype=np.int64).reshape(-1, 2),
+        generator_rate=np.array([rate for *_, rate in s.generators], dtype=np.float64),
         store=z((0, n, n)),
         loss=z((0, len(s.losses), n)),
         conductance=np.array([loss.conductance for loss in s.losses]),
@@ -180,8 +180,10 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         edges=edges,
         change=change,
         products=product_terms.pack(s.products, n, P, K),
-        wide=many_states_tables.empty(n, I, g, read, S) if n > UNROLLED else many_states_tables.empty(0, 0, 0, 0, 0),
-        flow=kick_tables.empty(s, g) if kicks and s.film is None else kick_tables.empty(None, 0),
+        many_states=many_states_tables.empty(n, I, g, read, S)
+        if n > UNROLLED
+        else many_states_tables.empty(0, 0, 0, 0, 0),
+        kick=kick_tables.empty(s, g) if kicks and s.film is None else kick_tables.empty(None, 0),
         film=film_tables.empty(),
         step=np.array([step]),
     )

@@ -39,7 +39,7 @@ class CurrentState(NamedTuple):
 
     def kick_work(self) -> float:
         """The work of the kicks on these springs, with the present matrices [J]."""
-        flow = self.tables.flow
+        flow = self.tables.kick
         return float(flow.spring[0]) if flow is not None else 0.0
 
 

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 from rig import scheduling
 from rig.child_process import Child, end
 from rig.kernel import FOLDER
-from rig.solve.specialised import Shape
+from rig.solve.specialised import KernelShape
 
-_ADDRESSES: dict[tuple[Any, Shape], int] = {}
+_ADDRESSES: dict[tuple[Any, KernelShape], int] = {}
 _HUNG = 120.0  # s, longest time that another process may need for one part
 _PATIENCE = 5.0  # s, for the second process to end
 
@@ -53,7 +53,7 @@ def _beside(tasks: Sequence[Task]) -> Iterator[None]:
 
 
 def addresses(
-    wanted: Mapping[str, tuple[Any, Shape]],
+    wanted: Mapping[str, tuple[Any, KernelShape]],
     kinds: Callable[[], Sequence[Any]],
     more: Callable[[Sequence[Any]], Sequence[tuple[Any, tuple[Any, ...]]]],
 ) -> dict[str, int]:
@@ -90,8 +90,8 @@ def compiled(tasks: Sequence[Task]) -> None:
                     done.add(name)
 
 
-def _name(part: Any, shape: Shape) -> str:
-    return f"{part.__module__}.{part.__name__}.{shape.states}.{shape.products:d}.{shape.bends:d}"
+def _name(part: Any, shape: KernelShape) -> str:
+    return f"{part.__module__}.{part.__name__}.{shape.states}.{shape.products:d}.{shape.nonlinear:d}"
 
 
 def main() -> None:

@@ -17,15 +17,15 @@ from rig.solve.records import (
     BEYOND,
     COUNTERS,
     EVENTS,
+    EVENTS_BEFORE,
     KEY,
-    PAST,
     PLACES,
     SUBDIVIDED,
     TICK,
     TRIALS,
-    Carried,
-    Log,
-    State,
+    MotionLog,
+    MotionRecords,
+    MotionState,
 )
 from rig.solve.segment_output import empty_segments
 
@@ -45,7 +45,7 @@ class Event:
 
 
 class Saved(NamedTuple):
-    """State, counters and places of rig.solve.records.State, and the largest value of each state so far."""
+    """State, counters and places of rig.solve.records.MotionState, and the largest value of each state so far."""
 
     x: Array
     ic: NDArray[np.int64]
@@ -65,7 +65,7 @@ class MotionMemory:
         self.tick = self._first = self.kept = 0
         self.segments = empty_segments(integration.read, SEGMENTS)
         self._take(made)
-        self.state = State(
+        self.state = MotionState(
             ic=np.zeros(COUNTERS, dtype=np.int64),
             fc=np.zeros(PLACES),
             x=self.system.start.copy(),
@@ -84,7 +84,9 @@ class MotionMemory:
     def _make_room(self, rows: int, ticks: int) -> None:
         """Make room for rows of states, and for the events that a block of `ticks` may have."""
         none = np.zeros(0)
-        self.log = Log(np.zeros((rows, self.system.n)), np.zeros(rows, dtype=np.int64), none.astype(np.int64), none)
+        self.log = MotionLog(
+            np.zeros((rows, self.system.n)), np.zeros(rows, dtype=np.int64), none.astype(np.int64), none
+        )
         self._make_room_for_events(ticks)
 
     def _make_room_for_events(self, ticks: int) -> None:
@@ -95,7 +97,7 @@ class MotionMemory:
         self._lend()
 
     def _lend(self) -> None:
-        self.loan = Loan(Carried(self.work, self.state, self.log, self.segments, self.plan))
+        self.loan = Loan(MotionRecords(self.work, self.state, self.log, self.segments, self.plan))
 
     def _more_segments(self) -> None:
         """Double the room for the segments of a frame; existing segments are kept."""
@@ -137,7 +139,7 @@ class MotionMemory:
         ic = self.state.ic
         return {
             "ticks": self.tick,
-            "events": int(ic[PAST]),
+            "events": int(ic[EVENTS_BEFORE]),
             "opened_ticks": int(ic[SUBDIVIDED]),
             "trial_steps": int(ic[TRIALS]),
             "mode_sets": len(self.mode_sets.sets),

@@ -21,24 +21,25 @@ from rig.motion.balance import Balance, CurrentState
 from rig.motion.memory import MOST_SEGMENTS, MotionMemory
 from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, parts, prepared
 from rig.motion.stops import where, why
-from rig.solve.advance import TALLIED, advance, evaluate
+from rig.solve.advance import TALLIED, advance, evaluate_outputs
 from rig.solve.contact_state import CHECK, DONE, LOOK, NEED, OVERFULL, START
-from rig.solve.frames import frames as carried_in_frames
-from rig.solve.records import BEGUN, KEY, PENDING, PLACE, REACHED, TICK, TRY
+from rig.solve.frames import advance_frames
+from rig.solve.records import KEY, NEXT_LENGTH, PENDING, PLACE, REACHED, SEARCH_BEGAN_AT, TICK
 
 Array = NDArray[np.float64]
 _KEPT = ("x", "ic", "fc", "energy", "edges", "tally")
-"""Parts of rig.solve.records.State that a checkpoint holds; the others are settings."""
+"""Parts of rig.solve.records.MotionState that a checkpoint holds; the others are settings."""
 
 
 class Frames(NamedTuple):
     """How a motion is advanced together with instruments and controllers: in frames of `steps` ticks.
 
-    `around`: a rig.solve.frames.Surroundings. An advance may end early, after a frame at which the caller has to act.
+    `surroundings`: a rig.solve.frames.Surroundings. An advance may end early, after a frame at which the caller has to
+    act.
     """
 
     steps: int
-    around: Loan
+    surroundings: Loan
 
 
 class Motion(MotionMemory):
@@ -74,7 +75,7 @@ class Motion(MotionMemory):
         frames: Frames | None = None,
         smoothing: float = 1e-3,
     ) -> None:
-        loans = () if frames is None else (frames.around,)
+        loans = () if frames is None else (frames.surroundings,)
         integration = Integration(
             step_ns,
             method,
@@ -86,7 +87,7 @@ class Motion(MotionMemory):
             read,
             loans,
         )
-        self._kernel: Any = advance if frames is None else carried_in_frames
+        self._kernel: Any = advance if frames is None else advance_frames
         self._more = frames or ()
         self._block = None if frames is None else frames.steps
         self._built_ahead = 0
@@ -100,8 +101,8 @@ class Motion(MotionMemory):
         state, system = self.state, self.system
         for part in (state.ic, state.fc, state.energy, state.edges, state.tally, self.work.size):
             part[:] = 0
-        state.ic[PENDING], state.ic[BEGUN] = START, -1
-        state.fc[TRY] = self.integration.step_ns * 1e-9
+        state.ic[PENDING], state.ic[SEARCH_BEGAN_AT] = START, -1
+        state.fc[NEXT_LENGTH] = self.integration.step_ns * 1e-9
         state.x[:] = x
         self.mode_sets.collected_energy()
         self.tick = 0
@@ -162,7 +163,7 @@ class Motion(MotionMemory):
     def begin(self) -> None:
         """Determine the contact state as at a start, after states were written and before the first step."""
         if self.tick == 0 and (self.state.x.shape != self._begun.shape or (self.state.x != self._begun).any()):
-            self.state.ic[PENDING], self.state.ic[BEGUN] = START, -1
+            self.state.ic[PENDING], self.state.ic[SEARCH_BEGAN_AT] = START, -1
             self._run(0, 0)
             self._begun = self.state.x.copy()
 
@@ -202,7 +203,7 @@ class Motion(MotionMemory):
         if self.integration.method == "kick":
             return {}
         kept = {name: getattr(state, name).copy() for name in _KEPT}
-        kept |= {"size": self.work.size.copy(), "ended": self.work.ended.copy()}
+        kept |= {"size": self.work.size.copy(), "ended": self.work.x_at_end.copy()}
         kept |= {"keys": np.array(self.mode_sets.keys, dtype=np.int64), "balance": self.balance.numbers}
         return kept | self.mode_sets.sums()
 
@@ -223,7 +224,7 @@ class Motion(MotionMemory):
         self.mode_sets.put_sums(found)
         for name in _KEPT:
             getattr(state, name)[:] = found[name]
-        self.work.size[:], self.work.ended[:] = found["size"], found["ended"]
+        self.work.size[:], self.work.x_at_end[:] = found["size"], found["ended"]
         self.balance.numbers = found["balance"]
         self.tick, self.kept, self._first = tick, 0, 0
         if not tick:
@@ -282,7 +283,7 @@ class Motion(MotionMemory):
         `mode_sets` [state]: index of the mode set in which each is evaluated.
         """
         values = np.zeros((len(states), len(self._outputs)))
-        evaluate(self.mode_sets.handle, self.loan, states, mode_sets, values)
+        evaluate_outputs(self.mode_sets.handle, self.loan, states, mode_sets, values)
         return values
 
     def outputs_now(self) -> Array:
@@ -290,7 +291,7 @@ class Motion(MotionMemory):
         states, mode_sets, values = self._now
         states[0] = self.state.x
         mode_sets[0] = self.mode_sets.tables.mode_set_of[self.state.ic[KEY]]
-        evaluate(self.mode_sets.handle, self.loan, states, mode_sets, values)
+        evaluate_outputs(self.mode_sets.handle, self.loan, states, mode_sets, values)
         return values[0]  # type: ignore[no-any-return]
 
     def terms(self) -> Array:

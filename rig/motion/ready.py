@@ -17,7 +17,7 @@ from rig.model.mode_sets import ModeSets
 from rig.model.system import System
 from rig.model.workspace import workspace
 from rig.motion.plan import plan
-from rig.solve.records import Plan, Work
+from rig.solve.records import MotionPlan, Workspace
 
 Array = NDArray[np.float64]
 
@@ -42,8 +42,8 @@ class Ready(NamedTuple):
     system: System
     outputs: list[dict[str, float]]
     mode_sets: ModeSets
-    work: Work
-    plan: Plan
+    work: Workspace
+    plan: MotionPlan
     event_text: Callable[[int, int], str]
     now: tuple[Array, NDArray[np.int64], Array]
     carry: Callable[..., int] | None

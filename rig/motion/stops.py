@@ -10,13 +10,13 @@ from rig.model.film import on
 from rig.model.system import System
 from rig.motion.ready import Integration
 from rig.solve.contact_state import CHATTER, JAM, LOST, OVERFULL
-from rig.solve.records import EVENTS, Log, State
+from rig.solve.records import EVENTS, MotionLog, MotionState
 from rig.stability.step_limits import blame
 
 Why = tuple[type[NumericsError], str]
 
 
-def why(status: int, system: System, integration: Integration, state: State, log: Log, room: int) -> Why:
+def why(status: int, system: System, integration: Integration, state: MotionState, log: MotionLog, room: int) -> Why:
     """The error that a status of the kernels means, and its text. `room`: for smooth segments in a frame."""
     if status == JAM:
         return Jammed, "no contact mode agrees with the equations: jamming (Painleve)"

@@ -7,11 +7,21 @@ import numpy as np
 from rig.kernel import inlined, inner, kernel
 from rig.solve import film_steps
 from rig.solve.column_blocks import multiply
-from rig.solve.contact_state import CHATTER, CHECK, DONE, LOST, OVERFULL, READY, digit, make_consistent, of_sector
+from rig.solve.contact_state import (
+    CHATTER,
+    CHECK,
+    DONE,
+    LOST,
+    OVERFULL,
+    READY,
+    make_consistent,
+    mode_in_key,
+    sector_weight,
+)
 from rig.solve.forces import inputs
-from rig.solve.records import BEYOND, EVENTS, KEY, PAST, PENDING, PLACE, REACHED, REPEAT, TICK
+from rig.solve.records import BEYOND, EVENTS, EVENTS_BEFORE, KEY, PENDING, PLACE, REACHED, REPEAT, TICK
 from rig.solve.rows import dot
-from rig.solve.segment_output import crowded
+from rig.solve.segment_output import nearly_full
 from rig.solve.specialised import any_shape, call
 from rig.solve.state_codes import G_NEXT
 
@@ -23,30 +33,30 @@ _FLUSH = 1e-150
 def advance(tables, loan, begin, origin, ticks):
     """Advance the state from row `origin` of the log to row `ticks`. Returns a status.
 
-    `tables`, `loan`: Tables and Carried, lent (rig.lent_records). If the status asks for a mode set or for more room
-    for segments, the caller provides it and calls again without `begin`.
+    `tables`, `loan`: Tables and MotionRecords, lent (rig.lent_records). If the status asks for a mode set or for more
+    room for segments, the caller provides it and calls again without `begin`.
     """
     state = loan.state
     if begin:
-        start(tables, loan.work, state, loan.segments, origin)
+        begin_block(tables, loan.work, state, loan.segments, origin)
     shape = any_shape(state.x.shape[0])
-    return call(loan.plan.carry, shape, tables, loan.work, state, loan.log, loan.segments, loan.plan, ticks)
+    return call(loan.plan.advance_block, shape, tables, loan.work, state, loan.log, loan.segments, loan.plan, ticks)
 
 
 @inner
-def start(t, w, state, seg, origin):
+def begin_block(t, w, state, seg, origin):
     """Begin a block at row `origin` of the log, with no events and no segments yet.
 
     The contact state is made consistent first, unless the state is the one with which the previous block ended.
     """
-    for g in range(t.swing.shape[0]):
+    for g in range(t.generators.shape[0]):
         for i in range(2):
-            w.swung[g, i] = state.x[t.swing[g, i]]
+            w.generators_at_begin[g, i] = state.x[t.generators[g, i]]
     state.ic[REACHED] = state.ic[TICK] = origin
     state.ic[EVENTS] = 0
     same = state.ic[PENDING] == READY
     for i in range(state.x.shape[0]):
-        same = same and state.x[i] == w.ended[i]
+        same = same and state.x[i] == w.x_at_end[i]
         w.size[i] = max(w.size[i], abs(state.x[i]))
     if not same:
         state.ic[PENDING] = max(state.ic[PENDING], CHECK)
@@ -54,7 +64,7 @@ def start(t, w, state, seg, origin):
 
 
 @inner
-def carry(shape, t, w, state, log, seg, plan, ticks):
+def advance_block(shape, t, w, state, log, seg, plan, ticks):
     """Advance the state through a block that has begun, up to row `ticks`; arguments and status as in `advance`."""
     ic, fc, x = state.ic, state.fc, state.x
     while True:
@@ -65,20 +75,20 @@ def carry(shape, t, w, state, log, seg, plan, ticks):
         if ic[TICK] >= ticks:
             break
         mode_set = t.mode_set_of[ic[KEY]]
-        if plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK]):
+        if plan.emitting and nearly_full(t, mode_set, seg, ticks - ic[TICK]):
             return OVERFULL
         before, first = ic[KEY], ic[TICK]
-        if plan.fixed or t.curved[mode_set]:
+        if plan.fixed_steps or t.curved[mode_set]:
             guard = call(plan.stretch, shape, t, w, state, log, seg, plan, ticks)
             fc[PLACE] = min(fc[PLACE], 1.0 - 1.2e-16)
             if guard == -2:
                 return LOST
         else:
-            guard = call(plan.linear, shape, t, w, state, log, seg, plan, ticks)
+            guard = call(plan.linear_stretch, shape, t, w, state, log, seg, plan, ticks)
         state.tally[min(mode_set, TALLIED - 1)] += ic[TICK] - first
         if guard >= 0:
             if t.change.shape[0] and t.kind[mode_set, guard] >= G_NEXT:
-                state.edges[0] += gained(t, t.owner[mode_set, guard], before, ic[KEY], x)
+                state.edges[0] += sector_energy_gain(t, t.owner[mode_set, guard], before, ic[KEY], x)
             e = ic[EVENTS]
             if e >= log.event.shape[0]:
                 return CHATTER
@@ -88,23 +98,23 @@ def carry(shape, t, w, state, log, seg, plan, ticks):
             log.event[e, 2], log.event[e, 3] = t.owner[mode_set, guard], before
             log.place[e] = fc[PLACE]
             ic[EVENTS] = e + 1
-    ic[PAST] += ic[EVENTS]
+    ic[EVENTS_BEFORE] += ic[EVENTS]
     for i in range(x.shape[0]):
         if abs(x[i]) < _FLUSH:
             x[i] = 0.0
         if not (abs(x[i]) <= plan.limit):
             return LOST
-        w.ended[i] = x[i]
-    ic[BEYOND] = beyond(t, t.mode_set_of[ic[KEY]], x, w, state.watched, state.bound)
+        w.x_at_end[i] = x[i]
+    ic[BEYOND] = output_beyond_bound(t, t.mode_set_of[ic[KEY]], x, w, state.watched, state.bound)
     ic[REACHED] = ticks
     return DONE
 
 
 @inlined
-def gained(t, sector, before, after, x):
+def sector_energy_gain(t, sector, before, after, x):
     """The increase of the stiffness energy at x when mode set `after` follows `before` at the edge of a sector."""
-    base, places = of_sector(t, sector), t.sectors[sector]
-    old, new = t.change[sector, digit(before, base, places)], t.change[sector, digit(after, base, places)]
+    base, places = sector_weight(t, sector), t.sectors[sector]
+    old, new = t.change[sector, mode_in_key(before, base, places)], t.change[sector, mode_in_key(after, base, places)]
     s = 0.0
     for i in range(old.shape[0]):
         for j in range(old.shape[0]):
@@ -113,17 +123,17 @@ def gained(t, sector, before, after, x):
 
 
 @inlined
-def beyond(t, mode_set, x, w, watched, bound):
+def output_beyond_bound(t, mode_set, x, w, watched, bound):
     """The first watched output whose absolute value exceeds its bound; -1 if there is none."""
     if watched.shape[0]:
-        asked = False
+        needed = False
         for i in range(watched.shape[0]):
-            asked = asked or t.asks[mode_set, watched[i]] != 0
-        if asked:
+            needed = needed or t.output_needs_inputs[mode_set, watched[i]] != 0
+        if needed:
             inputs(t, mode_set, x, w.T, w.scratch)
         for i in range(watched.shape[0]):
             value = dot(t.signals[mode_set, watched[i]], x)
-            if t.asks[mode_set, watched[i]]:
+            if t.output_needs_inputs[mode_set, watched[i]]:
                 value += dot(t.signals_t[mode_set, watched[i]], w.T)
             if not abs(value) <= bound[i]:
                 return watched[i]
@@ -131,21 +141,21 @@ def beyond(t, mode_set, x, w, watched, bound):
 
 
 @kernel
-def evaluate(tables, loan, states, mode_sets, values):
+def evaluate_outputs(tables, loan, states, mode_sets, values):
     """Write every output of the rig at states[i] in mode set mode_sets[i] to values[i, output]."""
     t, w = tables, loan.work
     for i in range(states.shape[0]):
         s, x = np.int32(mode_sets[i]), states[i]  # the type of mode sets everywhere else
         if t.film.begins.shape[0]:
-            film_steps.read(t.film, x, values[i])
+            film_steps.film_outputs(t.film, x, values[i])
             continue
-        asked = False
+        needed = False
         for k in range(values.shape[1]):
-            asked = asked or t.asks[s, k] != 0
-        if asked:
+            needed = needed or t.output_needs_inputs[s, k] != 0
+        if needed:
             inputs(t, s, x, w.T, w.scratch)
-        if loan.plan.wide:
-            multiply(t.wide.output[s], x, 0, t.wide.output.shape[1], t.wide.product)
+        if loan.plan.many_states:
+            multiply(t.many_states.output[s], x, 0, t.many_states.output.shape[1], t.many_states.product)
         for k in range(values.shape[1]):
-            value = t.wide.product[k] if loan.plan.wide else dot(t.signals[s, k], x)
-            values[i, k] = value + dot(t.signals_t[s, k], w.T) if t.asks[s, k] else value
+            value = t.many_states.product[k] if loan.plan.many_states else dot(t.signals[s, k], x)
+            values[i, k] = value + dot(t.signals_t[s, k], w.T) if t.output_needs_inputs[s, k] else value

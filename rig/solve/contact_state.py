@@ -11,10 +11,10 @@ of network energy is added to the energy balance.
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
-from rig.solve.energy_balance import SWITCH, held
+from rig.solve.energy_balance import SWITCH, network_energy
 from rig.solve.forces import inputs
 from rig.solve.friction_coefficient import SMOOTH
-from rig.solve.records import BEGUN, KEY, PENDING, REPEAT
+from rig.solve.records import KEY, PENDING, REPEAT, SEARCH_BEGAN_AT
 from rig.solve.rows import ROUND, dot, rounding
 from rig.solve.state_codes import (
     G_CLOSE,
@@ -31,54 +31,54 @@ from rig.solve.state_codes import (
 
 # Status of a kernel. NEED: needs a mode set; OVERFULL: needs more room for segments; LOOK: done, perhaps early.
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)
-READY, CHECK, LAND, START, THROWN = range(5)  # State.ic[PENDING]: the work that precedes advancing the state
+READY, CHECK, PROJECT, START, THROWN = range(5)  # MotionState.ic[PENDING]: the work that precedes advancing the state
 
 _SLACK = 1e-9  # relative increase of the friction limit for a contact that slips and sticks at one instant
 
 
 @inner
-def digit(key, base, radix):
+def mode_in_key(key, base, radix):
     """The mode of one contact, read from a mixed-radix key."""
     return (key // base) % radix
 
 
 @inner
-def with_digit(key, base, radix, mode):
+def with_mode(key, base, radix, mode):
     """The key with the mode of one contact replaced."""
-    return key + (mode - digit(key, base, radix)) * base
+    return key + (mode - mode_in_key(key, base, radix)) * base
 
 
 @inner
-def of_patch(p):
+def patch_weight(p):
     """Weight of the mode of patch p in the key."""
     return 3**p
 
 
 @inner
-def of_normal(P, k):
+def normal_weight(P, k):
     """Weight of the mode of normal force k in the key; normal forces follow the P patches."""
     return 3**P * 2**k
 
 
 @inner
-def of_limiter(P, K, x):
+def limiter_weight(P, K, x):
     """Weight of the mode of limiter x in the key; limiters follow P patches and K normal forces."""
     return 3**P * 2**K * 3**x
 
 
 @inner
-def of_sector(t, s):
+def sector_weight(t, s):
     """Weight of the mode of sector row s in the key; sector rows follow patches, normal forces and limiters."""
-    weight = 3 ** t.slip.shape[0] * 2 ** t.of_patch.shape[0] * 3 ** t.limiters[0]
+    weight = 3 ** t.slip.shape[0] * 2 ** t.patch_of_normal.shape[0] * 3 ** t.limiters[0]
     for i in range(s):
         weight *= t.sectors[i]
     return weight
 
 
 @inner
-def thrown(t, key, x):
+def with_switches_thrown(t, key, x):
     """The key with every switch in the position that its state variable commands."""
-    weight = of_sector(t, t.sectors.shape[0])
+    weight = sector_weight(t, t.sectors.shape[0])
     for s in range(t.positions.shape[0]):
         where = min(max(int(x[t.commanded[s]] + 0.5), 0), t.positions[s] - 1)
         key += (where - (key // weight) % t.positions[s]) * weight
@@ -87,7 +87,7 @@ def thrown(t, key, x):
 
 
 @inlined
-def land(t, mode_set, x, copy):
+def project_stick(t, mode_set, x, copy):
     """Project the state with Pi: remove what is left of the slip speed of stuck patches."""
     n = x.shape[0]
     for i in range(n):
@@ -97,53 +97,53 @@ def land(t, mode_set, x, copy):
 
 
 @inner
-def loaded(patch_of, P, key, p):
+def has_closed_contact(patch_of, P, key, p):
     """Whether at least one normal force of patch p is closed."""
     for k in range(patch_of.shape[0]):
-        if patch_of[k] == p and digit(key, of_normal(P, k), 2) == 0:
+        if patch_of[k] == p and mode_in_key(key, normal_weight(P, k), 2) == 0:
             return True
     return False
 
 
 @inner
-def choose(slip, key, p, x, size):
+def stick_or_slip(slip, key, p, x, size):
     """The key with patch p in stick if its slip speed is zero to rounding, otherwise in slip.
 
     The sign of the slip speed gives the direction.
     """
     w = dot(slip[p], x)
     if abs(w) <= rounding(slip[p], size):
-        return with_digit(key, of_patch(p), 3, STICK)
-    return with_digit(key, of_patch(p), 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
+        return with_mode(key, patch_weight(p), 3, STICK)
+    return with_mode(key, patch_weight(p), 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
 
 
 @inner
-def transition(kind, owner, P, K, key):
+def key_after_event(kind, owner, P, K, key):
     """The key that follows the event of a guard of `kind`, for all kinds but sectors."""
     if kind == G_SLIP:
-        return with_digit(key, of_patch(owner), 3, STICK)
+        return with_mode(key, patch_weight(owner), 3, STICK)
     if kind < G_OPEN:
-        return with_digit(key, of_patch(owner), 3, SLIP_PLUS if kind == G_RELEASE_PLUS else SLIP_MINUS)
+        return with_mode(key, patch_weight(owner), 3, SLIP_PLUS if kind == G_RELEASE_PLUS else SLIP_MINUS)
     if kind <= G_CLOSE:
-        return with_digit(key, of_normal(P, owner), 2, 1 if kind == G_OPEN else 0)
+        return with_mode(key, normal_weight(P, owner), 2, 1 if kind == G_OPEN else 0)
     mode = 0 if kind == G_LIMIT_BACK else (1 if kind == G_LIMIT_LOW else 2)
-    return with_digit(key, of_limiter(P, K, owner), 3, mode)
+    return with_mode(key, limiter_weight(P, K, owner), 3, mode)
 
 
 @inner
-def passed(t, mode_set, guard, ic, x):
+def apply_event(t, mode_set, guard, ic, x):
     """Write the key that follows the event of `guard` to `ic` and request a new contact state.
 
     At the edge of a sector, a position that rounding left short of the edge is moved onto it; otherwise the new sector
     would be left at once. Beyond the last sector, and before the first one, the position is shifted by one period.
     """
     kind, owner, key = t.kind[mode_set, guard], t.owner[mode_set, guard], ic[KEY]
-    ic[PENDING] = LAND
+    ic[PENDING] = PROJECT
     if kind < G_NEXT:
-        ic[KEY] = transition(kind, owner, t.slip.shape[0], t.of_patch.shape[0], key)
+        ic[KEY] = key_after_event(kind, owner, t.slip.shape[0], t.patch_of_normal.shape[0], key)
         return
-    base, count = of_sector(t, owner), t.sectors[owner]
-    mode = digit(key, base, count) + (1 if kind == G_NEXT else -1)
+    base, count = sector_weight(t, owner), t.sectors[owner]
+    mode = mode_in_key(key, base, count) + (1 if kind == G_NEXT else -1)
     left = t.edges[owner, mode if kind == G_NEXT else mode + 1] - dot(t.path[owner], x)
     if (left > 0.0) == (kind == G_NEXT):
         x[t.turn[owner]] += left
@@ -153,17 +153,17 @@ def passed(t, mode_set, guard, ic, x):
     elif mode < 0:
         mode = count - 1
         x[t.turn[owner]] += t.edges[owner, count]
-    ic[KEY] = with_digit(key, base, count, mode)
+    ic[KEY] = with_mode(key, base, count, mode)
 
 
 @inlined
-def place(t, key, x):
+def with_sectors_at(t, key, x):
     """The key with every sector set to the one that contains x."""
     for s in range(t.sectors.shape[0]):
         at, mode = dot(t.path[s], x), 0
         while mode + 1 < t.sectors[s] and at >= t.edges[s, mode + 1]:
             mode += 1
-        key = with_digit(key, of_sector(t, s), t.sectors[s], mode)
+        key = with_mode(key, sector_weight(t, s), t.sectors[s], mode)
     return key
 
 
@@ -191,45 +191,45 @@ def disagreement(t, mode_set, key, begun, x, size, T, slack):
     stick again, and the search would never end. A contact that cannot open keeps its mode when N becomes
     tensile, as it does within a block.
     """
-    P, K = t.slip.shape[0], t.of_patch.shape[0]
+    P, K = t.slip.shape[0], t.patch_of_normal.shape[0]
     for p in range(P):
-        if not loaded(t.of_patch, P, key, p):
+        if not has_closed_contact(t.patch_of_normal, P, key, p):
             continue
-        base = of_patch(p)
+        base = patch_weight(p)
         w, noise = dot(t.slip[p], x), rounding(t.slip[p], size)
-        mode = digit(key, base, 3)
+        mode = mode_in_key(key, base, 3)
         if t.code[mode_set, p] == SMOOTH:  # the law is odd and never sticks: one mode serves both directions
             if mode == SLIP_PLUS:
                 continue
-            return with_digit(key, base, 3, SLIP_PLUS)
+            return with_mode(key, base, 3, SLIP_PLUS)
         if mode == STICK:
             if abs(w) > noise:
-                return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
+                return with_mode(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
             need = dot(t.friction[mode_set, p], x) + dot(t.friction_t[mode_set, p], T)
             limit = t.static[mode_set, p] * (dot(t.load[mode_set, p], x) + dot(t.load_t[mode_set, p], T))
             if abs(need) > limit * (1.0 + slack):
-                return with_digit(key, base, 3, SLIP_PLUS if need > 0.0 else SLIP_MINUS)
+                return with_mode(key, base, 3, SLIP_PLUS if need > 0.0 else SLIP_MINUS)
         elif (w if mode == SLIP_PLUS else -w) < -noise:
-            return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
-        elif abs(w) <= noise and digit(begun, base, 3) != mode:
+            return with_mode(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
+        elif abs(w) <= noise and mode_in_key(begun, base, 3) != mode:
             if turns_back(t, mode_set, p, 1.0 if mode == SLIP_PLUS else -1.0, x, T):
-                return with_digit(key, base, 3, STICK)
+                return with_mode(key, base, 3, STICK)
     for k in range(K):
         if not t.opens[k]:
             continue
         N = dot(t.normal[mode_set, k], x) + dot(t.normal_t[mode_set, k], T)
         noise = rounding(t.normal[mode_set, k], size)
-        base, p = of_normal(P, k), t.of_patch[k]
-        if digit(key, base, 2) == 0:
+        base, p = normal_weight(P, k), t.patch_of_normal[k]
+        if mode_in_key(key, base, 2) == 0:
             if N < -noise:
-                return with_digit(key, base, 2, 1)
+                return with_mode(key, base, 2, 1)
         elif N > noise:
-            was_loaded = loaded(t.of_patch, P, key, p)
-            new = with_digit(key, base, 2, 0)
-            return new if was_loaded else choose(t.slip, new, p, x, size)
+            was_loaded = has_closed_contact(t.patch_of_normal, P, key, p)
+            new = with_mode(key, base, 2, 0)
+            return new if was_loaded else stick_or_slip(t.slip, new, p, x, size)
     for g in range(t.guards[mode_set]):
         if G_CLOSE < t.kind[mode_set, g] < G_NEXT and dot(t.G[mode_set, g], x) < -rounding(t.G[mode_set, g], x):
-            return transition(t.kind[mode_set, g], t.owner[mode_set, g], P, K, key)
+            return key_after_event(t.kind[mode_set, g], t.owner[mode_set, g], P, K, key)
     return -1
 
 
@@ -247,23 +247,23 @@ def make_consistent(t, w, state):
         size[i] = max(size[i], abs(x[i]))
     if pending == START:
         for p in range(t.slip.shape[0]):
-            key = choose(t.slip, key, p, x, size)
-        key = thrown(t, place(t, key, x), x)
-        pending = LAND
-    elif thrown(t, key, x) != key:
-        energy[SWITCH] += held(t.store[t.mode_set_of[key]], x)
-        key, pending = thrown(t, key, x), THROWN
-    slack, begun = _SLACK if ic[REPEAT] > 1 else 0.0, ic[BEGUN] if ic[BEGUN] >= 0 else key
-    for _ in range(4 * (t.slip.shape[0] + t.of_patch.shape[0]) + 12):
+            key = stick_or_slip(t.slip, key, p, x, size)
+        key = with_switches_thrown(t, with_sectors_at(t, key, x), x)
+        pending = PROJECT
+    elif with_switches_thrown(t, key, x) != key:
+        energy[SWITCH] += network_energy(t.store[t.mode_set_of[key]], x)
+        key, pending = with_switches_thrown(t, key, x), THROWN
+    slack, begun = _SLACK if ic[REPEAT] > 1 else 0.0, ic[SEARCH_BEGAN_AT] if ic[SEARCH_BEGAN_AT] >= 0 else key
+    for _ in range(4 * (t.slip.shape[0] + t.patch_of_normal.shape[0]) + 12):
         mode_set = t.mode_set_of[key]
         if mode_set < 0:
-            ic[KEY], ic[PENDING], ic[BEGUN] = key, pending, begun
+            ic[KEY], ic[PENDING], ic[SEARCH_BEGAN_AT] = key, pending, begun
             return NEED
         if pending != CHECK:
             if t.lands[mode_set]:
-                land(t, mode_set, x, copy)
+                project_stick(t, mode_set, x, copy)
             if pending == THROWN:
-                energy[SWITCH] -= held(t.store[mode_set], x)
+                energy[SWITCH] -= network_energy(t.store[mode_set], x)
             pending = CHECK
         if t.curved[mode_set]:
             inputs(t, mode_set, x, T, scratch)
@@ -272,11 +272,11 @@ def make_consistent(t, w, state):
                 T[p] = 0.0
         new = disagreement(t, mode_set, key, begun, x, size, T, slack)
         if new < 0:
-            ic[KEY], ic[PENDING], ic[BEGUN] = key, READY, -1
+            ic[KEY], ic[PENDING], ic[SEARCH_BEGAN_AT] = key, READY, -1
             return DONE
         for p in range(t.slip.shape[0]):  # project a patch that has just begun to stick
-            if digit(new, of_patch(p), 3) == STICK and digit(key, of_patch(p), 3) != STICK:
-                pending = LAND
+            if mode_in_key(new, patch_weight(p), 3) == STICK and mode_in_key(key, patch_weight(p), 3) != STICK:
+                pending = PROJECT
         key = new
-    ic[KEY], ic[BEGUN] = key, -1
+    ic[KEY], ic[SEARCH_BEGAN_AT] = key, -1
     return JAM

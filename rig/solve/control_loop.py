@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from rig.kernel import inner
 
-LINE = np.dtype(
+CONTROLLER = np.dtype(
     [
-        ("answer", np.int64),  # address of the function `answer`, see `Controls`; 0: all commands wait already
+        ("answer", np.int64),  # address of the function `answer`, see `ControllerTables`; 0: all commands wait already
         ("period", np.int64),  # frames
         ("delay", np.int64),  # frames
         ("hears", np.int64),  # its sensors are columns[hears : deaf]
@@ -40,23 +40,24 @@ LINE = np.dtype(
     ],
     align=True,
 )
-NOW, COUNT, UNUSUAL = range(3)  # of Controls.clock
-DUE, ANSWERED, AS = range(3)  # of Controls.queue: in force from this tick on | tick of the measurement | status
-TICK, FOR, STATUS = range(3)  # of Controls.rows
+NOW, COUNT, UNUSUAL = range(3)  # of ControllerTables.clock
+DUE, ANSWERED, AS = range(3)  # of ControllerTables.queue: in force from this tick on | tick of the measurement | status
+TICK, FOR, STATUS = range(3)  # of ControllerTables.rows
 ROWS = 1 << 12
 """Capacity per controller for commands in force not read yet, and for waiting commands."""
 
 
-class Controls(NamedTuple):
+class ControllerTables(NamedTuple):
     """Controllers inside the compiled loop, in the order in which they are asked.
 
-    answer(line, t_ns, heard, command, memory) -> 1, or 0 if the caller has to act first. The last three are addresses.
+    answer(controller, t_ns, heard, command, memory) -> 1, or 0 if the caller has to act first. The last three are
+    addresses.
     """
 
-    lines: NDArray[Any]  # LINE [line]
+    controllers: NDArray[Any]  # CONTROLLER [controller]
     clock: NDArray[
         np.int64
-    ]  # NOW: tick; COUNT: lines in use; UNUSUAL: 1 if `control` returned False: the caller has to act
+    ]  # NOW: tick; COUNT: controllers in use; UNUSUAL: 1 if `run_controllers` returned False: the caller has to act
     columns: NDArray[np.int64]  # [read] index of the sensor
     heard: NDArray[np.float64]  # [read]
     command: NDArray[np.float64]  # [drive] the last answer
@@ -65,19 +66,19 @@ class Controls(NamedTuple):
     low: NDArray[np.float64]  # [drive]
     high: NDArray[np.float64]  # [drive]
     force: NDArray[np.float64]  # [drive] the command in force
-    queue: NDArray[np.int64]  # [line, waiting, 3]
+    queue: NDArray[np.int64]  # [controller, waiting, 3]
     queued: NDArray[np.float64]  # [waiting, drive]
-    rows: NDArray[np.int64]  # [line, row, 3]
+    rows: NDArray[np.int64]  # [controller, row, 3]
     values: NDArray[np.float64]  # [row, drive]
     frame: int  # ns
 
 
-def controls(lines: int = 0, reads: int = 0, drives: int = 0, frame: int = 1) -> Controls:
-    """Empty tables for `lines` controllers, `reads` sensor inputs and `drives` actuators. `frame` in ns."""
-    rows = ROWS if lines else 1
+def controller_tables(controllers: int = 0, reads: int = 0, drives: int = 0, frame: int = 1) -> ControllerTables:
+    """Empty tables for `controllers` controllers, `reads` sensor inputs and `drives` actuators. `frame` in ns."""
+    rows = ROWS if controllers else 1
     whole, real = np.int64, np.float64
-    return Controls(
-        lines=np.zeros(lines, dtype=LINE),
+    return ControllerTables(
+        controllers=np.zeros(controllers, dtype=CONTROLLER),
         clock=np.zeros(3, dtype=whole),
         columns=np.zeros(reads, dtype=whole),
         heard=np.zeros(reads, dtype=real),
@@ -87,15 +88,17 @@ def controls(lines: int = 0, reads: int = 0, drives: int = 0, frame: int = 1) ->
         low=np.zeros(drives, dtype=real),
         high=np.zeros(drives, dtype=real),
         force=np.zeros(drives, dtype=real),
-        queue=np.zeros((lines, rows, 3), dtype=whole),
+        queue=np.zeros((controllers, rows, 3), dtype=whole),
         queued=np.zeros((rows, drives), dtype=real),
-        rows=np.zeros((lines, rows, 3), dtype=whole),
+        rows=np.zeros((controllers, rows, 3), dtype=whole),
         values=np.zeros((rows, drives), dtype=real),
         frame=frame,
     )
 
 
-def _ask(typing: Any, address: Any, line: Any, t_ns: Any, heard: Any, command: Any, memory: Any) -> Any:
+def _call_controller(
+    typing: Any, address: Any, controller: Any, t_ns: Any, heard: Any, command: Any, memory: Any
+) -> Any:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         word = ir.IntType(64)
         code = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
@@ -104,59 +107,69 @@ def _ask(typing: Any, address: Any, line: Any, t_ns: Any, heard: Any, command: A
     return types.int64(*[types.int64] * 6), codegen
 
 
-ask: Any = intrinsic(_ask)
+call_controller: Any = intrinsic(_call_controller)
 
 
 @inner
-def control(c: Any, latest: Any, x: Any) -> bool:
+def run_controllers(c: Any, latest: Any, x: Any) -> bool:
     """Ask the controllers that are due at the current tick and put commands into force.
 
     Returns False if the caller has to act first; then nothing has been put into force. `latest` [sensor]: latest
     measurements. `x`: the state to which commands are written.
     """
-    lines, now, usual = c.lines, c.clock[NOW], True
+    controllers, now, usual = c.controllers, c.clock[NOW], True
     for i in range(c.clock[COUNT]):
-        line = lines[i]
-        if line.due == now:
-            for k in range(line.hears, line.deaf):
+        controller = controllers[i]
+        if controller.due == now:
+            for k in range(controller.hears, controller.deaf):
                 c.heard[k] = latest[c.columns[k]]
-            if ask(line.answer, i, now * c.frame, line.heard_at, line.command_at, line.memory_at) == 1:
-                line.given = now
-                line.due += line.period
-                line.updates += 1
+            if (
+                call_controller(
+                    controller.answer,
+                    i,
+                    now * c.frame,
+                    controller.heard_at,
+                    controller.command_at,
+                    controller.memory_at,
+                )
+                == 1
+            ):
+                controller.given = now
+                controller.due += controller.period
+                controller.updates += 1
             else:
                 usual = False
-        comes = line.given == now and line.delay == 0
-        came = line.waiting > 0 and c.queue[i, line.oldest, DUE] <= now
-        if not (comes or came) and now - line.last >= line.period:
+        comes = controller.given == now and controller.delay == 0
+        came = controller.waiting > 0 and c.queue[i, controller.oldest, DUE] <= now
+        if not (comes or came) and now - controller.last >= controller.period:
             usual = False  # a command is missing
-        if line.kept + line.waiting >= c.rows.shape[1] and line.answer != 0:
+        if controller.kept + controller.waiting >= c.rows.shape[1] and controller.answer != 0:
             usual = False  # there is no more room
     if not usual:
         c.clock[UNUSUAL] = 1
         return False
     for i in range(c.clock[COUNT]):
-        line = lines[i]
+        controller = controllers[i]
         room = c.queue.shape[1]
-        if line.given == now:
-            at = (line.oldest + line.waiting) % room
-            c.queue[i, at, DUE], c.queue[i, at, ANSWERED], c.queue[i, at, AS] = now + line.delay, now, 0
-            for k in range(line.drives, line.driven):
+        if controller.given == now:
+            at = (controller.oldest + controller.waiting) % room
+            c.queue[i, at, DUE], c.queue[i, at, ANSWERED], c.queue[i, at, AS] = now + controller.delay, now, 0
+            for k in range(controller.drives, controller.driven):
                 c.queued[at, k] = c.command[k]
-            line.waiting += 1
-        while line.waiting > 0 and c.queue[i, line.oldest, DUE] <= now:
-            take(c, line, i, now, x)
-            line.oldest = (line.oldest + 1) % room
-            line.waiting -= 1
+            controller.waiting += 1
+        while controller.waiting > 0 and c.queue[i, controller.oldest, DUE] <= now:
+            put_into_force(c, controller, i, now, x)
+            controller.oldest = (controller.oldest + 1) % room
+            controller.waiting -= 1
     return True
 
 
 @inner
-def take(c: Any, line: Any, i: int, now: int, x: Any) -> None:
+def put_into_force(c: Any, controller: Any, i: int, now: int, x: Any) -> None:
     """Put the oldest waiting command of controller `i` into force, clamped to the range of its actuators."""
-    row, clamped, entry = line.kept, 0, c.queue[i, line.oldest]
-    for k in range(line.drives, line.driven):
-        value = c.queued[line.oldest, k]
+    row, clamped, entry = controller.kept, 0, c.queue[i, controller.oldest]
+    for k in range(controller.drives, controller.driven):
+        value = c.queued[controller.oldest, k]
         if value < c.low[k]:
             value, clamped = c.low[k], 1
         elif value > c.high[k]:
@@ -168,5 +181,5 @@ def take(c: Any, line: Any, i: int, now: int, x: Any) -> None:
                 x[c.slope[k]] = 0.0
             x[c.place[k]] = value
     c.rows[i, row, TICK], c.rows[i, row, FOR], c.rows[i, row, STATUS] = now, entry[ANSWERED], max(entry[AS], clamped)
-    line.clamped += clamped
-    line.last, line.kept = now, row + 1
+    controller.clamped += clamped
+    controller.last, controller.kept = now, row + 1

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from rig.kernel import inlined, inner
-from rig.solve.forces import refill
+from rig.solve.forces import refill_inputs
 from rig.solve.roots import NONE, first_crossing
 from rig.solve.rows import dot, rounding
-from rig.solve.segment_output import quartic
-from rig.solve.specialised import any_shape, states
+from rig.solve.segment_output import quartic_coefficients
+from rig.solve.specialised import any_shape, state_count
 
 _EARLY = 0.5  # share of a step
 _PROBE = 0.9  # place in a step where the error of a quartic through the quarters is largest
@@ -22,9 +22,9 @@ _FAINT = 0.03  # share of the rounding bound of a guard: its actual rounding err
 
 
 @inlined
-def dense(shape, k, x, y, h, d):
+def quartic_of_step(shape, k, x, y, h, d):
     """Coefficients d[0..4] of the quartic through the step, in powers of theta."""
-    n = states(shape)
+    n = state_count(shape)
     for i in range(n):
         difference = y[i] - x[i]
         bulge = h * k[0, i] - difference
@@ -46,39 +46,39 @@ def dense(shape, k, x, y, h, d):
 
 
 @inlined
-def at(shape, d, theta, x):
+def evaluate_quartic(shape, d, theta, x):
     """Evaluate the dense output at theta and write the state to x."""
-    for i in range(states(shape)):
+    for i in range(state_count(shape)):
         x[i] = d[0, i] + theta * (d[1, i] + theta * (d[2, i] + theta * (d[3, i] + theta * d[4, i])))
 
 
 @inner
-def actual(t, mode_set, w, f, g, theta):
+def guard_value(t, mode_set, w, f, g, theta):
     """The value of guard g, which depends on the inputs, at theta of the dense output."""
-    at(any_shape(w.y2.shape[0]), w.derivatives, theta, w.y2)
-    refill(f, w.y2)
+    evaluate_quartic(any_shape(w.y2.shape[0]), w.derivatives, theta, w.y2)
+    refill_inputs(f, w.y2)
     return dot(t.G[mode_set, g], w.y2) + dot(t.GT[mode_set, g], w.T)
 
 
 @inlined
-def located(t, mode_set, w, f, g, theta, noise):
+def guard_zero(t, mode_set, w, f, g, theta, noise):
     """The place where guard g itself becomes zero, at most `noise` below zero; NONE if it has no zero.
 
     `theta`: zero of its fit. The state at the event has to agree with the event. A contact released only by the error
     of the fit would not move off; it would stick again at once.
     """
     low, high = theta, theta
-    above = below = actual(t, mode_set, w, f, g, theta)
+    above = below = guard_value(t, mode_set, w, f, g, theta)
     if above > 0.0:  # the fit was early: search up to its next node, where fit and guard agree
         if theta >= 1.0:
             return NONE
         high = min(0.25 * (np.floor(4.0 * theta) + 1.0), 1.0)
-        below = actual(t, mode_set, w, f, g, high)
+        below = guard_value(t, mode_set, w, f, g, high)
         if below > 0.0:
             return NONE
     elif theta > 0.0:
         low = 0.25 * (np.ceil(4.0 * theta) - 1.0)
-        above = actual(t, mode_set, w, f, g, low)
+        above = guard_value(t, mode_set, w, f, g, low)
     kept = 0  # the end kept by the last secant; its value is halved if it is kept twice (Illinois)
     while above > 0.0 and below < -noise:
         u = low + (high - low) * above / (above - below)
@@ -86,7 +86,7 @@ def located(t, mode_set, w, f, g, theta, noise):
             u = 0.5 * (low + high)
             if not low < u < high:
                 break
-        value = actual(t, mode_set, w, f, g, u)
+        value = guard_value(t, mode_set, w, f, g, u)
         if value > 0.0:
             low, above = u, value
             if kept == 1:
@@ -101,36 +101,36 @@ def located(t, mode_set, w, f, g, theta, noise):
 
 
 @inlined
-def sampled(t, mode_set, w, f):
+def sample_guards(t, mode_set, w, f):
     """Evaluate the guards that depend on the inputs, at the quarters of the step and at `_PROBE`.
 
     w.fits[g, 0..5] = values; w.fits[g, 6] = bound on their rounding error.
     """
-    found, fits = False, w.fits
+    found, fits = False, w.guard_samples
     for g in range(t.guards[mode_set]):
-        if t.needs[mode_set, g]:
+        if t.guard_needs_inputs[mode_set, g]:
             found = True
             fits[g, 6] = 0.0
     if found:
         for q in range(6):
-            at(any_shape(w.y2.shape[0]), w.derivatives, 0.25 * q if q < 5 else _PROBE, w.y2)
-            refill(f, w.y2)
+            evaluate_quartic(any_shape(w.y2.shape[0]), w.derivatives, 0.25 * q if q < 5 else _PROBE, w.y2)
+            refill_inputs(f, w.y2)
             for g in range(t.guards[mode_set]):
-                if t.needs[mode_set, g]:
+                if t.guard_needs_inputs[mode_set, g]:
                     fits[g, q] = dot(t.G[mode_set, g], w.y2) + dot(t.GT[mode_set, g], w.T)
                     fits[g, 6] = max(fits[g, 6], rounding(t.GT[mode_set, g], w.T))
 
 
 @inlined
-def fitted(t, mode_set, w, f, g, noise):
+def first_event_of_fit(t, mode_set, w, f, g, noise):
     """The first event of guard g, which depends on the inputs, and whether the step is too long to be sure.
 
     Returns theta (or NONE) and a flag. The guard is fitted by a quartic through five points; a sixth point gives the
     error of the fit. The flag is set if, within this error, an event is possible in an earlier quarter than the one
     found.
     """
-    fit, poly = w.fits[g], w.poly
-    poly[0], poly[1], poly[2], poly[3], poly[4] = quartic(fit[0], fit[1], fit[2], fit[3], fit[4])
+    fit, poly = w.guard_samples[g], w.poly
+    poly[0], poly[1], poly[2], poly[3], poly[4] = quartic_coefficients(fit[0], fit[1], fit[2], fit[3], fit[4])
     value = poly[0] + _PROBE * (poly[1] + _PROBE * (poly[2] + _PROBE * (poly[3] + _PROBE * poly[4])))
     off = _OFF * abs(value - fit[5])
     if off <= noise:
@@ -142,7 +142,7 @@ def fitted(t, mode_set, w, f, g, noise):
         if off > 0.0:
             theta = first_crossing(poly, 4, noise, w.roots)
         if theta < NONE:
-            theta = located(t, mode_set, w, f, g, theta, _FAINT * noise)
+            theta = guard_zero(t, mode_set, w, f, g, theta, _FAINT * noise)
     return theta, int(4.0 * early) < int(4.0 * theta)
 
 
@@ -155,14 +155,14 @@ def first_event(t, mode_set, w, f):
     The guard is small there, but the error of the step is not, so the event may be nothing but this error.
     """
     first, guard, doubtful = NONE, -1, False
-    sampled(t, mode_set, w, f)
+    sample_guards(t, mode_set, w, f)
     poly = w.poly
     for g in range(t.guards[mode_set]):
         noise = rounding(t.G[mode_set, g], w.size)
         unseen = False
-        if t.needs[mode_set, g]:
-            noise = max(noise, w.fits[g, 6])
-            theta, unseen = fitted(t, mode_set, w, f, g, noise)
+        if t.guard_needs_inputs[mode_set, g]:
+            noise = max(noise, w.guard_samples[g, 6])
+            theta, unseen = first_event_of_fit(t, mode_set, w, f, g, noise)
         else:
             for c in range(5):
                 poly[c] = dot(t.G[mode_set, g], w.derivatives[c])
@@ -175,18 +175,18 @@ def first_event(t, mode_set, w, f):
 
 
 @inlined
-def clear(shape, f, d, size):
+def free_of_events(shape, f, d, size):
     """Whether the coefficients alone prove that no guard has an event along the dense output.
 
     If not, `first_event` decides.
     """
     for g in range(f.G.shape[0]):
-        if f.needs[g]:
+        if f.guard_needs_inputs[g]:
             return False
         begin, lowest = 0.0, 0.0
         for c in range(5):
             value = 0.0
-            for j in range(states(shape)):
+            for j in range(state_count(shape)):
                 value += f.G[g, j] * d[c, j]
             if c == 0:
                 begin = lowest = value

@@ -16,30 +16,30 @@ import numpy as np
 
 from rig.kernel import inlined, inner
 from rig.lent_records import lent
-from rig.solve.contact_state import land, passed
-from rig.solve.dense_output import at, clear, dense, first_event
-from rig.solve.forces import lend, rate, refill
-from rig.solve.instant_readings import add_energy
-from rig.solve.records import HOPED, KEY, LENGTH, MOST, PLACE, REACHED, TICK, TRIALS, TRY
+from rig.solve.contact_state import apply_event, project_stick
+from rig.solve.dense_output import evaluate_quartic, first_event, free_of_events, quartic_of_step
+from rig.solve.forces import derivative, refill_inputs, right_hand_side
+from rig.solve.instant_readings import add_power
+from rig.solve.records import KEY, NEXT_LENGTH, PLACE, REACHED, STEP_LENGTH, SUGGESTED_LENGTH, TICK, TRIAL_LIMIT, TRIALS
 from rig.solve.rows import dot
-from rig.solve.runge_kutta_stage import begin, complete, patch_friction, stage
-from rig.solve.segment_output import close, crowded, part, through
-from rig.solve.specialised import any_shape, call, local, states
+from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, patch_friction, stage
+from rig.solve.segment_output import close_segment, nearly_full, part_of_quartic, quartic_of_output
+from rig.solve.specialised import any_shape, call, local, state_count
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # share of the largest coordinate or speed
 _MOST = 200_000  # trial steps for one tick
-ENDED, ASKS, CLEAR, FAILED = range(4)  # results of `steps`
+ENDED, UNDECIDED, EVENT_FREE, FAILED = range(4)  # results of `take_steps`
 _SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
 
 
 @inlined
-def trial(shape, f, friction, k, x, h, y, z):
+def trial_step(shape, f, friction, k, x, h, y, z):
     """Compute the stages k[1..6] and the end y of a step h from x; k[0] is known, z is scratch."""
-    n = states(shape)
+    n = state_count(shape)
     for i in range(n):
         z[i] = x[i]
-    late = stage(shape, f, friction, h * (1.0 / 5.0), z, k, 0, begin(shape, friction, k))
+    late = stage(shape, f, friction, h * (1.0 / 5.0), z, k, 0, begin_stages(shape, friction, k))
     for i in range(n):
         z[i] = x[i] + h * ((3.0 / 40.0) * k[0, i])
     late = stage(shape, f, friction, h * (9.0 / 40.0), z, k, 1, late)
@@ -65,17 +65,17 @@ def trial(shape, f, friction, k, x, h, y, z):
             - (2187.0 / 6784.0) * k[4, i]
         )
     late = stage(shape, f, friction, h * (11.0 / 84.0), y, k, 5, late)
-    complete(shape, f, friction, k, 6, late)
+    complete_derivative(shape, f, friction, k, 6, late)
 
 
 @inlined
-def error(shape, k, y, size, h, tolerance):
+def local_error(shape, k, y, size, h, tolerance):
     """The largest local error of the step; each state is scaled by `tolerance` times its largest value so far.
 
     Returns infinity if a stage overflowed. A law continued far below w = 0 grows without bound; the step must then
     shrink instead of being accepted as free of error.
     """
-    n = states(shape)
+    n = state_count(shape)
     worst = 0.0
     for i in range(n):
         e = (
@@ -98,7 +98,7 @@ def error(shape, k, y, size, h, tolerance):
 
 
 @inlined
-def growth(e):
+def step_factor(e):
     """The factor for the next step: 0.9 e^(-1/5) for 0 <= e <= 1, at most `_GROW`.
 
     A cubic approximates it to 3 % where the step is about right: the next step waits for this value, and a power takes
@@ -112,7 +112,7 @@ def growth(e):
 
 
 @inlined
-def alike(rates, count, step, size):
+def raise_small_scales(rates, count, step, size):
     """Raise the scale of very small coordinates, and speeds, to a share `_LEAST` of the largest one.
 
     A state that is moved by rounding alone, such as a mode of a plate in equilibrium, has an error as large as itself.
@@ -129,13 +129,13 @@ def alike(rates, count, step, size):
 def add_step_energy(shape, t, w, f, theta, h, energy):
     """Add the energy terms up to `theta` of the step, by Gauss-Legendre quadrature."""
     for q in range(w.nodes3.shape[0]):
-        at(shape, w.derivatives, w.nodes3[q] * theta, w.y2)
-        refill(f, w.y2)
-        add_energy(t, f.mode_set, w.T, w.y2, w.weights3[q] * theta * h, energy)
+        evaluate_quartic(shape, w.derivatives, w.nodes3[q] * theta, w.y2)
+        refill_inputs(f, w.y2)
+        add_power(t, f.mode_set, w.T, w.y2, w.weights3[q] * theta * h, energy)
 
 
 @inner
-def emit(t, w, f, from_theta, to_theta, h, start, seg):
+def emit_segment(t, w, f, from_theta, to_theta, h, start, seg):
     """Write one segment of the outputs between two places in the step.
 
     An output that depends on no input is a row over the quartic of the state. Any other is a quartic through five
@@ -143,61 +143,61 @@ def emit(t, w, f, from_theta, to_theta, h, start, seg):
     """
     mode_set, at_once, width, asked = f.mode_set, seg.count[0], to_theta - from_theta, False
     for s in range(seg.coef.shape[1]):
-        if t.asks[mode_set, s]:
+        if t.output_needs_inputs[mode_set, s]:
             asked = True
             continue
         coef = seg.coef[at_once, s]
         for c in range(5):
             coef[c] = dot(t.signals[mode_set, s], w.derivatives[c])
-        part(coef, from_theta, width)
+        part_of_quartic(coef, from_theta, width)
     if asked:
         for q in range(5):
-            at(any_shape(w.y2.shape[0]), w.derivatives, from_theta + 0.25 * q * width, w.y2)
-            refill(f, w.y2)
+            evaluate_quartic(any_shape(w.y2.shape[0]), w.derivatives, from_theta + 0.25 * q * width, w.y2)
+            refill_inputs(f, w.y2)
             for s in range(seg.coef.shape[1]):
-                if t.asks[mode_set, s]:
+                if t.output_needs_inputs[mode_set, s]:
                     w.values[q, s] = dot(t.signals[mode_set, s], w.y2) + dot(t.signals_t[mode_set, s], w.T)
         for s in range(seg.coef.shape[1]):
-            if t.asks[mode_set, s]:
-                through(w.values, s, seg.coef[at_once, s])
-    close(start, width * h, seg)
+            if t.output_needs_inputs[mode_set, s]:
+                quartic_of_output(w.values, s, seg.coef[at_once, s])
+    close_segment(start, width * h, seg)
 
 
 @inlined
-def swing(shape, t, w, time, x):
+def set_generators(shape, t, w, time, x):
     """Set the generators among the state variables to their exact values, `time` [s] after the block began.
 
     Generators are undamped, so the errors of the steps would accumulate in amplitude and phase. Every index of x is a
     constant of the compiled code, so that x stays in registers.
     """
-    for g in range(t.swing.shape[0]):
-        turn = t.swing_rate[g] * time
+    for g in range(t.generators.shape[0]):
+        turn = t.generator_rate[g] * time
         sine, cosine = np.sin(turn), np.cos(turn)
-        a, b = w.swung[g, 0], w.swung[g, 1]
-        for i in range(states(shape)):
-            if i == t.swing[g, 0]:
+        a, b = w.generators_at_begin[g, 0], w.generators_at_begin[g, 1]
+        for i in range(state_count(shape)):
+            if i == t.generators[g, 0]:
                 x[i] = cosine * a + sine * b
-            elif i == t.swing[g, 1]:
+            elif i == t.generators[g, 1]:
                 x[i] = cosine * b - sine * a
 
 
 @inlined
-def accept(shape, t, mode_set, w, k, y, x, here):
+def accept_step(shape, t, mode_set, w, k, y, x, here):
     """Accept the end y of a step as the new state `here`; x is passed to functions that are not inlined."""
-    for i in range(states(shape)):
+    for i in range(state_count(shape)):
         here[i] = y[i]
         k[0, i] = k[6, i]
         w.size[i] = max(w.size[i], abs(here[i]))
     if t.stuck[mode_set]:
-        for i in range(states(shape)):
+        for i in range(state_count(shape)):
             x[i] = here[i]
-        land(t, mode_set, x, w.copy)
-        for i in range(states(shape)):
+        project_stick(t, mode_set, x, w.copy)
+        for i in range(state_count(shape)):
             here[i] = x[i]
 
 
 @inlined
-def reach(tick, place, done, share, ticks, last):
+def end_of_tick(tick, place, done, share, ticks, last):
     """The place in the step at which the tick ends; `done` is the place already reached.
 
     It is 1 for the last of the ticks if the step was cut to end there (`last`).
@@ -209,21 +209,22 @@ def reach(tick, place, done, share, ticks, last):
 
 
 @inner
-def steps(shape, t, w, state, log, seg, plan, ticks):
+def take_steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks, or to a step that `stretch` must handle.
 
-    A specialised kernel (rig.solve.specialised). The derivative at state.x must be in w.k[0]. Returns ENDED; ASKS;
-    CLEAR, if the step is proved free of events; or FAILED, if no step is short enough. With ASKS and CLEAR the length
-    of the step is in fc[LENGTH], its end in w.y, its stages in w.k and its dense output in w.derivatives; state, tick
-    and place are those at its begin. Working arrays are only passed to inlined functions, so they stay in registers.
+    A specialised kernel (rig.solve.specialised). The derivative at state.x must be in w.k[0]. Returns ENDED; UNDECIDED;
+    EVENT_FREE, if the step is proved free of events; or FAILED, if no step is short enough. With UNDECIDED and
+    EVENT_FREE the length of the step is in fc[STEP_LENGTH], its end in w.y, its stages in w.k and its dense output in
+    w.derivatives; state, tick and place are those at its begin. Working arrays are only passed to inlined functions, so
+    they stay in registers.
     """
-    n, tick_length, looked = states(shape), t.step[0], plan.with_energy or plan.emitting
+    n, tick_length, looked = state_count(shape), t.step[0], plan.with_energy or plan.emitting
     ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
-    field = lend(t, mode_set, w.T, w.scratch)
+    field = right_hand_side(t, mode_set, w.T, w.scratch)
     f, friction = lent(field), lent(patch_friction(shape, field, t, w, state, log, seg, plan))
     k, y, z, d = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives)
     here = local(shape, w.copy)
-    tick, place, next_h, hoped, most = ic[TICK], fc[PLACE], fc[TRY], fc[HOPED], ic[MOST]
+    tick, place, next_h, hoped, most = ic[TICK], fc[PLACE], fc[NEXT_LENGTH], fc[SUGGESTED_LENGTH], ic[TRIAL_LIMIT]
     for i in range(n):
         here[i] = x[i]
         k[0, i] = w.k[0, i]
@@ -231,8 +232,8 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
     while tick < ticks:
         left = ((ticks - tick) - place) * tick_length
         h = next_h if next_h < left - 1e-9 * tick_length else left
-        trial(shape, f, friction, k, here, h, y, z)
-        e = error(shape, k, y, size, h, plan.tolerance)
+        trial_step(shape, f, friction, k, here, h, y, z)
+        e = local_error(shape, k, y, size, h, plan.tolerance)
         ic[TRIALS] += 1
         if not (e <= 1.0):
             next_h = h * max(_SHRINK, _SAFETY * e ** (-0.2))
@@ -240,34 +241,34 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
                 ends = FAILED
                 break
             continue
-        grow = growth(e)
+        grow = step_factor(e)
         if h >= next_h or grow < 1.0:  # the error is likely to go on growing
             next_h = h * max(_SHRINK, min(grow, (grow * grow) * (h / hoped)))
         hoped = h * grow
-        dense(shape, k, here, y, h, d)
-        plain = clear(shape, f, d, size)
+        quartic_of_step(shape, k, here, y, h, d)
+        plain = free_of_events(shape, f, d, size)
         if looked or not plain:
-            fc[LENGTH] = h
+            fc[STEP_LENGTH] = h
             for i in range(n):
                 w.y[i] = y[i]
                 w.k[6, i] = k[6, i]
                 for c in range(5):
                     w.derivatives[c, i] = d[c, i]
-            ends = CLEAR if plain else ASKS
+            ends = EVENT_FREE if plain else UNDECIDED
             break
         done, share = 0.0, tick_length / h
         while tick < ticks:
-            to = reach(tick, place, done, share, ticks, h == left)
+            to = end_of_tick(tick, place, done, share, ticks, h == left)
             if to > 1.0:
                 break
-            at(shape, d, to, log.out[tick])
+            evaluate_quartic(shape, d, to, log.out[tick])
             log.modes[tick] = mode_set
             tick, place, done = tick + 1, 0.0, to
         if done < 1.0:
             place += (1.0 - done) * h / tick_length
-        swing(shape, t, w, ((tick - ic[REACHED]) + place) * tick_length, y)
-        accept(shape, t, mode_set, w, k, y, x, here)
-    ic[TICK], fc[PLACE], fc[TRY], fc[HOPED] = tick, place, next_h, hoped
+        set_generators(shape, t, w, ((tick - ic[REACHED]) + place) * tick_length, y)
+        accept_step(shape, t, mode_set, w, k, y, x, here)
+    ic[TICK], fc[PLACE], fc[NEXT_LENGTH], fc[SUGGESTED_LENGTH] = tick, place, next_h, hoped
     for i in range(n):
         x[i] = here[i]
         w.k[0, i] = k[0, i]
@@ -282,55 +283,57 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     """
     ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
     tick_length, origin, n = t.step[0], ic[REACHED], x.shape[0]
-    path, f = w.derivatives, lent(lend(t, mode_set, w.T, w.scratch))
+    path, f = w.derivatives, lent(right_hand_side(t, mode_set, w.T, w.scratch))
     for i in range(n):
         size[i] = max(size[i], abs(x[i]))
-    rate(shape, f, True, x, w.k[0])
-    alike(w.k[0], t.damping.shape[1], tick_length, size)
-    ic[MOST] = ic[TRIALS] + _MOST * (ticks - ic[TICK])
-    fc[HOPED] = 0.0
+    derivative(shape, f, True, x, w.k[0])
+    raise_small_scales(w.k[0], t.damping.shape[1], tick_length, size)
+    ic[TRIAL_LIMIT] = ic[TRIALS] + _MOST * (ticks - ic[TICK])
+    fc[SUGGESTED_LENGTH] = 0.0
     crossed = -1
-    while ic[TICK] < ticks and crossed == -1 and not (plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
-        ends = call(plan.steps, shape, t, w, state, log, seg, plan, ticks)
+    while (
+        ic[TICK] < ticks and crossed == -1 and not (plan.emitting and nearly_full(t, mode_set, seg, ticks - ic[TICK]))
+    ):
+        ends = call(plan.take_steps, shape, t, w, state, log, seg, plan, ticks)
         if ends == FAILED:
             return -2
         if ends == ENDED:
             break
-        h, tick, place = fc[LENGTH], ic[TICK], fc[PLACE]
+        h, tick, place = fc[STEP_LENGTH], ic[TICK], fc[PLACE]
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
-        if ends == ASKS:
+        if ends == UNDECIDED:
             theta, crossed, doubtful = first_event(t, mode_set, w, f)
             if doubtful and h > 1e-12 * tick_length:
-                fc[TRY], crossed = _SHRINK * h, -1
+                fc[NEXT_LENGTH], crossed = _SHRINK * h, -1
                 continue
             end = theta if crossed >= 0 else 1.0
         if plan.with_energy:
             add_step_energy(shape, t, w, f, end, h, state.energy)
         done, share = 0.0, tick_length / h
         while tick < ticks:  # ticks that end inside the step
-            to = reach(tick, place, done, share, ticks, crossed < 0 and h == left)
+            to = end_of_tick(tick, place, done, share, ticks, crossed < 0 and h == left)
             if to > end or (crossed >= 0 and to >= end):
                 break
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit(t, w, f, done, to, h, since, seg)
-            at(shape, path, to, log.out[tick])
+                emit_segment(t, w, f, done, to, h, since, seg)
+            evaluate_quartic(shape, path, to, log.out[tick])
             log.modes[tick] = mode_set
             tick, place, done = tick + 1, 0.0, to
         if done < end:
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit(t, w, f, done, end, h, since, seg)
+                emit_segment(t, w, f, done, end, h, since, seg)
             place += (end - done) * h / tick_length
         if crossed >= 0:
-            at(shape, path, end, x)
+            evaluate_quartic(shape, path, end, x)
         else:
-            swing(shape, t, w, ((tick - origin) + place) * tick_length, w.y)
-            accept(shape, t, mode_set, w, w.k, w.y, x, x)
+            set_generators(shape, t, w, ((tick - origin) + place) * tick_length, w.y)
+            accept_step(shape, t, mode_set, w, w.k, w.y, x, x)
         ic[TICK], fc[PLACE] = tick, place
     if crossed >= 0:
-        passed(t, mode_set, crossed, ic, x)
+        apply_event(t, mode_set, crossed, ic, x)
     elif ic[TICK] == ticks:
         for i in range(n):
             log.out[ticks - 1, i] = x[i]

@@ -32,7 +32,7 @@ NODES, WEIGHTS = (0.5 * (a + o) for a, o in zip(np.polynomial.legendre.leggauss(
 
 
 @inner
-def held(H, x):
+def network_energy(H, x):
     """The energy stored in the network; H is twice its quadratic form."""
     s = 0.0
     for i in range(x.shape[0]):

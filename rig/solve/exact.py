@@ -10,29 +10,31 @@ Event times are exact to rounding at every step size.
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
-from rig.solve.contact_state import passed
+from rig.solve.contact_state import apply_event
 from rig.solve.energy_balance import add_energy
-from rig.solve.many_states import add_energy as add_part_energy
-from rig.solve.many_states import along as along_cell
-from rig.solve.many_states import earliest as earliest_in_cell
-from rig.solve.many_states import emit as emit_cells
-from rig.solve.many_states import expand
-from rig.solve.many_states import quiet as quiet_cell
+from rig.solve.many_states import (
+    add_cell_energy,
+    emit_cells,
+    evaluate_cell,
+    expand_cell,
+    first_event_of_cell,
+    quiet_tick,
+)
 from rig.solve.records import KEY, PLACE, REACHED, SUBDIVIDED, TICK
 from rig.solve.roots import NONE, first_crossing
 from rig.solve.rows import dot, rounding
-from rig.solve.segment_output import crowded, emit_linear
-from rig.solve.specialised import call, local, states
+from rig.solve.segment_output import emit_linear, nearly_full
+from rig.solve.specialised import call, local, state_count
 
 
 @inner
-def quiet(shape, t, w, state, log, seg, plan, ticks):
+def quiet_ticks(shape, t, w, state, log, seg, plan, ticks):
     """Advance state.x by up to `ticks` certified ticks and write the rows of the log. Returns the number of ticks done.
 
     A specialised kernel (rig.solve.specialised).
     """
     mode_set, first = t.mode_set_of[state.ic[KEY]], state.ic[TICK]
-    n, count = states(shape), t.guards[mode_set]
+    n, count = state_count(shape), t.guards[mode_set]
     E, G, B, g, x, out = t.E[mode_set, 0], t.G[mode_set], t.B[mode_set], w.g, state.x, log.out
     here, y = local(shape, x), local(shape, x)
     for i in range(n):
@@ -65,7 +67,7 @@ def quiet(shape, t, w, state, log, seg, plan, ticks):
 
 
 @inlined
-def series(A, x, length, terms, derivatives):
+def taylor_terms(A, x, length, terms, derivatives):
     """Taylor terms: derivatives[k] = A^k x length^k / k!, k = 0 .. terms."""
     n = x.shape[0]
     for i in range(n):
@@ -77,7 +79,7 @@ def series(A, x, length, terms, derivatives):
 
 
 @inner
-def along(derivatives, terms, u, x):
+def evaluate_series(derivatives, terms, u, x):
     """Evaluate the Taylor series: x = sum_k derivatives[k] u^k."""
     for i in range(x.shape[0]):
         s = derivatives[terms, i]
@@ -87,7 +89,7 @@ def along(derivatives, terms, u, x):
 
 
 @inlined
-def certified(t, mode_set, x, y, shrink):
+def is_certified(t, mode_set, x, y, shrink):
     """Whether it is proved that no guard has an event between x and y, the ends of a cell; `shrink` = 4^-level."""
     G, B, BA = t.G[mode_set], t.B[mode_set], t.BA[mode_set]
     for k in range(t.guards[mode_set]):
@@ -109,7 +111,7 @@ def certified(t, mode_set, x, y, shrink):
 
 
 @inlined
-def earliest(t, mode_set, size, derivatives, terms, poly, work):
+def first_event_of_series(t, mode_set, size, derivatives, terms, poly, work):
     """The first event of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
     G, first, guard = t.G[mode_set], NONE, -1
     for k in range(t.guards[mode_set]):
@@ -129,20 +131,20 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     """
     ic, x, with_energy, emitting = state.ic, state.x, plan.with_energy, plan.emitting
     n, origin, mode_set = x.shape[0], ic[REACHED], t.mode_set_of[ic[KEY]]
-    if state.fc[PLACE] == 0.0 and plan.wide:
-        while quiet_cell(t, mode_set, x, log.out[ic[TICK]], w, plan, (ic[TICK] - origin) * t.step[0], seg):
+    if state.fc[PLACE] == 0.0 and plan.many_states:
+        while quiet_tick(t, mode_set, x, log.out[ic[TICK]], w, plan, (ic[TICK] - origin) * t.step[0], seg):
             for i in range(n):
                 x[i] = log.out[ic[TICK], i]
             log.modes[ic[TICK]] = mode_set
             ic[TICK] += 1
-            if ic[TICK] == ticks or (emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
+            if ic[TICK] == ticks or (emitting and nearly_full(t, mode_set, seg, ticks - ic[TICK])):
                 return -1
     elif state.fc[PLACE] == 0.0:
         first = ic[TICK]
         for i in range(n):
             w.x0[i] = x[i]
         block = 1 if emitting else ticks - first
-        done = call(plan.quiet, shape, t, w, state, log, seg, plan, block)
+        done = call(plan.quiet_ticks, shape, t, w, state, log, seg, plan, block)
         for tick in range(first, first + done):
             log.modes[tick] = mode_set
         if with_energy:
@@ -169,7 +171,14 @@ def subdivide(t, w, state, seg, plan, mode_set):
 
     Returns the guard of the event, or -1 at the end of the tick.
     """
-    ic, fc, x, energy, with_energy, wide = state.ic, state.fc, state.x, state.energy, plan.with_energy, plan.wide
+    ic, fc, x, energy, with_energy, many_states = (
+        state.ic,
+        state.fc,
+        state.x,
+        state.energy,
+        plan.with_energy,
+        plan.many_states,
+    )
     n, h, y = x.shape[0], t.step[0], w.y
     begin = (ic[TICK] - ic[REACHED]) * h
     depth, terms = t.depth[mode_set], t.order[mode_set]
@@ -186,11 +195,11 @@ def subdivide(t, w, state, seg, plan, mode_set):
                 whole //= 2
                 level -= 1
             found = False
-            while not wide or depth > 0:  # of a rig with many states, the whole tick was tried before
+            while not many_states or depth > 0:  # of a rig with many states, the whole tick was tried before
                 E = t.E[mode_set, level]
                 for i in range(n):
                     y[i] = x[i] + dot(E[i], x)
-                if certified(t, mode_set, x, y, 1.0 / 4.0**level):
+                if is_certified(t, mode_set, x, y, 1.0 / 4.0**level):
                     found = True
                     break
                 if level == depth:
@@ -199,7 +208,7 @@ def subdivide(t, w, state, seg, plan, mode_set):
             if found:
                 width = 1.0 / 2.0**level
                 if plan.emitting:
-                    if wide:
+                    if many_states:
                         emit_cells(t, mode_set, x, width * cells, begin + u * h, width * h, seg)
                     else:
                         emit_linear(t, mode_set, x, begin + u * h, width * h, seg, w.derivatives)
@@ -210,34 +219,34 @@ def subdivide(t, w, state, seg, plan, mode_set):
                 u += width
                 continue
         length = (int(position) + 1) / cells - u
-        if wide:
-            place, guard = earliest_in_cell(t, mode_set, x, w.size, length * cells, w.poly, w.roots)
-            expand(t, mode_set, x)
+        if many_states:
+            place, guard = first_event_of_cell(t, mode_set, x, w.size, length * cells, w.poly, w.roots)
+            expand_cell(t, mode_set, x)
         else:
-            series(t.A[mode_set], x, length * h, terms, w.derivatives)
-            place, guard = earliest(t, mode_set, w.size, w.derivatives, terms, w.poly, w.roots)
+            taylor_terms(t.A[mode_set], x, length * h, terms, w.derivatives)
+            place, guard = first_event_of_series(t, mode_set, w.size, w.derivatives, terms, w.poly, w.roots)
         reach = 1.0 if guard < 0 else place
         if reach > 0.0:
             if plan.emitting:
-                if wide:
+                if many_states:
                     emit_cells(t, mode_set, x, reach * length * cells, begin + u * h, reach * length * h, seg)
                 else:
                     emit_linear(t, mode_set, x, begin + u * h, reach * length * h, seg, w.spare)
             if with_energy:
-                if wide:
-                    add_part_energy(t, mode_set, reach * length * cells, reach * length * h)
+                if many_states:
+                    add_cell_energy(t, mode_set, reach * length * cells, reach * length * h)
                 else:
                     add_series_energy(t, mode_set, w, terms, reach, length * h, energy)
-            if wide:
-                along_cell(t, reach * length * cells)
+            if many_states:
+                evaluate_cell(t, reach * length * cells)
                 for i in range(n):
-                    x[i] = t.wide.filled[i]
+                    x[i] = t.many_states.filled[i]
             else:
-                along(w.derivatives, terms, reach, x)
+                evaluate_series(w.derivatives, terms, reach, x)
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:
             fc[PLACE] = u
-            passed(t, mode_set, guard, ic, x)
+            apply_event(t, mode_set, guard, ic, x)
             return guard
     fc[PLACE] = 0.0
     return -1
@@ -247,7 +256,7 @@ def subdivide(t, w, state, seg, plan, mode_set):
 def add_series_energy(t, mode_set, w, terms, reach, length, energy):
     """Add the energy terms along a Taylor cell up to `reach`, by Gauss-Legendre quadrature at eight nodes."""
     for q in range(w.nodes.shape[0]):
-        along(w.derivatives, terms, w.nodes[q] * reach, w.y)
+        evaluate_series(w.derivatives, terms, w.nodes[q] * reach, w.y)
         scale = w.weights[q] * reach * length
         for term in range(energy.shape[0]):
             if t.active[mode_set, term]:

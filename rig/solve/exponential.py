@@ -16,7 +16,7 @@ _SHIFT = 1.5 * 2.0**52  # at this size a double has no fraction bits: adding it 
 
 
 @inlined
-def factors(u):
+def exponential_factors(u):
     """Two numbers whose product is e^u to two units in the last place. The first is available before the second."""
     if _LEAST < u < _MOST:
         k = (16.0 * u + _SHIFT) - _SHIFT

@@ -18,7 +18,7 @@ GROUP = 5
 error is 1 %; that of chords is 9 %."""
 
 
-class Side(NamedTuple):
+class SymmetryClass(NamedTuple):
     """Coordinates of one symmetry: they move both sides of the line of travel alike, or in opposite directions.
 
     A lane is one direction of a pair of mirrored points.
@@ -38,8 +38,8 @@ class FilmTables(NamedTuple):
     m: number of driving states, which are neither coordinates nor speeds nor states of the film.
     """
 
-    alike: Side
-    against: Side
+    symmetric: SymmetryClass
+    antisymmetric: SymmetryClass
     numbers: Array  # see PITCH
     where: NDArray[np.int64]  # see TRAVEL
     below: NDArray[np.int64]  # scratch [1] the place at which `rise` begins; -1: none yet
@@ -65,9 +65,9 @@ class FilmTables(NamedTuple):
     moved: Array  # scratch [m]
     begun: Array  # scratch [2, m] driving states at the begin of the tick, and their change since
     held: Array  # scratch [pushed]
-    riders: Array  # [rider, point] normal rows of the slider's coordinates: the same at every place
-    advance: Array  # [rider] h^2 / 12 / mass
-    ahead: Array  # scratch [rider]
+    slider_rows: Array  # [slider coordinate, point] normal rows of the slider's coordinates: the same at every place
+    advance: Array  # [slider coordinate] h^2 / 12 / mass
+    ahead: Array  # scratch [slider coordinate]
     pressed: Array  # scratch [point]
     fits: Array  # [steps, GROUP + 1, GROUP + 1] coefficients of the polynomial through values at the ends of steps
     values: Array  # scratch [GROUP + 1, read] outputs at these ends

@@ -42,14 +42,14 @@ from rig.solve.film_records import (
 )
 from rig.solve.film_sums import CENTRE_X, CENTRE_Y, COUNTED, FRACTION, FRICTION, NORMAL, OPENINGS, SUMS
 from rig.solve.records import PLACE, REACHED, TICK
-from rig.solve.segment_output import crowded
+from rig.solve.segment_output import nearly_full
 
 _EDGE = 1e-11
 """Distance beyond the edge that rounding may cause [m]."""
 
 
 @inner
-def _climb(side, low):
+def _update_rise(side, low):
     """Write the difference between the rows at place `low` + 1 and at place `low` to side.rise."""
     here, there = side.rows[low], side.rows[low + 1]
     for j in range(here.shape[0]):
@@ -58,7 +58,7 @@ def _climb(side, low):
 
 
 @inlined
-def _felt(side, x, base, share):
+def _interpolate(side, x, base, share):
     """Interpolate the rows of one side and write the displacements at the points to side.felt."""
     which, values = side.which, side.values
     for j in range(which.shape[0]):
@@ -67,7 +67,7 @@ def _felt(side, x, base, share):
 
 
 @inlined
-def _pushed(side, forces):
+def _sum_forces(side, forces):
     """forces[coordinate] of one side = the generalised forces of the values in side.felt."""
     which, values = side.which, side.values
     across(side.now, side.felt, values)
@@ -84,22 +84,22 @@ def locate_points(own, x, anew):
     """
     travel = x[own.where[TRAVEL]]
     place = travel / own.numbers[PITCH]
-    low = min(int(max(place, 0.0)), own.alike.rows.shape[0] - 2)
+    low = min(int(max(place, 0.0)), own.symmetric.rows.shape[0] - 2)
     if low != own.below[0]:
-        _climb(own.alike, low)
-        _climb(own.against, low)
+        _update_rise(own.symmetric, low)
+        _update_rise(own.antisymmetric, low)
         own.below[0] = low
         anew = True
     share = place - low
     part = share if anew else share - own.share[0]
-    _felt(own.alike, x, own.alike.rows[low] if anew else own.alike.now, part)
-    _felt(own.against, x, own.against.rows[low] if anew else own.against.now, part)
+    _interpolate(own.symmetric, x, own.symmetric.rows[low] if anew else own.symmetric.now, part)
+    _interpolate(own.antisymmetric, x, own.antisymmetric.rows[low] if anew else own.antisymmetric.now, part)
     own.share[0] = share
     pairs = own.seen.shape[1] // 2
     for direction in range(own.seen.shape[0]):
         side = -1.0 if direction == 2 else 1.0
         seen, lanes = own.seen[direction], slice(direction * pairs, (direction + 1) * pairs)
-        both, other = own.alike.felt[lanes], own.against.felt[lanes]
+        both, other = own.symmetric.felt[lanes], own.antisymmetric.felt[lanes]
         for i in range(pairs):
             seen[i] = both[i] + other[i]
             seen[pairs + i] = side * (both[i] - other[i])
@@ -107,22 +107,22 @@ def locate_points(own, x, anew):
 
 
 @inlined
-def push(own, forces):
+def generalised_forces(own, forces):
     """forces[coordinate] = the generalised forces of the point forces own.gives."""
     pairs = own.seen.shape[1] // 2
     for direction in range(own.seen.shape[0]):
         side = -1.0 if direction == 2 else 1.0
         gives, lanes = own.gives[direction], slice(direction * pairs, (direction + 1) * pairs)
-        both, other = own.alike.felt[lanes], own.against.felt[lanes]
+        both, other = own.symmetric.felt[lanes], own.antisymmetric.felt[lanes]
         for i in range(pairs):
             one, image = gives[i], side * gives[pairs + i]
             both[i], other[i] = one + image, one - image
-    _pushed(own.alike, forces)
-    _pushed(own.against, forces)
+    _sum_forces(own.symmetric, forces)
+    _sum_forces(own.antisymmetric, forces)
 
 
 @inlined
-def flow(own, x, one):
+def propagate_structure(own, x, one):
     """Kick the coordinates by half a step, then propagate everything but the film over a whole step.
 
     The energy that the dampers dissipate is added to own.damped. Returns the work of the driving states.
@@ -166,7 +166,7 @@ def flow(own, x, one):
 
 
 @inner
-def press(own, x, travelled, h):
+def contact_forces(own, x, travelled, h):
     """Compute pressure and friction of every point after a step in which the slider travelled by `travelled` [m].
 
     Returns the number of points that opened.
@@ -180,13 +180,13 @@ def press(own, x, travelled, h):
     up, along, given, slid_off = own.gives[0], own.gives[1], own.lost[0], own.lost[1]
     for i in range(points):
         deep[i] = max(place[i], 0.0)
-    across(own.riders, deep, own.ahead)
+    across(own.slider_rows, deep, own.ahead)
     for i in range(points):
         deep[i] = place[i]
     for r in range(own.ahead.shape[0]):
-        rider, by = own.riders[r], k * own.advance[r] * own.ahead[r]
+        row, by = own.slider_rows[r], k * own.advance[r] * own.ahead[r]
         for i in range(points):
-            deep[i] -= by * rider[i]
+            deep[i] -= by * row[i]
     opened = 0
     if own.where[DAMPED] == 0:
         for i in range(points):
@@ -234,7 +234,7 @@ def press(own, x, travelled, h):
 
 
 @inlined
-def total(own, x, opened):
+def sum_over_points(own, x, opened):
     """Update the sums over the points."""
     first, points = own.where[FIRST] + own.kick.shape[0], own.where[POINTS]
     normal, friction, closed, along, aside = 0.0, 0.0, 0, 0.0, 0.0
@@ -252,7 +252,7 @@ def total(own, x, opened):
 
 
 @inlined
-def read(own, x, values):
+def film_outputs(own, x, values):
     """values[output] = the outputs at x, as many as `values` holds."""
     begins, entry, value = own.begins, own.entry, own.value
     for s in range(values.shape[0]):
@@ -263,7 +263,7 @@ def read(own, x, values):
 
 
 @inlined
-def emit(own, values, steps, start, length, seg):
+def emit_segment(own, values, steps, start, length, seg):
     """Write one segment over `steps` steps: the polynomial through the outputs at the ends of these steps."""
     at, fit = seg.count[0], own.fits[steps - 1]
     seg.count[0] = at + 1
@@ -279,7 +279,7 @@ def emit(own, values, steps, start, length, seg):
 
 
 @inlined
-def add_energy(own, energy):
+def add_collected_work(own, energy):
     """Add the work that dampers and points have collected to the energy balance and reset it."""
     for i in range(own.damped.shape[0]):
         energy[2] += own.damped[i]
@@ -307,21 +307,21 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     tick, done, opened = ic[TICK], int(fc[PLACE] * substeps + 0.5), 0
     within = locate_points(own, x, True)
     if emitting:
-        read(own, x, values[0])
-    while within and tick < ticks and not (emitting and crowded(t, 0, seg, ticks - tick)):
+        film_outputs(own, x, values[0])
+    while within and tick < ticks and not (emitting and nearly_full(t, 0, seg, ticks - tick)):
         if done == 0:
             for j in range(own.moved.shape[0]):
                 own.begun[0, j], own.begun[1, j] = x[one + j], 0.0
         travelled = x[slid]
-        energy[3] += flow(own, x, one)
+        energy[3] += propagate_structure(own, x, one)
         travelled = x[slid] - travelled
         for direction in range(own.seen.shape[0]):
             seen, last = own.seen[direction], own.last[direction]
             for i in range(seen.shape[0]):
                 last[i] = seen[i]
         within = locate_points(own, x, done == 0)
-        opened += press(own, x, travelled, h)
-        push(own, forces)
+        opened += contact_forces(own, x, travelled, h)
+        generalised_forces(own, forces)
         for i in range(nq):
             speeds[i] += kick[i] * forces[i]
         done += 1
@@ -329,13 +329,15 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             for j in range(own.moved.shape[0]):
                 x[one + j] = own.begun[0, j] + own.begun[1, j]
         if done == substeps or (emitting and own.summed[0]):
-            total(own, x, opened)
+            sum_over_points(own, x, opened)
             opened = 0
         if emitting:
             gathered += 1
-            read(own, x, values[gathered])
+            film_outputs(own, x, values[gathered])
             if gathered == GROUP or done == substeps:
-                emit(own, values, gathered, (tick - origin) * t.step[0] + (done - gathered) * h, gathered * h, seg)
+                emit_segment(
+                    own, values, gathered, (tick - origin) * t.step[0] + (done - gathered) * h, gathered * h, seg
+                )
                 for s in range(values.shape[1]):
                     values[0, s] = values[gathered, s]
                 gathered = 0
@@ -346,7 +348,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             log.modes[tick] = 0
             tick, done = tick + 1, 0
     if opened:
-        total(own, x, opened)
-    add_energy(own, energy)
+        sum_over_points(own, x, opened)
+    add_collected_work(own, energy)
     ic[TICK], fc[PLACE] = tick, done / substeps
     return -1 if within else -2

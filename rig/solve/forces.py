@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
-from rig.solve.exponential import factors
+from rig.solve.exponential import exponential_factors
 from rig.solve.friction_coefficient import STRIBECK, coefficient
-from rig.solve.product_inputs import early, late
+from rig.solve.product_inputs import early_products, late_products
 from rig.solve.rows import dot
-from rig.solve.specialised import multiplies, states
+from rig.solve.specialised import has_products, state_count
 
 Array = NDArray[np.float64]
 
 
-class Field(NamedTuple):
+class RightHandSide(NamedTuple):
     """The right-hand side of one mode set.
 
     It holds the tables of the mode set (see rig.model.tables.Tables), the inputs T [friction forces, products], scratch
@@ -34,38 +34,38 @@ class Field(NamedTuple):
     sigma: Array
     code: NDArray[np.int64]
     numbers: Array
-    pace: Array
-    bear: Array
-    bear_t: Array
+    law_speed: Array
+    law_load: Array
+    law_load_t: Array
     coupled: int
     T: Array
     scratch: Array
     G: Array
     GT: Array
-    needs: NDArray[np.int64]
+    guard_needs_inputs: NDArray[np.int64]
     mode_set: int
     t: Any
 
 
 @inlined
-def lend(t, mode_set, T, scratch):
+def right_hand_side(t, mode_set, T, scratch):
     """The field of a mode set. T [inputs] and `scratch` [patch, patch] are overwritten."""
     count = t.guards[mode_set]
-    return Field(
+    return RightHandSide(
         t.A[mode_set],
         t.b[mode_set],
         t.sigma[mode_set],
         t.code[mode_set],
         t.numbers[mode_set],
-        t.pace[mode_set],
-        t.bear[mode_set],
-        t.bear_t[mode_set],
+        t.law_speed[mode_set],
+        t.law_load[mode_set],
+        t.law_load_t[mode_set],
         t.coupled[mode_set],
         T,
         scratch,
         t.G[mode_set, :count],
         t.GT[mode_set, :count],
-        t.needs[mode_set, :count],
+        t.guard_needs_inputs[mode_set, :count],
         mode_set,
         t,
     )
@@ -75,62 +75,62 @@ def lend(t, mode_set, T, scratch):
 def friction_force(f, p, x, others):
     """The friction force of patch p at x; 0 if its friction does not depend on speed.
 
-    mu(pace x) (bear x + others): both rows carry the sign of the slip; `others` is the part of the load that depends on
-    inputs. Rows are summed from their end, because the last state variables do not change during a step.
+    mu(law_speed x) (law_load x + others): both rows carry the sign of the slip; `others` is the part of the load that
+    depends on inputs. Rows are summed from their end, because the last state variables do not change during a step.
     """
     force = 0.0
     if f.sigma[p] != 0.0 and f.code[p] != 0:
         last = x.shape[0] - 1
         N = others
         for j in range(last, -1, -1):
-            N += f.bear[p, j] * x[j]
+            N += f.law_load[p, j] * x[j]
         if f.code[p] == STRIBECK:  # the next stage waits for the exponential: keep the work before and after it short
-            u = -(f.numbers[p, 2] * f.pace[p, last]) * x[last]
+            u = -(f.numbers[p, 2] * f.law_speed[p, last]) * x[last]
             for j in range(last):
-                u -= (f.numbers[p, 2] * f.pace[p, j]) * x[j]
-            coarse, fine = factors(u)
+                u -= (f.numbers[p, 2] * f.law_speed[p, j]) * x[j]
+            coarse, fine = exponential_factors(u)
             force = N * f.numbers[p, 0] + ((N * f.numbers[p, 1]) * coarse) * fine
         else:
             w = 0.0
             for j in range(last, -1, -1):
-                w += f.pace[p, j] * x[j]
+                w += f.law_speed[p, j] * x[j]
             force = coefficient(f.code[p], f.numbers[p], w) * N
     return force
 
 
 @inlined
-def fill(f, x):
+def fill_inputs(f, x):
     """f.T = the inputs at x: friction forces of patches that slip with a speed-dependent law (else 0), products.
 
     `coupled`: at least one load depends on a friction force.
     """
-    early(f.t, f.mode_set, x, f.T)
+    early_products(f.t, f.mode_set, x, f.T)
     patches = f.sigma.shape[0]
     for p in range(patches):
         others = 0.0
         for q in range(patches, f.T.shape[0]):
-            others += f.bear_t[p, q] * f.T[q]
+            others += f.law_load_t[p, q] * f.T[q]
         f.T[p] = friction_force(f, p, x, others)
     if f.coupled:
-        couple(f.sigma, f.code, f.numbers, f.pace, f.bear_t, x, f.T, f.scratch)
-    late(f.t, f.mode_set, x, f.T)
+        solve_coupled_friction(f.sigma, f.code, f.numbers, f.law_speed, f.law_load_t, x, f.T, f.scratch)
+    late_products(f.t, f.mode_set, x, f.T)
 
 
 @inner
 def inputs(t, mode_set, x, T, scratch):
     """T = the inputs of a mode set at x."""
-    f = lend(t, mode_set, T, scratch)
-    fill(f, x)
+    f = right_hand_side(t, mode_set, T, scratch)
+    fill_inputs(f, x)
 
 
 @inner
-def refill(f, x):
+def refill_inputs(f, x):
     """f.T = the inputs at x, for a field that is already set up."""
-    fill(f, x)
+    fill_inputs(f, x)
 
 
 @inner
-def couple(sigma, code, numbers, pace, bear_t, x, T, M):
+def solve_coupled_friction(sigma, code, numbers, law_speed, law_load_t, x, T, M):
     """Solve T = T0 + diag(mu) bear_t T for the friction forces T; T holds T0 at first. M is scratch.
 
     Gaussian elimination without pivoting, because the matrix is the identity plus a small coupling.
@@ -139,9 +139,9 @@ def couple(sigma, code, numbers, pace, bear_t, x, T, M):
     for p in range(P):
         m = 0.0
         if sigma[p] != 0.0 and code[p] != 0:
-            m = coefficient(code[p], numbers[p], dot(pace[p], x))
+            m = coefficient(code[p], numbers[p], dot(law_speed[p], x))
         for r in range(P):
-            M[p, r] = -m * bear_t[p, r]
+            M[p, r] = -m * law_load_t[p, r]
         M[p, p] += 1.0
     for p in range(P):
         for q in range(p + 1, P):
@@ -156,37 +156,37 @@ def couple(sigma, code, numbers, pace, bear_t, x, T, M):
 
 
 @inlined
-def rate(shape, f, bent, x, k):
+def derivative(shape, f, nonlinear, x, k):
     """The derivative k = A x + b T(x). `bent`: False for a system that is linear in every mode set (T = 0).
 
     If no friction force depends on another one, as on most rigs, the friction forces are not stored in memory.
     """
-    for i in range(states(shape)):
+    for i in range(state_count(shape)):
         s = 0.0
-        for j in range(states(shape)):
+        for j in range(state_count(shape)):
             s += f.A[i, j] * x[j]
         k[i] = s
-    if bent:
-        if not (multiplies(shape) or f.coupled):
+    if nonlinear:
+        if not (has_products(shape) or f.coupled):
             for p in range(f.sigma.shape[0]):
                 force = friction_force(f, p, x, 0.0)
-                for i in range(states(shape)):
+                for i in range(state_count(shape)):
                     k[i] += f.b[i, p] * force
         else:
             inputs(f.t, f.mode_set, x, f.T, f.scratch)
-            for i in range(states(shape)):
+            for i in range(state_count(shape)):
                 for p in range(f.T.shape[0]):
                     k[i] += f.b[i, p] * f.T[p]
 
 
 @inlined
-def guard(shape, f, bent, g, x):
+def guard_at(shape, f, nonlinear, g, x):
     """The value of guard g at x."""
     value = 0.0
-    for j in range(states(shape)):
+    for j in range(state_count(shape)):
         value += f.G[g, j] * x[j]
-    if bent:
-        if f.needs[g]:
+    if nonlinear:
+        if f.guard_needs_inputs[g]:
             inputs(f.t, f.mode_set, x, f.T, f.scratch)
             value += dot(f.GT[g], f.T)
     return value

@@ -10,50 +10,50 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rig.kernel import kernel
-from rig.solve.advance import start
+from rig.solve.advance import begin_block
 from rig.solve.contact_state import DONE, LOOK
-from rig.solve.control_loop import NOW, Controls, control
-from rig.solve.random_input import RandomNumbers, spent, write_next
+from rig.solve.control_loop import NOW, ControllerTables, run_controllers
+from rig.solve.random_input import RandomNumbers, used_up, write_next_number
 from rig.solve.records import BEYOND, EVENTS, REACHED
-from rig.solve.sampling import SHORT, SensorRack, sample
+from rig.solve.sampling import SHORT, InstrumentTables, run_instruments
 from rig.solve.specialised import any_shape, call
 
 
 class Surroundings(NamedTuple):
     """The records of a frame beside the plant: sensors, compiled controllers, random numbers."""
 
-    rack: SensorRack
-    controls: Controls
-    chance: RandomNumbers
+    instruments: InstrumentTables
+    controllers: ControllerTables
+    random_numbers: RandomNumbers
 
 
 @kernel
-def frames(tables, loan, begin, first, last, steps, around):
+def advance_frames(tables, loan, begin, first, last, steps, surroundings):
     """Advance plant and instruments from row `first` of the log to row `last`, `steps` rows per frame.
 
-    `around`: Surroundings, lent (rig.lent_records); its controllers act from the second frame on. The other arguments
-    and the status are those of `advance`. Returns LOOK if it ended early because the caller has to act; ic[REACHED] is
-    the row reached.
+    `surroundings`: Surroundings, lent (rig.lent_records); its controllers act from the second frame on. The other
+    arguments and the status are those of `advance`. Returns LOOK if it ended early because the caller has to act;
+    ic[REACHED] is the row reached.
     """
     work, state, log, seg, plan = loan.work, loan.state, loan.log, loan.segments, loan.plan
-    ic, rack, controls = state.ic, around.rack, around.controls
+    ic, instruments, controllers = state.ic, surroundings.instruments, surroundings.controllers
     origin = first if begin else ic[REACHED]
     while True:
         if begin:
-            if origin > first and not control(controls, rack.latest, state.x):
+            if origin > first and not run_controllers(controllers, instruments.latest, state.x):
                 return LOOK
             if last > first:
-                write_next(around.chance, state.x)
-            start(tables, work, state, seg, origin)
+                write_next_number(surroundings.random_numbers, state.x)
+            begin_block(tables, work, state, seg, origin)
         begin = True
         end = min(origin + steps, last)
-        status = call(plan.carry, any_shape(state.x.shape[0]), tables, work, state, log, seg, plan, end)
+        status = call(plan.advance_block, any_shape(state.x.shape[0]), tables, work, state, log, seg, plan, end)
         if status != DONE or end == origin:
             return status
-        sample(rack, seg)
+        run_instruments(instruments, seg)
         origin = end
-        controls.clock[NOW] += 1
-        if ic[EVENTS] or ic[BEYOND] >= 0 or rack.clock[SHORT] or spent(around.chance):
+        controllers.clock[NOW] += 1
+        if ic[EVENTS] or ic[BEYOND] >= 0 or instruments.clock[SHORT] or used_up(surroundings.random_numbers):
             return LOOK
         if origin == last:
             return DONE

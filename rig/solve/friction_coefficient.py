@@ -57,7 +57,7 @@ def _seal(p, v):
 
 
 @inlined
-def plain(code, p, v):
+def unsmoothed(code, p, v):
     """The coefficient of a law without smoothing."""
     if code == STRIBECK:
         m = p[0] + p[1] * np.exp(-v * p[2])
@@ -74,7 +74,7 @@ def plain(code, p, v):
 
 @inner
 def _smooth(p, v):
-    return np.tanh(v / p[0]) * plain(int(p[1]), p[2:], abs(v))
+    return np.tanh(v / p[0]) * unsmoothed(int(p[1]), p[2:], abs(v))
 
 
 @inner
@@ -83,7 +83,7 @@ def coefficient(code, p, v):
     if code == SMOOTH:
         m = _smooth(p, v)
     else:
-        m = plain(code, p, v)
+        m = unsmoothed(code, p, v)
     return m
 
 
@@ -101,7 +101,7 @@ def slope(code, p, v):
         return _slope(code, p, v)
     rise, inside = np.tanh(v / p[0]), int(p[1])
     change = np.sign(v) * rise * _slope(inside, p[2:], abs(v))
-    return change + (1.0 - rise * rise) / p[0] * plain(inside, p[2:], abs(v))
+    return change + (1.0 - rise * rise) / p[0] * unsmoothed(inside, p[2:], abs(v))
 
 
 @inner

@@ -8,7 +8,7 @@ from rig.solve.rows import dot
 
 
 @inner
-def add_energy(t, mode_set, T, x, scale, energy):
+def add_power(t, mode_set, T, x, scale, energy):
     """Add `scale` times the powers at x, where the inputs are T, to the energy terms."""
     nq, patches = t.damping.shape[1], t.slip.shape[0]
     for p in range(patches):
@@ -26,7 +26,7 @@ def add_energy(t, mode_set, T, x, scale, energy):
 
 
 @inner
-def read(t, mode_set, T, x, values):
+def outputs_at(t, mode_set, T, x, values):
     """values[output] = the outputs that sensors read at x, where the inputs are T."""
     for s in range(values.shape[0]):
         values[s] = dot(t.signals[mode_set, s], x) + dot(t.signals_t[mode_set, s], T)

@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
 from rig.solve.column_blocks import gather, multiply
-from rig.solve.contact_state import passed
-from rig.solve.instant_readings import read
+from rig.solve.contact_state import apply_event
+from rig.solve.instant_readings import outputs_at
 from rig.solve.records import KEY, PLACE, REACHED, TICK
 from rig.solve.rows import ROUND, rounding
-from rig.solve.segment_output import crowded, emit_chord
+from rig.solve.segment_output import emit_chord, nearly_full
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class KickTables(NamedTuple):
 
 
 @inlined
-def press(own, mode_set, x):
+def normal_forces(own, mode_set, x):
     """Compute the normal forces and the rows at x, own.seen, and the effect of the forces, own.given."""
     multiply(own.rows[mode_set], x, 0, own.rows.shape[1], own.seen)
     for k in range(own.force.shape[0]):
@@ -67,7 +67,7 @@ def press(own, mode_set, x):
 
 
 @inlined
-def add_energy(own, nq, patches, x, scale, shift, energy):
+def add_contact_energy(own, nq, patches, x, scale, shift, energy):
     """Add `scale` [s] times the powers of the contact forces at x, with the speeds `shift` [s] later."""
     rows = own.before.shape[0] + 2 * patches
     seen = own.force.shape[0] + own.before.shape[0]
@@ -99,7 +99,7 @@ def add_load_work(own, n, nq, patches):
 
 
 @inner
-def noise(own, t, mode_set, g, x):
+def guard_rounding(own, t, mode_set, g, x):
     """The size of the rounding error of guard g at x."""
     size, patches = rounding(t.G[mode_set, g], x), t.slip.shape[0]
     for k in range(own.force.shape[0]):
@@ -118,7 +118,7 @@ def crossed_guard(own, t, mode_set, nq, x):
     for g in range(t.guards[mode_set]):
         value = own.seen[points + g] + own.given[at_once + g]
         if crossed < 0 and value <= 0.0:
-            rounded = noise(own, t, mode_set, g, x)
+            rounded = guard_rounding(own, t, mode_set, g, x)
             if own.before[g] > rounded or value < -rounded:
                 crossed = g
         own.before[g] = value
@@ -126,8 +126,8 @@ def crossed_guard(own, t, mode_set, nq, x):
 
 
 @inlined
-def read_outputs(own, t, mode_set, T, x, values):
-    """Write the outputs that sensors read at x; `press` must have been called at x.
+def write_outputs(own, t, mode_set, T, x, values):
+    """Write the outputs that sensors read at x; `normal_forces` must have been called at x.
 
     No patch has speed-dependent friction here.
     """
@@ -136,7 +136,7 @@ def read_outputs(own, t, mode_set, T, x, values):
         T[p] = 0.0
     for k in range(own.force.shape[0]):
         T[patches + k] = own.force[k]
-    read(t, mode_set, T, x, values)
+    outputs_at(t, mode_set, T, x, values)
 
 
 @inner
@@ -145,7 +145,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
     Returns the guard of the event, or -1.
     """
-    own, ic, fc, x, energy = t.flow, state.ic, state.fc, state.x, state.energy
+    own, ic, fc, x, energy = t.kick, state.ic, state.fc, state.x, state.energy
     substeps, with_energy, emitting, origin = plan.substeps, plan.with_energy, plan.emitting, ic[REACHED]
     mode_set = t.mode_set_of[ic[KEY]]
     n, nq, patches, points = x.shape[0], t.force.shape[0], t.slip.shape[0], own.force.shape[0]
@@ -153,13 +153,13 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     begin, end = w.values[0], w.values[1]
     given, seen, moved = own.given, own.seen, own.moved
     tick, done, crossed = ic[TICK], int(fc[PLACE] * substeps + 0.5), -1
-    press(own, mode_set, x)
+    normal_forces(own, mode_set, x)
     crossed_guard(own, t, mode_set, nq, x)  # the guards at the begin, kept in own.before
     if with_energy:
-        add_energy(own, nq, patches, x, 0.5 * h, 0.25 * h, energy)
+        add_contact_energy(own, nq, patches, x, 0.5 * h, 0.25 * h, energy)
     if emitting:
-        read_outputs(own, t, mode_set, w.T, x, begin)
-    while tick < ticks and crossed < 0 and not (emitting and crowded(t, mode_set, seg, ticks - tick)):
+        write_outputs(own, t, mode_set, w.T, x, begin)
+    while tick < ticks and crossed < 0 and not (emitting and nearly_full(t, mode_set, seg, ticks - tick)):
         for i in range(nq):
             x[nq + i] += 0.5 * h * given[i]
         if with_energy:
@@ -171,7 +171,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             x[i] += moved[i]
         if with_energy:
             add_load_work(own, n, nq, patches)
-        press(own, mode_set, x)  # serves both the kick that ends this step and the one that begins the next
+        normal_forces(own, mode_set, x)  # serves both the kick that ends this step and the one that begins the next
         if with_energy:
             add_load_work(own, n, nq, patches)
         for i in range(nq):
@@ -179,9 +179,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         for r in range(own.before.shape[0] + 2 * patches):
             seen[points + r] += 0.5 * h * given[nq + r]
         if with_energy:
-            add_energy(own, nq, patches, x, h, 0.0, energy)
+            add_contact_energy(own, nq, patches, x, h, 0.0, energy)
         if emitting:
-            read_outputs(own, t, mode_set, w.T, x, end)
+            write_outputs(own, t, mode_set, w.T, x, end)
             emit_chord(begin, end, (tick - origin) * t.step[0] + done * h, h, seg)
             for s in range(begin.shape[0]):
                 begin[s] = end[s]
@@ -193,8 +193,8 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             log.modes[tick] = mode_set
             tick, done = tick + 1, 0
     if with_energy:  # the kick that begins the next step belongs to the next stretch
-        add_energy(own, nq, patches, x, -0.5 * h, 0.25 * h, energy)
+        add_contact_energy(own, nq, patches, x, -0.5 * h, 0.25 * h, energy)
     ic[TICK], fc[PLACE] = tick, done / substeps
     if crossed >= 0:
-        passed(t, mode_set, crossed, ic, x)
+        apply_event(t, mode_set, crossed, ic, x)
     return crossed

@@ -63,7 +63,7 @@ class ManyStatesTables(NamedTuple):
 
 
 @kernel
-def powers(table, out):
+def taylor_matrices(table, out):
     """out[j] = out[j - 1] B / j, rows padded to whole blocks. `table`: B in blocks of columns."""
     terms, n, width = out.shape
     for j in range(1, terms):
@@ -74,18 +74,18 @@ def powers(table, out):
 
 
 @inner
-def quiet(t, mode_set, x, y, w, plan, start, seg):
+def quiet_tick(t, mode_set, x, y, w, plan, start, seg):
     """Advance from x to y by one certified tick, with its energy and its segments.
 
     Returns False, changing nothing, if a guard is not certified. `w`: Workspace; w.size holds the largest values of the
     states so far.
     """
     n, guards = x.shape[0], t.guards[mode_set]
-    z, size, bound = t.wide.product, t.wide.size, t.wide.bound
+    z, size, bound = t.many_states.product, t.many_states.size, t.many_states.bound
     for j in range(n):
         size[j] = abs(x[j])
-    multiply(t.wide.margin[mode_set], size, 0, t.wide.margin.shape[1], bound)
-    multiply(t.wide.tick[mode_set], x, 0, (n + guards * (QUICK + 1) + BLOCK - 1) // BLOCK, z)
+    multiply(t.many_states.margin[mode_set], size, 0, t.many_states.margin.shape[1], bound)
+    multiply(t.many_states.tick[mode_set], x, 0, (n + guards * (QUICK + 1) + BLOCK - 1) // BLOCK, z)
     for g in range(guards):
         for k in range(QUICK + 1):
             if not z[n + g * (QUICK + 1) + k] > bound[g]:
@@ -95,25 +95,25 @@ def quiet(t, mode_set, x, y, w, plan, start, seg):
     for i in range(n):
         y[i] = x[i] + z[i]
     if plan.with_energy:
-        filled = t.wide.filled
+        filled = t.many_states.filled
         for i in range(n):
             filled[i] = x[i]
-        gather(t.wide.whole[mode_set], filled, 1.0)
+        gather(t.many_states.whole[mode_set], filled, 1.0)
     if plan.emitting:
-        emit(t, mode_set, x, 2.0 ** t.depth[mode_set], start, t.step[0], seg)
+        emit_cells(t, mode_set, x, 2.0 ** t.depth[mode_set], start, t.step[0], seg)
     return True
 
 
 @inlined
 def has_event(t, mode_set, g, x, w):
     """Whether guard g has an event in a tick from x that is a single cell."""
-    poly = t.wide.poly
-    multiply(t.wide.guard[mode_set], x, g, 1, poly)
+    poly = t.many_states.poly
+    multiply(t.many_states.guard[mode_set], x, g, 1, poly)
     return first_crossing(poly, ORDER, rounding(t.G[mode_set, g], w.size), w.roots) < NONE
 
 
 @inner
-def put(z, share, start, length, seg):
+def put_segment(z, share, start, length, seg):
     """Write one segment from the coefficients z of the outputs over a cell; it covers the first `share` of the cell."""
     at = seg.count[0]
     seg.count[0] = at + 1
@@ -128,16 +128,16 @@ def put(z, share, start, length, seg):
 
 
 @inner
-def emit(t, mode_set, x, cells, start, length, seg):
+def emit_cells(t, mode_set, x, cells, start, length, seg):
     """Write the segments of the outputs from x over [start, start + length] s: `cells` cells, or a part of one."""
     n, level = x.shape[0], t.depth[mode_set]
     pieces = max(int(cells + 0.5), 1)
-    here, z = t.wide.size, t.wide.product
+    here, z = t.many_states.size, t.many_states.product
     for i in range(n):
         here[i] = x[i]
     for p in range(pieces):
-        multiply(t.wide.signal[mode_set], here, 0, t.wide.signal.shape[1], z)
-        put(z, min(cells, 1.0), start + p * (length / pieces), length / pieces, seg)
+        multiply(t.many_states.signal[mode_set], here, 0, t.many_states.signal.shape[1], z)
+        put_segment(z, min(cells, 1.0), start + p * (length / pieces), length / pieces, seg)
         if p + 1 < pieces:
             for i in range(n):
                 s = 0.0
@@ -149,10 +149,10 @@ def emit(t, mode_set, x, cells, start, length, seg):
 
 
 @inlined
-def expand(t, mode_set, x):
-    """Compute the polynomial of the state over a cell from x, for `along` and `add_energy`."""
-    n, z, path = x.shape[0], t.wide.product, t.wide.path
-    multiply(t.wide.state[mode_set], x, 0, t.wide.state.shape[1], z)
+def expand_cell(t, mode_set, x):
+    """Compute the polynomial of the state over a cell from x, for `evaluate_cell` and `add_cell_energy`."""
+    n, z, path = x.shape[0], t.many_states.product, t.many_states.path
+    multiply(t.many_states.state[mode_set], x, 0, t.many_states.state.shape[1], z)
     for i in range(n):
         path[i // BLOCK, 0, i % BLOCK] = x[i]
     for k in range(1, ORDER + 1):
@@ -161,28 +161,28 @@ def expand(t, mode_set, x):
 
 
 @inner
-def along(t, u):
+def evaluate_cell(t, u):
     """Evaluate the state at u in the cell into `filled`, padded to whole blocks; the next call overwrites it."""
-    power, out = t.wide.power, t.wide.filled
+    power, out = t.many_states.power, t.many_states.filled
     power[0] = 1.0
     for k in range(1, ORDER + 1):
         power[k] = u * power[k - 1]
-    multiply(t.wide.path, power, 0, t.wide.path.shape[0], out)
+    multiply(t.many_states.path, power, 0, t.many_states.path.shape[0], out)
 
 
 @inner
-def add_energy(t, mode_set, share, length):
+def add_cell_energy(t, mode_set, share, length):
     """Add the first `share` of the cell, `length` s long, to the energy sums by Gauss-Legendre quadrature."""
-    for q in range(t.wide.nodes.shape[0]):
-        along(t, t.wide.nodes[q] * share)
-        gather(t.wide.part[mode_set], t.wide.filled, t.wide.weights[q] * length)
+    for q in range(t.many_states.nodes.shape[0]):
+        evaluate_cell(t, t.many_states.nodes[q] * share)
+        gather(t.many_states.part[mode_set], t.many_states.filled, t.many_states.weights[q] * length)
 
 
 @inner
-def earliest(t, mode_set, x, size, share, poly, work):
+def first_event_of_cell(t, mode_set, x, size, share, poly, work):
     """The first event of any guard over `share` of a cell from x: (u in [0, 1] or NONE, guard)."""
-    guards, z = t.guards[mode_set], t.wide.product
-    multiply(t.wide.guard[mode_set], x, 0, guards, z)
+    guards, z = t.guards[mode_set], t.many_states.product
+    multiply(t.many_states.guard[mode_set], x, 0, guards, z)
     first, guard = NONE, -1
     for g in range(guards):
         f, lowest = share, z[g * BLOCK]

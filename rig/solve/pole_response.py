@@ -30,7 +30,7 @@ COLUMNS = PEEK + WIDTH
 
 
 @inner
-def weigh(poles: Any, p: int, at: int, h: float) -> None:
+def pole_weights(poles: Any, p: int, at: int, h: float) -> None:
     """Write e^x and h w_k(x) for pole p and length h [s] to poles[p, at : at + WIDTH]."""
     x = poles[p, POLE] * h
     e = np.exp(x) if x.real > -700.0 else 0j  # below, e^x would be a denormal number

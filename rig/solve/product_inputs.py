@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 STATE, SINE, VERSINE, NORMAL, FRICTION, PRESS = range(6)
 
 
-class Products(NamedTuple):
+class ProductTables(NamedTuple):
     """All products of a system for the kernels, in the order of their levels, with scratch for their factors."""
 
     patches: NDArray[np.int64]  # [1] number of friction forces, which precede the products among the inputs
@@ -54,7 +54,7 @@ def _fill(t, begin, end, T):
 
 
 @inner
-def early(t, mode_set, x, T):
+def early_products(t, mode_set, x, T):
     """T of the products of levels 0 and 1, and 0 for inputs not known yet, because rows sum over all inputs."""
     p = t.products
     if p.upto[2] == 0:
@@ -77,7 +77,7 @@ def early(t, mode_set, x, T):
 
 
 @inner
-def late(t, mode_set, x, T):
+def late_products(t, mode_set, x, T):
     """T of the products of level 2."""
     p = t.products
     if p.upto[2] > p.upto[1]:

@@ -26,20 +26,20 @@ class RandomNumbers(NamedTuple):
     numbers: NDArray[np.float64]
 
 
-def none() -> RandomNumbers:
+def no_random_numbers() -> RandomNumbers:
     """The record for a rig without a random input."""
     return RandomNumbers(np.array([-1, 0]), np.zeros(0))
 
 
 @inner
-def spent(chance: Any) -> bool:
+def used_up(random_numbers: Any) -> bool:
     """Whether no number is left for another frame."""
-    return chance.at[PLACE] >= 0 and chance.at[DRAWN] == chance.numbers.shape[0]  # type: ignore[no-any-return]
+    return random_numbers.at[PLACE] >= 0 and random_numbers.at[DRAWN] == random_numbers.numbers.shape[0]  # type: ignore[no-any-return]
 
 
 @inner
-def write_next(chance: Any, x: Any) -> None:
+def write_next_number(random_numbers: Any, x: Any) -> None:
     """Write the next number to the state that holds it; keep that state if no number is left."""
-    if chance.at[PLACE] >= 0 and not spent(chance):
-        x[chance.at[PLACE]] = chance.numbers[chance.at[DRAWN]]
-        chance.at[DRAWN] += 1
+    if random_numbers.at[PLACE] >= 0 and not used_up(random_numbers):
+        x[random_numbers.at[PLACE]] = random_numbers.numbers[random_numbers.at[DRAWN]]
+        random_numbers.at[DRAWN] += 1

@@ -10,19 +10,33 @@ from numpy.typing import NDArray
 from rig.solve.segments import Segments
 
 Array = NDArray[np.float64]
-TICK, KEY, PENDING, EVENTS, SUBDIVIDED, TRIALS, REPEAT, BEYOND, PAST, REACHED, BEGUN, MOST, CROSSED = range(13)
-"""Indices of State.ic. Next row of the log | key of the mode set | what has to be done first | events of the block, and
-of all blocks before | subdivided ticks | trial steps | repeated events at one instant | first output beyond its bound |
-row up to which blocks are done | key at which the search for the contact state began, -1 when it is done | limit of
-trial steps for a stretch | guard whose event a leaf has found."""
+(
+    TICK,
+    KEY,
+    PENDING,
+    EVENTS,
+    SUBDIVIDED,
+    TRIALS,
+    REPEAT,
+    BEYOND,
+    EVENTS_BEFORE,
+    REACHED,
+    SEARCH_BEGAN_AT,
+    TRIAL_LIMIT,
+    CROSSED,
+) = range(13)
+"""Indices of MotionState.ic. Next row of the log | key of the mode set | what has to be done first | events of the
+block, and of all blocks before | subdivided ticks | trial steps | repeated events at one instant | first output beyond
+its bound | row up to which blocks are done | key at which the search for the contact state began, -1 when it is done |
+limit of trial steps for a stretch | guard whose event a leaf has found."""
 COUNTERS = CROSSED + 1
-PLACE, TRY, HOPED, LENGTH = range(4)
-"""Indices of State.fc. Place in the tick, as a share of it | length [s] of the next trial step | length that the error
-of the last step suggested | length of the step that a leaf returns."""
-PLACES = LENGTH + 1
+PLACE, NEXT_LENGTH, SUGGESTED_LENGTH, STEP_LENGTH = range(4)
+"""Indices of MotionState.fc. Place in the tick, as a share of it | length [s] of the next trial step | length that the
+error of the last step suggested | length of the step that a leaf returns."""
+PLACES = STEP_LENGTH + 1
 
 
-class Work(NamedTuple):
+class Workspace(NamedTuple):
     """Scratch memory of one motion, allocated once (rig.model.workspace). n: number of states."""
 
     k: Array  # [7, n] derivatives at the stages of a step
@@ -31,23 +45,23 @@ class Work(NamedTuple):
     x0: Array  # [n] state at the begin of a step (rk4) or of a row of quiet ticks (exact)
     copy: Array  # [n] copy of the state for its landing projection
     size: Array  # [n] largest absolute value of each state so far
-    ended: Array  # [n] state at the end of the previous block
-    ask: Array  # [n] argument of the friction law as a row over the state (PatchFriction)
-    ask_x: Array  # [n] its rate of change as a row over the state
-    bear: Array  # [n] load of the patch as a row over the state
-    bear_x: Array  # [n] its rate of change as a row over the state
-    both: Array  # [n + inputs] state and inputs in one array: first `at`, then T
-    at: Array  # [n] state at which `whole` computes the derivative: a view of `both`
+    x_at_end: Array  # [n] state at the end of the previous block
+    law_argument: Array  # [n] argument of the friction law as a row over the state (PatchFriction)
+    law_argument_x: Array  # [n] its rate of change as a row over the state
+    law_load: Array  # [n] load of the patch as a row over the state
+    law_load_x: Array  # [n] its rate of change as a row over the state
+    state_and_inputs: Array  # [n + inputs] state and inputs in one array: first `at`, then T
+    at: Array  # [n] state at which `whole_derivative` computes the derivative: a view of `state_and_inputs`
     rates: Array  # [n] the derivative at `at`
-    T: Array  # [inputs] friction forces and products: a view of `both`
+    T: Array  # [inputs] friction forces and products: a view of `state_and_inputs`
     scratch: Array  # [patch, patch] matrix of the equations of coupled friction forces
-    swung: Array  # [generator, 2] its states at the begin of the block
+    generators_at_begin: Array  # [generator, 2] its states at the begin of the block
     derivatives: Array  # [DEGREE + 1, n] coefficients of the state as a polynomial of the place in a step or cell
     spare: Array  # [DEGREE + 1, n] the same for outputs while `derivatives` is in use
     poly: Array  # [DEGREE + 1] coefficients of one guard along a step or cell
     roots: Array  # [WORK_ROWS, WORK_COLUMNS] intervals of the search for a zero crossing (rig.solve.roots)
     g: Array  # [guard] values of the guards at the begin of a tick
-    fits: (
+    guard_samples: (
         Array  # [guard, 7] guards that depend on inputs: values at six places of a step, bound on their rounding error
     )
     values: Array  # [5, output] outputs that sensors read, at five places of a segment
@@ -57,7 +71,7 @@ class Work(NamedTuple):
     weights3: Array  # [3] weights of `nodes3`
 
 
-class Log(NamedTuple):
+class MotionLog(NamedTuple):
     """The log that one call writes: states and mode sets at ticks, events."""
 
     out: Array  # [tick, n]
@@ -66,7 +80,7 @@ class Log(NamedTuple):
     place: Array  # [event] place in the tick
 
 
-class State(NamedTuple):
+class MotionState(NamedTuple):
     """What persists between calls."""
 
     ic: NDArray[np.int64]  # [COUNTERS]
@@ -79,18 +93,18 @@ class State(NamedTuple):
     bound: Array  # largest allowed absolute value of each
 
 
-class Plan(NamedTuple):
+class MotionPlan(NamedTuple):
     """How a motion is advanced: addresses of code (rig.solve.specialised; 0: not needed), flags (1: yes), settings."""
 
-    carry: int  # the loop over stretches, each in one mode set
-    linear: int  # a stretch in a linear mode set, and
-    quiet: int  # the specialised kernel for its quiet ticks
+    advance_block: int  # the loop over stretches, each in one mode set
+    linear_stretch: int  # a stretch in a linear mode set, and
+    quiet_ticks: int  # the specialised kernel for its quiet ticks
     stretch: int  # a stretch in any other mode set, and
-    steps: int  # the specialised kernel for its steps
-    whole: int  # the derivative, for rigs with more than one patch or with products
-    wide: int  # many states: rig.solve.many_states
-    bends: int  # at least one mode set is not linear
-    fixed: int  # fixed steps: rk4 or kick
+    take_steps: int  # the specialised kernel for its steps
+    whole_derivative: int  # the derivative, for rigs with more than one patch or with products
+    many_states: int  # many states: rig.solve.many_states
+    nonlinear: int  # at least one mode set is not linear
+    fixed_steps: int  # fixed steps: rk4 or kick
     substeps: int  # number of fixed steps in a tick
     tolerance: float  # relative tolerance of dopri5
     with_energy: int  # keep the energy balance
@@ -98,11 +112,11 @@ class Plan(NamedTuple):
     limit: float  # largest allowed absolute value of a state
 
 
-class Carried(NamedTuple):
+class MotionRecords(NamedTuple):
     """All these records together, as a motion lends them to a kernel."""
 
-    work: Work
-    state: State
-    log: Log
+    work: Workspace
+    state: MotionState
+    log: MotionLog
     segments: Segments
-    plan: Plan
+    plan: MotionPlan

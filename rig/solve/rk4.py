@@ -9,32 +9,32 @@ from __future__ import annotations
 
 from rig.kernel import inlined, inner
 from rig.lent_records import lent
-from rig.solve.contact_state import land, passed
-from rig.solve.forces import guard, inputs, lend, rate
-from rig.solve.instant_readings import add_energy, read
-from rig.solve.records import CROSSED, KEY, LENGTH, PLACE, REACHED, TICK
+from rig.solve.contact_state import apply_event, project_stick
+from rig.solve.forces import derivative, guard_at, inputs, right_hand_side
+from rig.solve.instant_readings import add_power, outputs_at
+from rig.solve.records import CROSSED, KEY, PLACE, REACHED, STEP_LENGTH, TICK
 from rig.solve.rows import rounding
-from rig.solve.segment_output import crowded, emit_quartic
-from rig.solve.specialised import bends, call, local, states
+from rig.solve.segment_output import emit_quartic, nearly_full
+from rig.solve.specialised import call, is_nonlinear, local, state_count
 
-ENDED, ASKS = range(2)  # results of `steps`
+ENDED, UNDECIDED = range(2)  # results of `take_steps`
 
 
 @inlined
-def move(shape, f, bent, k, x, h, y, z):
+def runge_kutta_step(shape, f, nonlinear, k, x, h, y, z):
     """Take one step of length h from x, with the derivative k[0] known, to its end y; z is scratch."""
-    n = states(shape)
+    n = state_count(shape)
     for stage in range(3):
         reach = h if stage == 2 else 0.5 * h
         for i in range(n):
             z[i] = x[i] + reach * k[stage, i]
-        rate(shape, f, bent, z, k[stage + 1])
+        derivative(shape, f, nonlinear, z, k[stage + 1])
     for i in range(n):
         y[i] = x[i] + (h / 6.0) * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
 
 
 @inner
-def noise(row, row_t, needs, x, T):
+def guard_rounding(row, row_t, needs, x, T):
     """The size of the rounding error of a guard at x; `needs`: the guard depends on the inputs T."""
     size = rounding(row, x)
     if needs:
@@ -43,65 +43,67 @@ def noise(row, row_t, needs, x, T):
 
 
 @inlined
-def crossed_guard(shape, f, bent, x, y):
+def crossed_guard(shape, f, nonlinear, x, y):
     """The first guard that is positive at x and not at y, or is clearly negative at y; -1 if there is none."""
     crossed = -1
     for g in range(f.G.shape[0]):
-        if crossed < 0 and guard(shape, f, bent, g, y) <= 0.0:
-            before = guard(shape, f, bent, g, x)
-            if before > noise(f.G[g], f.GT[g], f.needs[g], x, f.T):
+        if crossed < 0 and guard_at(shape, f, nonlinear, g, y) <= 0.0:
+            before = guard_at(shape, f, nonlinear, g, x)
+            if before > guard_rounding(f.G[g], f.GT[g], f.guard_needs_inputs[g], x, f.T):
                 crossed = g
-            elif guard(shape, f, bent, g, y) < -noise(f.G[g], f.GT[g], f.needs[g], y, f.T):
+            elif guard_at(shape, f, nonlinear, g, y) < -guard_rounding(
+                f.G[g], f.GT[g], f.guard_needs_inputs[g], y, f.T
+            ):
                 crossed = g
     return crossed
 
 
 @inlined
-def bisect(shape, f, bent, x, h, w):
+def bisect(shape, f, nonlinear, x, h, w):
     """Shorten the step from x until the first guard is zero to rounding.
 
     Returns the length and the guard; the end is in w.y.
     """
     k, y, z = local(shape, w.k), local(shape, w.y), local(shape, w.y2)
-    rate(shape, f, bent, x, k[0])
+    derivative(shape, f, nonlinear, x, k[0])
     low, high = 0.0, h
     for _ in range(60):
         middle = 0.5 * (low + high)
         if middle <= low or middle >= high:
             break
-        move(shape, f, bent, k, x, middle, y, z)
-        if crossed_guard(shape, f, bent, x, y) >= 0:
+        runge_kutta_step(shape, f, nonlinear, k, x, middle, y, z)
+        if crossed_guard(shape, f, nonlinear, x, y) >= 0:
             high = middle
         else:
             low = middle
-    move(shape, f, bent, k, x, high, y, z)
-    for i in range(states(shape)):
+    runge_kutta_step(shape, f, nonlinear, k, x, high, y, z)
+    for i in range(state_count(shape)):
         w.y[i] = y[i]
-    return high, max(crossed_guard(shape, f, bent, x, y), 0)
+    return high, max(crossed_guard(shape, f, nonlinear, x, y), 0)
 
 
 @inlined
-def between(shape, k, x, y, h, u, z):
+def cubic_between(shape, k, x, y, h, u, z):
     """Write the cubic through x and y with the slopes k[0] and k[1], at u in [0, 1], to z."""
     a, b = 2.0 * u * u * u - 3.0 * u * u + 1.0, u * u * u - 2.0 * u * u + u
     c, d = 1.0 - a, u * u * u - u * u
-    for i in range(states(shape)):
+    for i in range(state_count(shape)):
         z[i] = a * x[i] + c * y[i] + h * (b * k[0, i] + d * k[1, i])
 
 
 @inlined
-def observe(shape, f, w, energy, seg, plan, h, start):
+def observe_step(shape, f, w, energy, seg, plan, h, start):
     """Add the energy terms (Simpson's rule) and write the outputs along a step of length h from w.x0 to w.y."""
-    x, bent, with_energy, emitting = w.x0, plan.bends, plan.with_energy, plan.emitting
-    rate(shape, f, bent, x, w.k[0])
-    rate(shape, f, bent, w.y, w.k[1])
+    x, nonlinear, with_energy, emitting = w.x0, plan.nonlinear, plan.with_energy, plan.emitting
+    derivative(shape, f, nonlinear, x, w.k[0])
+    derivative(shape, f, nonlinear, w.y, w.k[1])
     for q in range(5):
-        between(shape, w.k, x, w.y, h, 0.25 * q, w.y2)
+        cubic_between(shape, w.k, x, w.y, h, 0.25 * q, w.y2)
         inputs(f.t, f.mode_set, w.y2, w.T, w.scratch)
         if with_energy and q % 2 == 0:
-            add_energy(f.t, f.mode_set, w.T, w.y2, (4.0 if q == 2 else 1.0) * h / 6.0, energy)
+            add_power(f.t, f.mode_set, w.T, w.y2, (4.0 if q == 2 else 1.0) * h / 6.0, energy)
         if emitting:
-            read(f.t, f.mode_set, w.T, w.y2, w.values[q])
+            outputs_at(f.t, f.mode_set, w.T, w.y2, w.values[q])
     if emitting and h > 0.0:
         emit_quartic(w.values, start, h, seg)
 
@@ -115,36 +117,37 @@ def next_step(place, substeps, full):
 
 
 @inner
-def steps(shape, t, w, state, log, seg, plan, ticks):
+def take_steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks or to a step that `stretch` must handle.
 
-    A specialised kernel (rig.solve.specialised). Returns ENDED or ASKS. With ASKS the end of the step is in w.y, its
-    length in fc[LENGTH], the guard that had an event in ic[CROSSED]; state, tick and place are those at its begin.
+    A specialised kernel (rig.solve.specialised). Returns ENDED or UNDECIDED. With UNDECIDED the end of the step is in
+    w.y, its length in fc[STEP_LENGTH], the guard that had an event in ic[CROSSED]; state, tick and place are those at
+    its begin.
     """
-    n, looked, bent = states(shape), plan.with_energy or plan.emitting, bends(shape)
+    n, looked, nonlinear = state_count(shape), plan.with_energy or plan.emitting, is_nonlinear(shape)
     ic, fc, x, substeps, out = state.ic, state.fc, state.x, plan.substeps, log.out
     full, mode_set = t.step[0] / substeps, t.mode_set_of[ic[KEY]]
-    f = lend(t, mode_set, w.T, w.scratch)
+    f = right_hand_side(t, mode_set, w.T, w.scratch)
     k, y, z, here = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.x0)
     tick, place, ends = ic[TICK], fc[PLACE], ENDED
     for i in range(n):
         here[i] = x[i]
     whole, h = next_step(place, substeps, full)
     while tick < ticks:
-        rate(shape, f, bent, here, k[0])
-        move(shape, f, bent, k, here, h, y, z)
-        crossed = crossed_guard(shape, f, bent, here, y)
+        derivative(shape, f, nonlinear, here, k[0])
+        runge_kutta_step(shape, f, nonlinear, k, here, h, y, z)
+        crossed = crossed_guard(shape, f, nonlinear, here, y)
         if looked or crossed >= 0:
-            ic[CROSSED], fc[LENGTH], ends = crossed, h, ASKS
+            ic[CROSSED], fc[STEP_LENGTH], ends = crossed, h, UNDECIDED
             for i in range(n):
                 w.y[i] = y[i]
             break
         for i in range(n):
             here[i] = y[i]
-        if bent and t.stuck[mode_set]:
+        if nonlinear and t.stuck[mode_set]:
             for i in range(n):
                 x[i] = here[i]
-            land(t, mode_set, x, w.copy)
+            project_stick(t, mode_set, x, w.copy)
             for i in range(n):
                 here[i] = x[i]
         place = whole / substeps
@@ -166,26 +169,26 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
     Returns the guard of the event, or -1.
     """
-    ic, fc, x, substeps, bent = state.ic, state.fc, state.x, plan.substeps, plan.bends
+    ic, fc, x, substeps, nonlinear = state.ic, state.fc, state.x, plan.substeps, plan.nonlinear
     n, full, origin = x.shape[0], t.step[0] / plan.substeps, ic[REACHED]
     mode_set = t.mode_set_of[ic[KEY]]
-    f = lent(lend(t, mode_set, w.T, w.scratch))
+    f = lent(right_hand_side(t, mode_set, w.T, w.scratch))
     crossed = -1
-    while ic[TICK] < ticks and crossed < 0 and not (plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
-        if call(plan.steps, shape, t, w, state, log, seg, plan, ticks) == ENDED:
+    while ic[TICK] < ticks and crossed < 0 and not (plan.emitting and nearly_full(t, mode_set, seg, ticks - ic[TICK])):
+        if call(plan.take_steps, shape, t, w, state, log, seg, plan, ticks) == ENDED:
             break
-        tick, place, length, crossed = ic[TICK], fc[PLACE], fc[LENGTH], ic[CROSSED]
+        tick, place, length, crossed = ic[TICK], fc[PLACE], fc[STEP_LENGTH], ic[CROSSED]
         if crossed >= 0:
-            length, crossed = bisect(shape, f, bent, x, length, w)
+            length, crossed = bisect(shape, f, nonlinear, x, length, w)
         if plan.with_energy or plan.emitting:
             start = (tick - origin + place) * t.step[0]
             for i in range(n):
                 w.x0[i] = x[i]
-            observe(shape, f, w, state.energy, seg, plan, length, start)
+            observe_step(shape, f, w, state.energy, seg, plan, length, start)
         for i in range(n):
             x[i] = w.y[i]
-        if bent and t.stuck[mode_set]:
-            land(t, mode_set, x, w.copy)
+        if nonlinear and t.stuck[mode_set]:
+            project_stick(t, mode_set, x, w.copy)
         whole, _ = next_step(place, substeps, full)
         reached = place * substeps + length / full
         if crossed >= 0 and reached < substeps - 1e-12:
@@ -199,5 +202,5 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             place = whole / substeps
         ic[TICK], fc[PLACE] = tick, place
     if crossed >= 0:
-        passed(t, mode_set, crossed, ic, x)
+        apply_event(t, mode_set, crossed, ic, x)
     return crossed

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from rig.kernel import fused, inlined, inner
 from rig.solve.column_blocks import multiply
-from rig.solve.exponential import factors
-from rig.solve.forces import inputs, lend, rate
+from rig.solve.exponential import exponential_factors
+from rig.solve.forces import derivative, inputs, right_hand_side
 from rig.solve.friction_coefficient import STRIBECK, coefficient
 from rig.solve.records import KEY
-from rig.solve.specialised import call, local, multiplies, states
+from rig.solve.specialised import call, has_products, local, state_count
 
 Array = NDArray[np.float64]
 
@@ -27,19 +27,19 @@ Array = NDArray[np.float64]
 class PatchFriction(NamedTuple):
     """The friction of the only patch.
 
-    `alone`: there is one patch, its friction depends on speed, and there are no products. ask . x: argument of the law,
-    which is the exponent of STRIBECK, otherwise the slip speed; bear . x: the load. *_x [n] and *_f: rates of change of
-    both with the state and with the friction force.
+    `alone`: there is one patch, its friction depends on speed, and there are no products. law_argument . x: the
+    argument, which is the exponent of STRIBECK, otherwise the slip speed; law_load . x: the load. *_x [n] and *_f:
+    rates of change of both with the state and with the friction force.
     """
 
     alone: bool
-    ask: Array
-    ask_x: Array
-    ask_f: float
-    bear: Array
-    bear_x: Array
-    bear_f: float
-    at: Array  # scratch [n]: state at which `whole` computes the derivative, and
+    law_argument: Array
+    law_argument_x: Array
+    law_argument_f: float
+    law_load: Array
+    law_load_x: Array
+    law_load_f: float
+    at: Array  # scratch [n]: state at which `whole_derivative` computes the derivative, and
     rates: Array  # its result
     t: Any  # arguments of a call by address (rig.solve.specialised)
     w: Any
@@ -52,62 +52,79 @@ class PatchFriction(NamedTuple):
 @inlined
 def patch_friction(shape, f, t, w, state, log, seg, plan):
     """The PatchFriction of field f; the other arguments are kept for calls by address (rig.solve.specialised)."""
-    n = states(shape)
-    ask, bear = local(shape, w.ask), local(shape, w.bear)
-    ask_x, bear_x = local(shape, w.ask_x), local(shape, w.bear_x)
-    ask_f, bear_f = 0.0, 0.0
-    single = not multiplies(shape) and f.sigma.shape[0] == 1 and not f.coupled
+    n = state_count(shape)
+    law_argument, law_load = local(shape, w.law_argument), local(shape, w.law_load)
+    law_argument_x, law_load_x = local(shape, w.law_argument_x), local(shape, w.law_load_x)
+    law_argument_f, law_load_f = 0.0, 0.0
+    single = not has_products(shape) and f.sigma.shape[0] == 1 and not f.coupled
     alone = single and f.sigma[0] != 0.0 and f.code[0] != 0
     if alone:
         scale = -f.numbers[0, 2] if f.code[0] == STRIBECK else 1.0
         for i in range(n):
-            ask[i], bear[i] = scale * f.pace[0, i], f.bear[0, i]
-            ask_x[i] = bear_x[i] = 0.0
+            law_argument[i], law_load[i] = scale * f.law_speed[0, i], f.law_load[0, i]
+            law_argument_x[i] = law_load_x[i] = 0.0
         for j in range(n):
-            ask_f += ask[j] * f.b[j, 0]
-            bear_f += bear[j] * f.b[j, 0]
+            law_argument_f += law_argument[j] * f.b[j, 0]
+            law_load_f += law_load[j] * f.b[j, 0]
             for i in range(n):
-                ask_x[i] += ask[j] * f.A[j, i]
-                bear_x[i] += bear[j] * f.A[j, i]
-    return PatchFriction(alone, ask, ask_x, ask_f, bear, bear_x, bear_f, w.at, w.rates, t, w, state, log, seg, plan)
+                law_argument_x[i] += law_argument[j] * f.A[j, i]
+                law_load_x[i] += law_load[j] * f.A[j, i]
+    return PatchFriction(
+        alone,
+        law_argument,
+        law_argument_x,
+        law_argument_f,
+        law_load,
+        law_load_x,
+        law_load_f,
+        w.at,
+        w.rates,
+        t,
+        w,
+        state,
+        log,
+        seg,
+        plan,
+    )
 
 
 @inner
-def whole(shape, t, w, state, log, seg, plan, ticks):
+def whole_derivative(shape, t, w, state, log, seg, plan, ticks):
     """Compute the derivative w.rates at w.at for any rig; a part (rig.solve.specialised).
 
     `stage` calls it unless the rig has a single patch and no products.
     """
     mode_set = t.mode_set_of[state.ic[KEY]]
-    if plan.wide:
+    if plan.many_states:
         inputs(t, mode_set, w.at, w.T, w.scratch)
-        multiply(t.wide.field[mode_set], w.both, 0, t.wide.field.shape[1], t.wide.product)
+        tables = t.many_states
+        multiply(tables.field[mode_set], w.state_and_inputs, 0, tables.field.shape[1], tables.product)
         for i in range(w.rates.shape[0]):
-            w.rates[i] = t.wide.product[i]
+            w.rates[i] = tables.product[i]
     else:
-        rate(shape, lend(t, mode_set, w.T, w.scratch), True, w.at, w.rates)
+        derivative(shape, right_hand_side(t, mode_set, w.T, w.scratch), True, w.at, w.rates)
     return 0
 
 
 @inlined
-def begin(shape, friction, k):
+def begin_stages(shape, friction, k):
     """The first argument `late` of `stage`, for a complete k[0].
 
     No force is missing; the rates are those of the argument of the law and of the load.
     """
-    asked, borne = 0.0, 0.0
+    argument_rate, load_rate = 0.0, 0.0
     if friction.alone:
-        for i in range(states(shape)):
-            asked += friction.ask[i] * k[0, i]
-            borne += friction.bear[i] * k[0, i]
-    return 0.0, asked, borne
+        for i in range(state_count(shape)):
+            argument_rate += friction.law_argument[i] * k[0, i]
+            load_rate += friction.law_load[i] * k[0, i]
+    return 0.0, argument_rate, load_rate
 
 
 @inlined
-def complete(shape, f, friction, k, last, late):
+def complete_derivative(shape, f, friction, k, last, late):
     """Add the missing friction force to derivative k[last]."""
     if friction.alone:
-        for i in range(states(shape)):
+        for i in range(state_count(shape)):
             k[last, i] += f.b[i, 0] * late[0]
 
 
@@ -118,26 +135,26 @@ def stage(shape, f, friction, reach, z, k, last, late):
     Also completes k[last]. `late`: the force missing in k[last], and the rates, without it, of the argument of the law
     and of the load. Returns the same three values for k[last + 1].
     """
-    n = states(shape)
-    force, asked, borne = 0.0, 0.0, 0.0
+    n = state_count(shape)
+    force, argument_rate, load_rate = 0.0, 0.0, 0.0
     if friction.alone:
         u, N = 0.0, 0.0
         for i in range(n):
-            u += friction.ask[i] * z[i]
-            N += friction.bear[i] * z[i]
-        u = (u + reach * late[1]) + (reach * friction.ask_f) * late[0]
-        N = (N + reach * late[2]) + (reach * friction.bear_f) * late[0]
+            u += friction.law_argument[i] * z[i]
+            N += friction.law_load[i] * z[i]
+        u = (u + reach * late[1]) + (reach * friction.law_argument_f) * late[0]
+        N = (N + reach * late[2]) + (reach * friction.law_load_f) * late[0]
         for i in range(n):
             z[i] = (z[i] + reach * k[last, i]) + (reach * f.b[i, 0]) * late[0]
-        complete(shape, f, friction, k, last, late)
+        complete_derivative(shape, f, friction, k, last, late)
         if f.code[0] == STRIBECK:
-            coarse, fine = factors(u)
+            coarse, fine = exponential_factors(u)
             force = N * f.numbers[0, 0] + ((N * f.numbers[0, 1]) * coarse) * fine
         else:
             force = coefficient(f.code[0], f.numbers[0], u) * N
         for i in range(n):
-            asked += friction.ask_x[i] * z[i]
-            borne += friction.bear_x[i] * z[i]
+            argument_rate += friction.law_argument_x[i] * z[i]
+            load_rate += friction.law_load_x[i] * z[i]
             s = 0.0
             for j in range(n):
                 s += f.A[i, j] * z[j]
@@ -147,7 +164,7 @@ def stage(shape, f, friction, reach, z, k, last, late):
             z[i] += reach * k[last, i]
             friction.at[i] = z[i]
         call(
-            friction.plan.whole,
+            friction.plan.whole_derivative,
             shape,
             friction.t,
             friction.w,
@@ -159,4 +176,4 @@ def stage(shape, f, friction, reach, z, k, last, late):
         )
         for i in range(n):
             k[last + 1, i] = friction.rates[i]
-    return force, asked, borne
+    return force, argument_rate, load_rate

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import inner, kernel
-from rig.solve.pole_response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, state_after, weigh
+from rig.solve.pole_response import PART, PEEK, RESIDUE, STATE, STEP, pole_weights, polynomial, state_after
 
-# One instrument: its properties, then its state. Sample n is published at `instant` n and taken `delay` earlier.
-FRONT = np.dtype(
+# One instrument: its properties, then its state. Sample n is published at `sample_instant` n and taken `delay` earlier.
+INSTRUMENT = np.dtype(
     [
         ("column", np.int64),  # of the output in Segments
         ("period", np.int64),  # whole ns between two samples, plus
@@ -58,18 +58,18 @@ FRONT = np.dtype(
 )
 
 
-NOW, SHORT = range(2)  # of SensorRack.clock
+NOW, SHORT = range(2)  # of InstrumentTables.clock
 
 
-class SensorRack(NamedTuple):
+class InstrumentTables(NamedTuple):
     """All instruments of a scene as arrays."""
 
-    fronts: NDArray[Any]  # FRONT [n]
+    instruments: NDArray[Any]  # INSTRUMENT [n]
     poles: NDArray[np.complex128]  # [pole, COLUMNS]
     latest: NDArray[np.float64]  # [n] the last published sample
     fresh: NDArray[np.int64]  # [n] number of samples published in the last frame
     queue: NDArray[np.float64]  # [n, waiting] samples taken but not yet published
-    samples: NDArray[np.float64]  # [n, room] the latest FRONT.kept published samples
+    samples: NDArray[np.float64]  # [n, room] the latest INSTRUMENT.kept published samples
     noise: NDArray[np.float64]  # [n, drawn ahead]
     gaps: NDArray[np.int64]  # [n, drawn ahead, 2] start and end of drop-outs [ns]
     past: NDArray[np.float64]  # [n, longest echo] filtered output at the last samples, for instruments with echoes
@@ -80,7 +80,7 @@ class SensorRack(NamedTuple):
 
 
 @inner
-def instant(s: Any, k: int) -> int:
+def sample_instant(s: Any, k: int) -> int:
     """The instant at which sample k of instrument s is published [ns]: k periods, rounded half to even."""
     if s.rest == 0:
         return k * s.period  # type: ignore[no-any-return]
@@ -95,15 +95,15 @@ def instant(s: Any, k: int) -> int:
 
 
 @inner
-def share(s: Any) -> float:
+def period_share(s: Any) -> float:
     """The period over the time since the last sample: corrects a mean that was taken over an uneven interval."""
     if s.rest == 0 or s.taken == 0:
         return 1.0
-    return s.mean / (instant(s, s.taken) - instant(s, s.taken - 1))  # type: ignore[no-any-return]
+    return s.mean / (sample_instant(s, s.taken) - sample_instant(s, s.taken - 1))  # type: ignore[no-any-return]
 
 
 @inner
-def reading(s: Any, x: float, t: int, r: Any, i: int) -> float:
+def take_sample(s: Any, x: float, t: int, r: Any, i: int) -> float:
     """The sample that instrument s (row i) makes of the filtered output x at t [ns]; counts faults."""
     noise, gaps, past = r.noise, r.gaps, r.past
     x *= s.gain
@@ -147,33 +147,33 @@ def reading(s: Any, x: float, t: int, r: Any, i: int) -> float:
 
 
 @kernel
-def prepare(rack: Any) -> None:
+def prepare_poles(tables: Any) -> None:
     """Compute the weights of all poles for a full segment."""
-    for p in range(rack.poles.shape[0]):
-        weigh(rack.poles, p, STEP, rack.step)
+    for p in range(tables.poles.shape[0]):
+        pole_weights(tables.poles, p, STEP, tables.step)
 
 
 @kernel
-def advance(rack: Any, segments: Any) -> None:
-    """Run `sample` on its own: one frame of all instruments."""
-    sample(rack, segments)
+def advance_instruments(tables: Any, segments: Any) -> None:
+    """Run `run_instruments` on its own: one frame of all instruments."""
+    run_instruments(tables, segments)
 
 
 @inner
-def sample(r: Any, segments: Any) -> None:
+def run_instruments(r: Any, segments: Any) -> None:
     """Run all instruments over the frame (now, now + frame] [ns] that `segments` describes."""
     now, frame, step = r.clock[NOW], r.frame, r.step
     count, start, length, coef = segments.count, segments.start, segments.length, segments.coef
-    fronts, poles, queue = r.fronts, r.poles, r.queue
+    instruments, poles, queue = r.instruments, r.poles, r.queue
     end_ns = now + frame
     snap = 1e-12 * (1e-9 * frame)  # a sample this close to the end of a segment is taken at its end
     same = 4e-15 * (1e-9 * frame)  # lengths this close differ by the rounding of start and length only
     last = count[0] - 1
     short = False
-    for i in range(fronts.shape[0]):
-        s = fronts[i]
+    for i in range(instruments.shape[0]):
+        s = instruments[i]
         column = s.column
-        due = instant(s, s.taken) - s.delay
+        due = sample_instant(s, s.taken) - s.delay
         tau = 1e-9 * (due - now)
         for j in range(last + 1):
             begin = start[j]
@@ -185,17 +185,17 @@ def sample(r: Any, segments: Any) -> None:
                 if abs(part - s.peek) > same:
                     s.peek = part
                     for p in range(s.first, s.last):
-                        weigh(poles, p, PEEK, part)
+                        pole_weights(poles, p, PEEK, part)
                 x = 0.0
                 for p in range(s.first, s.last):
                     x += (poles[p, RESIDUE] * state_after(poles, p, PEEK, coef, j, column, part / h)).real
                 if s.averages:
-                    x, base = (x - base) * share(s), x
+                    x, base = (x - base) * period_share(s), x
                 if s.direct != 0.0:
                     x += s.direct * polynomial(coef, j, column, part / h)
-                queue[i, s.taken % queue.shape[1]] = reading(s, x, due, r, i)
+                queue[i, s.taken % queue.shape[1]] = take_sample(s, x, due, r, i)
                 s.taken += 1
-                due = instant(s, s.taken) - s.delay
+                due = sample_instant(s, s.taken) - s.delay
                 tau = 1e-9 * (due - now)
             at = STEP
             if abs(h - step) > same:
@@ -203,7 +203,7 @@ def sample(r: Any, segments: Any) -> None:
                 if abs(h - s.part) > same:
                     s.part = h
                     for p in range(s.first, s.last):
-                        weigh(poles, p, PART, h)
+                        pole_weights(poles, p, PART, h)
             x = -base
             for p in range(s.first, s.last):
                 z = state_after(poles, p, at, coef, j, column, 1.0)
@@ -212,17 +212,17 @@ def sample(r: Any, segments: Any) -> None:
             if due <= end_ns and (tau <= end + snap or j == last):  # a sample at the end of the segment
                 base = x + base
                 if s.averages:
-                    x *= share(s)
+                    x *= period_share(s)
                 if s.direct != 0.0:
                     x += s.direct * polynomial(coef, j, column, 1.0)
-                queue[i, s.taken % queue.shape[1]] = reading(s, x, due, r, i)
+                queue[i, s.taken % queue.shape[1]] = take_sample(s, x, due, r, i)
                 s.taken += 1
-                due = instant(s, s.taken) - s.delay
+                due = sample_instant(s, s.taken) - s.delay
                 tau = 1e-9 * (due - now)
             if s.averages:
                 poles[s.first, STATE] -= base / poles[s.first, RESIDUE]
         before = s.published
-        while instant(s, s.published) <= end_ns:
+        while sample_instant(s, s.published) <= end_ns:
             r.latest[i] = queue[i, s.published % queue.shape[1]]
             r.samples[i, s.kept] = r.latest[i]
             s.published += 1

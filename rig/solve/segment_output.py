@@ -24,7 +24,7 @@ def empty_segments(signals: int, capacity: int) -> Segments:
 
 
 @inlined
-def crowded(t, mode_set, seg, ticks):
+def nearly_full(t, mode_set, seg, ticks):
     """Whether `seg` may be too small for one more step or tick, with `ticks` ticks left in the block."""
     return seg.count[0] + ticks + 2 ** t.depth[mode_set] + 4 > seg.start.shape[0]
 
@@ -67,20 +67,20 @@ def emit_linear(t, mode_set, x, start, length, seg, derivatives):
 def emit_quartic(values, start, length, seg):
     """Write one segment from output values at u = 0, 1/4, 1/2, 3/4, 1: `values` [5, output]."""
     for s in range(values.shape[1]):
-        through(values, s, seg.coef[seg.count[0], s])
-    close(start, length, seg)
+        quartic_of_output(values, s, seg.coef[seg.count[0], s])
+    close_segment(start, length, seg)
 
 
 @inner
-def through(values, s, coef):
+def quartic_of_output(values, s, coef):
     """Write the coefficients of the quartic through the values of output s to `coef`."""
-    coef[0], coef[1], coef[2], coef[3], coef[4] = quartic(
+    coef[0], coef[1], coef[2], coef[3], coef[4] = quartic_coefficients(
         values[0, s], values[1, s], values[2, s], values[3, s], values[4, s]
     )
 
 
 @inner
-def part(coef, begin, width):
+def part_of_quartic(coef, begin, width):
     """Replace the coefficients of a quartic by those over the part [begin, begin + width] of its interval."""
     if begin != 0.0:
         c1, c2, c3, c4 = coef[1], coef[2], coef[3], coef[4]
@@ -96,7 +96,7 @@ def part(coef, begin, width):
 
 
 @inner
-def close(start, length, seg):
+def close_segment(start, length, seg):
     """Complete the segment whose quartics have been written."""
     at = seg.count[0]
     seg.count[0] = at + 1
@@ -119,7 +119,7 @@ def emit_chord(begin, end, start, length, seg):
 
 
 @inner
-def quartic(a, b, c, d, e):
+def quartic_coefficients(a, b, c, d, e):
     """The coefficients of the quartic through five equidistant values on [0, 1]."""
     return (
         a,

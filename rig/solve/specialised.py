@@ -21,19 +21,19 @@ from numba.extending import intrinsic, register_model
 ROWS = 7
 
 
-class Shape(types.Type):  # type: ignore[misc]
+class KernelShape(types.Type):  # type: ignore[misc]
     """The constants of a specialised kernel: number of states (0: any), and whether there are products of states.
 
     `bends`: whether at least one mode set is not linear.
     """
 
-    def __init__(self, states: int, products: bool, bends: bool) -> None:
-        self.states, self.products, self.bends = states, products, bends
-        super().__init__(name=f"Shape({states}, {products}, {bends})")
+    def __init__(self, states: int, products: bool, nonlinear: bool) -> None:
+        self.states, self.products, self.nonlinear = states, products, nonlinear
+        super().__init__(name=f"Shape({states}, {products}, {nonlinear})")
 
 
-register_model(Shape)(models.OpaqueModel)
-ANY = Shape(0, products=True, bends=True)
+register_model(KernelShape)(models.OpaqueModel)
+ANY = KernelShape(0, products=True, nonlinear=True)
 """The shape of code that serves all rigs."""
 
 
@@ -49,7 +49,7 @@ def _any_shape(typing: Any, n: Any) -> Any:
 any_shape: Any = intrinsic(_any_shape)
 
 
-def _states(typing: Any, shape: Any) -> Any:
+def _state_count(typing: Any, shape: Any) -> Any:
     """The number of states of a shape."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -60,10 +60,10 @@ def _states(typing: Any, shape: Any) -> Any:
     return types.intp(shape), codegen
 
 
-states: Any = intrinsic(_states)
+state_count: Any = intrinsic(_state_count)
 
 
-def _multiplies(typing: Any, shape: Any) -> Any:
+def _has_products(typing: Any, shape: Any) -> Any:
     """Whether there may be products of states. If not, the code that evaluates them is not compiled."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -72,22 +72,22 @@ def _multiplies(typing: Any, shape: Any) -> Any:
     return types.boolean(shape), codegen
 
 
-multiplies: Any = intrinsic(_multiplies)
+has_products: Any = intrinsic(_has_products)
 
 
-def _bends(typing: Any, shape: Any) -> Any:
+def _is_nonlinear(typing: Any, shape: Any) -> Any:
     """Whether inputs have to be computed: not if the system is linear in every mode set."""
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return context.get_constant(types.boolean, shape.bends)
+        return context.get_constant(types.boolean, shape.nonlinear)
 
     return types.boolean(shape), codegen
 
 
-bends: Any = intrinsic(_bends)
+is_nonlinear: Any = intrinsic(_is_nonlinear)
 
 
-def _place(typing: Any, shape: Any, like: Any) -> Any:
+def _local(typing: Any, shape: Any, like: Any) -> Any:
     """A local array of the type of `like` on the stack: its last axis has one entry per state, other axes have `ROWS`.
 
     The compiler keeps it in registers, like a local array in C. If the number of states is unknown at compile time,
@@ -118,7 +118,7 @@ def _place(typing: Any, shape: Any, like: Any) -> Any:
     return kind(shape, like), codegen
 
 
-local: Any = intrinsic(_place)
+local: Any = intrinsic(_local)
 
 
 def _call(

@@ -5,12 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig.kernel import kernel
-from rig.solve.exponential import factors
+from rig.solve.exponential import exponential_factors
 
 
 @kernel
 def product(u):
-    coarse, fine = factors(u)
+    coarse, fine = exponential_factors(u)
     return coarse * fine
 
 

@@ -17,7 +17,7 @@ from rig.solve.segments import DEGREE
 
 @kernel
 def weigh(poles, p, at, h):
-    pole_response.weigh(poles, p, at, h)
+    pole_response.pole_weights(poles, p, at, h)
 
 
 @kernel

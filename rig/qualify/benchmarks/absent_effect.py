@@ -1,7 +1,7 @@
 """The cost of an absent effect: the inner force function beside a twin compiled without the effect's source.
 
 Products of states (nonlinear geometry, moving contacts) are the only kind of effect with code of its own in the inner
-functions; all others are rows of tables. The twin is `rig.solve.forces.rate` without the source line of products,
+functions; all others are rows of tables. The twin is `rig.solve.forces.derivative` without the source line of products,
 compiled the same way. For a rig without products both must take the same time.
 """
 
@@ -24,7 +24,7 @@ from rig.motion.motion import Motion
 from rig.scenes.loader import load
 from rig.solve import forces
 from rig.solve.records import KEY
-from rig.solve.specialised import Shape, any_shape, call
+from rig.solve.specialised import KernelShape, any_shape, call
 from rig.solve.state_codes import CLOSED, SLIP_PLUS
 
 CALLS = 50_000
@@ -32,24 +32,24 @@ ROUNDS = 80
 _SYMBOL = re.compile(r"[_.$A-Za-z][\w.$@]*\(%rip\)|\.L\w+|_ZN\S+|movabsq.*")
 _REPEATED = """
 def repeated(shape, t, w, state, log, seg, plan, ticks):
-    f = lend(t, t.mode_set_of[state.ic[KEY]], w.T, w.scratch)
+    f = right_hand_side(t, t.mode_set_of[state.ic[KEY]], w.T, w.scratch)
     for _ in range(ticks):
-        rate(shape, f, True, state.x, w.k[0])
+        derivative(shape, f, True, state.x, w.k[0])
     return ticks
 """
 
 
 def compiled_loops() -> tuple[Any, Any]:
-    """Return a loop over `rate` as a compiled function (rig.solve.specialised), and its twin."""
-    rate: Any = forces.rate
-    source = textwrap.dedent(inspect.getsource(rate.py_func))
-    bare = source.replace("multiplies(shape) or ", "")
+    """Return a loop over `derivative` as a compiled function (rig.solve.specialised), and its twin."""
+    own: Any = forces.derivative
+    source = textwrap.dedent(inspect.getsource(own.py_func))
+    bare = source.replace("has_products(shape) or ", "")
     assert len(bare) < len(source)
     return _compiled("own", source), _compiled("twin", bare)
 
 
 def _compiled(name: str, source: str) -> Any:
-    """A compiled loop over the `rate` of this source; in a file of its own, because the compiler's cache needs one."""
+    """A loop over the `derivative` of this source, compiled from a new file, because the compiler caches by file."""
     path = Path(mkdtemp()) / f"{name}.py"
     path.write_text(f"{source}\n{_REPEATED}")
     known = {key: value for key, value in vars(forces).items() if not key.startswith("__")}
@@ -73,7 +73,7 @@ def kinds(motion: Motion) -> tuple[Any, ...]:
     """Return the argument types of the compiled function for this motion."""
     typed: Any = numba.typeof
     parts = (motion.mode_sets.tables, motion.work, motion.state, motion.log, motion.segments, motion.plan)
-    shape = Shape(motion.system.n, products=False, bends=True)
+    shape = KernelShape(motion.system.n, products=False, nonlinear=True)
     return shape, *(typed(Loan(part)) for part in parts), typed(1)
 
 

@@ -46,24 +46,25 @@ def ratio(compiled: Callable[[str, dict[str, int]], Any], ticks: int = TICKS) ->
     motion.advance(1)
     own = motion.mode_sets.tables.film
     numbers, where, signals = own.numbers, own.where, own.moved.shape[0]
-    tables = (own.alike.rows, own.against.rows, own.alike.which, own.against.which, own.kick, own.turn, own.loss,
-              own.column[0], own.push[0], own.signal, own.riders, own.advance)  # fmt: skip
+    even, odd = own.symmetric, own.antisymmetric
+    tables = (even.rows, odd.rows, even.which, odd.which, own.kick, own.turn, own.loss, own.column[0], own.push[0],
+              own.signal, own.slider_rows, own.advance)  # fmt: skip
     film = _Film(
         *(table.ctypes.data for table in tables),
         *(numbers[k] for k in (PITCH, STIFFNESS, SHEAR, FRICTIONAL)),
-        own.alike.rows.shape[0],
+        own.symmetric.rows.shape[0],
         int(own.pushed[0]),
         int(where[TRAVEL] - where[FIRST]) + signals,
     )
     constants = {
         "NQ": own.kick.shape[0],
-        "NA": own.alike.which.shape[0],
-        "NO": own.against.which.shape[0],
+        "NA": own.symmetric.which.shape[0],
+        "NO": own.antisymmetric.which.shape[0],
         "M": signals,
-        "R": own.riders.shape[0],
+        "R": own.slider_rows.shape[0],
         "PAIRS": int(where[POINTS]) // 2,
-        "WIDTH": own.alike.rows.shape[2],
-        "ROOM": own.riders.shape[1],
+        "WIDTH": own.symmetric.rows.shape[2],
+        "ROOM": own.slider_rows.shape[1],
     }
     c = compiled("film.c", constants)
     begun, x0 = motion.save(), motion.state.x.copy()

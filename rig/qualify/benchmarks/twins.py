@@ -32,7 +32,7 @@ def _quiet_loop(tables, loan, ticks):  # type: ignore[no-untyped-def]
     state = loan.state
     state.ic[TICK] = 0
     shape = any_shape(state.x.shape[0])
-    return call(loan.plan.quiet, shape, tables, loan.work, state, loan.log, loan.segments, loan.plan, ticks)
+    return call(loan.plan.quiet_ticks, shape, tables, loan.work, state, loan.log, loan.segments, loan.plan, ticks)
 
 
 def twins() -> dict[str, Any]:

@@ -130,7 +130,7 @@ def _stale(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
     motion = Motion(system, scene.step_ns, "kick", rows, substeps=scene.clock.substeps(scene.step_ns))
     motion.advance(1)
     own, travel = motion.mode_sets.tables.film, system.names.index(system.film.travel)
-    given = [(side.rows, side.rows.copy()) for side in (own.alike, own.against)]
+    given = [(side.rows, side.rows.copy()) for side in (own.symmetric, own.antisymmetric)]
     begin, ticks, pause = time.thread_time(), until_ns // scene.step_ns, max(STALE_NS // scene.step_ns, 1)
     while motion.tick < ticks:
         place = float(motion.x[travel]) / system.film.pitch

@@ -19,7 +19,7 @@ from rig.sensors.chain.instants import SECOND, Integers, common_step
 from rig.sensors.chain.instrument import Instrument
 from rig.sensors.chain.streams import Stream
 from rig.solve.pole_response import COLUMNS, POLE, RESIDUE, STATE
-from rig.solve.sampling import FRONT, NOW, SHORT, SensorRack, advance, prepare
+from rig.solve.sampling import INSTRUMENT, NOW, SHORT, InstrumentTables, advance_instruments, prepare_poles
 from rig.solve.segments import DEGREE, Segments
 
 _CHUNK = 1024  # least number of random numbers drawn and of samples stored at a time
@@ -33,7 +33,7 @@ class Bank:
 
     `latest[i]` is the last published sample of instrument i (NaN before `start`), `fresh[i]` the number of samples
     published in the last frame, `samples(i)` their values, `times(i)` their times. `columns`: names of the outputs in
-    `Segments`, in order. `rack`: the record that the kernels read and write; if they find the bank `short`, it must be
+    `Segments`, in order. `loan`: the record that the kernels read and write; if they find the bank `short`, it must be
     filled before the next frame. Raises SceneError for instruments that read an unknown output or one of another unit.
     """
 
@@ -65,14 +65,14 @@ class Bank:
         self._past = np.zeros((n, 1 + max((lag for own in lags for lag in own), default=0)))
         shares = [share for end in self._ends for share, _ in end.echoes]
         self._echoes = np.column_stack([np.concatenate([*lags, []]), np.array(shares)])
-        self._fronts = np.zeros(n, dtype=FRONT)
+        self._fronts = np.zeros(n, dtype=INSTRUMENT)
         self._numbers = self._fronts["kept"].data, self._fronts["published"].data
         """Of each instrument the numbers of samples that are stored and that were published (views)."""
         self._poles = np.zeros((sum(max(len(e.poles), e.averages) for e in self._ends), COLUMNS), dtype=complex)
         self._most = most
         self._clock = np.zeros(2, dtype=np.int64)
-        self.rack = Loan(
-            SensorRack(
+        self.loan = Loan(
+            InstrumentTables(
                 self._fronts,
                 self._poles,
                 self.latest,
@@ -104,7 +104,7 @@ class Bank:
         for i, (section, end) in enumerate(zip(self._sections, self._ends)):
             y = float(values[self._columns.index(section.reads)])
             row = self._settle(i, row, end, y, before)
-        prepare(self.rack)
+        prepare_poles(self.loan)
         self.fill(everything=True)
         # A delayed sample was taken before t = 0: run the frames before t = 0 with the constant input.
         coef = np.zeros((1, len(values), DEGREE + 1))
@@ -119,8 +119,8 @@ class Bank:
         if self.short:
             self.fill()
         if self._run is None:
-            self._run = entry(advance, self.rack, Loan(segments))
-        self._run(self.rack, Loan(segments))
+            self._run = entry(advance_instruments, self.loan, Loan(segments))
+        self._run(self.loan, Loan(segments))
 
     @property
     def short(self) -> bool:
@@ -183,7 +183,7 @@ class Bank:
         return {
             "fronts": self._fronts.copy().view(np.uint8).reshape(len(self.names), -1),
             "poles": self._poles.copy(),
-            "waiting": self.rack.content.queue.copy(),
+            "waiting": self.loan.content.queue.copy(),
             "past": self._past.copy(),
             "used": np.array(used, dtype=np.int64).reshape(-1, 2),
         }
@@ -195,7 +195,7 @@ class Bank:
 
     def back(self, found: Mapping[str, NDArray[Any]]) -> None:
         """Store the samples of `keep` again; `resume` does the rest."""
-        fronts, stored = found["fronts"].copy().view(FRONT).reshape(-1), found["stored"]
+        fronts, stored = found["fronts"].copy().view(INSTRUMENT).reshape(-1), found["stored"]
         self._samples[:, : stored.shape[1]] = stored
         self.latest[:], self.fresh[:] = found["latest"], found["fresh"]
         self._fronts["published"], self._fronts["kept"] = fronts["published"], fronts["kept"]
@@ -226,12 +226,12 @@ class Bank:
 
         Raises ValueError for a checkpoint of other instruments.
         """
-        fronts = found["fronts"].copy().view(FRONT).reshape(-1)
+        fronts = found["fronts"].copy().view(INSTRUMENT).reshape(-1)
         if (fronts["published"] != self._fronts["published"]).any():
             raise ValueError("other numbers of samples were published")
         fronts["kept"] = self._fronts["kept"]
         self._fronts[:] = fronts
-        for array, name in ((self._poles, "poles"), (self.rack.content.queue, "waiting"), (self._past, "past")):
+        for array, name in ((self._poles, "poles"), (self.loan.content.queue, "waiting"), (self._past, "past")):
             if found[name].shape != array.shape:
                 raise ValueError(f"{name} has the shape {found[name].shape}, not {array.shape}")
             array[:] = found[name]
@@ -252,7 +252,7 @@ class Bank:
     def _settle(self, i: int, row: int, end: FrontEnd, y: float, before: int) -> int:
         """Set instrument i to rest at the input y, `before` [ns] ahead of t = 0; returns the next free row of poles."""
         s = self._fronts[i]
-        self._fronts[i] = np.zeros((), dtype=FRONT)
+        self._fronts[i] = np.zeros((), dtype=INSTRUMENT)
         s["column"] = self._columns.index(self._sections[i].reads)
         s["period"], s["rest"] = end.instants.whole
         s["samples"], s["cycle"] = end.instants.samples, SECOND * end.instants.seconds

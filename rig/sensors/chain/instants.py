@@ -60,7 +60,7 @@ class Instants(NamedTuple):
         return period_ns * self.samples % (SECOND * self.seconds) == 0
 
     def at(self, numbers: int | Integers) -> Integers:
-        """The instants [ns] of samples `numbers`, as the kernels compute them (rig.solve.sampling.instant)."""
+        """The instants [ns] of samples `numbers`, as the kernels compute them (rig.solve.sampling.sample_instant)."""
         period, rest = self.whole
         if not rest:
             return np.asarray(numbers, dtype=np.int64) * period
