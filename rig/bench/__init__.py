@@ -1,6 +1,7 @@
 """The bench runs a rig, in one process or with other processes.
 
-runner                steps plant and sensors of a scene, frame by frame; the result depends on ticks only
+runner                plant and sensors of a scene; the result depends on ticks only. stepped_plant: steps them frame by
+                      frame; commanded_plant: puts commands into force at a tick
 protocol              the steps of an experiment, due at ticks (actions, wait_condition)
 experiment            everything that happens at a tick between measurement and integration, the same in every mode
 exchange              commands: taken over, held, clamped, refused, replaced by safe values; command_queue: commands of

@@ -199,7 +199,7 @@ def _tell(link: socket.socket, content: dict[str, Any]) -> None:
     link.sendall(_HEAD.pack(len(raw)) + raw)
 
 
-def told(link: socket.socket) -> dict[str, Any]:
+def start_report(link: socket.socket) -> dict[str, Any]:
     """What the helper says at its start; empty if it has ended."""
     head = received(link, _HEAD.size)
     raw = received(link, _HEAD.unpack(head)[0]) if head else b""

@@ -42,7 +42,7 @@ class LibraryProcess:
             self._end = weakref.finalize(self, _end, self._process, self._link)
             self._link.settimeout(_LOAD_S)
             try:
-                found = c_library.told(self._link)
+                found = c_library.start_report(self._link)
             except TimeoutError:
                 raise PartError(f"{binary}: was not loaded within {_LOAD_S:g} s") from None
         if "about" not in found:

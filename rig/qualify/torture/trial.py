@@ -12,7 +12,8 @@ import numpy as np
 from rig.bench.exchange import Exchange
 from rig.bench.journal import Journal
 from rig.bench.pace import Pacer
-from rig.bench.runner import ROWS, PlantRunner
+from rig.bench.runner import PlantRunner
+from rig.bench.stepped_plant import ROWS
 from rig.qualify.torture import film_checks
 from rig.qualify.torture.case import Act, Case
 from rig.qualify.torture.case_scene import Watched
