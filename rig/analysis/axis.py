@@ -121,6 +121,18 @@ class Axis:
         changed = with_values(scene.controllers[name], {field: value})
         return replace(scene, controllers={**scene.controllers, name: changed})
 
+    def idle(self, scene: Scene) -> str:
+        """Why the parameter changes nothing in a rig that runs no protocol: its effect is off. "" if it is on."""
+        table, _, value = self.key.partition(".")
+        section = getattr(scene.parameters, table, None)
+        switch = getattr(getattr(section, "declares", None), "switch", "")
+        if not switch or value == switch or getattr(section, switch):
+            return ""
+        return (
+            f"{self.key} changes nothing: {table} is off at the start of {scene.name} ({table}.{switch} = false)\n"
+            f"  add -p {table}.{switch}=true"
+        )
+
     def text(self, value: float, digits: int = 6) -> str:
         """Return a value (SI) as text in the unit `shown`."""
         return f"{value / self.scale:.{digits}g}" + (f" {self.shown}" if self.shown != "1" else "")

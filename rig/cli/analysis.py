@@ -125,6 +125,8 @@ def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
         faults += error.faults
     if faults:
         raise SceneError(scene.name, faults)
+    if (why := axis.idle(scene)) and (controller or not axis.key.startswith("dither.")):  # friction is averaged over it
+        printing.note(f"warning: {why}")
     return sweep(scene, axis) if controller is None else sweep_loop(scene, axis, controller)
 
 

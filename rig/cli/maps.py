@@ -13,6 +13,7 @@ from rig.cli.outputs import refuse
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
+    from rig.analysis.axis import Axis
     from rig.scenes.scene import Scene
 
 XAxis = Annotated[
@@ -80,6 +81,8 @@ def map_(
         return
     wanted = tuple(run.strip() for run in runs.split(",") if run.strip())
     todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
+    if not todo.dithered:
+        _idle(loaded, todo.x, todo.y)
     store = store_of(todo, out)
     refuse(store.folder, ("map.csv", "map.png"), force)
     with printing.kept(store, "parts", len(todo.units)), printing.bar("rows" if y else "parts") as progress:
@@ -93,6 +96,12 @@ def map_(
     draw(found, store.folder / "map.png")
 
 
+def _idle(scene: Scene, *axes: Axis | None) -> None:
+    """Warn of parameters of effects that are off."""
+    for why in filter(None, (axis.idle(scene) for axis in axes if axis)):
+        printing.note(f"warning: {why}")
+
+
 def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, force: bool, as_json: bool) -> None:
     from rig.analysis.axis import axes
     from rig.analysis.map import store_of, survey, surveyed
@@ -102,6 +111,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
     if y is None:
         raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
     across, along = axes(scene, {"--x": x, "--y": y})
+    _idle(scene, across, along)
     todo = surveyed(scene, across, along)
     store = store_of(todo, out)
     refuse(store.folder, ("regions.csv", "regions.png"), force)

@@ -37,3 +37,41 @@ def test_a_capacitance_within_a_tenth_of_its_limit_is_warned_of(command, delta, 
     said = capsys.readouterr().err
     assert said.count(WARNING) == (delta == -0.9)
     assert (STOPPED in said) is (command in ("run", "plant", "map", "cost"))
+
+
+IDLE = "changes nothing: {0} is off at the start of {1} ({0}.{2} = false)\n  add -p {0}.{2}=true\n"
+SHUNT = ("brake_shunt", "shunt", "connected", "shunt.resistance=5 ohm:50 ohm:2")
+
+
+@pytest.mark.parametrize(
+    ("command", "scene", "effect", "switch", "over", "more"),
+    [
+        ("modes", *SHUNT, ()),
+        ("map", *SHUNT, ()),
+        ("map", *SHUNT, ("--y=drive.speed=1 rad/s:2 rad/s:2", "--eigenvalues")),
+        ("map", "belt_dither", "dither", "enable", "dither.amplitude=0.02:0.1:2",
+         ("--y=drive.speed=0.05:0.1:2", "--eigenvalues")),
+    ],
+)  # fmt: skip
+def test_a_parameter_of_an_effect_that_is_off_is_warned_of(
+    command, scene, effect, switch, over, more, capsys, monkeypatch, tmp_path
+):
+    def stop(*given, **named):
+        raise UsageError(STOPPED)
+
+    for worker in ("rig.analysis.sweep.sweep", "rig.analysis.map.chart", "rig.analysis.map.survey"):
+        monkeypatch.setattr(worker, stop)
+    where = (f"--out={tmp_path}",) if command == "map" else ()
+    axis = "--sweep" if command == "modes" else "--x"
+    for changes, warned in (((), 1), (("-p", f"{effect}.{switch}=true"), 0)):
+        with pytest.raises(SystemExit):
+            app.run([command, scene, axis, over, *more, *changes, *where])
+        said = capsys.readouterr().err
+        assert said.count(IDLE.format(effect, scene, switch)) == warned
+        assert STOPPED in said
+
+
+def test_a_map_over_the_amplitude_of_a_dither_alone_is_refused(capsys):
+    with pytest.raises(SystemExit):
+        app.run(["map", "belt_dither", "--x", "dither.amplitude=0.02:0.1:2"])
+    assert "over dither a map shows its boundary, with x dither.frequency" in capsys.readouterr().err

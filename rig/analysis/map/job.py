@@ -182,7 +182,13 @@ def checked(job: Job) -> Job:
     if settings.longest is not None and not settings.longest > 0.0:
         faults.append(f"longest = {settings.longest:g} s: must be greater than 0 s")
     dither = getattr(job.scene.parameters, "dither", None)
-    if dither is not None and dither.enable and dither.amplitude > 0.0 and not job.dithered:
+    over = [axis.key for axis in (x, y) if axis and axis.key.startswith("dither.")]
+    if over and not job.dithered:
+        faults.append(
+            f"{' and '.join(over)}: over dither a map shows its boundary, with x {DITHER[0]} and y {DITHER[1]}; "
+            f"eigenvalues over one parameter: rig modes {job.scene.name} --sweep {over[0]}=FROM:TO:COUNT"
+        )
+    elif dither is not None and dither.enable and dither.amplitude > 0.0 and not job.dithered:
         faults.append(
             f"{job.scene.name} has dither, so that it has no steady sliding: map its boundary with "
             f"x {DITHER[0]} and y {DITHER[1]}, or switch it off: -p dither=none"
