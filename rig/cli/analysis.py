@@ -111,6 +111,7 @@ def _refused(scene: Scene, found: Modes | Loop | Sweep) -> None:
 def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
     from rig.analysis.axis import axes
     from rig.analysis.control_loop import loop, sweep_loop
+    from rig.analysis.modes import dithers
     from rig.analysis.sweep import sweep
 
     faults: list[str] = []
@@ -125,7 +126,8 @@ def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
         faults += error.faults
     if faults:
         raise SceneError(scene.name, faults)
-    if (why := axis.idle(scene)) and (controller or not axis.key.startswith("dither.")):  # friction is averaged over it
+    averaged = controller is None and dithers(scene, axis.key)
+    if (why := axis.idle(scene)) and not averaged:
         printing.note(f"warning: {why}")
     return sweep(scene, axis) if controller is None else sweep_loop(scene, axis, controller)
 
