@@ -75,6 +75,8 @@ class Condition:
             level = finite(self.level, unit)
         except ValueError as fault:
             raise UsageError(f"--trigger {self}: the level {fault}") from None
+        if self.size and (level < 0.0 or (level == 0.0 and not self.above)):
+            raise UsageError(f"--trigger {self}: an absolute value is never below 0; take a level above 0 {unit}")
         if self.name in sensors:
             return Bound(self, unit, level, MEASURED + self.name, _block)
         field = messages.field_name(self.name.removeprefix(TRUE))

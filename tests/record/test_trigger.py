@@ -172,6 +172,8 @@ def test_conditions_on_sensors_and_outputs_in_any_unit(tmp_path, condition, firs
         ("vibrometr > 0.1 m/s", "no 'vibrometr' in this run: did you mean vibrometer?"),
         ("", "expected NAME > VALUE"),
         ("vibrometer > nan m/s", "must be a finite number"),
+        ("|vibrometer| < -1 m/s", "an absolute value is never below 0"),
+        ("|vibrometer| < 0 m/s", "an absolute value is never below 0"),
     ],
 )
 def test_a_condition_that_does_not_fit_is_refused_in_words(tmp_path, condition, fault):
