@@ -41,7 +41,10 @@ LEAST = 1e-3
 """Share of the forces below which an effect counts as having no influence."""
 MOST = 24
 """Most states of a run that are kept."""
+_SCATTER = 64
+"""Frames by which they are earlier than evenly spaced ones, at most."""
 _ROUNDING = 1e-12
+_GOLDEN = (sqrt(5.0) - 1.0) / 2.0
 
 
 class VisitedState(NamedTuple):
@@ -53,7 +56,9 @@ class VisitedState(NamedTuple):
 
 
 class StateSamples:
-    """Keeps states of a run at the ends of frames, evenly spread over a run of any length. `due`: the next such frame.
+    """Keeps states of a run, spread over a run of any length. `due`: the frame of the next one.
+
+    They are not quite evenly spaced: otherwise a dither of 250 Hz is zero at each of them.
 
     `open`: switches of effects (`shunt.connected`) that have been open all the time. `since`: begin of the run
     [s], or of the part of it that was simulated.
@@ -62,13 +67,14 @@ class StateSamples:
     def __init__(self, scene: Scene, values: Mapping[str, float]) -> None:
         """`values`: input -> its value at the start."""
         self.kept: list[VisitedState] = []
-        self.due = self._every = 1
+        self.due = self._even = self._every = 1
         self.since = 0.0
         self.open = {key for key in switches(scene.parameters) if values.get(key, SWITCHED) < SWITCHED}
 
     def begin(self, frame: int, time: float) -> None:
         """Keep states from frame `frame` at `time` [s] on."""
-        self.due, self.since = frame + 1, time
+        self.due = self._even = frame + 1
+        self.since = time
 
     def hears(self, name: str, value: Any) -> None:
         """Notice that an input or a parameter now has this value."""
@@ -78,14 +84,20 @@ class StateSamples:
     def look(self, motion: Motion, frame: int, steps: int) -> None:
         """Keep the states that are due; `motion` is at the end of frame `frame`, and a frame has `steps` samples."""
         while self.due <= frame:
-            row = motion.kept - 1 - (frame - self.due) * steps
+            row = motion.kept - 1 - (frame - self.due) * steps - _scattered(self.due, steps)
             if 0 <= row < motion.kept:
                 key = motion.mode_sets.sets[int(motion.log.modes[row])].key
                 self.kept.append(VisitedState(motion.system, key, motion.log.out[row].copy()))
             if len(self.kept) == MOST:
                 self.kept = self.kept[1::2]
                 self._every *= 2
-            self.due += self._every
+            self._even += self._every
+            self.due = self._even - _scattered(self._even, min(self._every, _SCATTER))
+
+
+def _scattered(number: int, room: int) -> int:
+    """A whole number from 0 to `room` - 1 that has no period in `number`: multiples of the golden ratio."""
+    return int(number * _GOLDEN % 1.0 * room)
 
 
 @dataclass(frozen=True)

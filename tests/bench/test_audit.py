@@ -27,6 +27,13 @@ def test_a_limit_that_was_never_met_is_on_for_nothing_and_a_lag_is_not():
     assert not lag["noted"]
 
 
+@pytest.mark.parametrize("frame", ["1 ms", "10 ms"])
+def test_a_dither_that_is_zero_at_every_even_instant_has_an_influence(frame):
+    found = judged(rig.load("belt_dither", {"dither.frequency": "250 Hz", "clock.frame": frame}), 6.0)["dither"]
+    assert found["on"]
+    assert found["share"] > LEAST
+
+
 def test_a_rig_differs_from_itself_in_nothing():
     runner = PlantRunner(rig.load("belt_c"))
     for _ in range(200):
