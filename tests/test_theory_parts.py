@@ -16,9 +16,9 @@ import rig
 from rig.analysis.averaged import mean_friction
 from rig.analysis.control_loop import loop
 from rig.controllers.blocks.resonator import Resonator
-from rig.model.mode_sets import _bounds
-from rig.papers.kroeger_shunt import _CPS, _E, _KAPPA, _SWING, shaken, stack, transfer
-from rig.qualify.cost.delay import IDEAL, _with
+from rig.model.mode_sets import guard_bounds
+from rig.papers.kroeger_shunt import CAPACITANCE, COUPLING, PIEZO_STIFFNESS, SWING, shaken, stack, transfer
+from rig.qualify.cost.delay import IDEAL, with_delay
 from rig.sensors.chain import filters
 from rig.sensors.chain.front_end import FrontEnd, deviation
 from rig.sensors.chain.instants import Instants
@@ -36,21 +36,21 @@ def test_a_shunt_in_tune_turns_the_force_by_a_right_angle_and_dissipates_what_th
     """eq-shunt-stiffness, eq-shunt-resonance: at resonance the imaginary part is 1 / rho for every delta."""
     scene = stack(R, delta)
     coil = scene.parameters.shunt.inductance
-    resonance = math.sqrt((1.0 + delta) / (_CPS * coil))
-    rho = R * _CPS * resonance
+    resonance = math.sqrt((1.0 + delta) / (CAPACITANCE * coil))
+    rho = R * CAPACITANCE * resonance
     [G] = transfer(scene, np.array([resonance / (2.0 * math.pi)]))
     s = 1j * resonance
-    Z = R + s * coil + delta / (s * _CPS)
-    assert pytest.approx(Z / (Z + 1.0 / (s * _CPS)), rel=1e-9) == G
+    Z = R + s * coil + delta / (s * CAPACITANCE)
+    assert pytest.approx(Z / (Z + 1.0 / (s * CAPACITANCE)), rel=1e-9) == G
     assert G.imag == pytest.approx(1.0 / rho, rel=1e-9)
 
 
 def test_the_heat_of_a_shunt_in_tune_in_time():
     """pi x^2 kappa / rho per cycle, from a simulated vibration of 1 um."""
     R, delta, hertz = 100.0, -0.5, 3400.0
-    rho = R * _CPS * 2.0 * math.pi * hertz
-    assert pytest.approx(_E**2 / _CPS) == _KAPPA
-    assert shaken(R, delta, hertz)[1] == pytest.approx(math.pi * _SWING**2 * _KAPPA / rho, rel=1e-6)
+    rho = R * CAPACITANCE * 2.0 * math.pi * hertz
+    assert pytest.approx(COUPLING**2 / CAPACITANCE) == PIEZO_STIFFNESS
+    assert shaken(R, delta, hertz)[1] == pytest.approx(math.pi * SWING**2 * PIEZO_STIFFNESS / rho, rel=1e-6)
 
 
 @pytest.mark.parametrize("share", [0.2, 0.9, 1.1, 3.0])
@@ -126,7 +126,7 @@ def test_damping_of_normal_force_feedback(gain):
     law = p.friction.friction()
     v = p.drive.speed
     damping = p.body.damping + p.load.force * law.slope(v) + law.mu(v) * gain
-    found = loop(_with(scene, "nf", IDEAL, 0), "nf").growth
+    found = loop(with_delay(scene, "nf", IDEAL, 0), "nf").growth
     assert found == pytest.approx(-damping / (2.0 * p.body.mass), rel=0.02)
 
 
@@ -149,7 +149,7 @@ def test_no_guard_leaves_the_bound_of_its_chord(name, step):
     A = steady(system, sliding_key(system)).modes.A
     draw = np.random.default_rng(3)
     guards = draw.standard_normal((4, len(A)))
-    bounds, _ = _bounds(A, guards, step)
+    bounds, _ = guard_bounds(A, guards, step)
     places = np.linspace(0.0, 1.0, 17)
     motions = [expm(A * step * place) for place in places]
     closest = 0.0

@@ -35,11 +35,12 @@ def draw(sweep: Sweep, path: Path | str) -> None:
     with mpl.rc_context(STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(12.8, 6.6), dpi=125, facecolor="white")
         FigureCanvasAgg(figure)
-        _compose(figure, sweep)
+        compose(figure, sweep)
         put(figure, path)
 
 
-def _compose(figure: Figure, sweep: Sweep) -> None:
+def compose(figure: Figure, sweep: Sweep) -> None:
+    """Draw growth, frequency and root locus of a sweep into `figure`."""
     grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1), left=0.07, right=0.985, top=0.855, bottom=0.09,
                                hspace=0.12, wspace=0.2)  # fmt: skip
     growth = figure.add_subplot(grid[0, 0])

@@ -164,13 +164,13 @@ class RunProcesses:
         killed = end(rest, LEAVE_S if begun else 0.0)
         if recorder is not None:
             if begun:
-                self._wait_for_file(recorder, interrupts)
+                self.wait_for_file(recorder, interrupts)
             killed += end([recorder], 0.0)
         self.died += [f"{name} did not end by itself" for name in killed]
         self._hear()
         return self._outcome(summary)
 
-    def _wait_for_file(self, recorder: Child, interrupts: list[str]) -> None:
+    def wait_for_file(self, recorder: Child, interrupts: list[str]) -> None:
         """Wait until the recorder has finished its file: a slow disk may have much to write."""
         begun, told = time.monotonic(), False
         while not recorder.wait(0.1) and (waited := time.monotonic() - begun) < WRITE_S:

@@ -97,11 +97,11 @@ class Episode:
         experiment = self._experiment = self._rig.begin(seed, self._length_ns)
         experiment.exchange.admit(AGENT, self.actuators, self._frames * self.scene.frame_ns)
         experiment.open()
-        self._working = self._rig.working
-        self._inside = CompiledControllers(experiment) if self._frames > 1 or self._working else None
+        self.working = self._rig.working
+        self._inside = CompiledControllers(experiment) if self._frames > 1 or self.working else None
         self._heard = [nan] * len(self._columns)
         self._ended = False
-        return self._observation()
+        return self.observation()
 
     def step(self, command: Sequence[float]) -> Stepped:
         """Carry the rig on by one step with this command [SI], which is limited to the range of each actuator.
@@ -120,10 +120,10 @@ class Episode:
                     experiment.exchange.receive(AGENT, runner.tick, given)
                     first = False
                 until = end if self._frames == 1 else min(end, experiment.until())
-                carry_on(experiment, self._working, until, self._inside)
+                carry_on(experiment, self.working, until, self._inside)
         except NumericsError as fault:
             why = fault.what
-        observation = self._observation()
+        observation = self.observation()
         if runner.limited:
             why = f"{runner.beyond()} exceeds its limit"
         truncated = not why and (runner.tick >= self._last_tick or bool(experiment.over))
@@ -133,7 +133,7 @@ class Episode:
         info = {"t": t, "why": why} if why else {"t": t}
         return Stepped(observation, float(self._reward(now)), bool(why), truncated, info)
 
-    def _observation(self) -> list[float]:
+    def observation(self) -> list[float]:
         """The latest measurements within their ranges; where there is none, the last one."""
         latest, heard = self.runner.hearing.latest, self._heard
         found = []

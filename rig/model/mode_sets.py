@@ -78,7 +78,7 @@ class ModeSets:
         E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
         bounds, slopes = np.zeros((2, g, system.n))
         if not self._wide or len(E) > 1:
-            bounds, slopes = _bounds(modes.A, guards, self.step)
+            bounds, slopes = guard_bounds(modes.A, guards, self.step)
         forms = powers(system, modes)
         integrals = work(nodes, forms, self.step, E)
         patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
@@ -227,7 +227,7 @@ def _put(old: NDArray[Any], mode_set: int, new: Any) -> NDArray[Any]:
     return old
 
 
-def _bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:
+def guard_bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:
     """Chord bounds over one step for each guard and for its slope, [guard, n] each."""
     samples = int(min(_SAMPLES, 4 * 2 ** min(expm.depth(A, step), 10)))
     E = expm.ladder(A, step / samples)[0]

@@ -25,8 +25,10 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
-_HERTZ, _CPS, _E, _SWING = 3400.0, 3e-8, 1.04, 1e-6  # [seed]; F, N/V, m [calibrated]
-_KAPPA = _E**2 / _CPS
+_HERTZ, CAPACITANCE, COUPLING, SWING = 3400.0, 3e-8, 1.04, 1e-6  # [seed]; F, N/V, m [calibrated]
+"""Natural frequency of the squeal; capacitance and coupling of the stack; amplitude with which it is shaken."""
+PIEZO_STIFFNESS = COUPLING**2 / CAPACITANCE
+"""What the open electrodes add to the stiffness of the stack [N/m]."""
 _LOOKS = {0.0: (BLUE, "-"), -0.5: (VERMILION, "-"), -0.8: (GREEN, "-"), -0.9: ("black", "-")}
 _SHAKEN = (2720.0, 3060.0, 3230.0, 3400.0, 3570.0, 3740.0, 4080.0)  # Hz: whole cycles in 0.1 s
 _FORCE = {
@@ -47,9 +49,9 @@ _HEAT = {
 
 def stack(R: float, delta: float, **changes: Any) -> Scene:
     """Return the stack with its shunt tuned to 3400 Hz."""
-    coil = (1.0 + delta) / (_CPS * (2.0 * math.pi * _HERTZ) ** 2)
-    given = {"piezo__capacitance": _CPS, "piezo__coupling": _E, "shunt__resistance": R, "shunt__inductance": coil,
-             "shunt__delta": delta, "sensors__vibrometer__rate": 2e4, "clock__unstable": "run"}  # fmt: skip
+    coil = (1.0 + delta) / (CAPACITANCE * (2.0 * math.pi * _HERTZ) ** 2)
+    given = {"piezo__capacitance": CAPACITANCE, "piezo__coupling": COUPLING, "shunt__resistance": R,
+             "shunt__inductance": coil, "shunt__delta": delta, "sensors__vibrometer__rate": 2e4, "clock__unstable": "run"}  # fmt: skip
     return quiet(load("belt_shunt", **given, **changes))
 
 
@@ -65,20 +67,20 @@ def transfer(scene: Scene, hertz: Array) -> NDArray[np.complex128]:
     found = []
     for s in 2j * math.pi * hertz:
         driven = np.linalg.solve(s * np.eye(system.one - 2 * count) - A[net, net], A[net, q] + s * A[net, v])
-        found.append(-(system.coupling[0, q] + system.coupling[0, net] @ driven)[0] / _KAPPA)
+        found.append(-(system.coupling[0, q] + system.coupling[0, net] @ driven)[0] / PIEZO_STIFFNESS)
     return np.array(found)
 
 
 def shaken(R: float, delta: float, hertz: float) -> tuple[complex, float]:
     """Simulate G and the heat of a cycle [J] with a vibration of 1 um: the last 0.1 s of 0.3 s."""
-    speed = _SWING * 2.0 * math.pi * hertz
+    speed = SWING * 2.0 * math.pi * hertz
     ran = run(stack(R, delta, drive__speed=0.0, friction__mu_static=1e9, load__force=1e3, start__velocity=speed,
                     dither__on="belt", dither__amplitude=speed, dither__frequency=hertz,
                     dither__phase=0.5 * math.pi), 0.3)  # fmt: skip
     last = slice(-2000, None)
     x, v = ran.signals["displacement"][last], ran.signals["velocity"][last] / (2.0 * math.pi * hertz)
-    force = -_E * ran.signals["stack_voltage"][last]
-    G = complex(force @ x, force @ v) / (0.5 * len(x) * _SWING**2 * _KAPPA)
+    force = -COUPLING * ran.signals["stack_voltage"][last]
+    G = complex(force @ x, force @ v) / (0.5 * len(x) * SWING**2 * PIEZO_STIFFNESS)
     return G, R * float(np.mean(ran.signals["shunt_current"][last] ** 2)) / hertz
 
 
@@ -117,7 +119,7 @@ def dissipation(figure: Figure) -> Iterator[Comparison]:
     hertz = np.linspace(0.6, 1.4, 801) * _HERTZ
     axis = figure.subplots()
     whole = transfer(stack(100.0, 0.0), np.array([_HERTZ]))[0].imag
-    unit = math.pi * _SWING**2 * _KAPPA
+    unit = math.pi * SWING**2 * PIEZO_STIFFNESS
     for delta, (colour, line) in _LOOKS.items():
         scene = stack(100.0, delta)
 
@@ -169,7 +171,7 @@ def growths(brake: Scene, delta: float, R: float, tuning: float) -> tuple[float,
     """Return the largest growth rate [1/s] of all modes, and that of the modes of the squeal."""
     from rig.analysis.regions import sliding
 
-    coil = tuning * (1.0 + delta) / (_CPS * (2.0 * math.pi * _OPEN[1]) ** 2)
+    coil = tuning * (1.0 + delta) / (CAPACITANCE * (2.0 * math.pi * _OPEN[1]) ** 2)
     values = {"shunt.delta": delta, "shunt.resistance": R, "shunt.inductance": coil}
     rates = sliding(brake, values).eigenvalues()
     squeal = np.abs(rates.imag / (2.0 * math.pi * _OPEN[1]) - 1.0) < _NEAR

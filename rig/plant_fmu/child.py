@@ -41,21 +41,21 @@ class Plant:
     """The rig of `scene` with the inputs `drives`, stepped by another program."""
 
     def __init__(self, scene: Scene, drives: Sequence[str]) -> None:
-        self._rig = RestartableRig(scene, drives)
+        self.rig = RestartableRig(scene, drives)
         self._drives = tuple(drives)
         self._experiment: Experiment | None = None
 
     def start(self, seed: int, start: float) -> None:
         """Begin at tick 0, which is time `start` [s] of the other program."""
-        self._experiment = experiment = self._rig.begin(seed, LONGEST)
+        self._experiment = experiment = self.rig.begin(seed, LONGEST)
         self._start, self._admitted = start, set[int]()
-        self._heard = np.zeros(len(self._rig.runner.bank.names))
+        self._heard = np.zeros(len(self.rig.runner.bank.names))
         experiment.open()
         self._inside = CompiledControllers(experiment)
 
     def step(self, t: float, h: float, inputs: Sequence[float]) -> None:
         """Carry the rig on from t by h [s]. Raises UsageError for a step that it cannot make, NumericsError."""
-        experiment, runner = self._experiment, self._rig.runner
+        experiment, runner = self._experiment, self.rig.runner
         if experiment is None:
             raise UsageError("the rig has not been initialised")
         frame = runner.frame_ns * 1e-9
@@ -72,7 +72,7 @@ class Plant:
             if first:
                 self._command(experiment, inputs, ticks)
                 first = False
-            carry_on(experiment, self._rig.working, min(end, experiment.until()), self._inside)
+            carry_on(experiment, self.rig.working, min(end, experiment.until()), self._inside)
 
     def _command(self, experiment: Experiment, inputs: Sequence[float], ticks: int) -> None:
         for i, (drive, value) in enumerate(zip(self._drives, inputs)):
@@ -80,16 +80,16 @@ class Plant:
                 continue
             name = f"fmu.{drive}"
             if i not in self._admitted:
-                experiment.exchange.admit(name, [drive], self._rig.runner.frame_ns)
+                experiment.exchange.admit(name, [drive], self.rig.runner.frame_ns)
                 self._admitted.add(i)
             experiment.exchange.queues[name].period = ticks
-            experiment.exchange.receive(name, self._rig.runner.tick, (value,))
+            experiment.exchange.receive(name, self.rig.runner.tick, (value,))
 
     def results(self) -> list[float]:
         """The measurements (the last one where there is none, 0 before the first), then the outputs of the plant."""
-        latest = self._rig.runner.hearing.latest
+        latest = self.rig.runner.hearing.latest
         self._heard = np.where(np.isfinite(latest), latest, self._heard)
-        return [*self._heard.tolist(), *self._rig.runner.output_values().tolist()]
+        return [*self._heard.tolist(), *self.rig.runner.output_values().tolist()]
 
 
 def serve(link: socket.socket, scene: str, drives: Sequence[str], results: int) -> None:

@@ -135,7 +135,7 @@ def record(
         try:
             session.announce()
             with stopping() as stop:
-                recording = _Recorder(session, described, heard, plant, writer).run(stop)
+                recording = RunRecorder(session, described, heard, plant, writer).run(stop)
         except OutputError as fault:  # the run's summary will name the reason
             event = messages.event(writer.last_ns, 0, session.name, "fault", str(fault))
             session.publisher(f"event/{session.name}").put(event, writer.last_ns)
@@ -146,7 +146,9 @@ def record(
     return recording
 
 
-class _Recorder:
+class RunRecorder:
+    """Records what `heard` receives of one run until its end."""
+
     def __init__(
         self, session: Session, described: Setup, heard: Receiver, plant: Watch, writer: Writer | Windows
     ) -> None:
@@ -160,6 +162,7 @@ class _Recorder:
         self._summary: dict[str, Any] = {}
 
     def run(self, stop: threading.Event) -> Recording:
+        """Record until the plant has left or `stop` is set; returns the account of the recording."""
         while not stop.is_set() and (("plant", "plant") in self._plant.present or not self._session.ended):
             if not self._take():
                 stop.wait(_PAUSE_S)

@@ -50,7 +50,7 @@ def blueprint(drawing: Drawing, until: float | None) -> rrb.Blueprint:
     )
 
 
-def _axis(until: float | None, room: float = ROOM) -> rrb.archetypes.TimeAxis:
+def time_axis(until: float | None, room: float = ROOM) -> rrb.archetypes.TimeAxis:
     """A time axis with the last seconds before the cursor, or with the whole run, and `room` for the legend behind."""
     import rerun as rr
     import rerun.blueprint as rrb
@@ -70,7 +70,7 @@ def _series(name: str, contents: list[str], until: float | None, room: float = R
         origin="/",
         contents=contents,
         name=name,
-        axis_x=_axis(until, room),
+        axis_x=time_axis(until, room),
         plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
     )
 
@@ -93,7 +93,7 @@ def _strips(drawing: Drawing, until: float | None) -> rrb.StateTimelineView:
     import rerun.blueprint as rrb
 
     name = "contact, protocol, controllers" if drawing.worded else "protocol, controllers"
-    return rrb.StateTimelineView(origin="/strip", name=name, time_view=_axis(until))
+    return rrb.StateTimelineView(origin="/strip", name=name, time_view=time_axis(until))
 
 
 def _health(until: float | None) -> rrb.Tabs:

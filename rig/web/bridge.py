@@ -44,7 +44,7 @@ class Bridge:
 
     def __init__(self, run: str, port: int = 0) -> None:
         self.run = run
-        self._clients: set[Client] = set()
+        self.clients: set[Client] = set()
         self._stopped = threading.Event()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -76,9 +76,9 @@ class Bridge:
         """Tell all clients why it ends, and disconnect them; wait at most a few seconds for each step."""
         self._stopped.set()
         deadline = time.monotonic() + _END_S
-        while self._clients and time.monotonic() < deadline:
+        while self.clients and time.monotonic() < deadline:
             time.sleep(0.01)
-        for client in list(self._clients):  # of a client that waits for an answer
+        for client in list(self.clients):  # of a client that waits for an answer
             client.close()
         ending = threading.Thread(target=self._server.shutdown, name="bridge-close", daemon=True)
         ending.start()
@@ -88,7 +88,7 @@ class Bridge:
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
         once = len(hosts) == 1 and len(origins) < 2
         if once and self._gate.local(*hosts, *origins) and self._gate.in_query(urlsplit(request.path).query):
-            if len(self._clients) < CLIENTS:
+            if len(self.clients) < CLIENTS:
                 return None
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, f"{CLIENTS} clients are connected already\n")
         return connection.respond(HTTPStatus.FORBIDDEN, FORBIDDEN)
@@ -106,7 +106,7 @@ class Bridge:
             with suppress(closed, OSError):
                 connection.send(json.dumps({"error": str(fault)}))
             return
-        self._clients.add(client)
+        self.clients.add(client)
         try:
             while True:
                 try:
@@ -123,7 +123,7 @@ class Bridge:
             pass
         finally:
             client.close()
-            self._clients.discard(client)
+            self.clients.discard(client)
 
 
 def serve(run: str | None, port: int = 0, say: Callable[[Bridge], object] = print) -> None:

@@ -13,7 +13,7 @@ from rig.analysis.axis import Axis
 from rig.analysis.map import figure
 from rig.analysis.map.chart import REGIONS
 from rig.analysis.map.compute import MapUnits
-from rig.analysis.map.job import _ROOT, _SOURCES, RUNS, Job, Settings, Unit
+from rig.analysis.map.job import ROOT, RUNS, SOURCES, Job, Settings, Unit
 from rig.analysis.map.row import Row
 from rig.analysis.map.steady_state import (
     BLANK,
@@ -114,7 +114,11 @@ def test_no_curve_of_a_bifurcation_diagram_joins_vibration_and_sliding(belt, tmp
             [loss] = np.flatnonzero(np.diff(belt.moves[RUNS.index(run), 0]))
             before, after = belt.job.x.values[loss : loss + 2]
             for line in axes.lines:
-                if line.get_color() != figure._RUNS[run][0] or line.get_linewidth() == 0.0 or line.get_marker() == ".":
+                if (
+                    line.get_color() != figure.RUN_STYLES[run][0]
+                    or line.get_linewidth() == 0.0
+                    or line.get_marker() == "."
+                ):
                     continue
                 x = line.get_xdata()
                 assert len(x) == len(belt.job.x.values) + 1, name
@@ -418,6 +422,6 @@ def test_the_share_of_sticking_is_that_of_whole_cycles():
     assert sticking(np.zeros(0), np.zeros(0, dtype=bool), after=True, span=2.0).share == 1.0
 
 
-@pytest.mark.parametrize("source", _SOURCES)
+@pytest.mark.parametrize("source", SOURCES)
 def test_kept_results_depend_on_sources_that_exist(source):
-    assert list(_ROOT.glob(f"{source}.py"))
+    assert list(ROOT.glob(f"{source}.py"))

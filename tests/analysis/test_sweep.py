@@ -321,7 +321,7 @@ def test_a_sweep_of_another_key_tells_whether_the_dither_counts(on, told):
 def lines(found):
     """Style and points [n, 2] of every curve in the plot of growth."""
     figure = Figure(figsize=(12.8, 6.6))
-    sweep_figure._compose(figure, found)
+    sweep_figure.compose(figure, found)
     return [(line.get_linestyle(), line.get_xydata()) for line in figure.axes[0].lines if len(line.get_xydata()) > 2]
 
 

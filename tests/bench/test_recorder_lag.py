@@ -39,7 +39,7 @@ def recorded(bench, path, writer):
         plant.wait_for("plant", "plant", 5.0)
         made = writer(path, described, "recorded", True)
         session.announce()
-        told.append(recorders._Recorder(session, described, heard, plant, made).run(threading.Event()))
+        told.append(recorders.RunRecorder(session, described, heard, plant, made).run(threading.Event()))
         session.close()
 
     told = []

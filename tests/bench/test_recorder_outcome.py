@@ -46,13 +46,13 @@ def full(recorder, path):
     ("strikes", "told"), [(killed, "was killed by SIGKILL"), (full, "cannot be written: File too large")]
 )
 def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(runs, scene, monkeypatch, strikes, told):
-    waits = supervise.RunProcesses._wait_for_file
+    waits = supervise.RunProcesses.wait_for_file
 
     def wait_for_file(team, recorder, interrupts):
         strikes(recorder, runs / "run.mcap")
         waits(team, recorder, interrupts)
 
-    monkeypatch.setattr(supervise.RunProcesses, "_wait_for_file", wait_for_file)
+    monkeypatch.setattr(supervise.RunProcesses, "wait_for_file", wait_for_file)
     lines = []
     outcome = supervise.run(scene, pace=None, duration=0.5, out=runs / "run.mcap", say=lines.append)
     assert outcome.exit_code == 1
@@ -88,10 +88,10 @@ def test_a_recorder_that_finishes_its_file_slowly_is_told_and_can_be_interrupted
     lines = []
     team = supervise.RunProcesses(tmp_path, Job(scene.to_json()), None, False, False, lines.append)
     team.name = "a run"
-    team._wait_for_file(Slow(0.3), [])
+    team.wait_for_file(Slow(0.3), [])
     assert lines == ["waiting for the recorder, which finishes its file"]
     recorder = team.others["recorder", "recorder"] = Slow(30.0)
-    team._wait_for_file(recorder, ["SIGINT", "SIGINT"])
+    team.wait_for_file(recorder, ["SIGINT", "SIGINT"])
     assert recorder.got == [signal.SIGTERM]
 
 

@@ -20,7 +20,7 @@ from rig.bus.run_setup import Setup, fetch
 from rig.controllers.runtime.process import Worker
 from rig.errors import BusError, ExitCode
 from rig.record import reader
-from rig.record.recorder import _Recorder
+from rig.record.recorder import RunRecorder
 from rig.record.writer import Writer
 
 TOPICS = (
@@ -234,7 +234,7 @@ def test_a_recorder_writes_what_can_be_read(followed, count, tmp_path):
     mine, stop, found = hub.open("recorder", "recorder"), threading.Event(), []
     heard, watch = mine.subscribe("**", depth=1 << 17), mine.watch("plant/*")
     setup = fetch(mine)
-    recorder = _Recorder(mine, setup, heard, watch, Writer(tmp_path / "run.mcap", setup, "recorded"))
+    recorder = RunRecorder(mine, setup, heard, watch, Writer(tmp_path / "run.mcap", setup, "recorded"))
     watch.wait_for("plant", "plant", 5.0)
     thread = threading.Thread(target=lambda: found.append(recorder.run(stop)), daemon=True)
     thread.start()

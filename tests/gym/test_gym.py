@@ -94,9 +94,9 @@ def test_the_last_value_is_held_over_drop_outs_and_before_the_first_sample(monke
     env.reset(seed=0)
     before = env.step(np.array([20.0]))[0]
     env.episode.runner.bank.latest[:] = np.nan
-    assert env.episode._observation() == before.tolist()
+    assert env.episode.observation() == before.tolist()
     env.episode._heard = [float("nan")]
-    assert env.episode._observation() == [0.0]
+    assert env.episode.observation() == [0.0]
 
 
 def test_an_episode_is_truncated_at_its_end_and_terminated_at_a_limit():
@@ -123,7 +123,7 @@ def test_controllers_that_drive_other_actuators_work_and_the_others_are_left_out
     assert list(both.episode.scene.controllers) == ["nf"]
     both.reset(seed=0)
     both.step(np.array([0.06]))
-    assert both.episode._working[0].loop.updates == 1
+    assert both.episode.working[0].loop.updates == 1
 
 
 def test_a_rig_whose_parameters_the_protocol_changed_is_made_anew(tmp_path):

@@ -169,10 +169,10 @@ def test_an_input_that_is_never_set_belongs_to_the_protocol(tmp_path, monkeypatc
     nothing = float("nan")
     plant.start(0, 0.0)
     plant.step(0.0, 0.01, (nothing, nothing))
-    names = [*plant._rig.runner.bank.names, *plant._rig.runner.outputs]
+    names = [*plant.rig.runner.bank.names, *plant.rig.runner.outputs]
 
     def force():
-        return plant.results()[names.index("normal_force", len(plant._rig.runner.bank.names))]
+        return plant.results()[names.index("normal_force", len(plant.rig.runner.bank.names))]
 
     assert force() == pytest.approx(35.0)
     plant.step(0.01, 0.01, (25.0, nothing))
@@ -312,11 +312,11 @@ def test_inputs_that_are_not_possible_and_a_missing_compiler_are_named(tmp_path,
 
 
 def test_controllers_of_the_scene_that_drive_an_input_are_left_out():
-    assert child.Plant(scenes.load("belt_normal_force"), ["load.force"])._rig.scene.controllers == {}
+    assert child.Plant(scenes.load("belt_normal_force"), ["load.force"]).rig.scene.controllers == {}
     kept = child.Plant(scenes.load("belt_normal_force"), ["drive.speed"])
     kept.start(0, 0.0)
     kept.step(0.0, 0.01, (0.06,))
-    assert kept._rig.working[0].loop.updates == 10
+    assert kept.rig.working[0].loop.updates == 10
 
 
 def test_texts_of_a_scene_are_quoted():

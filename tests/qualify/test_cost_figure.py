@@ -16,9 +16,9 @@ def test_labels_of_the_two_horizontal_axes_stay_apart(ratio, low):
     with mpl.rc_context(figure.STYLE):
         sheet = Figure(figsize=(10.8, 6.4), dpi=125, layout="constrained")
         canvas = FigureCanvasAgg(sheet)
-        for axes, converted in zip(sheet.subplots(1, 2), (figure._percent, figure._factor)):
+        for axes, converted in zip(sheet.subplots(1, 2), (figure.percent_of_frame, figure.real_time_factor)):
             axes.set(xscale="log", xlim=(low, low * ratio))
-            figure._second(axes, converted, "share of a frame [%]")
+            figure.second_axis(axes, converted, "share of a frame [%]")
         canvas.draw()
         shown = 0
         for axes in sheet.axes:

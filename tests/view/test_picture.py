@@ -13,7 +13,7 @@ from rig.scenes.shipped import names
 from rig.view import contact
 from rig.view.base import Scale, scale_of
 from rig.view.belt import Belt
-from rig.view.blueprint import _axis, blueprint
+from rig.view.blueprint import blueprint, time_axis
 from rig.view.drawing import Drawing
 from rig.view.picture import picture_of
 
@@ -287,5 +287,5 @@ def test_every_rig_has_a_window(name, until):
 @pytest.mark.parametrize(("until", "window"), [(None, (-6.0, 1.5)), (20.0, (0.0, 25.0))])
 def test_the_curves_end_before_the_legend(until, window):
     """A fifth of the time axis lies behind the last sample (of a live run: behind now); the legend is there."""
-    [shown] = _axis(until).view_range.as_arrow_array().to_pylist()
+    [shown] = time_axis(until).view_range.as_arrow_array().to_pylist()
     assert (shown["start"] * 1e-9, shown["end"] * 1e-9) == pytest.approx(window)

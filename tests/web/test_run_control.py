@@ -10,10 +10,13 @@ from rig.web.run_control import RunControl
 
 
 class Follower:
-    """Follows nothing; a test tells its news."""
+    """Follows nothing; a test tells its news. `last`: the one that was made last."""
+
+    last = None
 
     def __init__(self, run, frame, news, arrived, trust):
         self.run, self.news, self.events, self.trust = run, news, [], trust
+        Follower.last = self
 
     def start(self):
         self.news("setup", {"scene": "belt", "title": "Mass on a belt"})
@@ -35,7 +38,7 @@ def control(monkeypatch):
 
 
 def test_a_followed_run_without_a_summary_has_lost_its_plant(control):
-    control._follower.news("left", None)
+    Follower.last.news("left", None)
     assert control.state["phase"] == "ended"
     assert "its plant died; the terminal that started it says why" in control.state["fault"]
 
@@ -49,7 +52,7 @@ def test_a_followed_run_that_is_left_has_no_fault(control):
 
 
 def test_news_of_a_run_before_the_present_one_count_for_nothing(control):
-    before = control._follower
+    before = Follower.last
     control.leave({})
     control.follow({"run": "belt-2"})
     before.news("left", None)

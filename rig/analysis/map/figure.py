@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#9d9d9d", "#d5e8dc", "#f6dfae", "#e7a79a", "#b9b9e0")  # of REGIONS
-_RUNS = {"up": (BLUE, "^"), "down": (VERMILION, "v"), "near": (GREEN, "x"), "far": (AMBER, "+")}
+RUN_STYLES = {"up": (BLUE, "^"), "down": (VERMILION, "v"), "near": (GREEN, "x"), "far": (AMBER, "+")}
 _LABELS = {"up": "run-up", "down": "run-down", "near": "near start", "far": "standing start"}
 _STYLE: dict[str, Any] = {
     "font.size": 10.5,
@@ -68,7 +68,7 @@ def _regions(axes: Axes, found: Map) -> None:
     for number, (run, label) in enumerate((("up", "run-up"), ("down", "run-down"))):
         ends = found.ends[number].mean(axis=1) / scale
         if not np.isnan(ends).all():
-            colour, marker = _RUNS[run]
+            colour, marker = RUN_STYLES[run]
             _line(axes, np.column_stack([ends, y]), "-", colour, marker, f"{label} loses vibration")
     axes.set(xlabel=job.x.title, ylabel=job.y.title)
     axes.margins(0.0)
@@ -109,7 +109,7 @@ def _bifurcation(figure: Figure, found: Map) -> None:
             label = "sliding loses stability (eigenvalue)" if axes is bottom else None
             axes.axvline(onset / found.job.x.scale, color="black", lw=1.0, ls="--", label=label)
     for run in settings.runs:
-        number, (colour, marker) = RUNS.index(run), _RUNS[run]
+        number, (colour, marker) = RUNS.index(run), RUN_STYLES[run]
         carried = run in ("up", "down")
         style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 5.5 if carried else 3.5, "mfc": "none"}
         style |= {"lw": 0.9 if carried else 0.0, "ls": "--" if run == "down" else "-"}
@@ -146,7 +146,13 @@ def _dither(axes: Axes, found: Boundary) -> None:
         x.shown_values, np.where(np.isinf(found.leading), np.nan, found.leading) / y.scale, "k:", label="leading order"
     )
     axes.errorbar(
-        x.shown_values[seen], middle / y.scale, half / y.scale, fmt="o", ms=4, color=_RUNS["up"][0], label="simulated"
+        x.shown_values[seen],
+        middle / y.scale,
+        half / y.scale,
+        fmt="o",
+        ms=4,
+        color=RUN_STYLES["up"][0],
+        label="simulated",
     )
     axes.set(xlabel=x.title, ylabel=y.title)
     axes.margins(0.0)

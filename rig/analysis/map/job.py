@@ -24,8 +24,8 @@ PERIODS = 480.0
 DITHER = ("dither.frequency", "dither.amplitude")
 _PART = 25  # points in a unit whose runs are not carried
 _FEW = 10  # points in a unit of a map with one axis, so that all cores have work
-_ROOT = Path(__file__).resolve().parents[2]
-_SOURCES = (
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = (
     "plants/**/*",
     "effects/**/*",
     "model/*",
@@ -133,7 +133,7 @@ class Job:
         """Hash (12 hex digits) of everything that the numbers depend on, sources included."""
         found = hashlib.sha256(f"{kernel.source_key()} {np.__version__} {self.scene.digest}".encode())
         found.update(json.dumps([_numbers(self.x), self.y and _numbers(self.y), asdict(self.settings)]).encode())
-        for path in sorted(path for source in _SOURCES for path in _ROOT.glob(f"{source}.py")):
+        for path in sorted(path for source in SOURCES for path in ROOT.glob(f"{source}.py")):
             found.update(path.name.encode() + path.read_bytes())
         return found.hexdigest()[:12]
 

@@ -59,7 +59,7 @@ def delayed(scene: Scene) -> list[Delayed]:
     found = []
     for name, section in scene.controllers.items():
         try:
-            ideal = loop(_with(scene, name, IDEAL, 0), name).growth
+            ideal = loop(with_delay(scene, name, IDEAL, 0), name).growth
             own = abs(loop(scene, name).growth / ideal - 1.0)
         except SceneError:
             continue
@@ -80,12 +80,12 @@ def _of_delay(scene: Scene, name: str, delay: int) -> float:
 def _growth(scene: Scene, name: str, period: int, delay: int) -> float:
     """The growth rate [1/s] of a loop; infinite if its controller cannot be designed."""
     try:
-        return loop(_with(scene, name, period, delay), name).growth
+        return loop(with_delay(scene, name, period, delay), name).growth
     except SceneError:
         return math.inf
 
 
-def _with(scene: Scene, name: str, period: int, delay: int) -> Scene:
+def with_delay(scene: Scene, name: str, period: int, delay: int) -> Scene:
     """The scene with another sample period and delay [ns] of one loop and of its sensor."""
     section = scene.controllers[name].model_copy(update={"period": period, "delay": delay})
     clock = scene.clock.model_copy(update={"frame": min(period, scene.frame_ns)})

@@ -55,8 +55,8 @@ def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path
                 label = f"recommended: {pick.setting}"
                 axes.plot(at(pick), _shown(pick, metric), "o", ms=17, mfc="none", mec="black", mew=1.6, label=label)
             axes.set(xscale="log", yscale="log")
-        _second(left, _percent, "share of a frame [%]")
-        _second(right, _factor, "real-time factor")
+        second_axis(left, percent_of_frame, "share of a frame [%]")
+        second_axis(right, real_time_factor, "real-time factor")
         left.set_ylabel("largest relative error of all measures" if metric == WORST else f"error of {metric}")
         labels = dict(zip(*reversed(left.get_legend_handles_labels())))
         figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=2)
@@ -144,7 +144,7 @@ _SHORT = 100.0
 """Ratio of the ends of an axis up to which the labels of its minor ticks have room beside those of the decades."""
 
 
-def _second(axes: Axes, converted: Callable[[float], float], label: str) -> None:
+def second_axis(axes: Axes, converted: Callable[[float], float], label: str) -> None:
     """Draw a second horizontal axis on top: the same values in another unit."""
     top = axes.twiny()
     low, high = axes.get_xlim()
@@ -166,12 +166,12 @@ def _some(value: float, _: float) -> str:
     return f"{value:g}" if f"{value:.0e}"[0] in "25" else ""
 
 
-def _percent(compute: float) -> float:
+def percent_of_frame(compute: float) -> float:
     """Compute time [us] as percent of 1 ms."""
     return 0.1 * compute
 
 
-def _factor(compute: float) -> float:
+def real_time_factor(compute: float) -> float:
     """Real-time factor of a compute time [us] for 1 ms."""
     return 1e3 / compute
 
