@@ -51,7 +51,8 @@ def stack(R: float, delta: float, **changes: Any) -> Scene:
     """Return the stack with its shunt tuned to 3400 Hz."""
     coil = (1.0 + delta) / (CAPACITANCE * (2.0 * math.pi * _HERTZ) ** 2)
     given = {"piezo__capacitance": CAPACITANCE, "piezo__coupling": COUPLING, "shunt__resistance": R,
-             "shunt__inductance": coil, "shunt__delta": delta, "sensors__vibrometer__rate": 2e4, "clock__unstable": "run"}  # fmt: skip
+             "shunt__inductance": coil, "shunt__delta": delta, "sensors__vibrometer__rate": 2e4,
+             "clock__unstable": "run"}  # fmt: skip
     return quiet(load("belt_shunt", **given, **changes))
 
 
