@@ -33,16 +33,17 @@ def doctor(
     from rig.qualify.doctor import doctor as examine
 
     found = examine(report=printing.note, names=scene or ())
-    if bundle is not None:
-        from rig.qualify.bug_report import bundle as packed
-
-        content, names = packed(found)
-        bundle.write_bytes(content)
-        printing.note(f"{bundle}: {', '.join(names)}; look into it before you send it")
     if as_json:
         printing.report(found.to_json())
     else:
         printing.line(found.text())
+    if bundle is not None:
+        from rig.qualify.bug_report import bundle as packed
+        from rig.user_files import write_file
+
+        content, names = packed(found)
+        write_file(bundle, content)
+        printing.note(f"{bundle}: {', '.join(names)}; look into it before you send it")
     if not found.ok:
         raise typer.Exit(ExitCode.FAILED)
 

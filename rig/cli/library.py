@@ -95,15 +95,17 @@ def _plain(one: Listed) -> dict[str, Any]:
 
 def note(
     log: Log,
-    text: Annotated[str, typer.Argument(metavar="TEXT", help="What to note. Without it the notes are printed.")] = "",
+    text: Annotated[
+        str | None, typer.Argument(metavar="TEXT", help="What to note. Without it the notes are printed.")
+    ] = None,
     tag: Annotated[list[str] | None, typer.Option("--tag", metavar="TAG", help="Add a tag. Repeatable.")] = None,
     as_json: Json = False,
 ) -> None:
     """Add a note or tags to a recording, or print its notes. They are kept in a file beside it."""
     from rig.record import user_notes
 
-    if text or tag:
-        user_notes.add(log, text, tag or ())
+    if text is not None or tag:
+        user_notes.add(log, text or "", tag or ())
     elif not log.exists():
         raise UsageError(f"{log}: no such file")
     found = user_notes.read(log)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -100,19 +101,26 @@ def add(log: Path, text: str, tags: Sequence[str] = ()) -> Note:
     note = Note(datetime.now(UTC).isoformat(timespec="seconds"), text, tags, digest(log))
     path = path_of(log)
     line = json.dumps({key: value for key, value in asdict(note).items() if value}, ensure_ascii=False) + "\n"
+    size: int | None = None
     try:
         takes(path)
         with path.open("a+b") as file:
-            if file.tell() + len(line.encode()) > _MOST:
+            size = file.tell()
+            if size + len(line.encode()) > _MOST:
                 raise OutputError(
                     f"{path} is full: with this note it would be larger than {_MOST >> 20} MiB; move it away"
                 )
-            if file.tell():
+            if size:
                 file.seek(-1, os.SEEK_END)
                 if file.read(1) != b"\n":  # the last line was cut off: this note does not become a part of it
                     line = "\n" + line
             file.write(line.encode())
     except OSError as fault:
+        with suppress(OSError):
+            if size:
+                os.truncate(path, size)  # without the part of the note that fitted
+            elif size == 0:
+                path.unlink()
         raise OutputError(f"{path} cannot be written: {fault.strerror}") from None
     return note
 

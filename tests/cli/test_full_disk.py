@@ -2,6 +2,7 @@
 
 import resource
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -60,6 +61,31 @@ def test_a_file_that_does_not_fit_is_named_and_goes(rig, logs, tmp_path, command
     assert str(path) in err
     assert "cannot be written" in err
     assert "Traceback" not in out + err
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("earlier", [b"", b'{"date": "2026-11-25", "text": "the first"}\n'])
+def test_of_a_note_that_does_not_fit_no_part_stays(rig, tmp_path, full, earlier):
+    log, notes = tmp_path / "log.mcap", tmp_path / "log.notes.jsonl"
+    full(1 << 20)
+    log.write_bytes((GOLDEN / "belt.mcap").read_bytes())
+    if earlier:
+        notes.write_bytes(earlier)
+    full(len(earlier) + 10)
+    code, _, err = rig("note", log, "a new pad")
+    assert code == 1
+    assert "log.notes.jsonl cannot be written: File too large" in err
+    assert (notes.read_bytes() if earlier else notes.exists()) == (earlier or False)
+
+
+def test_a_bundle_that_does_not_fit_is_named_and_the_report_is_printed(rig, tmp_path, full, monkeypatch):
+    found = SimpleNamespace(ok=True, scenes=[], text=lambda: "belt  VALID")
+    monkeypatch.setattr("rig.qualify.doctor.doctor", lambda **_: found)
+    full(1000)
+    code, out, err = rig("doctor", "belt", "--bundle", tmp_path / "bundle.zip")
+    assert code == 1
+    assert "belt  VALID" in out
+    assert "bundle.zip cannot be written: File too large" in err
     assert not [*tmp_path.iterdir()]
 
 
