@@ -3,7 +3,8 @@
 runner                plant and sensors of a scene; the result depends on ticks only. stepped_plant: steps them frame by
                       frame; commanded_plant: puts commands into force at a tick
 protocol              the steps of an experiment, due at ticks (actions, wait_condition)
-experiment            everything that happens at a tick between measurement and integration, the same in every mode
+experiment            everything that happens at a tick between measurement and integration, the same in every mode;
+                      outside_actions: knocks, controllers that are connected, admitted, dismissed
 exchange              commands: taken over, held, clamped, refused, replaced by safe values; command_queue: commands of
                       one controller; playback: commands of a recording
 tuning                values that an operator or the protocol changes while the rig runs

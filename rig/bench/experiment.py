@@ -15,7 +15,7 @@ between `begin` and `take_over` and recorded with their tick, so that the run ca
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -28,14 +28,14 @@ from rig.bench.exchange import Exchange
 from rig.bench.fault_times import FaultTimes
 from rig.bench.faulty_actuators import FaultyActuators
 from rig.bench.journal import OPERATOR, Journal
+from rig.bench.outside_actions import OutsideActions
 from rig.bench.postponed_steps import PostponedSteps
 from rig.bench.protocol import Progress, Protocol
 from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
 from rig.bench.tuning import Tuning, divided
 from rig.bus.impaired_link import counters
-from rig.errors import LogError, NumericsError, RigError, UsageError
-from rig.quantities import finite
+from rig.errors import LogError, NumericsError, RigError
 from rig.scenes.protocol import Connect, flat
 from rig.scenes.scene import Scene
 from rig.scenes.sections import controller_drives
@@ -47,7 +47,7 @@ BEGIN, BRANCH, PLANT, EMERGENCY = "begin", "branch", "plant", "emergency"
 Retune = Callable[[str, dict[str, Any]], None]
 
 
-class Experiment:
+class Experiment(OutsideActions):
     """The experiment of `scene` on `runner`. It ends after `duration_ns`, or when its protocol is done.
 
     `retune(controller, changes)` changes parameters of a controller, wherever it works. `events` are those of a
@@ -63,11 +63,11 @@ class Experiment:
         exchange: type[Exchange] = Exchange,
         events: Iterable[Mapping[str, Any]] = (),
     ) -> None:
-        self.scene, self.runner = scene, runner
-        self.journal = Journal(runner.frame_ns, lambda: runner.tick)
+        journal = Journal(runner.frame_ns, lambda: runner.tick)
         actuators = FaultyActuators(runner) if scene.faults else None
         links = scene.links("act", runner.bank.seed)
-        self.exchange = exchange(actuators or runner, runner.frame_ns, scene.clock.hold_frames, self.journal, links)
+        commands = exchange(actuators or runner, runner.frame_ns, scene.clock.hold_frames, journal, links)
+        super().__init__(scene, runner, commands, journal)
         self._faults = FaultTimes(scene, runner, self.journal, actuators)
         if actuators is not None:
             self.exchange.faulty = actuators.faulty
@@ -182,80 +182,6 @@ class Experiment:
         if not self.over:
             self.over = why
             self.journal.note("stop", why)
-
-    def knock(self, impulse: float, by: str = OPERATOR, duration_ns: int = 0) -> None:
-        """Strike the body at this tick with `impulse` [N s]; with a duration by a half sine of force."""
-        try:
-            finite(impulse, "N*s")
-        except ValueError as fault:
-            raise UsageError(f"the body cannot be knocked with an impulse of {impulse:g} N s: it {fault}") from None
-        self.runner.knock(impulse, duration_ns)
-        within = f" within {duration_ns / 1e9:g} s" if duration_ns else ""
-        self.journal.note("knock", f"knock with {impulse:g} N s{within}", by=by, impulse=impulse)
-
-    def switch(self, controller: str, on: bool, by: str = OPERATOR) -> None:
-        """Connect or disconnect a controller at this tick."""
-        if controller not in self.exchange.queues:
-            known = ", ".join(self.exchange.queues) or "none"
-            raise UsageError(f"no controller is called {controller:.80}; there are: {known}")
-        self.exchange.connect(controller, on)
-        word = "connected" if on else "disconnected"
-        self.journal.note(word, f"{controller} is {word}", by=by, controller=controller)
-
-    def admission(
-        self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False, gone: Collection[str] = ()
-    ) -> list[Wanted]:
-        """The rigs that `admit` needs, one after the other. Raises UsageError if this controller cannot be admitted.
-
-        `gone`: controllers that have left, whose actuators it takes.
-        """
-        if hears and period_ns != self.runner.frame_ns:
-            frame = f"{self.runner.frame_ns / 1e6:g} ms"
-            raise UsageError(f"{controller:.80} reads every sample, so its period must be one frame, {frame}")
-        if controller in self.scene.controllers:
-            raise UsageError(f"the scene already has a controller {controller}; give yours another name")
-        self.exchange.check(controller, drives, period_ns, gone)
-        lacking = self.runner.lacking(drives)
-        found = [wanted for other in gone for wanted in self.given_back(other)]
-        return [*found, *([Wanted({}, lacking)] if lacking else []), *self.given_back(controller)]
-
-    def given_back(self, controller: str) -> list[Wanted]:
-        """The rigs that are needed, one after the other, to disconnect a controller."""
-        queue = self.exchange.queues.get(controller)
-        back = self.exchange.given_back(queue) if queue is not None else {}
-        return [Wanted({drive: value}) for drive, value in back.items() if self.runner.rebuilds(drive, value)]
-
-    def admit(
-        self,
-        controller: str,
-        drives: Sequence[str],
-        period_ns: int,
-        hears: bool = False,
-        gone: Collection[str] = (),
-        delay_ns: int = 0,
-    ) -> None:
-        """Admit a controller that is not in the scene; it drives actuators that no other controller drives.
-
-        `gone`: controllers that have left, whose actuators it takes. `delay_ns`: additional delay of its loop. Raises
-        UsageError, and then changes nothing.
-        """
-        for variant in self.runner.variants.build_all(self.admission(controller, drives, period_ns, hears, gone)):
-            self.runner.variants.keep(variant)
-        for other in gone:  # from here on nothing can be refused
-            self.dismiss(other)
-        self.runner.go_on(Wanted({}, self.runner.lacking(drives)))
-        if controller in self.exchange.queues:
-            self.exchange.dismiss(controller)
-        self.exchange.admit(controller, drives, period_ns, delay_ns)
-        text = f"{controller} is admitted and drives {', '.join(drives)}"
-        data = {"controller": controller, "drives": list(drives), "period_ns": period_ns}
-        data |= {"delay_ns": delay_ns} if delay_ns else {}
-        self.journal.note("admitted", text, by=OPERATOR, **data)
-
-    def dismiss(self, controller: str) -> None:
-        """Remove a controller that was admitted and has left: its actuators return to the values of the protocol."""
-        self.exchange.dismiss(controller)
-        self.journal.note("dismissed", f"{controller} is dismissed", by=OPERATOR, controller=controller)
 
     def _repeat(self, event: Mapping[str, Any]) -> None:
         """Carry out a recorded action of an operator. Raises LogError for one that this rig cannot have recorded."""
