@@ -1,9 +1,11 @@
 """The benchmark of studies: its works can be carried out, and a point that computes nothing costs next to nothing."""
 
+import numpy as np
 import pytest
 
-from rig.qualify.benchmarks.rates import rate
-from rig.qualify.benchmarks.studies import Empty, points
+from rig.qualify.benchmarks import rates
+from rig.qualify.benchmarks.rates import Rate, Workers, compared, rate
+from rig.qualify.benchmarks.studies import Empty, overhead_ms, points
 
 
 @pytest.mark.parametrize("what", ["P1", "loop"])
@@ -14,4 +16,18 @@ def test_the_works_are_studies(what):
 
 
 def test_a_point_costs_less_than_a_millisecond():
-    assert rate(Empty(4_000), 1).units > 1_000.0
+    assert overhead_ms(quick=True) < 1.0
+
+
+def test_a_rate_counts_from_the_instant_at_which_all_workers_have_finished_a_unit(monkeypatch):
+    """Two workers, ten units of 1 s, the second one 2.5 s late: 6.5 units, then idle for 0.5 s of 3.5 s."""
+    times = [(1.0, t, t + 1.0) for t in range(7)] + [(2.0, t + 2.5, t + 3.5) for t in range(3)]
+    found = {k: {"#times": np.array(one)} for k, one in enumerate(times)}
+    monkeypatch.setattr(rates, "carry_out", lambda *a, **kw: found)
+    assert rate(Empty(10), Workers(2)).units == pytest.approx((3.5 + 2.0) / 3.5)
+
+
+def test_efficiency_is_the_median_of_the_rounds():
+    two = compared([Rate(19.0, 1.0), Rate(5.0, 1.0), Rate(18.0, 2.0)], [Rate(10.0, 1.0)] * 3, 2)
+    assert two["efficiency"] == pytest.approx(0.9)
+    assert (two["least"], two["greatest"]) == pytest.approx((0.25, 0.95))

@@ -92,19 +92,18 @@ def main() -> int:
             f"efficiency {m['efficiency']:.2f} {verdict}")  # fmt: skip
 
     def studied() -> None:
-        say("\nstudies: points per second with one and two workers, from the first result to the last")
+        say("\nstudies: points per second, one worker, two, and two of dask in turns; efficiency: median (range)")
         dask = importlib.util.find_spec("distributed") is not None
         found["studies"] = {}
         for what in ("P1", "loop"):
             found["studies"][what] = s = studies.measured(what, quick, dask)
-            verdict = judged(f"study {what}", s["efficiency"], "study")
-            one, two = s["one"], s["two"]
-            say(f"  {what}, {s['points']} points: one {one['units']:.3g}/s, two {two['units']:.3g}/s, "
-                f"efficiency {s['efficiency']:.2f} {verdict}; first result after {two['start']:.1f} s")  # fmt: skip
-            if dask:
-                verdict = judged(f"study {what} on dask", s["efficiency_dask"], "study_dask")
-                say(f"    dask: two {s['dask']['units']:.3g}/s, efficiency {s['efficiency_dask']:.2f} {verdict}; "
-                    f"first result after {s['dask']['start']:.1f} s")  # fmt: skip
+            say(f"  {what}, {s['rounds']} rounds of {s['units']} points for each worker: one {s['one']['units']:.3g}/s")
+            for name, floor in (("two", "study"), ("dask", "study_dask")):
+                if name in s:
+                    m = s[name]
+                    verdict = judged(f"study {what}, {name}", m["efficiency"], floor)
+                    say(f"    {name}: {m['units']:.3g}/s, efficiency {m['efficiency']:.3f} ({m['least']:.2f} to "
+                        f"{m['greatest']:.2f}) {verdict}; first result after {m['start']:.1f} s")  # fmt: skip
         if not dask:
             say("  dask is not installed: not measured")
         found["studies"]["overhead_ms"] = ms = studies.overhead_ms(quick)

@@ -1,27 +1,107 @@
-"""The rate of a work of many units, from its first result to its last: the start takes seconds, whatever follows."""
+"""The rate of a work of many units with different numbers of workers, in turns: this machine's own speed changes.
+
+A rate counts from the instant at which every worker has finished a unit to the end of the last one: workers take
+seconds to start, whatever follows. Of a unit that is under way at the first instant, only the rest counts.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
 
-from rig.analysis.pool import Work, carry_out, temporary
+import numpy as np
+
+from rig.analysis.pool import Arrays, Work, carry_out, temporary
+from rig.analysis.pool.work import from_text, to_text
+
+
+class Workers(NamedTuple):
+    """`number` worker processes of this machine, or of a dask cluster that is started for them."""
+
+    number: int
+    cluster: str = ""
 
 
 @dataclass(frozen=True)
 class Rate:
-    """Units per second from the first result to the last, and the time to the first result [s]."""
+    """Units per second, and the time to the first result [s]."""
 
     units: float
     start: float
 
 
-def rate(work: Work, workers: int, cluster: str = "") -> Rate:
-    """Measure a work with worker processes of this machine, or with a dask cluster that is started for it."""
-    told: list[tuple[float, int]] = []
-    begin = time.perf_counter()
-    with temporary(work) as store:
-        carry_out(work, store, workers, lambda done, _: told.append((time.perf_counter(), done)), True, cluster)
-    end = time.perf_counter()
-    first, count = next((at, done) for at, done in told if done)
-    return Rate((work.total - count) / (end - first), first - begin)
+@dataclass(frozen=True)
+class Timed:
+    """A work whose results are process, begin and end of each unit, as a work (rig.analysis.pool)."""
+
+    work: Work
+    name = "timed"
+    digest = ""
+
+    @property
+    def total(self) -> int:
+        """Number of units."""
+        return self.work.total
+
+    def prepare(self) -> None:
+        """Compile what the units need."""
+        self.work.prepare()
+
+    def compute(self, unit: int) -> Arrays:
+        """Compute a unit; return when. The clock is the same in all processes."""
+        begin = time.monotonic()
+        found = self.work.compute(unit)
+        return found | {"#times": np.array([os.getpid(), begin, time.monotonic()])}
+
+    def failed(self, unit: int, why: str) -> Arrays:
+        """Return the result of the work."""
+        return self.work.failed(unit, why)
+
+    def to_json(self) -> str:
+        """Return the work as JSON text."""
+        return json.dumps({"timed": to_text(self.work)})
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return the work of a text by `to_json`."""
+        return cls(from_text(json.loads(text)["timed"]))
+
+
+def rate(work: Work, workers: Workers) -> Rate:
+    """Measure a work with one kind of workers."""
+    began = time.monotonic()
+    with temporary(timed := Timed(work)) as store:
+        found = carry_out(timed, store, workers.number, apart=True, cluster=workers.cluster)
+    process, begin, end = np.array([one["#times"] for one in found.values()]).T
+    first = max(end[process == one].min() for one in np.unique(process))
+    counted = np.clip(end - np.maximum(begin, first), 0.0, None) / (end - begin)
+    return Rate(float(counted.sum() / (end.max() - first)), float(end.min() - began))
+
+
+def rounds(make: Callable[[int], Work], kinds: Sequence[Workers], units: int, count: int) -> list[list[Rate]]:
+    """Measure kinds of workers in turns, `count` times; return [kind][round].
+
+    `make`: returns the work with a number of units; each worker gets `units` of them.
+    """
+    found: list[list[Rate]] = [[] for _ in kinds]
+    for turn in range(count):
+        order = range(len(kinds)) if turn % 2 == 0 else reversed(range(len(kinds)))
+        for k in order:
+            found[k].append(rate(make(units * kinds[k].number), kinds[k]))
+    return found
+
+
+def compared(found: Sequence[Rate], one: Sequence[Rate], workers: int) -> dict[str, Any]:
+    """Return medians over the rounds: rate, start, and efficiency, the gain over `one` worker for each of `workers`."""
+    gains = [a.units / (workers * b.units) for a, b in zip(found, one)]
+    return {
+        "units": float(np.median([a.units for a in found])),
+        "start": float(np.median([a.start for a in found])),
+        "efficiency": float(np.median(gains)),
+        "least": min(gains),
+        "greatest": max(gains),
+    }

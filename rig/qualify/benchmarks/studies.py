@@ -4,25 +4,28 @@ P1     tests/problems/p1.toml for 100 s, RMS of the displacement, over the load
 loop   the pendulum with sensors and controller for 2 s, RMS of the velocity, over the gain of its controller
 empty  units that compute nothing: what distributing, saving and reading a point costs
 
-Rates are those of rig.qualify.benchmarks.rates.
+One worker, two, and two of dask take turns, for some seconds each; efficiencies are medians over the rounds.
 """
 
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from rig.analysis.pool import Arrays, Work
+from rig.analysis.pool import Arrays, Work, carry_out, temporary
 from rig.analysis.studies import prepared
-from rig.qualify.benchmarks.rates import rate
+from rig.qualify.benchmarks.rates import Workers, compared, rate, rounds
 from rig.scenes import load
 
 P1 = Path(__file__).parents[3] / "tests" / "problems" / "p1.toml"
-_WALL, _QUICK = 40.0, 8.0  # s of one worker
+ONE, TWO, DASK = Workers(1), Workers(2), Workers(2, "local")
+_ROUND, _ROUNDS = 6.0, 5  # s of a round
+_QUICK, _FEW = 3.0, 3
 
 
 @dataclass(frozen=True)
@@ -64,18 +67,24 @@ def points(what: str, count: int) -> Work:
 
 
 def measured(what: str, quick: bool, dask: bool) -> dict[str, Any]:
-    """Return the rates with one and two workers and the efficiency, and with `dask` those of two workers of dask."""
-    one = rate(points(what, 40), 1)
-    count = max(int(one.units * (_QUICK if quick else _WALL)), 40)
-    work = points(what, count)
-    one, two = rate(work, 1), rate(work, 2)
-    found = {"points": count, "one": vars(one), "two": vars(two), "efficiency": two.units / (2.0 * one.units)}
-    if dask:
-        both = rate(work, 2, "local")
-        found |= {"dask": vars(both), "efficiency_dask": both.units / (2.0 * one.units)}
-    return found
+    """Return what `compared` says about one worker and two, and with `dask` about two workers of dask."""
+    kinds = [ONE, TWO, *([DASK] if dask else [])]
+    alone = rate(points(what, 40), ONE).units
+    units = max(int(alone * (_QUICK if quick else _ROUND)), 40)
+    found = rounds(lambda count: points(what, count), kinds, units, _FEW if quick else _ROUNDS)
+    names = ("one", "two", "dask")
+    return {name: compared(some, found[0], kind.number) for name, kind, some in zip(names, kinds, found)} | {
+        "units": units,
+        "rounds": len(found[0]),
+    }
 
 
 def overhead_ms(quick: bool) -> float:
-    """Return what an empty point costs with two workers [ms]."""
-    return 1e3 / rate(Empty(5_000 if quick else 50_000), 2).units
+    """Return what an empty point costs with two workers [ms], from the first result to the last one read again."""
+    work = Empty(5_000 if quick else 50_000)
+    told: list[tuple[float, int]] = []
+    with temporary(work) as store:
+        carry_out(work, store, 2, lambda done, _: told.append((time.perf_counter(), done)), apart=True)
+    end = time.perf_counter()
+    first, count = next((at, done) for at, done in told if done)
+    return 1e3 * (end - first) / (work.total - count)
