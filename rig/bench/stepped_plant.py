@@ -66,6 +66,7 @@ class SteppedPlant:
         self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
         self.controllers = _room(scene)
         self.random_numbers = Numbers(system, scene.seed)
+        surroundings = Surroundings(self.bank.loan.content, self.controllers, self.random_numbers.record)
         self.motion = Motion(
             system,
             self.step_ns,
@@ -78,9 +79,7 @@ class SteppedPlant:
             limit=clock.limit,
             longest=ROWS if truthful else piece * self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
-            frames=Frames(
-                self.steps, Loan(Surroundings(self.bank.loan.content, self.controllers, self.random_numbers.record))
-            ),
+            frames=Frames(self.steps, Loan(surroundings), collects=truthful),
             smoothing=clock.smoothing,
         )
         self._index = {name: i for i, name in enumerate(system.names)}
@@ -149,8 +148,8 @@ class SteppedPlant:
     def frames(self, most: int) -> None:
         """Step plant and sensors by 1 to `most` frames in one piece.
 
-        It ends earlier after a frame with an event, when a limit is exceeded, or when the sensor bank is full; the bank
-        then holds the samples of these frames.
+        It ends earlier when a limit is exceeded, when the sensor bank is full, and when many events have happened; the
+        bank then holds the samples of these frames.
         """
         if self._look:
             if self.bank.short:
@@ -186,10 +185,11 @@ class SteppedPlant:
         if motion.kept + self.steps > ROWS:
             self.hand_over(truth)
         room = (ROWS - motion.kept) // self.steps
-        look = motion.advance(min(most, room) * self.steps, keep=True)
-        if look and motion.event_count:
-            truth.happened(motion.system, *motion.met())
-        return look
+        try:
+            return motion.advance(min(most, room) * self.steps, keep=True)
+        finally:
+            if motion.event_count:
+                truth.happened(motion.system, *motion.met())
 
     def hand_over(self, truth: Truth) -> None:
         """Give `truth` the steps that the motion has kept, as outputs computed with the present matrices."""

@@ -23,15 +23,17 @@ from rig.solve.records import (
     SUBDIVIDED,
     TICK,
     TRIALS,
-    MotionLog,
     MotionRecords,
     MotionState,
+    empty_log,
 )
 from rig.solve.segment_output import empty_segments
 
 Array = NDArray[np.float64]
 SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
 """Room for the smooth segments of a frame, to begin with and at most."""
+_COLLECTED = 1 << 12
+"""Room for the events of all frames of a call."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,14 @@ class MotionMemory:
     """State, log and smooth segments of a motion at tick `tick`, lent to compiled code as `loan`.
 
     `made`: the system with its workspace and plan. `cap`, `bounds`: see `rig.motion.motion.Motion`. `kept`: number of
-    ticks in the log; `_first`: the first of them that the last call has added.
+    ticks in the log; `_first`: the first of them that the last call has added. `collects`: keep the events of all
+    frames of a call, not only of the last one.
     """
 
-    def __init__(self, made: Ready, integration: Integration, cap: int, bounds: Mapping[int, float]) -> None:
-        self.integration, self._cap = integration, cap
+    def __init__(
+        self, made: Ready, integration: Integration, cap: int, bounds: Mapping[int, float], collects: bool
+    ) -> None:
+        self.integration, self._cap, self._collects = integration, cap, collects
         self.tick = self._first = self.kept = 0
         self.segments = empty_segments(integration.read, SEGMENTS)
         self._take(made)
@@ -83,16 +88,14 @@ class MotionMemory:
 
     def _make_room(self, rows: int, ticks: int) -> None:
         """Make room for rows of states, and for the events that a block of `ticks` may have."""
-        none = np.zeros(0)
-        self.log = MotionLog(
-            np.zeros((rows, self.system.n)), np.zeros(rows, dtype=np.int64), none.astype(np.int64), none
-        )
+        self.log = empty_log(rows, self.system.n)
         self._make_room_for_events(ticks)
 
     def _make_room_for_events(self, ticks: int) -> None:
         """Make room for the events that a block of `ticks` may have."""
         events = self._cap * max(1, ticks // 10)
-        self.log = self.log._replace(event=np.zeros((events, 4), dtype=np.int64), place=np.zeros(events))
+        new = empty_log(0, 0, events, max(_COLLECTED, 2 * events) if self._collects else 0)
+        self.log = new._replace(out=self.log.out, modes=self.log.modes)
         self._ticks = ticks
         self._lend()
 
@@ -167,11 +170,11 @@ class MotionMemory:
 
     @property
     def event_count(self) -> int:
-        """The number of events in the last call of `advance`."""
-        return int(self.state.ic[EVENTS])
+        """The number of events in the last call of `advance`, or in its last frame if they are not collected."""
+        return int(self.log.collected[0] if self._collects else self.state.ic[EVENTS])
 
     def events(self) -> list[Event]:
-        """The events of the last call of `advance`."""
+        """The events that `event_count` counts."""
         first, events, places = self.met()
         met = zip(events.tolist(), places.tolist())
         return [
@@ -180,9 +183,11 @@ class MotionMemory:
         ]
 
     def met(self) -> tuple[int, NDArray[np.int64], Array]:
-        """The events of the last call as numbers, with ticks counted from the returned first tick.
+        """The events that `event_count` counts as numbers, with ticks counted from the returned first tick.
 
         Returns first tick; [event, 4] tick, guard kind, owner, key before; [event] places in the tick.
         """
-        count = self.event_count
-        return self.tick - int(self.state.ic[TICK]), self.log.event[:count].copy(), self.log.place[:count].copy()
+        log, count = self.log, self.event_count
+        if self._collects:
+            return self.tick - self.kept, log.met[:count].copy(), log.met_place[:count].copy()
+        return self.tick - int(self.state.ic[TICK]), log.event[:count].copy(), log.place[:count].copy()

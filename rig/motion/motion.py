@@ -35,11 +35,12 @@ class Frames(NamedTuple):
     """How a motion is advanced together with instruments and controllers: in frames of `steps` ticks.
 
     `surroundings`: a rig.solve.frames.Surroundings. An advance may end early, after a frame at which the caller has to
-    act.
+    act. An event is such a case, unless `collects`: then events are collected as long as there is room for them.
     """
 
     steps: int
     surroundings: Loan
+    collects: bool = False
 
 
 class Motion(MotionMemory):
@@ -88,10 +89,16 @@ class Motion(MotionMemory):
             loans,
         )
         self._kernel: Any = advance if frames is None else advance_frames
-        self._more = frames or ()
+        self._more = () if frames is None else frames[:2]
         self._block = None if frames is None else frames.steps
         self._built_ahead = 0
-        super().__init__(prepared(system, outputs or [], integration), integration, cap, bounds or {})
+        super().__init__(
+            prepared(system, outputs or [], integration),
+            integration,
+            cap,
+            bounds or {},
+            frames is not None and frames.collects,
+        )
         self._make_room(longest, self._block or longest)
         self.restart(self.system.start)
         self._prepare()
@@ -234,7 +241,7 @@ class Motion(MotionMemory):
         """Advance the state by `ticks` ticks. `states` and `mode_sets_of_states` then hold what was reached.
 
         `keep`: append to what earlier calls kept; set `kept` to 0 to begin anew. Returns True if an advance in `frames`
-        ended, perhaps early, after a frame at which the caller has to act; `events` are then those of this frame.
+        ended, perhaps early, after a frame at which the caller has to act.
         """
         first = self.kept if keep else 0
         last = first + ticks

@@ -17,13 +17,12 @@ from rig.motion.compiled_parts import addresses
 from rig.solve import dopri5, exact, expm, film_steps, kick, rk4, runge_kutta_stage
 from rig.solve.advance import advance, advance_block, evaluate_outputs
 from rig.solve.frames import advance_frames
-from rig.solve.records import MotionLog, MotionPlan, MotionRecords, MotionState
+from rig.solve.records import MotionPlan, MotionRecords, MotionState, empty_log
 from rig.solve.segment_output import empty_segments
 from rig.solve.specialised import ANY, KernelShape
 
 _STATE = (np.int64, float, float, float, float, np.int64, np.int64, float)
 """Types of the arrays of MotionState."""
-_WHOLE = np.zeros((0, 4), dtype=np.int64)
 
 
 def plan(
@@ -76,7 +75,7 @@ def plan(
             empty(system, 1.0, 0, 0, 0),
             workspace(system, 0, 0),
             MotionState(*(np.zeros(0, dtype=kind) for kind in _STATE)),
-            MotionLog(np.zeros((0, 0)), np.zeros(0, dtype=np.int64), _WHOLE, np.zeros(0)),
+            empty_log(0, 0),
             empty_segments(0, 0),
             made,
         )

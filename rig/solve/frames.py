@@ -1,15 +1,15 @@
 """One compiled loop that advances plant, instruments and controllers through many frames.
 
-It runs until the caller has to act, and then ends after a frame: after an event, an output beyond its bound, exhausted
-random numbers, a full sample buffer, or an unusual command. A single frame and a thousand frames without an
-interruption run the same code and give the same bits.
+It runs until the caller has to act, and then ends after a frame: an event that cannot be collected, an output beyond
+its bound, exhausted random numbers, a full sample buffer, or an unusual command. A single frame and a thousand frames
+without an interruption run the same code and give the same bits.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from rig.kernel import kernel
+from rig.kernel import inlined, kernel
 from rig.solve.advance import begin_block
 from rig.solve.contact_state import DONE, LOOK
 from rig.solve.control_loop import NOW, ControllerTables, run_controllers
@@ -27,6 +27,20 @@ class Surroundings(NamedTuple):
     random_numbers: RandomNumbers
 
 
+@inlined
+def collect(log, events):
+    """Append the events of a frame to MotionLog.met, if it has rows; whether there is room for another frame's."""
+    done, most = log.collected[0], log.met.shape[0]
+    if most == 0:
+        return False
+    for e in range(events):
+        for c in range(4):
+            log.met[done + e, c] = log.event[e, c]
+        log.met_place[done + e] = log.place[e]
+    log.collected[0] = done + events
+    return done + events + log.event.shape[0] <= most
+
+
 @kernel
 def advance_frames(tables, loan, begin, first, last, steps, surroundings):
     """Advance plant and instruments from row `first` of the log to row `last`, `steps` rows per frame.
@@ -38,6 +52,8 @@ def advance_frames(tables, loan, begin, first, last, steps, surroundings):
     work, state, log, seg, plan = loan.work, loan.state, loan.log, loan.segments, loan.plan
     ic, instruments, controllers = state.ic, surroundings.instruments, surroundings.controllers
     origin = first if begin else ic[REACHED]
+    if begin:
+        log.collected[0] = 0
     while True:
         if begin:
             if origin > first and not run_controllers(controllers, instruments.latest, state.x):
@@ -53,7 +69,8 @@ def advance_frames(tables, loan, begin, first, last, steps, surroundings):
         run_instruments(instruments, seg)
         origin = end
         controllers.clock[NOW] += 1
-        if ic[EVENTS] or ic[BEYOND] >= 0 or instruments.clock[SHORT] or used_up(surroundings.random_numbers):
+        full = ic[EVENTS] > 0 and not collect(log, ic[EVENTS])
+        if full or ic[BEYOND] >= 0 or instruments.clock[SHORT] or used_up(surroundings.random_numbers):
             return LOOK
         if origin == last:
             return DONE

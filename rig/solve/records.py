@@ -78,6 +78,16 @@ class MotionLog(NamedTuple):
     modes: NDArray[np.int64]  # [tick]
     event: NDArray[np.int64]  # [event, 4] tick, guard kind, owner, key before
     place: Array  # [event] place in the tick
+    met: NDArray[np.int64]  # [all, 4] like `event`, of all frames of a call; no rows: not collected
+    met_place: Array  # [all] like `place`
+    collected: NDArray[np.int64]  # [1] number of events in `met`
+
+
+def empty_log(rows: int, n: int, events: int = 0, collected: int = 0) -> MotionLog:
+    """A log with room for `rows` ticks of `n` states, `events` in a frame and `collected` in all frames of a call."""
+    whole = [np.zeros((count, 4), dtype=np.int64) for count in (events, collected)]
+    ticks, none = np.zeros(rows, dtype=np.int64), np.zeros(1, dtype=np.int64)
+    return MotionLog(np.zeros((rows, n)), ticks, whole[0], np.zeros(events), whole[1], np.zeros(collected), none)
 
 
 class MotionState(NamedTuple):
