@@ -136,7 +136,11 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
     faults, events = [*unknown(run, again), *_gaps(run, again)], 0
     if not run.damage:
         faults += [*command_faults(log, run, scene), *_network(run, again)]
-    if not (run.damage or set(elsewhere) - ROUNDED):
+    if run.damage:
+        notes.append("events were not compared, because of the damage")
+    elif other := sorted(set(elsewhere) - ROUNDED):
+        notes.append(f"events and mode sets were not compared: it was recorded with another {' and '.join(other)}")
+    else:
         end_ns = round(openings.first * 1e9) if chaotic and openings.first is not None else duration_ns(run)
         events, others = differences(run, again, end_ns, exact=not elsewhere)
         faults += others

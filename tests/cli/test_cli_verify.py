@@ -78,6 +78,7 @@ def test_a_recording_of_other_sources_may_round_otherwise_but_not_differ(rig, lo
     code, out, _ = rig("verify", tmp_path / "rounded.mcap")
     assert code == 0
     assert "recorded elsewhere: other kernel" in out
+    assert "events and mode sets were not compared: it was recorded with another kernel" in out
     run.signals["velocity"] *= 1.0 + 1e-4
     save(run, tmp_path / "other.mcap")
     code, out, _ = rig("verify", tmp_path / "other.mcap")
