@@ -156,6 +156,12 @@ def test_after_a_limit_no_checkpoint_is_kept(monkeypatch):
     assert max(run.checkpoints, default=0) <= at
 
 
+def test_a_rig_without_sensors_has_checkpoints(monkeypatch):
+    scene = dataclasses.replace(rig.load("belt"), sensors={})
+    kept(monkeypatch, scene, 0.2)
+    assert rig.simulate(scene, 0.2).checkpoints
+
+
 def test_a_checkpoint_holds_numbers_only():
     arrays = {"x": np.array([1.0, -0.0, np.nan]), "key": np.array([[3, 4]]), "pole": np.array([1j])}
     found = unpacked(packed(arrays))

@@ -181,7 +181,7 @@ class Bank:
             for stream, noise, gaps, s in zip(self._streams, self._noise, self._gaps, self._fronts)
         ]
         return {
-            "fronts": self._fronts.copy().view(np.uint8).reshape(len(self.names), -1),
+            "fronts": self._fronts.copy().view(np.uint8).reshape(-1, INSTRUMENT.itemsize),
             "poles": self._poles.copy(),
             "waiting": self.loan.content.queue.copy(),
             "past": self._past.copy(),
