@@ -79,13 +79,19 @@ class Places:
         return None
 
     def near(self, key: str) -> Place | None:
-        """The place that gave or removed the value `key`, or else the table that should contain it."""
-        while key:
-            found = self.of(key) or self._taken(key)
+        """The place that gave or removed the value `key`, or else the table that should contain it.
+
+        For a table of the scene that is nowhere: the place of its plant, which needs the table.
+        """
+        if self.of(key) is None and any(change.startswith(f"{key}.") for change in self._changes):
+            return Place("", 0)
+        inside = key
+        while inside:
+            found = self.of(inside) or self._taken(inside)
             if found is not None:
                 return found
-            key = key[: max(key.rfind("."), key.rfind("["), 0)]
-        return None
+            inside = inside[: max(inside.rfind("."), inside.rfind("["), 0)]
+        return None if "." in key else self.of("plant")
 
     def _taken(self, key: str) -> Place | None:
         """The place of the "none" that removed the value `key`."""

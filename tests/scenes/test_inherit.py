@@ -288,3 +288,8 @@ def test_a_scene_of_json_has_no_places(write):
     again = scenes.Scene.from_json(mine.to_json())
     assert again == mine
     assert (again.bases, again.place("load.force")) == ((), None)
+
+
+def test_a_table_that_a_new_plant_lacks_has_the_line_of_the_plant(write):
+    told = faults(write("mine.toml", 'based_on = "belt"\n\nplant = "pin"\n'))
+    assert "pin: is missing; expected a table with mass, stiffness, tilt (mine.toml, line 3)" in told

@@ -68,8 +68,8 @@ def test_all_faults_of_a_section_are_told_at_once():
         'network.act.nf.loss = "120 %": must be at most 1 (given with -p)',
         'network.act.nf.duplicate = "3 kg": expected a unit that converts to 1 (no unit) (given with -p)',
         "network.act.nf.reorder = 3: expected true or false (given with -p)",
-        "network.meas.vibromter: unknown sensor; did you mean vibrometer?",
-        "network.act.fn: unknown controller; known: nf",
+        "network.meas.vibromter: unknown sensor; did you mean vibrometer? (given with -p)",
+        "network.act.fn: unknown controller; known: nf (given with -p)",
     ]
 
 
