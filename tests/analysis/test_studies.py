@@ -257,6 +257,38 @@ def test_a_function_without_a_file_is_computed_in_this_process_only(belt, tmp_pa
         study(work, tmp_path, workers=2)
 
 
+def test_functions_of_the_same_code_that_use_other_things_do_not_share_results(belt, tmp_path):
+    """Names, closures: neither is in the code or the constants of a function."""
+
+    def times(factor):
+        return lambda run: factor * run.signals["velocity"].max()
+
+    found = [
+        study(prepared(belt, {"load.force": [10.0]}, [one], duration=0.05), tmp_path).values.item()
+        for one in (times(1.0), times(2.0), lambda run: run.signals["velocity"].min())
+    ]
+    assert found[1] == 2.0 * found[0]
+    assert found[2] < found[0]
+
+
+@pytest.mark.parametrize("given", [None, "fast", "12", np.ones(2), 1j, (1.0, 5), (1.0, "m", "x")])
+def test_what_is_no_number_is_told_as_the_function_returned_it(belt, tmp_path, given):
+    found = study(prepared(belt, {"load.force": [10.0]}, [lambda run: given], duration=0.01), tmp_path)
+    assert np.isnan(found.values).all()
+    assert found.reasons[0].startswith("<lambda> returned ")
+    assert found.reasons[0].endswith(": expected a number, or number and unit")
+
+
+def test_values_of_a_function_in_several_units_are_converted_to_the_first(belt, tmp_path):
+    told = {10.0: (10.0, "N"), 20.0: (2e4, "mN"), 30.0: (1.0, "m")}
+    work = prepared(belt, {"load.force": [10.0, 20.0, 30.0]}, [lambda run: told[run.signals["normal_force"][0]]],
+                    duration=0.01)  # fmt: skip
+    found = study(work, tmp_path)
+    assert found.units == ("N",)
+    assert found.values[:2, 0].tolist() == pytest.approx([10.0, 20.0])
+    assert found.reasons[2] == "<lambda> has the unit m here, N at other points"
+
+
 def test_a_file_that_starts_a_study_when_it_is_loaded_is_told(belt, tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import math
+import secrets
 import sys
 import traceback
 from collections.abc import Callable
@@ -15,17 +16,22 @@ from typing import Any
 
 from rig.errors import UsageError
 from rig.record.run import Run
+from rig.scenes.faults import shortened
 from rig.user_files import contents
 
 _OWN: dict[str, Callable[[Run], Any]] = {}
-"""Functions of this process that no file holds: name -> function."""
+"""Functions of this process that no file holds, by a random text: what else they use (globals, closures) may differ
+although their code is the same, so that no other process finds results of theirs."""
 _LOADING: list[str] = []
 """Files that this process runs at the moment, because they define a measure."""
 
 
 @dataclass(frozen=True)
 class Function:
-    """A function `name` of the file `file` with the source `text`; without a file it exists in this process only."""
+    """A function `name` of the file `file` with the source `text`.
+
+    Without a file it exists in this process only, and `text` is a random one.
+    """
 
     name: str
     file: str = ""
@@ -43,15 +49,20 @@ class Function:
     def value(self, run: Run) -> tuple[float, str, str]:
         """Return its value, the unit and, for a value that is missing, the reason."""
         try:
-            found = (self._loaded() if self.portable else _OWN[self.name])(run)
-            value, unit = found if isinstance(found, tuple) else (found, "")
-            number = float(value)
+            found = (self._loaded() if self.portable else _OWN[self.text])(run)
         except UsageError as fault:
             return math.nan, "", str(fault)
-        except Exception as fault:
+        except (Exception, SystemExit) as fault:
             line = next((f" (line {at.lineno})" for at in reversed(traceback.extract_tb(fault.__traceback__))), "")
             return math.nan, "", f"{self.name}: {type(fault).__name__}: {fault}{line}"
-        return number, str(unit), "" if math.isfinite(number) else f"{self.name} is {number}"
+        value, unit = found if isinstance(found, tuple) and len(found) == 2 else (found, "")
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = None
+        if number is None or isinstance(value, str) or not isinstance(unit, str):
+            return math.nan, "", f"{self.name} returned {shortened(repr(found))}: expected a number, or number and unit"
+        return number, unit, "" if math.isfinite(number) else f"{self.name} is {number}"
 
     def _loaded(self) -> Callable[[Run], Any]:
         module = _module(self.file, self.text)
@@ -75,17 +86,17 @@ def function_of(given: str | Callable[[Run], Any]) -> Function:
     try:
         file = inspect.getsourcefile(given) or ""
         text = Path(file).read_text()
-        here = getattr(inspect.getmodule(given), name, None) is given
+        at_top = getattr(given, "__qualname__", "") == name  # a local function may also have a global name, in a loop
+        here = at_top and getattr(inspect.getmodule(given), name, None) is given
     except (OSError, TypeError, UnicodeDecodeError):
         here = False
     if here:
         found = Function(name, str(Path(file).resolve()), text)
-        found._loaded()  # noqa: SLF001 (as worker processes load it)
-        return found
-    _OWN[name] = given
-    code = getattr(given, "__code__", None)
-    constants = [one for one in code.co_consts if not inspect.iscode(one)] if code else []
-    return Function(name, text=hashlib.sha256(code.co_code + repr(constants).encode()).hexdigest() if code else "")
+        if hasattr(_module(found.file, text), name):  # as worker processes load it: not under if __name__ == "__main__"
+            return found
+    known = next((text for text, one in _OWN.items() if one is given), None) or secrets.token_hex(8)
+    _OWN[known] = given
+    return Function(name, text=known)
 
 
 def check_not_loading() -> None:

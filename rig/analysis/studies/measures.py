@@ -34,6 +34,7 @@ from rig.record.run import Run
 from rig.record.statistics import first_opening
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
+from rig.units import si
 
 _CYCLE = {"period": "s", "frequency": "Hz", "multiplier": "1", "energy": "J"}
 _MOTION = {
@@ -163,6 +164,24 @@ def evaluate(scene: Scene, wanted: Sequence[Measure], duration: float | None) ->
     reasons = dict.fromkeys(why or f"{one.name} is {value}" for one, (value, _, why) in zip(wanted, rows)
                             if not math.isfinite(value))  # fmt: skip
     return Measured(tuple(r[0] for r in rows), tuple(r[1] for r in rows), "; ".join(reasons)[:_LONG])
+
+
+def one_unit(values: Sequence[float], units: Sequence[str]) -> tuple[NDArray[np.float64], str]:
+    """Return the values of a measure at all points in one unit, that of the first value, and this unit.
+
+    nan where the unit does not convert to it.
+    """
+    unit = next((text for text, value in zip(units, values) if text and math.isfinite(value)), "1")
+    return np.array([_in_unit(value, text or "1", unit) for value, text in zip(values, units)]), unit
+
+
+def _in_unit(value: float, unit: str, to: str) -> float:
+    if unit == to or not math.isfinite(value):
+        return value
+    try:
+        return si(f"{value!r} {unit}", to)
+    except ValueError:
+        return math.nan
 
 
 def _of_cycle(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:

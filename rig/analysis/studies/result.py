@@ -11,6 +11,7 @@ import numpy as np
 from rig.analysis.pool import Arrays
 from rig.analysis.studies.dataset import dataset, save
 from rig.analysis.studies.figure import draw
+from rig.analysis.studies.measures import one_unit
 from rig.analysis.studies.result_data import StudyData
 from rig.analysis.studies.runs import StudyRuns
 
@@ -45,8 +46,13 @@ def gathered(work: StudyRuns, found: Mapping[int, Arrays], provenance: Mapping[s
     order = range(work.total)
     values = np.array([found[unit]["values"] for unit in order])
     units = [one.unit for one in work.measures]
-    for m, unit in enumerate(units):
-        if not unit:  # a function of a Run: its first value tells the unit
-            units[m] = next((str(found[k]["units"][m]) for k in order if str(found[k]["units"][m])), "1")
-    reasons = tuple(str(found[unit]["reason"]) for unit in order)
-    return StudyResult(work, values, tuple(units), reasons, provenance, folder)
+    reasons = [str(found[unit]["reason"]) for unit in order]
+    for m, one in enumerate(work.measures):
+        if units[m]:
+            continue
+        told, raw = [str(found[k]["units"][m]) for k in order], values[:, m].copy()  # a function tells its unit
+        values[:, m], units[m] = one_unit(raw.tolist(), told)
+        for k in np.flatnonzero(np.isfinite(raw) & ~np.isfinite(values[:, m])).tolist():
+            why = f"{one.name} has the unit {told[k] or '1'} here, {units[m]} at other points"
+            reasons[k] = "; ".join(filter(None, (reasons[k], why)))
+    return StudyResult(work, values, tuple(units), tuple(reasons), provenance, folder)

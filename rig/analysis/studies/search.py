@@ -24,7 +24,7 @@ from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Progress, Store, pool
 from rig.analysis.studies.factors import Factor, changed, factors
 from rig.analysis.studies.functions import check_not_loading
-from rig.analysis.studies.measures import Measure, Measured, evaluate, measures
+from rig.analysis.studies.measures import Measure, Measured, evaluate, measures, one_unit
 from rig.analysis.studies.runs import as_arrays, digest
 from rig.analysis.studies.search_result import SearchResult
 from rig.errors import RigError, SceneError, UsageError
@@ -200,7 +200,7 @@ def search(
                           for unit, why in processes.failed.items() if unit in rows}  # fmt: skip
             say(asked, work.evaluations)
             sign = -1.0 if work.largest else 1.0
-            made = np.array([sign * float(found[unit]["values"][0]) for unit in rows])
+            made = sign * _values(found, asked)[0][begin:]
             return np.where(np.isfinite(made), made, _WORST)
 
         ended = differential_evolution(
@@ -214,19 +214,26 @@ def search(
             vectorized=True,
         )
     rows = [found[unit] for unit in range(asked)]
+    made, unit = _values(found, asked)
     return SearchResult(
         scene=work.scene,
         factors=work.factors,
         measure=work.measure.name,
-        unit=next((str(row["units"][0]) for row in rows if str(row["units"][0])), "1"),
+        unit=unit,
         largest=work.largest,
         points=np.array([row["point"] for row in rows]),
-        values=np.array([float(row["values"][0]) for row in rows]),
+        values=made,
         reasons=tuple(str(row["reason"]) for row in rows),
         settled=bool(ended.success),
         provenance=provenance(work.seed),
         folder=store.folder,
     )
+
+
+def _values(found: Mapping[int, Arrays], count: int) -> tuple[NDArray[np.float64], str]:
+    """The values of the first points in one unit, and this unit."""
+    rows = [found[unit] for unit in range(count)]
+    return one_unit([float(row["values"][0]) for row in rows], [str(row["units"][0]) for row in rows])
 
 
 def _first_generation(work: SearchRuns) -> NDArray[np.float64]:
