@@ -71,12 +71,11 @@ def save(found: StudyData, path: Path) -> None:
     """Write the Dataset to a file .nc or a folder .zarr, completely or not at all. Raises UsageError, OutputError."""
     check_path(path)
     made = dataset(found)
-    text = made.attrs.pop("scene_json")  # HDF5 limits attributes to 64 KiB
-    made["scene_json"] = ((), text)
     try:
         if path.suffix == ".zarr":
             _zarr(made, path)
             return
+        made["scene_json"] = ((), made.attrs.pop("scene_json"))  # HDF5 limits attributes to 64 KiB
         path.parent.mkdir(parents=True, exist_ok=True)
         with draft_of(path) as draft:
             made.to_netcdf(draft, engine="h5netcdf")
@@ -87,7 +86,7 @@ def save(found: StudyData, path: Path) -> None:
 def _zarr(made: Dataset, path: Path) -> None:
     draft = path.with_name(f".{path.name}.part")
     shutil.rmtree(draft, ignore_errors=True)
-    made.to_zarr(draft, mode="w")
+    made.to_zarr(draft, mode="w", consolidated=False)  # version 3 of the format has no consolidated metadata
     shutil.rmtree(path, ignore_errors=True)
     draft.rename(path)
 
