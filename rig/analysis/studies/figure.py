@@ -113,7 +113,9 @@ def _heat_map(found: StudyData, x: Factor, y: Factor) -> Figure:
     columns = min(count, 2)
     rows = -(-count // columns)
     hidden = len(found.values) > len(x.axis.values) * len(y.axis.values)
-    figure = _figure(found, 5.6 * columns, 0.6 + 4.2 * rows, "median over the others" if hidden else "grid")
+    what = "median over the others" if hidden else "grid"
+    what += "" if np.isfinite(found.values[:, :count]).all() else " (white: no value)"
+    figure = _figure(found, 5.6 * columns, 0.6 + 4.2 * rows, what)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     for number, axes in enumerate(panels):
         if number >= count:
@@ -176,7 +178,7 @@ def _panel(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], row: int,
     else:
         axes.set_axis_off()
         if here.sum() > 2 and np.ptp(x[here]) > 0.0 and np.ptp(y[here]) > 0.0:
-            rank = float(spearmanr(x[here], y[here]).statistic)
+            rank = round(float(spearmanr(x[here], y[here]).statistic), 2) + 0.0  # no -0.00
             axes.text(0.5, 0.5, f"rank\ncorrelation\n{rank:.2f}", ha="center", va="center", transform=axes.transAxes)
 
 
