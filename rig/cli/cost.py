@@ -98,7 +98,7 @@ def cost(
 
 def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
     """Other people's solvers on the same problem."""
-    from rig.qualify.cost.peers import race
+    from rig.qualify.cost.peers.race import ABSENT, race
     from rig.qualify.cost.peers.report import COLUMNS, draw, lines, write
     from rig.record.provenance import provenance
 
@@ -115,7 +115,8 @@ def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
             lines(found, target),
         )
         printing.line(f"\n{folder}/peers.png, peers.csv")
-        printing.line("to install missing solvers: pip install -e '.[peers]' in the project's folder")
+        if any(one.fault == ABSENT for one in found):
+            printing.line("to install missing solvers: pip install -e '.[peers]' in the project's folder")
     draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
 
 

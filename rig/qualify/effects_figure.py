@@ -24,6 +24,7 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
         raise UsageError("--figure: nothing to draw, none of its effects can be left out or added alone")
     with sheet(f"{scene.name}: its effects, on or absent", provenance(scene.seed), path) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
+        left.set_axisbelow(True)
         for place, (one, paired) in enumerate(shown):
             colour, tick = (ON if one.on else ABSENT), paired.shown_cost
             left.barh(place, tick.value, color=colour)

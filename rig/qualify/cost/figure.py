@@ -14,7 +14,7 @@ from rig.analysis.motion_measures.settings import THEORY
 from rig.qualify.cost.pareto import front
 from rig.qualify.cost.table import WORST, Row, Table
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, VERMILION
-from rig.view.save_figure import put
+from rig.view.save_figure import printed, put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +52,7 @@ def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path
         _alone(right, found, metric)
         for axes, at in ((left, _of_frame), (right, _of_plant)):
             if pick is not None:
-                label = f"recommended: {pick.setting}"
+                label = f"recommended: {printed(str(pick.setting))}"
                 axes.plot(at(pick), _shown(pick, metric), "o", ms=17, mfc="none", mec="black", mew=1.6, label=label)
             axes.set(xscale="log", yscale="log")
         second_axis(left, percent_of_frame, "share of a frame [%]")
@@ -114,7 +114,7 @@ def _alone(axes: Axes, found: Table, metric: str) -> None:
         x, y = _of_plant(row), _shown(row, metric)
         if row.p99 > 0.0 and np.isfinite(y) and not 0.5 < y / last < 2.0:
             dial = str(row.setting).partition(" at ")[2]
-            axes.annotate(dial, (x, y), (7, 3), textcoords="offset points", fontsize=7.5)
+            axes.annotate(printed(dial), (x, y), (12, 6), textcoords="offset points", fontsize=7.5)
             last = y
     axes.set_xlabel("plant alone, in one piece: compute in 1 ms of simulated time [us]")
 

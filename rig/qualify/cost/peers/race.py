@@ -29,6 +29,9 @@ TURN = 0.05  # s for each setting in a round
 OURS = by_rig.NAME
 
 
+ABSENT = "is not installed"
+
+
 @dataclass(frozen=True)
 class Entry:
     """One setting of one peer: error of event times (of a period), real-time factor; `fault`: why it cannot run."""
@@ -52,7 +55,7 @@ def race(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object
         try:
             importlib.import_module(peer.PACKAGE)
         except ImportError:
-            absent.append(Entry(peer.NAME, "", math.inf, math.nan, "is not installed"))
+            absent.append(Entry(peer.NAME, "", math.inf, math.nan, ABSENT))
             continue
         for one in peer.ladder():
             runners.append((peer.NAME, f"{one[0]} at {one[1]:.0e}", peer.prepare(o, one)))
