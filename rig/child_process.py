@@ -23,14 +23,20 @@ class Child:
     """A process `python -m ...` in a session of its own, so that Ctrl-C in the terminal reaches only its parent.
 
     Its output on stdout and stderr is kept line by line: new lines in `lines`, the last ones in `tail`. `heard` is set
-    with each line and when the output ends. With `fed` the process reads what `feed` writes.
+    with each line and when the output ends. With `fed` the process reads what `feed` writes. What follows `mark` in a line
+    is a message to this process, which is no output and not kept in `tail`.
     """
 
     def __init__(
-        self, name: str, arguments: Sequence[str], heard: threading.Event | None = None, fed: bool = False
+        self,
+        name: str,
+        arguments: Sequence[str],
+        heard: threading.Event | None = None,
+        fed: bool = False,
+        mark: str = "",
     ) -> None:
         self.name = name
-        self._heard = heard or threading.Event()
+        self._heard, self._mark = heard or threading.Event(), mark
         self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.tail: list[str] = []
         path = os.pathsep.join(filter(None, (str(_ROOT), os.environ.get("PYTHONPATH", ""))))
@@ -51,7 +57,8 @@ class Child:
         assert stream is not None
         with stream:
             for text in stream:
-                self.tail = [*self.tail[-_KEPT:], text.rstrip()]
+                said = text.partition(self._mark)[0] if self._mark else text
+                self.tail = [*self.tail[-_KEPT:], said.rstrip()]
                 self.lines.put(text.rstrip())
                 self._heard.set()
         self._heard.set()

@@ -114,10 +114,21 @@ def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch):
     assert time.monotonic() - begin < 20.0
 
 
-@pytest.mark.parametrize("where", ["somewhere", "tcp://host", "http://127.0.0.1:80", "tcp://127.0.0.1:port"])
+@pytest.mark.parametrize("where", ["somewhere", "tcp://host", "http://127.0.0.1:80", "tcp://127.0.0.1:port",
+                                   "tcp://127.0.0.1:65536", "tcp://:80"])  # fmt: skip
 def test_what_is_no_cluster_is_refused(where):
     with pytest.raises(UsageError, match="expected local, slurm or the address of a dask scheduler"):
         cluster.check(where, None)
+
+
+def test_workers_of_a_scheduler_that_runs_cannot_be_counted():
+    with pytest.raises(UsageError, match="has its workers; leave --workers 2 out"):
+        cluster.check("tcp://127.0.0.1:9", 2)
+
+
+def test_an_address_without_certificates_tells_where_they_are_stated(tmp_path):
+    with pytest.raises(UsageError, match=r"names no certificates: state distributed\.comm\.tls\.ca-file"):
+        done(Trial(str(tmp_path)), tmp_path, "tls://127.0.0.1:9")
 
 
 def test_the_job_script_of_slurm_is_printed_and_the_scheduler_listens_on_loopback(rig, tmp_path):

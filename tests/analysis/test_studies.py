@@ -13,7 +13,7 @@ from rig.analysis.pool import Store
 from rig.analysis.studies import functions, prepared, study
 from rig.analysis.studies.dataset import check_path
 from rig.analysis.studies.distributions import Distribution, made
-from rig.analysis.studies.file import read
+from rig.analysis.studies.file import is_study, read
 from rig.analysis.studies.result import gathered
 from rig.analysis.studies.runs import StudyRuns
 from rig.errors import SceneError, UsageError
@@ -306,6 +306,17 @@ def test_a_function_of_a_file_may_use_its_neighbours_and_its_faults_are_told(bel
     assert found.value(lab.simulate(belt, 0.5)) == (1.0, "s", "")
     with pytest.raises(UsageError, match="defines no function thrice"):
         functions.function_of(f"{file}:thrice")
+    file.write_text("import json\ndef parsed(run):\n    return json.loads('nothing')\n")
+    _, _, reason = functions.function_of(f"{file}:parsed").value(lab.simulate(belt, 0.01))
+    assert reason.startswith("parsed: JSONDecodeError: ")
+    assert reason.endswith(" (line 3)")
+
+
+def test_a_function_that_ends_its_process_is_a_row_with_one_worker_too(belt, tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text("import os\ndef gone(run):\n    os._exit(0)\n")
+    found = study(prepared(belt, {"load.force": [10.0]}, [f"{file}:gone"], duration=0.01), tmp_path, workers=1)
+    assert found.reasons[0].startswith("ended its worker twice: ")
 
 
 def test_recordings_of_chosen_points_are_kept_and_repeat(belt, tmp_path):
@@ -344,6 +355,17 @@ def test_what_is_wrong_with_a_file_is_told(tmp_path):
         read(file)
     assert "measures: unknown; did you mean measure?" in str(fault.value)
     assert "samples = 'many': expected int" in str(fault.value)
+    assert "duration '1 kg'" in str(fault.value)
+    file.write_text('scene = "belt"\nmeasures = 3\n')
+    assert is_study(file)
+
+
+def test_wrong_values_are_told_together(belt):
+    with pytest.raises(UsageError) as fault:
+        prepared(belt, {"load.forc": [1.0]}, ["cycle.period", 3], samples=0, sampling="latim", seed=-1)
+    told = str(fault.value)
+    for part in ("measure 3: expected", "load.forc: is not", "sampling latim: unknown", "samples = 0, repeat = 1, seed = -1"):
+        assert part in told
 
 
 def test_the_command_tells_what_is_wrong(rig, tmp_path):

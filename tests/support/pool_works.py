@@ -15,7 +15,7 @@ from rig.errors import UsageError, WorkerError
 
 @dataclass(frozen=True)
 class Trial:
-    """Squares of the numbers of its units. `does`: what a unit does besides ("kill", "once", "exit", "fault", "talk").
+    """Squares of the numbers of its units. `does`: what a unit does besides ("kill", "once", "exit", "leave", "fault", "talk").
 
     Files in `folder` count how often a unit was computed. `size`: numbers in a result.
     """
@@ -43,6 +43,8 @@ class Trial:
             sys.stdout.write("the last words\n")
             sys.stdout.flush()
             os._exit(3)
+        if does == "leave":
+            os._exit(0)
         if does == "fault":
             raise UsageError("nothing is as it should be")
         if does == "talk":

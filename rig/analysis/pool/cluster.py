@@ -63,7 +63,7 @@ class Cluster:
 
     def __enter__(self) -> Self:
         distributed = needed("distributed", "cluster")
-        for name in ("distributed", "asyncio", "tornado"):
+        for name in ("distributed", "distributed.client", "asyncio", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is reported by this module
         self._made = _started(self._where, self._workers)
         try:
@@ -73,6 +73,11 @@ class Cluster:
             self._close_cluster()
             if not isinstance(fault, OSError | TimeoutError | ValueError | ImportError | TypeError):
                 raise
+            if "ssl_context" in str(fault):
+                raise UsageError(
+                    f"--cluster {self._where}: the configuration of dask names no certificates: state "
+                    "distributed.comm.tls.ca-file, and key and cert of distributed.comm.tls.client"
+                ) from None
             raise UsageError(
                 f"--cluster {self._where}: no scheduler answers within {_ANSWER:g} s "
                 f"({' '.join(str(fault).split())[:200]}); start one: dask scheduler --host {LOOPBACK}"
@@ -201,11 +206,17 @@ def check(where: str, workers: int | None) -> str:
     """Return `where` if it names a cluster. Raises UsageError."""
     if where == "slurm" and workers is None:
         raise UsageError("--cluster slurm: state the number of worker processes to ask for: --workers 16")
-    scheme, found, rest = where.partition("://")
-    if where in ("local", "slurm") or (found and scheme in ("tcp", "tls") and rest.rpartition(":")[2].isdigit()):
+    if where in ("local", "slurm"):
+        return where
+    scheme, _, rest = where.partition("://")
+    host, _, port = rest.rpartition(":")
+    if scheme in ("tcp", "tls") and host and port.isdecimal() and 0 < int(port) < 65536:
+        if workers is not None:
+            raise UsageError(f"--cluster {where}: a scheduler that runs has its workers; leave --workers {workers} out")
         return where
     raise UsageError(
-        f"--cluster {where}: expected local, slurm or the address of a dask scheduler (tcp://HOST:PORT, tls://HOST:PORT)"
+        f"--cluster {where}: expected local, slurm or the address of a dask scheduler (tcp://HOST:PORT, tls://HOST:PORT), "
+        "with a port from 1 to 65535"
     )
 
 

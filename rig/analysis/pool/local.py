@@ -9,12 +9,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from rig.analysis.pool import worker
 from rig.analysis.pool.schedule import Schedule
 from rig.child_process import Child, end
 from rig.errors import WorkerError
 
 SPAN = 2.0  # s of a batch: an interruption loses at most so much, and saving it (5 to 7 ms) costs little
+MARK = "\x01"  # before a message of a worker in a line of its output
+_WORKER = "rig.analysis.pool.worker"  # not imported here: Python warns of a module that is run and was imported before
 _LOOK = 0.1  # s between two reports of progress
 _PATIENCE = 1.0  # s for an idle worker to end
 
@@ -23,7 +24,7 @@ class _Member:
     """A worker process and the batch it computes. `at`: units of it that are finished."""
 
     def __init__(self, name: str, folder: Path, heard: threading.Event) -> None:
-        self.child = Child(name, [worker.__name__, str(folder)], heard, fed=True)
+        self.child = Child(name, [_WORKER, str(folder)], heard, fed=True, mark=MARK)
         self.ready = False
         self.batch: list[int] = []
         self.at = 0
@@ -37,7 +38,7 @@ class _Member:
     def hear(self, schedule: Schedule) -> None:
         """Take in the worker's messages."""
         for line in self.child.new_lines():
-            _, mark, text = line.rpartition(worker.MARK)
+            _, mark, text = line.rpartition(MARK)
             what, _, value = text.partition(" ")
             if not mark:
                 continue

@@ -16,12 +16,12 @@ import sys
 import time
 from pathlib import Path
 
+from rig.analysis.pool.local import MARK
 from rig.analysis.pool.store import Store
 from rig.analysis.pool.work import Arrays, Work
 from rig.errors import ExitCode, RigError
 from rig.process import as_process, with_parent
 
-MARK = "\x01"
 _TELL = 0.1  # s between two messages on a batch
 
 

@@ -95,7 +95,8 @@ def study(
         workers = 1
     store = Store.of(work, root)
     with store.open(work):
-        found = carry_out(work, store, workers, progress, cluster=cluster)
+        own = work.portable and any(one.function for one in work.measures)  # a function can end its process
+        found = carry_out(work, store, workers, progress, own, cluster)
     result = gathered(work, found, _provenance(work, store), store.folder)
     if keep is None:
         return result

@@ -49,12 +49,12 @@ class StudyFile:
 
 
 def is_study(path: Path) -> bool:
-    """Return whether a file is a study: TOML with measures or varied parameters."""
+    """Return whether a file is a study: TOML with a scene, measures or varied parameters."""
     try:
         raw = tomllib.loads(contents(path).decode())
     except (OSError, ValueError):
         return False
-    return bool(raw.keys() & {"measure", "over"})
+    return bool(raw.keys() & {"scene", "measure", "over"})
 
 
 def read(path: Path) -> StudyFile:
@@ -74,7 +74,7 @@ def read(path: Path) -> StudyFile:
     if "scene" not in raw:
         faults.append('scene: is missing; expected the name of a scene, such as scene = "belt"')
     duration = raw.get("duration")
-    if duration is not None and not faults:
+    if isinstance(duration, _KINDS["duration"]) and not isinstance(duration, bool):
         try:
             duration = si(duration, "s")
         except ValueError as fault:

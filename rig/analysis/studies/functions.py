@@ -53,8 +53,7 @@ class Function:
         except UsageError as fault:
             return math.nan, "", str(fault)
         except (Exception, SystemExit) as fault:
-            line = next((f" (line {at.lineno})" for at in reversed(traceback.extract_tb(fault.__traceback__))), "")
-            return math.nan, "", f"{self.name}: {type(fault).__name__}: {fault}{line}"
+            return math.nan, "", f"{self.name}: {type(fault).__name__}: {fault}{self._line(fault)}"
         value, unit = found if isinstance(found, tuple) and len(found) == 2 else (found, "")
         try:
             number = float(value)
@@ -63,6 +62,12 @@ class Function:
         if number is None or isinstance(value, str) or not isinstance(unit, str):
             return math.nan, "", f"{self.name} returned {shortened(repr(found))}: expected a number, or number and unit"
         return number, unit, "" if math.isfinite(number) else f"{self.name} is {number}"
+
+    def _line(self, fault: BaseException) -> str:
+        """The last line of the function's own file that led to a fault."""
+        found = traceback.extract_tb(fault.__traceback__)[1:]  # without the call above
+        own = [at for at in found if at.filename == (self.file or found[0].filename)]
+        return f" (line {own[-1].lineno})" if own else ""
 
     def _loaded(self) -> Callable[[Run], Any]:
         module = _module(self.file, self.text)

@@ -85,7 +85,9 @@ def measures(scene: Scene, given: Sequence[str | Callable[[Run], Any]]) -> tuple
     known = {one.name: one for one in _known(scene)}
     found, faults = [], []
     for one in given:
-        if callable(one) or ".py:" in one:
+        if not (callable(one) or isinstance(one, str)):
+            faults.append(f"measure {one!r:.60}: expected a name, FILE.py:FUNCTION or a function of a Run")
+        elif callable(one) or ".py:" in one:
             try:
                 function = function_of(one)
                 found.append(Measure(function.name, "", function=function))

@@ -128,18 +128,24 @@ def plan(
     scene: Scene, over: Mapping[str, Any], samples: int | None, sampling: str, repeat: int, seed: int | None
 ) -> Plan:
     """Return the plan of a study of `scene`. Raises SceneError, UsageError with every fault."""
-    found = Plan(factors(scene, over), samples or SAMPLES, sampling, repeat, scene.seed if seed is None else seed)
     faults = []
+    try:
+        varied = factors(scene, over)
+    except SceneError as fault:
+        faults.append(str(fault))
+        varied = ()
+    count, first = SAMPLES if samples is None else samples, scene.seed if seed is None else seed
+    found = Plan(varied, count, sampling, repeat, first)
     if sampling not in SAMPLINGS:
         faults.append(f"sampling {sampling}: unknown; known: {', '.join(SAMPLINGS)}")
     elif sampling in ("sobol", "saltelli") and found.drawn and found.samples & (found.samples - 1):
         near = 2 ** round(math.log2(found.samples))
         faults.append(f"samples = {found.samples}: must be a power of 2 for sampling {sampling}, such as {near}")
-    if not found.drawn and (samples is not None or sampling != "random"):
+    if varied and not found.drawn and (samples is not None or sampling != "random"):
         faults.append("samples and sampling are for distributions, and no parameter has one, such as normal(0.4, 0.02)")
     if found.samples < 1 or repeat < 1 or found.seed < 0:
         faults.append(f"samples = {found.samples}, repeat = {repeat}, seed = {found.seed}: must be at least 1, 1 and 0")
-    if not faults and found.total > MOST:
+    if varied and not faults and found.total > MOST:
         faults.append(f"{found.total} points: must be at most {MOST}")
     if faults:
         raise UsageError("\n".join(faults))

@@ -179,9 +179,10 @@ def search(
     if not work.portable and (workers is not None or cluster) and workers != 1:
         raise UsageError(f"measure {work.measure.name}: worker processes cannot load it; define it in a .py file")
     store, say = Store.of(work, root), progress or (lambda done, total: None)
+    own = work.portable and work.measure.function is not None  # a function can end its process
     with (
         store.open(work),
-        pool(work, store, workers if work.portable else 1, work.population, cluster=cluster) as processes,
+        pool(work, store, workers if work.portable else 1, work.population, own, cluster) as processes,
     ):
         found = store.load()
         asked = 0

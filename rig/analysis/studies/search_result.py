@@ -23,7 +23,7 @@ from rig.view.save_figure import put
 
 Array = NDArray[np.float64]
 _COLOUR, _BEST, _LIGHT = "#1d4f91", "#c03a76", "#b9cce4"
-_APART = "not come together: the same search with more evaluations continues from here"
+_APART = "not come together: the same search with more --evaluations and --force continues from here"
 _CLOSE = 0.01  # of the range: nearer to an end, the range limits the search
 
 
