@@ -23,8 +23,8 @@ class Child:
     """A process `python -m ...` in a session of its own, so that Ctrl-C in the terminal reaches only its parent.
 
     Its output on stdout and stderr is kept line by line: new lines in `lines`, the last ones in `tail`. `heard` is set
-    with each line and when the output ends. With `fed` the process reads what `feed` writes. What follows `mark` in a line
-    is a message to this process, which is no output and not kept in `tail`.
+    with each line and when the output ends. With `fed` the process reads what `feed` writes. What follows `mark` in
+    a line is a message to this process, which is no output and not kept in `tail`.
     """
 
     def __init__(

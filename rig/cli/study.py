@@ -100,7 +100,12 @@ def study(
     from rig.user_files import write_file
 
     loaded, given = _asked(scene, changes(p))
-    own: dict[str, Any] = {"over": values(over, "--over") or None, "measure": measure, "samples": samples, "sampling": sampling}
+    own: dict[str, Any] = {
+        "over": values(over, "--over") or None,
+        "measure": measure,
+        "samples": samples,
+        "sampling": sampling,
+    }
     own |= {"repeat": repeat, "seed": seed, "duration": seconds(duration), "keep": keep}
     given |= {name: value for name, value in own.items() if value is not None}
     _target(context, to)

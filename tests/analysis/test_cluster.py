@@ -117,7 +117,7 @@ def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch):
 @pytest.mark.parametrize("where", ["somewhere", "tcp://host", "http://127.0.0.1:80", "tcp://127.0.0.1:port",
                                    "tcp://127.0.0.1:65536", "tcp://:80"])  # fmt: skip
 def test_what_is_no_cluster_is_refused(where):
-    with pytest.raises(UsageError, match="expected local, slurm or the address of a dask scheduler"):
+    with pytest.raises(UsageError, match="expected local, slurm or the address of a scheduler"):
         cluster.check(where, None)
 
 

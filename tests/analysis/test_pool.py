@@ -96,7 +96,7 @@ def test_a_fault_ends_the_work_and_what_is_finished_stays(tmp_path):
     with pytest.raises(WorkerError, match=r"worker \d: nothing is as it should be. Finished results are kept in"):
         done(work, tmp_path)
     kept = squares(Store.of(work, tmp_path).load())
-    with pytest.raises(UsageError):
+    with pytest.raises(WorkerError, match="nothing is as it should be"):
         done(work, tmp_path, 1)
     assert kept.items() <= squares(Store.of(work, tmp_path).load()).items()
     assert all(kept[unit] == unit**2 for unit in kept)

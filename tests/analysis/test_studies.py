@@ -355,7 +355,7 @@ def test_what_is_wrong_with_a_file_is_told(tmp_path):
         read(file)
     assert "measures: unknown; did you mean measure?" in str(fault.value)
     assert "samples = 'many': expected int" in str(fault.value)
-    assert "duration '1 kg'" in str(fault.value)
+    assert "duration is '1 kg'" in str(fault.value)
     file.write_text('scene = "belt"\nmeasures = 3\n')
     assert is_study(file)
 
@@ -364,7 +364,12 @@ def test_wrong_values_are_told_together(belt):
     with pytest.raises(UsageError) as fault:
         prepared(belt, {"load.forc": [1.0]}, ["cycle.period", 3], samples=0, sampling="latim", seed=-1)
     told = str(fault.value)
-    for part in ("measure 3: expected", "load.forc: is not", "sampling latim: unknown", "samples = 0, repeat = 1, seed = -1"):
+    for part in (
+        "measure 3: expected",
+        "load.forc: is not",
+        "sampling latim: unknown",
+        "samples = 0, repeat = 1, seed = -1",
+    ):
         assert part in told
 
 

@@ -15,7 +15,8 @@ from rig.errors import UsageError, WorkerError
 
 @dataclass(frozen=True)
 class Trial:
-    """Squares of the numbers of its units. `does`: what a unit does besides ("kill", "once", "exit", "leave", "fault", "talk").
+    """Squares of the numbers of its units. `does`: what a unit does besides ("kill", "once", "exit", "leave", "fault",
+    "talk").
 
     Files in `folder` count how often a unit was computed. `size`: numbers in a result.
     """

@@ -215,7 +215,7 @@ def check(where: str, workers: int | None) -> str:
             raise UsageError(f"--cluster {where}: a scheduler that runs has its workers; leave --workers {workers} out")
         return where
     raise UsageError(
-        f"--cluster {where}: expected local, slurm or the address of a dask scheduler (tcp://HOST:PORT, tls://HOST:PORT), "
+        f"--cluster {where}: expected local, slurm or the address of a scheduler (tcp://HOST:PORT, tls://HOST:PORT) "
         "with a port from 1 to 65535"
     )
 

@@ -61,7 +61,7 @@ class Function:
             number = None
         if number is None or isinstance(value, str) or not isinstance(unit, str):
             return math.nan, "", f"{self.name} returned {shortened(repr(found))}: expected a number, or number and unit"
-        return number, unit, "" if math.isfinite(number) else f"{self.name} is {number}"
+        return (number, unit, "") if math.isfinite(number) else (math.nan, unit, f"{self.name} is {number}")
 
     def _line(self, fault: BaseException) -> str:
         """The last line of the function's own file that led to a fault."""

@@ -145,6 +145,8 @@ def prepared(
     faults += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key in wrong]
     whole = {key: _joined(parts) for key, parts in ends.items() if key not in wrong}
     varied: tuple[Factor, ...] = checked(lambda: factors(scene, whole)) if whole or not wrong else ()
+    if duration is not None and not 0.0 < duration < math.inf:
+        faults.append(f"duration = {duration:g} s: must be more than 0")
     for one in varied or ():
         if not one.axis.values[0] < one.axis.values[1]:
             faults.append(f"{one.key}: the range must rise, from {one.axis.text(one.axis.values[0])} upwards")
@@ -179,10 +181,9 @@ def search(
     if not work.portable and (workers is not None or cluster) and workers != 1:
         raise UsageError(f"measure {work.measure.name}: worker processes cannot load it; define it in a .py file")
     store, say = Store.of(work, root), progress or (lambda done, total: None)
-    own = work.portable and work.measure.function is not None  # a function can end its process
     with (
         store.open(work),
-        pool(work, store, workers if work.portable else 1, work.population, own, cluster) as processes,
+        pool(work, store, workers if work.portable else 1, work.population, cluster=cluster) as processes,
     ):
         found = store.load()
         asked = 0
