@@ -19,7 +19,7 @@ _THREADS = Path("/proc/self/task")
 _BUS = ("rx-", "tx-", "app-", "acc-", "net-")
 """Prefixes of the names of Zenoh's threads."""
 _LOOK_S = 0.1
-_ALLOWED: set[int] = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+ALLOWED: set[int] = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 ANY = -1
 """No particular core."""
 
@@ -29,18 +29,18 @@ def choose() -> tuple[int, int]:
 
     `ANY` for both if this process may use fewer than two cores.
     """
-    allowed = sorted(_ALLOWED)
+    allowed = sorted(ALLOWED)
     if len(allowed) < 2:
         return ANY, ANY
     if len(allowed) > 2:
-        before = _idle()
+        before = idle_times()
         time.sleep(_LOOK_S)
-        rested = {core: now - before.get(core, now) for core, now in _idle().items()}
+        rested = {core: now - before.get(core, now) for core, now in idle_times().items()}
         allowed.sort(key=lambda core: -rested.get(core, 0))
     return allowed[0], allowed[1]
 
 
-def _idle() -> dict[int, int]:
+def idle_times() -> dict[int, int]:
     """Core -> idle time since the machine started [kernel ticks]."""
     found = {}
     with suppress(OSError, ValueError, IndexError):
@@ -67,13 +67,13 @@ def placed(own: int, bus: int) -> Iterator[None]:
         yield
     finally:
         for thread in (0, *bus_threads()):
-            _put(thread, _ALLOWED)
+            _put(thread, ALLOWED)
 
 
 def anywhere() -> None:
     """Let the system choose the core of the calling thread: for threads that inherited a core or compute for long."""
-    if _ALLOWED:
-        _put(0, _ALLOWED)
+    if ALLOWED:
+        _put(0, ALLOWED)
 
 
 def bus_threads() -> list[int]:

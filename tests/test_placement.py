@@ -36,7 +36,7 @@ def test_two_cores_of_those_that_this_process_may_use(allowed):
 
 
 def test_with_one_core_nothing_is_placed(monkeypatch, allowed):
-    monkeypatch.setattr(placement, "_ALLOWED", {0})
+    monkeypatch.setattr(placement, "ALLOWED", {0})
     assert placement.choose() == (placement.ANY, placement.ANY)
     with placement.placed(*placement.choose()):
         assert os.sched_getaffinity(0) == allowed
@@ -44,8 +44,8 @@ def test_with_one_core_nothing_is_placed(monkeypatch, allowed):
 
 def test_the_least_busy_cores_are_chosen_where_there_are_more(monkeypatch):
     looks = iter([{0: 10, 1: 10, 2: 10, 3: 10}, {0: 11, 1: 19, 2: 10, 3: 20}])
-    monkeypatch.setattr(placement, "_ALLOWED", {0, 1, 2, 3})
-    monkeypatch.setattr(placement, "_idle", lambda: next(looks))
+    monkeypatch.setattr(placement, "ALLOWED", {0, 1, 2, 3})
+    monkeypatch.setattr(placement, "idle_times", lambda: next(looks))
     assert placement.choose() == (3, 1)
 
 

@@ -33,7 +33,7 @@ from rig.scenes.scene import Scene
 Array = NDArray[np.float64]
 Ages = Sequence[tuple[int | None, float]]
 """Age of the message that arrives at a tick [frames], None for none, with its probability."""
-_DENSE = 10
+DENSE = 10
 """Largest number of states for which the map of S is written out as a matrix."""
 _RESTARTS = 40
 
@@ -155,7 +155,7 @@ def _radius(cases: Sequence[tuple[float, Array]]) -> float:
         return float(np.abs(np.linalg.eigvals(cases[0][1])).max()) ** 2
     scale = np.maximum(np.max([np.abs(A).max(axis=1) for _, A in cases], axis=0), 1e-300)
     scaled = [(p, A / scale[:, None] * scale) for p, A in cases]  # states of similar size: the same eigenvalues
-    if size <= _DENSE:
+    if size <= DENSE:
         return float(np.abs(np.linalg.eigvals(sum(p * np.kron(A, A) for p, A in scaled))).max())
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 

@@ -89,7 +89,7 @@ def prepare(
         for number, scene in enumerate(missing.values()):
             progress.begins(number)
             begin = time.perf_counter()
-            _run(scene)
+            run_briefly(scene)
             progress.ends(number, time.perf_counter() - begin)
     return progress.spent
 
@@ -147,7 +147,7 @@ class Compilations:
     def compute(self, unit: int) -> Arrays:
         """Compile for a scene; return the time it took [s]."""
         begin = time.perf_counter()
-        _run(Scene.from_json(self.scenes[unit]))
+        run_briefly(Scene.from_json(self.scenes[unit]))
         return {"seconds": np.array(time.perf_counter() - begin)}
 
     def failed(self, unit: int, why: str) -> Arrays:
@@ -181,7 +181,7 @@ def together(scenes_: list[Scene], workers: int, progress: Progress) -> None:
         carry_out(work, store, workers, look, apart=True)
 
 
-def _run(scene: Scene) -> None:
+def run_briefly(scene: Scene) -> None:
     """Call what a run calls; a method that leaves the limits at this scene's step has been compiled all the same."""
     runner = PlantRunner(scene)
     with suppress(NumericsError):

@@ -73,7 +73,7 @@ class Plant(PlantParts):
     def run(self, show: Show) -> dict[str, Any]:
         """Run all frames and return the summary; `show` gets the health five times per second."""
         try:
-            self._go(show)
+            self.run_frames(show)
         except NumericsError as error:
             self.fault = str(error)
             data = {"time": error.time, "mode": error.mode, "state": error.state}
@@ -85,7 +85,8 @@ class Plant(PlantParts):
             raise
         return finalise(self)
 
-    def _go(self, show: Show) -> None:
+    def run_frames(self, show: Show) -> None:
+        """Run all frames, without the summary; see `run`."""
         job, pacer = self.job, None
         with ExitStack() as stack:
             if job.pace is not None:

@@ -22,7 +22,7 @@ from rig.controllers.runtime.c_process import LONGEST_S, helper
 from rig.errors import ControllerLost, PartError, UsageError
 from rig.parts import Binary
 
-_OPENED: dict[str, c_library.Library] = {}
+OPENED: dict[str, c_library.Library] = {}
 """SHA-256 -> library that this process has loaded."""
 
 
@@ -139,10 +139,10 @@ class CompiledController:
 
 def _opened(file: Binary) -> c_library.Library:
     """The library in this process."""
-    if file.sha256 not in _OPENED:
+    if file.sha256 not in OPENED:
         with file.unpacked() as path:
             try:
-                _OPENED[file.sha256] = c_library.Library(str(path))
+                OPENED[file.sha256] = c_library.Library(str(path))
             except c_library.LibraryFault as fault:
                 raise PartError(f"{file}: {fault}") from None
-    return _OPENED[file.sha256]
+    return OPENED[file.sha256]

@@ -34,7 +34,7 @@ MOVED = {
     "rig.study": "rig.analysis, rig.qualify or rig.papers",
 }
 """Modules that parts may import by their names of version 0.1 -> where they are now."""
-_MODULES: dict[str, Code] = {}
+MODULES: dict[str, Code] = {}
 """Foreign parts that this process has loaded: module -> its code."""
 _PATHS: dict[str, str] = {}
 """Name under which Python knows a text -> the file that the user knows."""
@@ -123,20 +123,20 @@ class Code:
         except BaseException:
             del sys.modules[self.called]
             raise
-        _MODULES[self.called] = self
+        MODULES[self.called] = self
         return module
 
 
 def keep(module: ModuleType, code: Code) -> None:
     """Remember that a module that was imported is a foreign part."""
-    _MODULES[module.__name__] = code
+    MODULES[module.__name__] = code
     if module.__file__:
         _PATHS[module.__file__] = module.__file__
 
 
 def code_of(what: type | ModuleType) -> Code | None:
     """The code of the foreign part that defines a class, or is a module; None for one of this project."""
-    return _MODULES.get(what.__module__ if isinstance(what, type) else what.__name__)
+    return MODULES.get(what.__module__ if isinstance(what, type) else what.__name__)
 
 
 def file_of(module: ModuleType) -> str:

@@ -125,12 +125,12 @@ class Parameters(Noisy):
     def reduced(self) -> Reduced:
         """The plate's modes. Raises SceneError where its elements cannot give them."""
         try:
-            return _reduced(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
+            return reduced_model(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
         except ValueError as fault:
             raise SceneError("the plate's elements", [str(fault)]) from None
 
 
-_reduced = model_store.cached(plate_model.build)  # a sweep uses one model hundreds of times
+reduced_model = model_store.cached(plate_model.build)  # a sweep uses one model hundreds of times
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:

@@ -50,7 +50,7 @@ CRC, DIGEST = "crc32", "digest"
 SHARE = 25
 """Largest size of a chunk, as a share of the messages before it."""
 _LEVEL = 6  # of zstd: chunks are small; a tenth smaller than with level 3 in the same time
-_SPILL = 1 << 22  # bytes of chunk indexes in memory: some 20 000 chunks; more go to a temporary file
+SPILL = 1 << 22  # bytes of chunk indexes in memory: some 20 000 chunks; more go to a temporary file
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEXED = struct.Struct("<QQ")
@@ -93,7 +93,7 @@ class Writer:
         self._channels: dict[int, Channel] = {}
         self._fresh: list[Schema | Channel] = []
         """Described for the first time in this chunk; the next chunk repeats it."""
-        self._counts: dict[int, int] = {}
+        self.counts: dict[int, int] = {}
         self._messages = self._chunks = self._latest_ns = 0
         self._ends: list[tuple[int, int]] = []
         """Ends of the chunks that the system may not have yet, and the latest publish time up to each."""
@@ -102,7 +102,7 @@ class Writer:
         self._noted: list[MetadataIndex] = []
         self._begin_chunk()
         self._put(MAGIC + _packed(Header(PROFILE, PROFILE)))
-        self._chunk_indexes = tempfile.SpooledTemporaryFile(_SPILL)
+        self._chunk_indexes = tempfile.SpooledTemporaryFile(SPILL)
 
     def _put(self, raw: bytes) -> None:
         self.__stream.write(raw)
@@ -142,7 +142,7 @@ class Writer:
         """Describe a channel; return its number."""
         made = Channel(len(self._channels) + 1, topic, encoding, dict(metadata), schema)
         self._channels[made.id] = made
-        self._counts[made.id] = 0
+        self.counts[made.id] = 0
         self._describe(made)
         return made.id
 
@@ -162,7 +162,7 @@ class Writer:
         index += _INDEXED.pack(log_ns, self._size)
         self._hold(_MESSAGE.pack(Opcode.MESSAGE, 22 + len(payload), channel, seq, log_ns, t_ns) + payload)
         self._span = (min(self._span[0], log_ns), max(self._span[1], log_ns))
-        self._counts[channel] += 1
+        self.counts[channel] += 1
         self._latest_ns = max(self._latest_ns, t_ns)
         self._held += 1
         if self._size > self._chunk_size or self._held * SHARE > self._messages:
@@ -242,7 +242,7 @@ class Writer:
         return Statistics(
             attachment_count=len(self._attached),
             channel_count=len(self._channels),
-            channel_message_counts=self._counts,
+            channel_message_counts=self.counts,
             chunk_count=self._chunks,
             message_count=self._messages,
             message_end_time=self._last_ns,

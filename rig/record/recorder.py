@@ -33,9 +33,9 @@ from rig.record.writer import Writer
 from rig.scheduling import receive_first, stand_back
 from rig.user_files import RUNS
 
-_TURN = 1 << 12  # messages taken between two checks for the plant
+TURN = 1 << 12  # messages taken between two checks for the plant
 _PAUSE_S = 0.005
-_TELL_S = 0.25
+TELL_S = 0.25
 _LAST_WORDS_S = 0.3
 _LEFT = "the plant left"
 _NICE = 5
@@ -180,7 +180,7 @@ class RunRecorder:
     def _take(self) -> bool:
         """Record waiting messages, at most a turn's worth; return whether that was all there was time for."""
         taken = 0
-        while taken < _TURN and (message := self._heard.get()) is not None:
+        while taken < TURN and (message := self._heard.get()) is not None:
             taken += 1
             self._lives.follow(message)
             self._writer.write(message.topic, message.payload, message.t_ns, message.seq, time.time_ns())
@@ -190,9 +190,9 @@ class RunRecorder:
                 self._look(message)
             self._reached_ns, self._news = message.t_ns, True
         self._writer.flush_if_due()
-        if (taken == _TURN or (self._news and not self._paced)) and time.monotonic() > self._told_s + _TELL_S:
+        if (taken == TURN or (self._news and not self._paced)) and time.monotonic() > self._told_s + TELL_S:
             self._tell(self._reached_ns)
-        return taken == _TURN
+        return taken == TURN
 
     def _tell(self, t_ns: int) -> None:
         """Publish the own totals. A plant that waits for them sees how far the recorder is."""

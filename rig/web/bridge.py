@@ -32,7 +32,7 @@ CLIENTS = 8
 """Most clients at a time."""
 LARGEST = 1 << 16
 """Largest message of a client [bytes]."""
-_SEND_S, _END_S = 5, 3.0
+SEND_S, _END_S = 5, 3.0
 _QUIET = logging.getLogger(__name__)
 _QUIET.addHandler(logging.NullHandler())
 _QUIET.propagate = False  # a client that breaks off its handshake is none of the user's concern
@@ -97,7 +97,7 @@ class Bridge:
         """Serve one client, in a thread of its own."""
         closed = needed("websockets", "web").ConnectionClosed
         # a client that takes nothing must not hold its seat: sending fails after some seconds
-        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _SEND_S, 0))
+        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", SEND_S, 0))
         connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, LARGEST)
         connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:

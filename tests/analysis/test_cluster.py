@@ -107,7 +107,7 @@ def test_a_worker_that_is_killed_costs_nothing_and_values_have_the_same_bits(pro
 
 
 def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "_ANSWER", 1.0)
+    monkeypatch.setattr(cluster, "ANSWER", 1.0)
     begin = time.monotonic()
     with pytest.raises(UsageError, match=r"--cluster tcp://127\.0\.0\.1:9: no scheduler answers within 1 s"):
         done(Trial(str(tmp_path)), tmp_path, "tcp://127.0.0.1:9")
@@ -199,7 +199,7 @@ def test_a_fault_of_a_unit_is_told_in_its_words(processes, tmp_path):
 
 @pytest.mark.slow
 def test_a_cluster_without_workers_is_told_within_a_bound(processes, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "_JOIN", 2.0)
+    monkeypatch.setattr(cluster, "JOIN", 2.0)
     with pytest.raises(WorkerError, match="no worker has joined"):
         done(Trial(str(tmp_path)), tmp_path, processes.address)
 

@@ -83,9 +83,9 @@ def test_a_held_command_is_a_held_measurement_for_a_controller_without_memory(be
 
 def test_the_operator_has_the_eigenvalue_of_its_matrix(belt, monkeypatch):
     about = link(delay=3 * MS, jitter=2 * MS, loss=0.3), link(loss=0.2)
-    monkeypatch.setattr(jump_loop, "_DENSE", 12)
+    monkeypatch.setattr(jump_loop, "DENSE", 12)
     found = jump_growth(belt, "nf", *about).mean_square
-    monkeypatch.setattr(jump_loop, "_DENSE", 0)
+    monkeypatch.setattr(jump_loop, "DENSE", 0)
     assert jump_growth(belt, "nf", *about).mean_square == pytest.approx(found, rel=1e-7)
 
 

@@ -50,8 +50,8 @@ def recorded(bench, path, writer):
 def test_a_free_run_waits_for_a_recorder_with_a_slow_disk(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(recorder_lag, "WAITING", 20)
     monkeypatch.setattr(recorder_lag, "MOST", 8)
-    monkeypatch.setattr(recorders, "_TURN", 200)
-    monkeypatch.setattr(recorders, "_TELL_S", 0.02)
+    monkeypatch.setattr(recorders, "TURN", 200)
+    monkeypatch.setattr(recorders, "TELL_S", 0.02)
     lines = []
     with Bench(scene, pace=None, duration=SECONDS, expect=(("recorder", "recorder"),)) as bench:
         told = recorded(bench, tmp_path / "run.mcap", SlowDisk)

@@ -45,7 +45,7 @@ def frame_0(*arguments):
 plant.housekeeper.begin = frame_0
 plant.gather(lambda _: None)
 with seen.watched():
-    plant._go(lambda _: None)
+    plant.run_frames(lambda _: None)
 print(len([one for one in seen.seen if one[0] == "compile"]), sorted(set(sys.modules) - set(before)))
 """
 

@@ -84,7 +84,7 @@ def test_a_run_has_the_bits_of_the_same_controller_in_python_through_the_helper_
 def test_the_process_of_a_controller_calls_the_library_itself_with_the_same_numbers(sound):
     description = SimpleNamespace(controllers=json.loads(json.dumps(design.described(sound))))
     own, helped = Loop(process.made(description, "nf")), Loop(made(sound))
-    before = set(c_process._HELPERS.values())
+    before = set(c_process.HELPERS.values())
     for k in range(50):
         assert own.answer(k * 1_000_000, (0.01 * k,)) == helped.answer(k * 1_000_000, (0.01 * k,))
     assert type(own.controller._library).__name__ == "Library"
@@ -92,7 +92,7 @@ def test_the_process_of_a_controller_calls_the_library_itself_with_the_same_numb
     helped.retune({"gain": 100.0})
     assert own.answer(50_000_000, (0.1,)) == helped.answer(50_000_000, (0.1,))
     assert type(own.controller._library).__name__ == "Library"
-    assert set(c_process._HELPERS.values()) == before
+    assert set(c_process.HELPERS.values()) == before
 
 
 def test_its_parameters_are_keys_of_the_scene_and_can_be_tuned(sound):
@@ -117,8 +117,8 @@ def test_a_recording_contains_the_library_but_no_path_and_is_verified_without_it
     recorded = Scene.from_json(again.scene)
     assert recorded == sound
     same(simulate(recorded, {}, 100_000_000, Recorded(again.commands, again.events)), run)
-    c._OPENED.clear()
-    monkeypatch.setattr(c_process, "_HELPERS", {})
+    c.OPENED.clear()
+    monkeypatch.setattr(c_process, "HELPERS", {})
     with pytest.raises(Untrusted, match=r"nf0\.so \(SHA-256 "):
         simulate(recorded, duration_ns=100_000_000)
     trust_scene(again.scene)

@@ -20,7 +20,7 @@ def _strange(monkeypatch):
             del sys.modules[name]
 
     monkeypatch.setenv("RIG_TRUSTED", "")
-    monkeypatch.setattr(code, "_MODULES", {})
+    monkeypatch.setattr(code, "MODULES", {})
     forget()
     yield
     forget()

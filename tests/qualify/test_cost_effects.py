@@ -152,7 +152,7 @@ def test_a_plant_that_leaves_its_limits_or_stops_is_told_so():
 def test_an_irregular_motion_differs_from_itself_and_that_much_is_no_change(monkeypatch):
     from rig.qualify.cost import changes as own
 
-    monkeypatch.setattr(own, "_irregular", lambda asked, seen: dict.fromkeys(seen.values, 0.8))
+    monkeypatch.setattr(own, "irregular", lambda asked, seen: dict.fromkeys(seen.values, 0.8))
     one = problem(bare(rig.load("belt")))
     other = problem(bare(rig.load("belt", {"body.mass": "6 kg"})))
     found, _ = changed(own.replace(one, kind="vibration"), own.replace(other, kind="vibration"))

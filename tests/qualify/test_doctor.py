@@ -205,7 +205,7 @@ def test_a_scene_without_kernels_is_not_judged():
 def compiled(tmp_path, monkeypatch):
     called = []
     monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
-    monkeypatch.setattr(kernel_shapes, "_run", lambda scene: called.append(scene.name))
+    monkeypatch.setattr(kernel_shapes, "run_briefly", lambda scene: called.append(scene.name))
     return called
 
 

@@ -396,7 +396,7 @@ def test_messages_of_channels_that_nothing_describes_are_counted_as_missing(tmp_
     with path.open("wb") as file:
         out = mcap_file.Writer(file, 1 << 20)
         out.attach("scene.json", "application/json", b"{}", 0)
-        out._counts[1] = 0  # a channel that is described nowhere
+        out.counts[1] = 0  # a channel that is described nowhere
         for k in range(9):
             out.add(1, k, b"payload", k, k)
         out.flush()

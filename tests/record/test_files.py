@@ -311,7 +311,7 @@ def test_runs_are_aligned_by_time_not_by_index(run):
 
 
 def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypatch):
-    monkeypatch.setattr(mcap_file, "_SPILL", 1 << 14)
+    monkeypatch.setattr(mcap_file, "SPILL", 1 << 14)
     monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
     log, payload, taken = Writer(tmp_path / "run.mcap", SETUP, "recorded"), encode.block(0, 0, 1, [0.0]), []
     tracemalloc.start()

@@ -24,8 +24,8 @@ def forget(monkeypatch):
     """Takes all models from the memory of this process."""
 
     def take():
-        monkeypatch.setattr(model_store, "_offered", type(model_store._offered)())
-        monkeypatch.setattr(plate, "_reduced", model_store.cached(plate_model.build))
+        monkeypatch.setattr(model_store, "OFFERED", type(model_store.OFFERED)())
+        monkeypatch.setattr(plate, "reduced_model", model_store.cached(plate_model.build))
 
     return take
 

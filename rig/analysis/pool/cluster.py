@@ -30,8 +30,8 @@ from rig.scheduling import cores
 
 SPAN = 10.0  # s of a batch
 LOOPBACK = "127.0.0.1"
-_ANSWER = 10.0  # s within which a scheduler answers
-_JOIN, _QUEUE = 60.0, 86400.0  # s within which a worker joins; one that waits in the queue of a batch system
+ANSWER = 10.0  # s within which a scheduler answers
+JOIN, _QUEUE = 60.0, 86400.0  # s within which a worker joins; one that waits in the queue of a batch system
 _LOOK = 0.2  # s between two reports of progress
 _AHEAD = 2  # batches on their way for each worker, so that none waits for the next
 _PREPARING = 300.0  # s for another process of the same machine to compile
@@ -68,7 +68,7 @@ class Cluster:
         self._made = _started(self._where, self._workers)
         try:
             address = self._where if self._made is None else self._made
-            self._client = distributed.Client(address, timeout=_ANSWER, set_as_default=False, name="friction-rig")
+            self._client = distributed.Client(address, timeout=ANSWER, set_as_default=False, name="friction-rig")
         except Exception as fault:
             self._close_cluster()
             if not isinstance(fault, OSError | TimeoutError | ValueError | ImportError | TypeError):
@@ -79,7 +79,7 @@ class Cluster:
                     "distributed.comm.tls.ca-file, and key and cert of distributed.comm.tls.client"
                 ) from None
             raise UsageError(
-                f"--cluster {self._where}: no scheduler answers within {_ANSWER:g} s "
+                f"--cluster {self._where}: no scheduler answers within {ANSWER:g} s "
                 f"({' '.join(str(fault).split())[:200]}); start one: dask scheduler --host {LOOPBACK}"
             ) from None
         try:
@@ -94,13 +94,13 @@ class Cluster:
 
     def _close(self) -> None:
         with suppress(Exception):
-            self._client.close(timeout=_ANSWER)
+            self._client.close(timeout=ANSWER)
         self._close_cluster()
 
     def _close_cluster(self) -> None:
         if self._made is not None:
             with suppress(Exception):
-                self._made.close(timeout=_ANSWER)
+                self._made.close(timeout=ANSWER)
 
     def _compare(self) -> None:
         """Raise UsageError if a worker has other sources, or none."""
@@ -134,7 +134,7 @@ class Cluster:
                 threads = self._threads()
                 if threads:
                     joined = time.monotonic()
-                elif time.monotonic() - joined > (_JOIN if self._where != "slurm" else _QUEUE):
+                elif time.monotonic() - joined > (JOIN if self._where != "slurm" else _QUEUE):
                     raise self._lost("no worker has joined for a minute")
                 while threads and schedule.waiting and len(out) < _AHEAD * threads and not alone:
                     if schedule.suspects and out:
@@ -166,7 +166,7 @@ class Cluster:
         """Save the result of a batch, or send it out again if it ended its worker."""
         if future.status == "finished":
             try:
-                fault, found, seconds, processor = future.result(timeout=_ANSWER)
+                fault, found, seconds, processor = future.result(timeout=ANSWER)
             except Exception:  # its worker was lost before the result was fetched
                 future.release()
                 schedule.lost(batch, 0)
@@ -182,7 +182,7 @@ class Cluster:
             future.release()
             schedule.lost(batch, 0)
         else:
-            error = future.exception(timeout=_ANSWER)
+            error = future.exception(timeout=ANSWER)
             if type(error).__name__ != "KilledWorker":
                 what = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
                 raise WorkerError(f"a worker failed: {what}. Finished results are kept in {self._store.folder}")
@@ -230,7 +230,7 @@ def job_script(workers: int | None) -> str:
         script: str = cluster.job_script()
     finally:
         with suppress(Exception):
-            cluster.close(timeout=_ANSWER)
+            cluster.close(timeout=ANSWER)
     reach = "where other machines do not reach it: state jobqueue.slurm.interface in the configuration of dask"
     note = "" if _told_host() else f"# the scheduler listens on {LOOPBACK}, {reach}\n"
     return f"# submitted {-(-(workers or 1) // each)} times\n{note}{script}"

@@ -21,7 +21,7 @@ from rig.parts import Binary
 LONGEST_S = 2.0
 """Longest time of a step [s]. # chosen"""
 _LOAD_S = 20.0
-_HELPERS: dict[str, LibraryProcess] = {}
+HELPERS: dict[str, LibraryProcess] = {}
 """SHA-256 -> helper."""
 
 
@@ -114,7 +114,7 @@ def _end(process: subprocess.Popen[bytes], link: socket.socket) -> None:
 
 def helper(binary: Binary) -> LibraryProcess:
     """The helper of a library in this process, started if there is none."""
-    found = _HELPERS.get(binary.sha256)
+    found = HELPERS.get(binary.sha256)
     if found is None or not found.lives:
-        found = _HELPERS[binary.sha256] = LibraryProcess(binary)
+        found = HELPERS[binary.sha256] = LibraryProcess(binary)
     return found

@@ -30,7 +30,7 @@ LIMIT = 1 << 26
 _CACHED = 4  # results, of each plant
 _log = logging.getLogger("rig")
 _reported: set[Path] = set()  # folders that this process has reported as not writable
-_offered: OrderedDict[str, bytes] = OrderedDict()  # digest -> model, the latest last
+OFFERED: OrderedDict[str, bytes] = OrderedDict()  # digest -> model, the latest last
 _given: ContextVar[Mapping[str, str] | None] = ContextVar("given", default=None)
 _taken: ContextVar[dict[str, bytes] | None] = ContextVar("taken", default=None)
 
@@ -49,13 +49,13 @@ def digest(content: bytes) -> str:
 def offer(content: bytes) -> str:
     """Make a model available in this process by its digest; returns the digest."""
     name = digest(content)
-    _offered[name] = content
-    _offered.move_to_end(name)
+    OFFERED[name] = content
+    OFFERED.move_to_end(name)
     left = LIMIT
-    for one in reversed(list(_offered)):
-        left -= len(_offered[one])
+    for one in reversed(list(OFFERED)):
+        left -= len(OFFERED[one])
         if left < 0 and one != name:
-            del _offered[one]
+            del OFFERED[one]
     return name
 
 
@@ -90,7 +90,7 @@ def stored_or_built(
     time write the same file atomically. A folder that is not writable is reported once and is no error.
     """
     path = root() / key
-    offered = _offered.get((_given.get() or {}).get(of, ""))
+    offered = OFFERED.get((_given.get() or {}).get(of, ""))
     if offered is not None:
         with suppress(ValueError):
             return _take(of, offered, read(offered))
@@ -124,7 +124,7 @@ def cached(build: Callable[P, T]) -> Callable[P, T]:
     known: OrderedDict[Any, tuple[T, dict[str, bytes]]] = OrderedDict()
 
     def call(*args: P.args, **_: P.kwargs) -> T:
-        here = tuple(sorted(pair for pair in (_given.get() or {}).items() if pair[1] in _offered))
+        here = tuple(sorted(pair for pair in (_given.get() or {}).items() if pair[1] in OFFERED))
         if (entry := known.get((args, here))) is None:
             with collected() as models:
                 entry = build(*args), models  # type: ignore[call-arg]

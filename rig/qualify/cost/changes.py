@@ -75,7 +75,7 @@ def changed(whole: Problem, less: Problem) -> tuple[tuple[Change, ...], str]:
         notes += [f"{which} it the plant stops: {one.fault}"] if one.fault else []
     if truth.fault or seen.fault:
         return (), "; ".join(notes)
-    floors = _irregular(whole, truth) if whole.kind == "vibration" else {}
+    floors = irregular(whole, truth) if whole.kind == "vibration" else {}
     resolved = max(_LEAST, *(of(p.scene, p.system).tolerance for p in (whole, less)))
     gone = whole.assembly.outputs.keys() - less.assembly.outputs.keys()
     found = []
@@ -109,7 +109,7 @@ def _apart(name: str, one: Seen, other: Seen) -> float:
     return abs(a - b) / larger if larger > 0.0 else 0.0
 
 
-def _irregular(problem: Problem, seen: Seen) -> dict[str, float]:
+def irregular(problem: Problem, seen: Seen) -> dict[str, float]:
     """By measure, the difference between a run and one whose start differs by rounding: large if the motion is
     chaotic.
     """
