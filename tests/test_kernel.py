@@ -39,7 +39,7 @@ def run(folder, values="1.0", **environment):
         capture_output=True,
         text=True,
         timeout=60,
-        env={**os.environ, "PYTHONPATH": path, "RIG_OWN_PROCESS": "1", **environment},
+        env={**os.environ, "PYTHONPATH": path, "RIG_OWN_PROCESS": "1", "PYTHONDONTWRITEBYTECODE": "1", **environment},
     )
 
 

@@ -28,8 +28,7 @@ def carry_out(
 
     `workers`: processes, one for each core by default; a single one computes in this process, unless `apart`.
     `cluster`: that of rig.analysis.pool.cluster.Cluster instead. A unit whose worker is lost is tried once more. One
-    that ends its worker twice has the result of `Work.failed`, which is not stored: the next call tries it again, in
-    another process, as all that is left of an earlier call.
+    that ends its worker twice has the result of `Work.failed`, which is not stored: the next call tries it again.
     Raises WorkerError for a fault that ends the whole work; what is finished stays in the store.
     """
     say = progress or (lambda done, total: None)
@@ -39,7 +38,7 @@ def carry_out(
     say(done, work.total)
     if not todo:
         return ready
-    with pool(work, store, workers, len(todo), apart or bool(ready), cluster) as found:
+    with pool(work, store, workers, len(todo), apart, cluster) as found:
         found.compute(dict.fromkeys(todo, ()), lambda new: say(done + new, work.total))
     return store.load() | {unit: work.failed(unit, why) for unit, why in found.failed.items()}
 
