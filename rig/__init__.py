@@ -105,11 +105,12 @@ def simulate(
     """
     from rig.bench.given_controllers import divided, placed
     from rig.bench.simulate import simulate as run
+    from rig.quantities import run_length_ns
     from rig.record.provenance import provenance
 
     files, objects = divided(controllers or {}, isinstance(scene, str))
     loaded, guests = placed(load(scene, files) if isinstance(scene, str) else scene, objects)
-    found = run(loaded, duration_ns=None if duration is None else round(duration * 1e9), stop=stop, guests=guests)
+    found = run(loaded, duration_ns=run_length_ns(duration), stop=stop, guests=guests)
     found.provenance = provenance(loaded.seed)
     return found
 
@@ -131,8 +132,9 @@ def branch(
     from pathlib import Path
 
     from rig.bench.branch import branch as go_on
+    from rig.quantities import run_length_ns
 
-    return go_on(Path(log), at, overrides, None if duration is None else round(duration * 1e9), stop)
+    return go_on(Path(log), at, overrides, run_length_ns(duration), stop)
 
 
 def diff(first: Run, second: Run, tolerance: float = 0.0, begin: float = 0.0, end: float = float("inf")) -> Compared:

@@ -57,7 +57,7 @@ def lent_type(content: Any) -> Lent:
 
 
 def _type_of(value: Any) -> Any:
-    """`numba.typeof` of a field, which takes ten times as long: it makes the type of every array anew."""
+    """`numba.typeof` of a field, which takes four to six times as long: it makes the type of every array anew."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         return types.NamedTuple([_type_of(one) for one in value], type(value))  # type: ignore[no-untyped-call]
     if isinstance(value, np.ndarray) and value.flags.c_contiguous:

@@ -26,6 +26,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandle
 from pydantic_core import CoreSchema, core_schema
 
 from rig.about import About
+from rig.errors import UsageError
 from rig.units import OTHERS, SIZES, si
 
 ORIGINS = ("paper", "public", "derived", "calibrated", "chosen", "user")
@@ -92,6 +93,16 @@ def finite(value: Any, unit: str, *bounds: Gt | Ge | Lt | Le) -> float:
     """Read `value` as `si` does and check it against `bounds` and the sizes of its unit. Raises ValueError."""
     within = Range(unit, bounds)
     return within.check(within.read(value))
+
+
+def run_length_ns(duration: float | None) -> int | None:
+    """The length [ns] of a run of `duration` [s]; None, which is that of its protocol, for None. Raises UsageError."""
+    if duration is None:
+        return None
+    try:
+        return round(finite(duration, "s", Gt(0.0)) * 1e9)
+    except ValueError as fault:
+        raise UsageError(f"the duration {fault}") from None
 
 
 BOUNDS = {

@@ -1,9 +1,13 @@
 """Numbers with units as users write them."""
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import rig
+from rig.errors import UsageError
 from rig.units import si
 
 
@@ -33,3 +37,16 @@ def test_an_exponent_is_no_unit(text):
 def test_what_is_no_number_with_a_unit_is_refused(text):
     with pytest.raises(ValueError, match=r"expected a (number|unit)"):
         si(text, "s")
+
+
+@pytest.mark.parametrize("duration", [-1.0, 0.0, math.nan, math.inf, 1e9, "3"])
+def test_a_run_of_an_impossible_length_is_refused(duration):
+    calls = (
+        lambda: rig.simulate("belt", duration),
+        lambda: rig.repeat("belt", 2, duration),
+        lambda: rig.study("belt", {"load.force": [10.0]}, ["run.rms"], duration=duration),
+        lambda: rig.optimise("belt", {"load.force": (10.0, 20.0)}, "run.rms", duration=duration),
+    )
+    for call in calls:
+        with pytest.raises(UsageError, match=r"the duration (must be|is '3')"):
+            call()

@@ -24,6 +24,7 @@ from rig.bus.port import Session
 from rig.bus.run_setup import Setup
 from rig.errors import RigError
 from rig.plants.structures import model_store
+from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
 
@@ -36,7 +37,7 @@ class PlantParts:
         self.scene = scene = Scene.from_json(job.scene)
         with model_store.collected() as self.models:
             self.runner = runner = PlantRunner(scene, piece=length(scene, job.pace))
-        duration_ns = None if job.duration is None else round(job.duration * 1e9)
+        duration_ns = run_length_ns(job.duration)
         self.experiment = Experiment(scene, runner, duration_ns, self._retune)
         self.cores = placement.choose()
         """Cores of the plant's thread (in a paced run) and of the threads of the bus."""

@@ -23,6 +23,7 @@ from rig.bench.runner import PlantRunner
 from rig.bench.simulate import carry_out
 from rig.errors import RigError
 from rig.parts import foreign_fault
+from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
 
 LONGEST_S = 3.0
@@ -41,7 +42,7 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
             working[name] = controllers.restored(description)
             if name in scene.in_plant and length(scene, job.pace) > 1:
                 asked_often(working[name])
-    duration_ns = scene.duration_ns if job.duration is None else round(job.duration * 1e9)
+    duration_ns = scene.duration_ns if job.duration is None else run_length_ns(job.duration)
     begun: list[float] = []
 
     def stop() -> str:

@@ -21,7 +21,6 @@ from rig.solve.records import (
     KEY,
     PLACES,
     SUBDIVIDED,
-    TICK,
     TRIALS,
     MotionRecords,
     MotionState,
@@ -32,7 +31,7 @@ from rig.solve.segment_output import empty_segments
 Array = NDArray[np.float64]
 SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
 """Room for the smooth segments of a frame, to begin with and at most."""
-_COLLECTED = 1 << 12
+COLLECTED = 1 << 12
 """Room for the events of all frames of a call."""
 
 
@@ -94,7 +93,7 @@ class MotionMemory:
     def _make_room_for_events(self, ticks: int) -> None:
         """Make room for the events that a block of `ticks` may have."""
         events = self._cap * max(1, ticks // 10)
-        new = empty_log(0, 0, events, max(_COLLECTED, 2 * events) if self._collects else 0)
+        new = empty_log(0, 0, events, max(COLLECTED, 2 * events) if self._collects else 0)
         self.log = new._replace(out=self.log.out, modes=self.log.modes)
         self._ticks = ticks
         self._lend()
@@ -188,6 +187,5 @@ class MotionMemory:
         Returns first tick; [event, 4] tick, guard kind, owner, key before; [event] places in the tick.
         """
         log, count = self.log, self.event_count
-        if self._collects:
-            return self.tick - self.kept, log.met[:count].copy(), log.met_place[:count].copy()
-        return self.tick - int(self.state.ic[TICK]), log.event[:count].copy(), log.place[:count].copy()
+        events, places = (log.met, log.met_place) if self._collects else (log.event, log.place)
+        return self.tick - self.kept, events[:count].copy(), places[:count].copy()

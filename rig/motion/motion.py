@@ -255,6 +255,7 @@ class Motion(MotionMemory):
 
     def _run(self, first: int, last: int) -> bool:
         more = self._more
+        self.log.collected[0] = 0
         if self._carry is None:
             self._carry = entry(self._kernel, self.mode_sets.handle, self.loan, True, first, last, *more)
         status = self._carry(self.mode_sets.handle, self.loan, True, first, last, *more)

@@ -94,6 +94,7 @@ class Writer:
         self._fresh: list[Schema | Channel] = []
         """Described for the first time in this chunk; the next chunk repeats it."""
         self.counts: dict[int, int] = {}
+        """Channel -> number of its messages."""
         self._messages = self._chunks = self._latest_ns = 0
         self._ends: list[tuple[int, int]] = []
         """Ends of the chunks that the system may not have yet, and the latest publish time up to each."""

@@ -52,8 +52,6 @@ def advance_frames(tables, loan, begin, first, last, steps, surroundings):
     work, state, log, seg, plan = loan.work, loan.state, loan.log, loan.segments, loan.plan
     ic, instruments, controllers = state.ic, surroundings.instruments, surroundings.controllers
     origin = first if begin else ic[REACHED]
-    if begin:
-        log.collected[0] = 0
     while True:
         if begin:
             if origin > first and not run_controllers(controllers, instruments.latest, state.x):

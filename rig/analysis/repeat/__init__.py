@@ -17,6 +17,7 @@ from rig.analysis.repeat.random import REMEDY, sources
 from rig.analysis.repeat.runs import SeedRuns
 from rig.analysis.repeat.spread import Repeats
 from rig.errors import UsageError
+from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
 
 __all__ = ["Repeats", "repeat"]
@@ -41,7 +42,7 @@ def repeat(
     found = sources(scene)
     if not found:
         raise UsageError(f"{scene.name}: nothing in it is random, so that all {count} runs are the same. {REMEDY}")
-    if duration is None and scene.duration_ns is None:
+    if run_length_ns(duration) is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
     work, ended = SeedRuns(scene, tuple(range(scene.seed, scene.seed + count)), duration), ""
 

@@ -10,6 +10,7 @@ from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, packed
 from rig.analysis.repeat.measure import Seen, measure
 from rig.bench.simulate import simulate
+from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
 
 
@@ -44,7 +45,7 @@ class SeedRuns:
     def compute(self, unit: int) -> Arrays:
         """Simulate with one seed and measure."""
         seed = self.seeds[unit]
-        duration_ns = None if self.duration is None else round(self.duration * 1e9)
+        duration_ns = run_length_ns(self.duration)
         run = simulate(replace(self.scene, seed=seed), duration_ns=duration_ns, audited=False)
         return packed(measure(run, seed).to_json())
 

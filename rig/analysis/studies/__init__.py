@@ -10,7 +10,6 @@ figure          curves, heat map, scatter matrix, tornado   search    a global s
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from rig.analysis.studies.recordings import keep as keep_recordings
 from rig.analysis.studies.result import StudyResult, gathered
 from rig.analysis.studies.runs import StudyRuns
 from rig.errors import RigError, UsageError
+from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
 from rig.record.run import Run
 from rig.scenes.scene import Scene
@@ -62,8 +62,7 @@ def prepared(
     of_runs = any(one.source in ("run", "") for one in wanted or ())
     if (of_runs or keep is not None) and duration is None and scene.duration_ns is None:
         faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
-    if duration is not None and not 0.0 < duration < math.inf:
-        faults.append(f"duration = {duration:g} s: must be more than 0")
+    checked(lambda: run_length_ns(duration))
     if repeat > 1 and not sources(scene):
         faults.append(f"{scene.name}: nothing in it is random, so that {repeat} runs of a point are the same. {REMEDY}")
     elif repeat > 1 and wanted and not of_runs:

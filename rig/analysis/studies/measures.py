@@ -30,6 +30,7 @@ from rig.analysis.studies.functions import Function, function_of
 from rig.bench.simulate import simulate
 from rig.errors import NumericsError, RigError, SceneError
 from rig.model.assembly import portrait
+from rig.quantities import run_length_ns
 from rig.record.run import Run
 from rig.record.statistics import first_opening
 from rig.scenes.faults import near
@@ -214,7 +215,7 @@ def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, s
 
 def _of_run(scene: Scene, duration: float | None, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
     own = any(one.function is not None for one in some)  # it may read the summary
-    run = simulate(scene, duration_ns=None if duration is None else round(duration * 1e9), audited=own)
+    run = simulate(scene, duration_ns=run_length_ns(duration), audited=own)
     stopped = run.fault.partition("\n")[0]
     for one in some:
         if stopped:

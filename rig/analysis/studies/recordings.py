@@ -15,6 +15,7 @@ from rig.analysis.pool import Arrays, Progress, carry_out, temporary
 from rig.analysis.studies.runs import StudyRuns
 from rig.bench.simulate import simulate
 from rig.errors import RigError, WorkerError
+from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
 from rig.record.save_run import save
 
@@ -60,7 +61,7 @@ class Recordings:
         point, study = self.points[unit], self._runs
         scene = study.scene_of(point)
         try:
-            run = simulate(scene, duration_ns=None if study.duration is None else round(study.duration * 1e9))
+            run = simulate(scene, duration_ns=run_length_ns(study.duration))
         except RigError:
             return {"recorded": np.array(False)}
         run.provenance = provenance(scene.seed)

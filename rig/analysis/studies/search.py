@@ -28,6 +28,7 @@ from rig.analysis.studies.measures import Measure, Measured, evaluate, measures,
 from rig.analysis.studies.runs import as_arrays, digest
 from rig.analysis.studies.search_result import SearchResult
 from rig.errors import RigError, SceneError, UsageError
+from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
 from rig.record.run import Run
 from rig.scenes.scene import Scene
@@ -145,8 +146,7 @@ def prepared(
     faults += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key in wrong]
     whole = {key: _joined(parts) for key, parts in ends.items() if key not in wrong}
     varied: tuple[Factor, ...] = checked(lambda: factors(scene, whole)) if whole or not wrong else ()
-    if duration is not None and not 0.0 < duration < math.inf:
-        faults.append(f"duration = {duration:g} s: must be more than 0")
+    checked(lambda: run_length_ns(duration))
     for one in varied or ():
         if not one.axis.values[0] < one.axis.values[1]:
             faults.append(f"{one.key}: the range must rise, from {one.axis.text(one.axis.values[0])} upwards")
