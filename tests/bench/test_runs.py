@@ -41,8 +41,9 @@ def _compiled():
 @pytest.fixture
 def folder(runs):
     """A directory of live runs; no process that the test has started is left."""
+    before = set(psutil.Process().children(recursive=True))
     yield runs
-    left = [one for one in psutil.Process().children(recursive=True) if one.is_running()]
+    left = [one for one in psutil.Process().children(recursive=True) if one not in before and one.is_running()]
     for one in left:
         one.kill()
     psutil.wait_procs(left, 5.0)

@@ -123,13 +123,14 @@ def test_ctrl_c_waits_until_a_command_has_kept_what_it_has_done(tmp_path):
             time.sleep(0.02)
         os.kill(os.getpid(), signal.SIGINT)
 
+    before = set(psutil.Process().children())  # helpers of C libraries, which earlier tests have loaded
     watch = threading.Thread(target=interrupt)
     watch.start()
     with pytest.raises(KeyboardInterrupt):
         attempt(Command(("simulate",), ()), tmp_path)
     watch.join()
     assert (tmp_path / "kept").exists()
-    assert not psutil.Process().children()
+    assert set(psutil.Process().children()) <= before
 
 
 PAGE = """# T

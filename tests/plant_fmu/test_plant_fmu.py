@@ -215,7 +215,7 @@ def test_a_killed_child_is_an_error_and_leaves_no_process(path, tmp_path):
     with pytest.raises(FMICallException):
         plant.unit.doStep(0.0, 1e-3)
     assert plant.said[-1] == "the rig is not running"
-    assert children() == before
+    assert children() <= before
     plant.unit.freeInstance()
 
 
@@ -237,7 +237,7 @@ def test_a_child_that_hangs_or_ends_is_an_error_within_a_bounded_time(path, tmp_
         plant.unit.doStep(0.0, 1e-3)
     assert told in plant.said[-1]
     assert time.monotonic() - begun < 2.0
-    assert children() == before
+    assert children() <= before
     plant.unit.freeInstance()
 
 
