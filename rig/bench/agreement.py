@@ -23,16 +23,19 @@ NOTHING = 1e-12
 MOVED = 1e-3
 """Largest share of the instants whose mode sets may differ on another processor: events move by rounding errors, a few
 of them past an instant. # chosen"""
-ROUNDED = frozenset({"processor", "numba", "python"})
+ROUNDED = frozenset({"processor", "blas", "numba", "python"})
 """What rounds differently but has the same sources, and therefore the same events and numbers of mode sets."""
 MODE_SET = "mode set"
-_PLACE = ("kernel", "processor", "numba", "python")
+_PLACE = ("kernel", "processor", "blas", "numba", "python")
 
 
 def changed_place(run: Run) -> list[str]:
-    """The differences between this machine and that of the recording: sources, processor, versions."""
+    """The differences between this machine and that of the recording: sources, processor, linear algebra, versions.
+
+    A recording of a version that did not state its BLAS counts as one with the BLAS of this machine.
+    """
     here = provenance(0)
-    return [key for key in _PLACE if run.provenance.get(key) != here[key]]
+    return [key for key in _PLACE if run.provenance.get(key, here[key] if key == "blas" else None) != here[key]]
 
 
 def duration_ns(run: Run) -> int:

@@ -39,6 +39,7 @@ def _process() -> dict[str, str]:
         "host": platform.node(),
         "system": platform.platform(),
         "processor": processor(),
+        "blas": blas(),
         "cores": str(os.cpu_count()),
         "python": platform.python_version(),
         **{package: _version(package) for package in _PACKAGES},
@@ -70,6 +71,23 @@ def processor() -> str:
     features = llvmlite.binding.get_host_cpu_features().flatten()
     instructions = hashlib.sha256(features.encode()).hexdigest()[:8]
     return f"{_model_name()} ({llvmlite.binding.get_host_cpu_name()}, instructions {instructions})"
+
+
+def blas() -> str:
+    """The libraries of linear algebra of numpy and scipy, each with the processor for which its kernels are written.
+
+    OpenBLAS chooses these kernels at run time: an environment variable or a hypervisor that hides instructions changes
+    the last bits of matrices, and so those of a run.
+    """
+    import scipy.linalg.blas  # noqa: F401 - a library that is not yet loaded is not found
+    from threadpoolctl import threadpool_info
+
+    libraries = {
+        " ".join(str(one[key]) for key in ("internal_api", "version", "architecture") if one.get(key))
+        for one in threadpool_info()
+        if one["user_api"] == "blas"
+    }
+    return ", ".join(sorted(libraries)) or "unknown"
 
 
 def _model_name() -> str:

@@ -1,15 +1,19 @@
 """What verify compares beyond samples: commands with what was sent, events and mode sets on another processor."""
 
 import dataclasses
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rig
+from rig.bench.agreement import changed_place
 from rig.bench.command_checks import command_faults
 from rig.bench.verify import verify
-from rig.record.provenance import provenance
+from rig.record.provenance import blas, provenance
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
@@ -79,6 +83,41 @@ def test_events_are_compared_on_another_processor(there, tmp_path):
         events = [*there.events[:i], event, *there.events[i + 1 :]]
         found = verified(dataclasses.replace(there, events=events), tmp_path / "run.mcap")
         assert [fault for fault in found.faults if fault.startswith("event mark parts at t = ")], found.text()
+
+
+OTHER_KERNELS = """
+import sys, rig
+from rig.record.provenance import blas
+rig.simulate("disc_slider", 0.2).save(sys.argv[1])
+print(blas())
+"""
+
+
+def test_with_another_linear_algebra_a_recording_holds_to_the_tolerance(tmp_path):
+    """Kernels of OpenBLAS for another processor change the last bits of a modal basis, and so those of the run."""
+    here = blas()
+    for core in ("Prescott", "Haswell", "ARMV8"):
+        log = tmp_path / f"{core}.mcap"
+        command = [sys.executable, "-c", OTHER_KERNELS, str(log)]
+        done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "OPENBLAS_CORETYPE": core})
+        assert done.returncode == 0, done.stderr
+        if done.stdout.strip() != here:
+            break
+    else:
+        pytest.skip(f"{here} has no kernels for other processors")
+    found = verify(log)
+    assert found.passed, found.text()
+    assert found.elsewhere == ("blas",)
+    assert found.events > 0
+
+
+def test_a_recording_that_does_not_state_its_linear_algebra_is_compared_to_the_bit(there):
+    provenance_before = {key: value for key, value in there.provenance.items() if key != "blas"}
+    assert changed_place(dataclasses.replace(there, provenance=provenance_before)) == ["processor"]
+    assert changed_place(dataclasses.replace(there, provenance={**provenance_before, "blas": ""})) == [
+        "processor",
+        "blas",
+    ]
 
 
 def test_mode_sets_are_compared_on_another_processor_but_for_a_few(there, tmp_path):

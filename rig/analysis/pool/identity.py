@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from rig import kernel
-from rig.record.provenance import processor
+from rig.record.provenance import blas, processor
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,5 +28,5 @@ def sources() -> str:
 
 @cache
 def this_processor() -> str:
-    """Return the type of this processor: results have the same bits on one type."""
-    return processor()
+    """Return the type of this processor and its linear algebra: results have the same bits on one type."""
+    return f"{processor()}, {blas()}"

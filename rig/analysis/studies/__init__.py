@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.pool import Progress, Store, carry_out
+from rig.analysis.pool.identity import this_processor
 from rig.analysis.repeat.random import REMEDY, sources
 from rig.analysis.studies.condition import condition
 from rig.analysis.studies.functions import check_not_loading
@@ -112,5 +113,5 @@ def study(
 def _provenance(work: StudyRuns, store: Store) -> dict[str, str]:
     """The provenance of a result; the processors that computed it, if they are of several types or others than this."""
     found = provenance(work.plan.seed)
-    others = sorted(store.processors - {found["processor"]})
+    others = sorted(store.processors - {this_processor()})
     return found | ({"processors": "; ".join(sorted(store.processors))} if others else {})
