@@ -26,7 +26,8 @@ from rig import kernel_store, sources
 F = TypeVar("F", bound=Callable[..., Any])
 
 _ROOT = Path(__file__).resolve().parent.parent
-_ROOMS = ("rig.kernel", *(room.replace("/", ".") for room in sources.ROOMS))
+ROOMS = ("rig.kernel", *(room.replace("/", ".") for room in sources.ROOMS))
+"""Modules whose kernels are stored by the hash of all sources; those of others are stored by their own source file."""
 
 
 def source_key() -> str:
@@ -128,7 +129,7 @@ def _compiled(function: F, **options: Any) -> F:
     # A literal in the source of a caller would be a type of its own, and numba would compile a kernel for it.
     plain: Any = types.unliteral
     dispatcher.get_call_template = lambda kinds, named: templates([plain(kind) for kind in kinds], named)
-    FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(_ROOMS))
+    FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(ROOMS))
     return dispatcher  # type: ignore[no-any-return]
 
 

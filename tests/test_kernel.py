@@ -97,7 +97,7 @@ sys.addaudithook(refuse)
 def test_kernels_in_a_place_that_cannot_be_written_are_loaded(tmp_path, monkeypatch, rooms):
     """A user without rights, on a disk that is shared: nothing is compiled, nothing written; a new kernel is told."""
     kept = tmp_path / "kept"
-    monkeypatch.setattr(sys.modules[__name__], "CODE", f"from rig import kernel\nkernel._ROOMS = ({rooms!r},)\n{CODE}")
+    monkeypatch.setattr(sys.modules[__name__], "CODE", f"from rig import kernel\nkernel.ROOMS = ({rooms!r},)\n{CODE}")
     assert run(tmp_path, RIG_KERNELS=str(kept)).stderr == TOLD
     before = sorted(kept.rglob("*"))
     assert any(path.suffix == ".nbc" for path in before)

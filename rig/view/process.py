@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
 PAUSE_S = 0.08
 TOPICS = ("state", "meas/*", "applied/*", "health", "event/*", "total/plant")
-_DEPTH = 1024
+DEPTH = 1024
+"""Messages that wait for the viewer; those that find no room are lost, counted by topic."""
 _NICE = 5
 _LAST_WORDS_S = 0.3
 _LEAVING_S = 0.5
@@ -104,7 +105,7 @@ class Bridge:
 
     def __init__(self, session: Session, wait: float = 10.0, trust: bool = False) -> None:
         self._session = session
-        self.heard: Receiver = session.subscribe(*TOPICS, depth=_DEPTH, polled=True)
+        self.heard: Receiver = session.subscribe(*TOPICS, depth=DEPTH, polled=True)
         self._plant: Watch = session.watch("plant/*")
         described = run_setup.fetch(session, wait)
         if not self._plant.wait_for("plant", "plant", wait):

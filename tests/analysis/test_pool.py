@@ -1,6 +1,5 @@
 """The pool of worker processes: nothing is lost or computed in vain, whatever happens to a worker."""
 
-import resource
 import subprocess
 import sys
 import time
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from full_disk import largest_file
 from hypothesis import given
 from hypothesis import strategies as st
 from pool_works import Trial
@@ -95,13 +95,9 @@ def test_a_fault_ends_the_work_and_what_is_finished_stays(tmp_path):
 
 def test_results_that_do_not_fit_on_the_disk_end_the_work_with_a_sentence(tmp_path):
     work = Trial(str(tmp_path), total=4, size=10_000)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-    try:
-        with pytest.raises(WorkerError, match=r"\.npz cannot be written: File too large\. Finished results are kept"):
-            done(work, tmp_path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    told = r"\.npz cannot be written: File too large\. Finished results are kept"
+    with largest_file(20_000), pytest.raises(WorkerError, match=told):
+        done(work, tmp_path)
     assert not [*tmp_path.rglob(".draft*")]
 
 

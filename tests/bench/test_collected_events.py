@@ -37,10 +37,12 @@ def test_a_call_that_is_interrupted_before_it_begins_repeats_no_event(monkeypatc
     count = len(runner.truth.events())
     assert count
 
-    def interrupted(*arguments):
-        raise KeyboardInterrupt
+    class Interrupted:
+        @property
+        def handle(self):
+            raise KeyboardInterrupt
 
-    monkeypatch.setattr(runner.motion, "_carry", interrupted)
+    monkeypatch.setattr(runner.motion, "mode_sets", Interrupted())
     with pytest.raises(KeyboardInterrupt):
         runner.frames(10)
     assert len(runner.truth.events()) == count

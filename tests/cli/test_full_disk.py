@@ -1,11 +1,11 @@
 """A file that does not fit on the disk: each command names it, and nothing of it is left."""
 
-import resource
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from full_disk import largest_file
 
 from rig.errors import OutputError
 from rig.qualify.cost import Table, delay
@@ -45,10 +45,8 @@ def logs(tmp_path_factory):
 @pytest.fixture
 def full(logs):
     """Files of this process and its children stay small, as if the disk were full: LARGEST, or what a test asks for."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST, hard))
-    yield lambda largest: resource.setrlimit(resource.RLIMIT_FSIZE, (largest, hard))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with largest_file(LARGEST) as change:
+        yield change
 
 
 @pytest.mark.usefixtures("full")

@@ -4,10 +4,10 @@ import contextlib
 import json
 import random
 import re
-import resource
 
 import numpy as np
 import pytest
+from full_disk import largest_file
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer as PlainWriter
@@ -446,16 +446,12 @@ def test_every_command_that_reads_a_cut_file_says_so(rig, logs, tmp_path):
 def test_a_disk_that_is_full_at_any_moment_leaves_what_was_written(tmp_path):
     record(tmp_path / "whole.mcap", 60)
     given = walked(tmp_path / "whole.mcap")[1]
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     size = (tmp_path / "whole.mcap").stat().st_size
     for limit in (*range(0, size, size // 12), size - 1):
         path = tmp_path / "full.mcap"
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
-        try:
-            with pytest.raises(OutputError, match=r"full\.mcap cannot be written: File too large") as told:
-                record(path, 60)
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        told = r"full\.mcap cannot be written: File too large"
+        with largest_file(limit), pytest.raises(OutputError, match=told) as told:
+            record(path, 60)
         data = path.read_bytes()
         assert len(data) <= limit
         if b"setup.json" in data:

@@ -3,11 +3,13 @@
 import csv
 import dataclasses
 import errno
+import io
 import json
 import sys
 import tracemalloc
 import wave
 from fractions import Fraction
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -25,7 +27,6 @@ from rig.record import reader
 from rig.record.export import FORMATS, export, tables
 from rig.record.export.description import description
 from rig.record.export.files import files
-from rig.record.export.hdf5_disk import Hdf5Disk
 from rig.record.export.mat_file import LONGEST, valid
 from rig.record.run import Commands, Run, Samples
 from rig.record.save_run import save
@@ -443,16 +444,19 @@ def test_a_run_saved_from_python_has_its_provenance(tmp_path):
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
 def test_a_fault_anywhere_in_an_hdf5_file_is_raised_and_leaves_nothing(run, tmp_path, monkeypatch, fault, share):
     left = round(share * written(run, "hdf5", tmp_path / "whole").stat().st_size)
-    writes = Hdf5Disk._write
+    opens = Path.open
 
-    def write(disk, content):
-        nonlocal left
-        left -= len(content)
-        if left < 0:
-            raise fault
-        writes(disk, content)
+    class Filling(io.FileIO):
+        def write(self, content):
+            nonlocal left
+            left -= len(content)
+            if left < 0:
+                raise fault
+            return super().write(content)
 
-    monkeypatch.setattr(Hdf5Disk, "_write", write)
+    monkeypatch.setattr(
+        Path, "open", lambda path, mode="r", **more: Filling(path, mode) if mode == "w+b" else opens(path, mode, **more)
+    )
     path = tmp_path / "part"
     path.mkdir()
     with pytest.raises((OutputError, KeyboardInterrupt)) as found:

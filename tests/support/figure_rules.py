@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Rectangle
+from matplotlib.text import Text
 
 UNIT = re.compile(r"\[[^\]]+\]")
 KEY = re.compile(r"[A-Za-z]\w*\.[a-z]\w+|\w_\w")
@@ -60,9 +61,8 @@ def _boxes(figure):
     for axes in figure.axes:
         if not axes.get_visible():
             continue
-        texts += axes.texts
+        texts += [one for one in axes.get_children() if isinstance(one, Text)]  # titles too
         if axes.axison:
-            texts += [axes.title, axes._left_title, axes._right_title]
             texts += [text for axis in (axes.xaxis, axes.yaxis) if axis.get_visible() for text in _axis_texts(axis)]
     for text in texts:
         cut = text.get_clip_on() and (text.get_clip_box() or text.get_clip_path())

@@ -151,7 +151,7 @@ def test_what_nobody_takes_is_dropped_and_counted(plant, hub):
 
 
 def test_what_the_bridge_is_too_slow_for_is_counted_by_topic(plant, hub, monkeypatch):
-    monkeypatch.setattr("rig.view.process._DEPTH", 4)
+    monkeypatch.setattr("rig.view.process.DEPTH", 4)
     plant.serve()
     bridge = Bridge(hub.open("viewer", "viewer"))
     plant.speak(0, 10)

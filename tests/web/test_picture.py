@@ -103,7 +103,7 @@ def test_a_drawer_that_fails_costs_the_picture_alone(monkeypatch):
 
     scene = rig.load("belt")
     _, _, tell = frames_of(scene)
-    monkeypatch.setattr(Belt, "_frames", fails)
+    monkeypatch.setattr(Belt, "frames", fails)
     found = tell(0)
     assert "picture" not in found
     assert [event["text"] for event in found["events"]] == ["the picture cannot be drawn: KeyError: 'no_output'"]

@@ -2,7 +2,6 @@
 
 import json
 import os
-import resource
 import shlex
 import signal
 import subprocess
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from full_disk import largest_file
 
 import rig as package
 from rig import scenes
@@ -231,9 +231,7 @@ def test_a_recording_that_cannot_be_written_is_told(client, folder):
 
 def test_a_disk_that_fills_during_a_run_is_told_and_the_run_goes_on(client, listen, folder):
     page = listen()
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, hard))
-    try:
+    with largest_file(150_000):
         client.post("/api/run", scene="belt")
         client.until("running")
         page.until("status", lambda one: any("recorder" in why for why in one["reasons"]), 40.0)
@@ -242,8 +240,6 @@ def test_a_disk_that_fills_during_a_run_is_told_and_the_run_goes_on(client, list
         page.until("state", lambda _: page.frames[-1]["t"] > before + 0.5)
         client.post("/api/run/command", do="stop")
         ended = client.until("ended", 60.0)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert ended["outcome"]["unrecorded"]
     (why,) = ended["outcome"]["died"]
     assert "cannot be written: File too large" in why
