@@ -116,7 +116,8 @@ def _legends(figure):
 
 
 def _colour_bars(figure):
-    shown = [m for axes in figure.axes if not hasattr(axes, "_colorbar") for m in (*axes.collections, *axes.images)]
+    plots = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+    shown = [m for axes in plots for m in (*axes.collections, *axes.images)]
     mapped = [m for m in shown if m.get_array() is not None and np.size(m.get_array()) > 1]
     scales = [m for m in shown if m.colorbar is not None]
     for one in mapped:
