@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _signal
 import queue
 import signal
 import threading
@@ -11,8 +12,8 @@ from typing import Any, Generic, TypeVar
 
 _SLICE_S = 0.1
 """Longest delay of a signal [s]. # chosen"""
-_MASK: Any = getattr(signal, "pthread_sigmask", None)
-_MASK = getattr(_MASK, "__wrapped__", _MASK)  # Python's wrapper turns numbers into enums, which takes 10 us
+_MASK: Any = getattr(_signal, "pthread_sigmask", None)
+"""The function of the operating system: that of the module signal turns numbers into enums, which takes 10 us."""
 _SIGNALS = tuple(int(getattr(signal, s)) for s in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if hasattr(signal, s))
 _BLOCK, _RESTORE = (int(getattr(signal, name, 0)) for name in ("SIG_BLOCK", "SIG_SETMASK"))
 
