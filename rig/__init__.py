@@ -272,8 +272,7 @@ def study(
     from rig.analysis.studies import study as carry_out
 
     loaded = load(scene) if isinstance(scene, str) else scene
-    wanted = [measure] if isinstance(measure, str) or callable(measure) else list(measure)
-    work = prepared(loaded, over, wanted, samples, sampling, repeat, seed, duration, keep)
+    work = prepared(loaded, over, measure, samples, sampling, repeat, seed, duration, keep)
     return carry_out(work, Path(folder), workers, keep=keep, cluster=cluster)
 
 

@@ -19,6 +19,7 @@ import math
 from collections.abc import Iterable, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from functools import partial
+from numbers import Integral
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -27,7 +28,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from rig.about import About
 from rig.errors import UsageError
-from rig.units import OTHERS, SIZES, si
+from rig.units import OTHERS, SIZES, brief, si
 
 ORIGINS = ("paper", "public", "derived", "calibrated", "chosen", "user")
 LONGEST = 1_000_000_000_000_000
@@ -102,7 +103,15 @@ def run_length_ns(duration: float | None) -> int | None:
     try:
         return round(finite(duration, "s", Gt(0.0)) * 1e9)
     except ValueError as fault:
-        raise UsageError(f"the duration {fault}") from None
+        given = "" if isinstance(duration, str) else f" of {brief(duration)} s"
+        raise UsageError(f"the duration{given} {fault}") from None
+
+
+def whole(name: str, value: Any, least: int, most: int) -> int:
+    """Return a whole number from `least` to `most`. Raises UsageError for anything else."""
+    if isinstance(value, Integral) and not isinstance(value, bool) and least <= int(value) <= most:
+        return int(value)
+    raise UsageError(f"{name} = {brief(value)}: must be a whole number from {least} to {most}")
 
 
 BOUNDS = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -69,11 +70,32 @@ def _factor(text: str, unit: str) -> tuple[float, float]:
     return float(one - zero), float(zero)
 
 
+def parted(text: str) -> tuple[str, str]:
+    """Return the number and the unit of a value, "2 rpm" or "2rpm", as texts; "" for a unit that is missing."""
+    number, _, unit = _GLUED.sub(r"\1 ", text.strip(), count=1).partition(" ")
+    return number, unit.strip()
+
+
+def with_units(values: Sequence[str]) -> list[str]:
+    """Return the values of a list with units: one without a unit takes that of the others ("10", "20 kN").
+
+    Raises ValueError if the others have several. Without any unit the values stay as they are.
+    """
+    units = [parted(value)[1] for value in values]
+    named = [unit for unit in dict.fromkeys(units) if unit not in ("", "1")]
+    bare = [value for value, unit in zip(values, units) if not unit]
+    if len(named) > 1 and bare:
+        raise ValueError(f"{brief(bare[0])} has no unit, and the others have {' and '.join(named)}; state its unit")
+    return [f"{value} {named[0]}" if named and not unit else value for value, unit in zip(values, units)]
+
+
 def si(value: Any, unit: str) -> float:
     """Convert `value` to `unit`: a number is already in SI, a text has a unit. Too large for a double is infinite.
 
     Raises ValueError, which states the given value and what is expected.
     """
+    if hasattr(value, "item") and getattr(value, "shape", None) == ():  # a number of numpy
+        value = value.item()
     if isinstance(value, bool):
         raise ValueError(f"is {value}; expected a number in {_named(unit)}")
     if isinstance(value, int | float):
@@ -83,13 +105,12 @@ def si(value: Any, unit: str) -> float:
             return math.inf if value > 0 else -math.inf
     if not isinstance(value, str):
         raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}")
-    number, _, rest = _GLUED.sub(r"\1 ", value.strip(), count=1).partition(" ")
+    number, rest = parted(value)
     try:
         magnitude = float(number)
     except ValueError:
         what = "a number" if unit == "1" else f"a number and a unit in {unit}"
         raise ValueError(f"is {brief(value)}; expected {what}") from None
-    rest = rest.strip()
     if rest == unit or (not rest and unit == "1"):
         return magnitude
     if not rest:

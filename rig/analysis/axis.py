@@ -21,7 +21,7 @@ from rig.bench.rig_variant import with_values
 from rig.errors import SceneError
 from rig.scenes.faults import near, shortened, unit_of
 from rig.scenes.scene import Scene
-from rig.units import si
+from rig.units import parted, si
 
 Array = NDArray[np.float64]
 MOST, POINTS = 100_000, 10_000_000
@@ -60,11 +60,11 @@ class Axis:
         if key not in known:
             raise SceneError(shortened(text), faults)
         unit = known[key]
-        shown = next((u for u in (_unit(part) for part in parts[:2]) if u), unit)
+        shown = next((u for _, u in map(parted, parts[:2]) if u), unit)
         ends = []
         for name, part in zip(("from", "to"), parts):
             try:
-                ends.append(si(part if _unit(part) else f"{part} {shown if shown != '1' else ''}".strip(), unit))
+                ends.append(si(part if parted(part)[1] else f"{part} {shown if shown != '1' else ''}".strip(), unit))
             except ValueError as error:
                 faults.append(f"{name} {error}")
         if len(ends) == 2 and ends[0] == ends[1]:
@@ -217,7 +217,3 @@ def in_words(key: str, scene: Scene, declared: bool = False) -> str:
         section = section[part] if isinstance(section, Mapping) else getattr(section, part)
     title = type(section).model_fields[name].title
     return title or ("" if declared else " ".join([*path, name]).replace("_", " "))
-
-
-def _unit(part: str) -> str:
-    return part.partition(" ")[2].strip()

@@ -59,7 +59,7 @@ def optimise(
     if (minimise is None) == (maximise is None):
         raise UsageError("state one measure: --minimise cycle.amplitude, or --maximise")
     loaded = the_scene(scene, changes(p))
-    measure, ranges = minimise or maximise or "", values(over, "--over")
+    measure, ranges = minimise or maximise or "", values(over, "--over", changes(p))
     work = prepared(loaded, ranges, measure, maximise is not None, evaluations, seed, seconds(duration))
     printing.warnings(loaded)
     if scripted(cluster, dry_run, workers):

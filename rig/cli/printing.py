@@ -149,9 +149,9 @@ def kept(store: Store, what: str, total: int = 0) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        of = f" of {total}" if total else ""
-        note(f"interrupted: {len(store.load())}{of} {what} are kept in {store.folder}; the same command continues from "
-             "there")  # fmt: skip
+        of, ready = f" of {total}" if total else "", len(store.load())
+        note(f"interrupted: {ready}{of} {what} are kept in {store.folder}; the same command continues from there"
+             if ready else f"interrupted before any of the {what} was finished")  # fmt: skip
         raise
 
 

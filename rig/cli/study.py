@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -101,7 +102,7 @@ def study(
 
     loaded, given = _asked(scene, changes(p))
     own: dict[str, Any] = {
-        "over": values(over, "--over") or None,
+        "over": values(over, "--over", changes(p)) or None,
         "measure": measure,
         "samples": samples,
         "sampling": sampling,
@@ -145,8 +146,8 @@ def _asked(name: str, overrides: dict[str, str]) -> tuple[Scene, dict[str, Any]]
     return the_scene(found.scene, {**found.changes, **overrides}), found.given
 
 
-def values(given: list[str] | None, option: str) -> dict[str, str]:
-    """Dotted key -> values as text, of all options of this name."""
+def values(given: list[str] | None, option: str, changed: Mapping[str, object]) -> dict[str, str]:
+    """Dotted key -> values as text, of all options of this name; `changed`: keys of -p, which cannot be varied too."""
     found: dict[str, str] = {}
     for one in given or []:
         key, equals, text = one.partition("=")
@@ -154,6 +155,8 @@ def values(given: list[str] | None, option: str) -> dict[str, str]:
             raise UsageError(f'{option} {one}: expected KEY=VALUES, such as {option} "load.force=10 N:30 N:5"')
         if key.strip() in found:
             raise UsageError(f"{option} {one}: {key.strip()} is given twice")
+        if key.strip() in changed:
+            raise UsageError(f"{option} {one}: {key.strip()} is set with -p; leave one of the two out")
         found[key.strip()] = text.strip()
     return found
 

@@ -159,7 +159,8 @@ def change(
 
 def _read(value: object) -> Any:
     if not isinstance(value, str):
-        return value
+        plain = getattr(value, "tolist", None)  # numbers and arrays of numpy
+        return plain() if callable(plain) else value
     text = value.strip()
     if text == "none":
         return None

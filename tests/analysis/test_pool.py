@@ -1,5 +1,6 @@
 """The pool of worker processes: nothing is lost or computed in vain, whatever happens to a worker."""
 
+import shutil
 import subprocess
 import sys
 import time
@@ -13,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pool_works import Trial
 
+from rig import file_locks
 from rig.analysis.pool import Store, carry_out, packed, unpacked
 from rig.analysis.pool.local import WorkerProcesses
 from rig.analysis.pool.schedule import Schedule
@@ -182,6 +184,57 @@ def test_a_store_that_cannot_be_written_is_named(tmp_path):
     work = Trial(str(tmp_path))
     with pytest.raises(UsageError, match=r"trial-0: cannot be written: Not a directory"):
         done(work, tmp_path / "file")
+
+
+def test_a_folder_without_results_is_taken_away_after_an_error(tmp_path):
+    work = Trial(str(tmp_path), total=3)
+    for wrong in (0, -1, 1.5, True, 257):
+        with pytest.raises(UsageError, match=r"workers = .*: must be a whole number from 1 to 256"):
+            done(work, tmp_path / "new" / "studies", wrong)
+        assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_with_results_stays_after_an_error(tmp_path):
+    with pytest.raises(WorkerError):
+        done(Trial(str(tmp_path), total=2, does={"1": "exit"}), tmp_path)
+    assert 0 in Store(tmp_path / "trial-0").load()
+
+
+def test_a_folder_that_is_taken_away_while_another_process_waits_for_it_is_made_again(tmp_path, monkeypatch):
+    work = Trial(str(tmp_path))
+    store, take = Store.of(work, tmp_path), file_locks.take
+    taken = []
+
+    def late(lock):
+        if not taken:
+            shutil.rmtree(store.folder)
+        taken.append(lock)
+        return take(lock)
+
+    monkeypatch.setattr(file_locks, "take", late)
+    with store.open(work):
+        assert (len(taken), store.work()) == (2, work)
+
+
+def test_results_are_saved_although_a_unit_changes_the_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    work = Trial(str(tmp_path), total=2)
+    store = Store.of(work, Path("here"))
+    with store.open(work):
+        monkeypatch.chdir("/")
+        store.save({0: work.compute(0)})
+    assert [*(tmp_path / "here" / "trial-0").glob("*.npz")]
+
+
+@given(st.data())
+def test_a_damaged_file_is_skipped(tmp_path_factory, data):
+    store = Store(tmp_path_factory.mktemp("store"))
+    store.save({unit: {"value": np.array(float(unit)), "text": np.array("why" * unit)} for unit in range(3)})
+    path = store.folder / "000000.npz"
+    good = path.read_bytes()
+    at = data.draw(st.integers(0, len(good) - 1))
+    path.write_bytes(good[:at] + data.draw(st.binary(max_size=3)) + good[at + data.draw(st.integers(0, 9)) :])
+    assert {unit: float(one["value"]) for unit, one in store.load().items()} in ({}, {0: 0.0, 1: 1.0, 2: 2.0})
 
 
 def test_json_values_are_a_result_too():

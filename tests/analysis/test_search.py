@@ -87,6 +87,12 @@ def test_a_search_without_any_value_is_told(belt, tmp_path):
         ({}, {}, "no parameter is varied"),
         (RANGES, {"evaluations": 3}, "evaluations = 3: must be at least 15 for 1 parameters"),
         (RANGES, {"measure": "cycle.amplitud"}, "did you mean cycle.amplitude"),
+        (RANGES, {"evaluations": 0}, "evaluations = 0: must be a whole number from 1"),
+        (RANGES, {"seed": -1}, "seed = -1: must be a whole number from 0"),
+        ({"load.force": "0,1:0,5"}, {}, "load.force: expected a range FROM:TO"),
+        ({"load.force": 5.0}, {}, "load.force: expected a range FROM:TO"),
+        ({"load.force": lab.uniform(1.0, 2.0)}, {}, "load.force: expected a range FROM:TO"),
+        (None, {}, "over = None: expected keys with values"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_named(belt, over, more, told):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 import rig as lab
 from rig.analysis.pool import Store
@@ -233,6 +234,23 @@ WRONG = [
     ({"load.force": [1.0]}, {"keep": "cycle.period > 5 mm"}, "the level is '5 mm'"),
     ({"load.force": [1.0]}, {"keep": "cycle.amplitude > 5 mm"}, "cycle.amplitude is no measure of this study"),
     ({"load.force": [1.0]}, {"keep": "often"}, "expected MEASURE > VALUE"),
+    ({"load.force": [1.0]}, {"keep": 5}, "expected MEASURE > VALUE"),
+    ({"load.force": "1 N, 2 kN, 3"}, {}, "'3' has no unit, and the others have N and kN"),
+    ({"load.force": "0,1:0,5:3"}, {}, "a number has a point"),
+    ({"load.force": {"from": 1.0}}, {}, "is {'from': 1.0}; expected a number"),
+    ({"load.force": "normal(1, 2, mean=3)"}, {}, "mean is given twice"),
+    ({"load.force": "normal(1 N, 2 kN, low=0)"}, {}, "'0' has no unit"),
+    ({"load.force": "normal(1 N, 1 N, low=50 N)"}, {}, "no value of the distribution lies between low and high"),
+    ({"load.force": "lognormal(1 N, 1, high=0 N)"}, {}, "no value of the distribution lies between low and high"),
+    ({"load.force": "lognormal(1 N, 1000)"}, {}, "leaves the range of the parameter"),
+    ({"load.force": "uniform(1 N, 2 N)"}, {"samples": -3, "sampling": "sobol"}, "samples = -3: must be a whole number"),
+    ({"load.force": "uniform(1 N, 2 N)"}, {"samples": 2.5}, "samples = 2.5: must be a whole number"),
+    ({"load.force": "uniform(1 N, 2 N)"}, {"seed": 2**64}, "seed = 18446744073709551616: must be a whole number"),
+    ({"load.force": [1.0]}, {"repeat": "2"}, "repeat = '2': must be a whole number"),
+    ({"load.force": [1.0]}, {"measure": None}, "measure = None: expected a list"),
+    ({"load.force": [1.0]}, {"duration": -1.0}, "the duration of -1.0 s must be"),
+    (["load.force"], {}, r"over = \['load.force'\]: expected keys with values"),
+    ({5: [1.0]}, {}, "5: is not a numeric parameter"),
 ]  # fmt: skip
 
 
@@ -240,6 +258,36 @@ WRONG = [
 def test_what_is_wrong_is_named(belt, over, more, told):
     with pytest.raises((SceneError, UsageError), match=told):
         prepared(belt, over, **{"measure": ["cycle.period"], **more})
+
+
+def test_values_without_a_unit_take_that_of_the_others(belt):
+    for text in ("10, 20 kN", "10 kN, 20", "10, 20kN", "10kN:20:2", "10:20kN:2"):
+        [axis] = [one.axis for one in prepared(belt, {"load.force": text}, ["cycle.period"]).plan.factors]
+        assert (axis.values, axis.shown) == ((10e3, 20e3), "kN"), text
+    assert Distribution.parse("uniform(10, 20kN)").in_si("N") == {"low": 10e3, "high": 20e3}
+    assert Distribution.parse("lognormal(10 kN, 0.2, high=20)").in_si("N")["high"] == 20e3
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.float32, np.array])
+def test_numbers_of_numpy_are_numbers(belt, kind):
+    assert lab.normal(kind(20), kind(2)) == lab.normal(20.0, 2.0)
+    assert lab.load("belt", {"load.force": kind(20)}).parameters == lab.load("belt", {"load.force": 20.0}).parameters
+    work = prepared(belt, {"load.force": [kind(10), kind(20)]}, ["cycle.period"])
+    assert work.plan.factors[0].axis.values == (10.0, 20.0)
+
+
+def test_what_is_no_number_is_no_distribution():
+    for value in (True, [20.0], 1j, {}):
+        with pytest.raises(UsageError, match=r"normal: mean is .*; expected a number or a text with a unit"):
+            lab.normal(value, 1.0)
+    with pytest.raises(UsageError, match="the values must be finite"):
+        lab.normal(10**400, 1.0)
+
+
+def test_cuts_far_from_the_mean_leave_values(belt):
+    shares = np.array([1e-9, 0.25, 0.5, 1.0 - 1e-9])
+    found = lab.normal(0.0, 1.0, low=20.0, high=21.0).quantile(shares, "1")
+    assert np.allclose(found, stats.truncnorm.ppf(shares, 20.0, 21.0), rtol=1e-9)
 
 
 def test_every_fault_is_told_at_once():
@@ -312,6 +360,40 @@ def test_a_function_of_a_file_may_use_its_neighbours_and_its_faults_are_told(bel
     assert reason.endswith(" (line 3)")
 
 
+def test_a_module_beside_a_function_is_part_of_it(belt, tmp_path):
+    beside, file = tmp_path / "deep" / "beside.py", tmp_path / "mine.py"
+    beside.parent.mkdir()
+    file.write_text("from deep import beside\ndef value(run):\n    return beside.FACTOR\n")
+    digests = set()
+    for factor in (1.0, 2.0):
+        beside.write_text(f"FACTOR = {factor}\n")
+        digests.add(prepared(belt, {"load.force": [10.0]}, [f"{file}:value"], duration=0.01).digest)
+    assert len(digests) == 2
+
+
+@pytest.mark.parametrize("text", ["import sys\nsys.exit(3)", "raise SystemExit", "x ="])
+def test_a_file_that_ends_when_it_is_loaded_is_told(tmp_path, text):
+    file = tmp_path / "mine.py"
+    file.write_text(text)
+    with pytest.raises(UsageError, match=r"mine.py: (SystemExit|SyntaxError): "):
+        functions.function_of(f"{file}:value")
+
+
+def test_a_file_may_begin_with_a_mark_and_print(tmp_path, capsys):
+    file = tmp_path / "mine.py"
+    file.write_bytes(b"\xef\xbb\xbfprint('loaded')\ndef value(run):\n    return 1.0\n")
+    functions.function_of(f"{file}:value")
+    assert capsys.readouterr() == ("", "loaded\n")  # standard output may be a report in JSON
+
+
+@pytest.mark.parametrize("name", ["seed", "reason", "sample"])
+def test_a_function_named_like_a_column_is_refused(belt, tmp_path, name):
+    file = tmp_path / "mine.py"
+    file.write_text(f"def {name}(run):\n    return 1.0\n")
+    with pytest.raises(UsageError, match=f"measure {name}: a column of the results has this name"):
+        prepared(belt, {"load.force": lab.uniform(1.0, 2.0)}, [f"{file}:{name}"], duration=0.01)
+
+
 def test_a_function_that_ends_its_process_is_a_row_with_one_worker_too(belt, tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("import os\ndef gone(run):\n    os._exit(0)\n")
@@ -358,6 +440,11 @@ def test_what_is_wrong_with_a_file_is_told(tmp_path):
     assert "duration is '1 kg'" in str(fault.value)
     file.write_text('scene = "belt"\nmeasures = 3\n')
     assert is_study(file)
+    file.write_text('scene = "belt"\n[set]\n"load.force" = 5\n[over]\n"load.force" = [1]\nload = {force = [2]}\n')
+    with pytest.raises(UsageError, match=r"load.force is given 2 times\n.*load.force: is set and varied"):
+        read(file)
+    file.write_bytes(b"\xef\xbb\xbf" + b'scene = "belt"\n')  # as some editors begin it
+    assert read(file).scene == "belt"
 
 
 def test_wrong_values_are_told_together(belt):
@@ -368,7 +455,8 @@ def test_wrong_values_are_told_together(belt):
         "measure 3: expected",
         "load.forc: is not",
         "sampling latim: unknown",
-        "samples = 0, repeat = 1, seed = -1",
+        "samples = 0: must be a whole number from 1",
+        "seed = -1: must be a whole number from 0",
     ):
         assert part in told
 

@@ -12,7 +12,8 @@ from typing import Protocol
 from rig.analysis.pool.local import SPAN, WorkerProcesses
 from rig.analysis.pool.schedule import Schedule
 from rig.analysis.pool.store import Store
-from rig.analysis.pool.work import Arrays, Progress, Work
+from rig.analysis.pool.work import MOST_WORKERS, Arrays, Progress, Work
+from rig.quantities import whole
 from rig.scheduling import cores
 
 
@@ -55,7 +56,7 @@ def pool(
             work.prepare()
             yield found
         return
-    count = min(workers or cores(), most)
+    count = min(cores() if workers is None else whole("workers", workers, 1, MOST_WORKERS), most)
     if count == 1 and not apart:
         yield Here(work, store)
         return

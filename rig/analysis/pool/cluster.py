@@ -23,9 +23,10 @@ from rig import kernel, parts
 from rig.analysis.pool.identity import sources, this_processor
 from rig.analysis.pool.schedule import Schedule
 from rig.analysis.pool.store import Store
-from rig.analysis.pool.work import Arrays, Work, from_text, to_text
+from rig.analysis.pool.work import MOST_WORKERS, Arrays, Work, from_text, to_text
 from rig.errors import RigError, UsageError, WorkerError
 from rig.extras import needed
+from rig.quantities import whole
 from rig.scheduling import cores
 
 SPAN = 10.0  # s of a batch
@@ -204,11 +205,13 @@ class Cluster:
 
 def check(where: str, workers: int | None) -> str:
     """Return `where` if it names a cluster. Raises UsageError."""
+    if workers is not None:
+        whole("workers", workers, 1, MOST_WORKERS)
     if where == "slurm" and workers is None:
         raise UsageError("--cluster slurm: state the number of worker processes to ask for: --workers 16")
     if where in ("local", "slurm"):
         return where
-    scheme, _, rest = where.partition("://")
+    scheme, _, rest = str(where).partition("://")
     host, _, port = rest.rpartition(":")
     if scheme in ("tcp", "tls") and host and port.isdecimal() and 0 < int(port) < 65536:
         if workers is not None:

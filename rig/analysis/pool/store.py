@@ -12,11 +12,12 @@ shape are stacked, "name" [unit, ...]; others are stored for each unit, "unit/na
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import IO
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from rig.analysis.pool.work import Arrays, Work, from_text, to_text
 from rig.errors import UsageError
 from rig.user_files import draft_of, write_file
 
-_JOB = "job.json"
+_JOB, _LOCK = "job.json", "lock"
 _UNITS, _PROCESSOR = "#units", "#processor"
 
 
@@ -35,6 +36,7 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self._at = folder.absolute()  # a function of the user may change the current folder
         self.processors: set[str] = set()
         """Types of processor on which the results were computed that have been loaded."""
 
@@ -45,23 +47,50 @@ class Store:
 
     @contextlib.contextmanager
     def open(self, work: Work) -> Iterator[None]:
-        """Make the folder and lock it. Raises UsageError if it cannot be written or another process has locked it."""
+        """Make the folder and lock it; an error that leaves nothing in it takes it away again.
+
+        Raises UsageError if it cannot be written or another process has locked it.
+        """
+        new = [self._at, *(folder for folder in self._at.parents if not folder.exists())]
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            lock = (self.folder / "lock").open("w")
+            lock = self._locked()
         except OSError as error:
             raise UsageError(f"{self.folder}: cannot be written: {error.strerror}") from None
         with lock:
+            try:
+                self._check(work)
+                write_file(self._at / _JOB, to_text(work).encode())
+                yield
+            except BaseException:
+                self._remove_empty(new)
+                raise
+
+    def _locked(self) -> IO[str]:
+        """The locked file of the folder. Raises UsageError, OSError."""
+        while True:
+            self._at.mkdir(parents=True, exist_ok=True)
+            lock = (self._at / _LOCK).open("w")
             if not file_locks.take(lock):
+                lock.close()
                 raise UsageError(f"{self.folder}: another process computes this at the moment; wait until it ends")
-            self._check(work)
-            write_file(self.folder / _JOB, to_text(work).encode())
-            yield
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(lock.fileno()), (self._at / _LOCK).stat()):
+                    return lock
+            lock.close()  # of a folder that another process has taken away meanwhile
+
+    def _remove_empty(self, new: list[Path]) -> None:
+        """Take the folder away if it holds no results; then those of `new` that are empty, from the innermost on."""
+        with contextlib.suppress(OSError):
+            if {path.name for path in self._at.iterdir()} <= {_JOB, _LOCK}:
+                for name in (_JOB, _LOCK):
+                    (self._at / name).unlink(missing_ok=True)
+                for folder in new:
+                    folder.rmdir()
 
     def _check(self, work: Work) -> None:
         """Raise UsageError if the folder holds another work, as after it was renamed."""
         with contextlib.suppress(OSError, ValueError, AttributeError):  # not there, or damaged: it is written anew
-            digest = json.loads((self.folder / _JOB).read_text()).get("digest", work.digest)
+            digest = json.loads((self._at / _JOB).read_text()).get("digest", work.digest)
             if digest != work.digest:
                 raise UsageError(
                     f"{self.folder}: holds the results of another work ({digest}, not {work.digest}); "
@@ -70,12 +99,12 @@ class Store:
 
     def work(self) -> Work:
         """Return the work."""
-        return from_text((self.folder / _JOB).read_text())
+        return from_text((self._at / _JOB).read_text())
 
     def save(self, found: dict[int, Arrays], processor: str = "") -> None:
         """Save the results of a batch, computed on a type of `processor`, by default this one. Raises OutputError."""
         flat = _flat(found) | {_PROCESSOR: np.array(processor or this_processor())}
-        with draft_of(self.folder / f"{min(found):06d}.npz") as draft, draft.open("wb") as file:
+        with draft_of(self._at / f"{min(found):06d}.npz") as draft, draft.open("wb") as file:
             np.savez(file, allow_pickle=False, **flat)  # type: ignore[arg-type]
             file.flush()
             os.fsync(file.fileno())
@@ -83,13 +112,13 @@ class Store:
     def load(self) -> dict[int, Arrays]:
         """Return the results of every finished unit; unreadable files are skipped."""
         found: dict[int, Arrays] = {}
-        for path in sorted(self.folder.glob("*.npz")):
+        for path in sorted(self._at.glob("*.npz")):
             try:
-                with np.load(path) as file:
+                with io.BytesIO(path.read_bytes()) as data, np.load(data) as file:  # numpy leaves a damaged file open
                     batch = {key: file[key] for key in file.files}
                 units = batch.pop(_UNITS).tolist()
                 self.processors.add(str(batch.pop(_PROCESSOR)))
-            except (OSError, ValueError, BadZipFile, KeyError):
+            except Exception:  # damaged: zipfile raises many kinds
                 continue
             for key, array in batch.items():
                 unit, slash, name = key.partition("/")

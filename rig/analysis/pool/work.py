@@ -14,6 +14,8 @@ Arrays = dict[str, NDArray[Any]]
 """The result of one unit: arrays by name."""
 Progress = Callable[[int, int], object]
 """(units done, all units)."""
+MOST_WORKERS = 256
+"""Largest number of worker processes."""
 
 
 class Work(Protocol):

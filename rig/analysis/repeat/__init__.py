@@ -17,7 +17,7 @@ from rig.analysis.repeat.random import REMEDY, sources
 from rig.analysis.repeat.runs import SeedRuns
 from rig.analysis.repeat.spread import Repeats
 from rig.errors import UsageError
-from rig.quantities import run_length_ns
+from rig.quantities import run_length_ns, whole
 from rig.scenes.scene import Scene
 
 __all__ = ["Repeats", "repeat"]
@@ -37,7 +37,7 @@ def repeat(
     called at least ten times a second; a text from it ends the work and is the reason. Finished runs are reported.
     Raises UsageError for fewer than two runs, and for a scene in which nothing is random; SceneError as a run does.
     """
-    if count < 2:
+    if whole("count", count, 0, 10**6) < 2:
         raise UsageError(f"{count} runs have no spread: at least 2 are needed")
     found = sources(scene)
     if not found:

@@ -10,12 +10,14 @@ figure          curves, heat map, scatter matrix, tornado   search    a global s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 from rig.analysis.pool import Progress, Store, carry_out
+from rig.analysis.pool.cluster import check as check_cluster
 from rig.analysis.pool.identity import this_processor
 from rig.analysis.repeat.random import REMEDY, sources
 from rig.analysis.studies.condition import condition
@@ -23,7 +25,7 @@ from rig.analysis.studies.functions import check_not_loading
 from rig.analysis.studies.measures import measures
 from rig.analysis.studies.plan import plan
 from rig.analysis.studies.recordings import keep as keep_recordings
-from rig.analysis.studies.result import StudyResult, gathered
+from rig.analysis.studies.result import COLUMNS, StudyResult, gathered
 from rig.analysis.studies.runs import StudyRuns
 from rig.errors import RigError, UsageError
 from rig.quantities import run_length_ns
@@ -38,7 +40,7 @@ ROOT = Path("studies")
 def prepared(
     scene: Scene,
     over: Mapping[str, Any],
-    measure: Sequence[str | Callable[[Run], Any]],
+    measure: str | Callable[[Run], Any] | Iterable[str | Callable[[Run], Any]],
     samples: int | None = None,
     sampling: str = "random",
     repeat: int = 1,
@@ -58,15 +60,20 @@ def prepared(
 
     wanted = checked(lambda: measures(scene, [measure] if isinstance(measure, str) or callable(measure) else measure))
     points = checked(lambda: plan(scene, over, samples, sampling, repeat, seed))
+    if wanted and points:
+        taken = {*COLUMNS, *points.dimensions, *(one.key for one in points.factors)}
+        faults += [f"measure {one.name}: a column of the results has this name; rename the function"
+                   for one in wanted if one.name in taken]  # fmt: skip
     if wanted and keep is not None:
         checked(lambda: condition(keep, wanted))
     of_runs = any(one.source in ("run", "") for one in wanted or ())
     if (of_runs or keep is not None) and duration is None and scene.duration_ns is None:
         faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
     checked(lambda: run_length_ns(duration))
-    if repeat > 1 and not sources(scene):
+    several = isinstance(repeat, Integral) and repeat > 1
+    if several and not sources(scene):
         faults.append(f"{scene.name}: nothing in it is random, so that {repeat} runs of a point are the same. {REMEDY}")
-    elif repeat > 1 and wanted and not of_runs:
+    elif several and wanted and not of_runs:
         faults.append(f"repeat = {repeat}: all measures are those of the plant without noise, which no seed changes")
     if faults:
         raise UsageError("\n".join(faults))
@@ -88,6 +95,8 @@ def study(
     UsageError for a folder or a cluster that cannot be used and for a measure that several processes cannot compute,
     WorkerError if workers fail; what is finished stays.
     """
+    if cluster:
+        check_cluster(cluster, workers)
     if not work.portable and (workers != 1 or cluster):
         names = ", ".join(one.name for one in work.measures if one.function and not one.function.portable)
         if workers is not None or cluster:

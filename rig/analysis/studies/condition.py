@@ -30,7 +30,7 @@ class Condition:
 
 def condition(text: str, measures: Sequence[Measure]) -> Condition:
     """Read "MEASURE > VALUE UNIT" or "MEASURE < VALUE UNIT". Raises UsageError."""
-    found = _FORM.fullmatch(text)
+    found = _FORM.fullmatch(text) if isinstance(text, str) else None
     if found is None:
         raise UsageError(f'keep {text}: expected MEASURE > VALUE or MEASURE < VALUE, such as "cycle.amplitude > 5 mm"')
     names = [one.name for one in measures]

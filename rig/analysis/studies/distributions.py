@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.units import si
+from rig.units import brief, si, with_units
 
 Array = NDArray[np.float64]
 FORMS = {
@@ -21,6 +21,8 @@ FORMS = {
 }
 """Name of a distribution -> names of its values."""
 _CUT = ("normal", "lognormal")  # these reach to infinity and may be cut off at low and high
+_OF_LOGARITHM = ("lognormal", "deviation")  # without a unit
+_FARTHEST = 37.0  # deviations: beyond, a normal distribution has no share that a double holds
 _TEXT = re.compile(r"\s*(?P<kind>\w+)\s*\((?P<values>[^()]*)\)\s*")
 
 
@@ -38,14 +40,21 @@ class Distribution:
         if found is None or found["kind"] not in FORMS:
             known = ", ".join(f"{kind}({', '.join(names)})" for kind, names in FORMS.items())
             raise UsageError(f"{text.strip()}: no distribution; known: {known}")
-        given: dict[str, float | str] = {}
+        given: dict[str, str] = {}
         names = list(FORMS[found["kind"]])
         for part in filter(None, (part.strip() for part in found["values"].split(","))):
-            name, equals, value = part.partition("=")
+            name, equals, value = (text.strip() for text in part.partition("="))
             if not equals:
                 name, value = names.pop(0) if names else "", part
-            given[name.strip()] = _number(value.strip())
-        return made(found["kind"], given)
+            if name in given and name:
+                raise UsageError(f"{text.strip()}: {name} is given twice")
+            given[name] = value
+        alike = [name for name in given if (found["kind"], name) != _OF_LOGARITHM]
+        try:
+            given |= dict(zip(alike, with_units([given[name] for name in alike])))
+        except ValueError as fault:
+            raise UsageError(f"{text.strip()}: {fault}") from None
+        return made(found["kind"], {name: _number(value) for name, value in given.items()})
 
     def __str__(self) -> str:
         texts = [f"{value:g}" if isinstance(value, float | int) else value for _, value in self.values]
@@ -56,7 +65,7 @@ class Distribution:
         """Return its values in `unit`, the SI unit of the parameter. Raises ValueError for a wrong value or unit."""
         found = {}
         for name, value in self.values:
-            plain = "1" if (self.kind, name) == ("lognormal", "deviation") else unit
+            plain = "1" if (self.kind, name) == _OF_LOGARITHM else unit
             try:
                 found[name] = si(value, plain)
             except ValueError as fault:
@@ -74,14 +83,26 @@ class Distribution:
         if self.kind == "triangular":
             span = v["high"] - v["low"]
             return np.asarray(stats.triang.ppf(share, (v["mode"] - v["low"]) / span, v["low"], span), dtype=np.float64)
-        centre, spread = v.get("mean", 0.0), v["deviation"]
-        low, high = v.get("low", -np.inf), v.get("high", np.inf)
-        if self.kind == "lognormal":
-            low, high = np.log(max(low, 0.0) / v["median"]) if low > 0.0 else -np.inf, np.log(high / v["median"])
-        # the normal distribution between its cuts, by its own inverse
-        below, above = stats.norm.cdf([(low - centre) / spread, (high - centre) / spread])
-        z = centre + spread * stats.norm.ppf(below + (above - below) * share)
-        return np.asarray(v["median"] * np.exp(z) if self.kind == "lognormal" else z, dtype=np.float64)
+        a, b = _cuts(self.kind, v)
+        if a > 0.0:  # the shares above are exact there, those below are close to 1
+            below, above = stats.norm.sf([a, b])
+            z = stats.norm.isf(below + (above - below) * share)
+        else:
+            below, above = stats.norm.cdf([a, b])
+            z = stats.norm.ppf(below + (above - below) * share)
+        if self.kind == "normal":
+            return np.asarray(v["mean"] + v["deviation"] * z, dtype=np.float64)
+        with np.errstate(over="ignore"):  # what is infinite then, no parameter takes
+            return np.asarray(v["median"] * np.exp(v["deviation"] * z), dtype=np.float64)
+
+
+def _cuts(kind: str, v: dict[str, float]) -> tuple[float, float]:
+    """The cuts `low` and `high` of a normal or lognormal distribution, in deviations from its centre."""
+    low, high = v.get("low", -np.inf), v.get("high", np.inf)
+    if kind == "normal":
+        return (low - v["mean"]) / v["deviation"], (high - v["mean"]) / v["deviation"]
+    with np.errstate(divide="ignore"):
+        return tuple(float(np.log(max(end, 0.0) / v["median"])) / v["deviation"] for end in (low, high))  # type: ignore[return-value]
 
 
 def made(kind: str, given: dict[str, Any]) -> Distribution:
@@ -96,14 +117,27 @@ def made(kind: str, given: dict[str, Any]) -> Distribution:
         what += [f"{', '.join(name or 'one value too many' for name in unknown)} not expected"] if unknown else []
         raise UsageError(f"{kind}: {'; '.join(what)}; expected {form}")
     found = Distribution(
-        kind, tuple((name, given[name]) for name in dict.fromkeys(allowed) if given.get(name) is not None)
+        kind,
+        tuple(
+            (name, _plain(kind, name, given[name])) for name in dict.fromkeys(allowed) if given.get(name) is not None
+        ),
     )
-    if all(isinstance(value, float | int) for _, value in found.values):
+    if all(isinstance(value, float) for _, value in found.values):
         try:
             _check(str(found), kind, {name: float(value) for name, value in found.values})
         except ValueError as fault:
             raise UsageError(str(fault)) from None
     return found
+
+
+def _plain(kind: str, name: str, value: Any) -> float | str:
+    """A value as a number or a text. Raises UsageError for anything else."""
+    if isinstance(value, str):
+        return value
+    try:
+        return si(value, "1")
+    except ValueError:
+        raise UsageError(f"{kind}: {name} is {brief(value)}; expected a number or a text with a unit") from None
 
 
 def _check(text: str, kind: str, v: dict[str, float]) -> None:
@@ -116,6 +150,10 @@ def _check(text: str, kind: str, v: dict[str, float]) -> None:
         raise ValueError(f"{text}: median must be greater than 0")
     if "low" in v and "high" in v and not v["low"] < v["high"]:
         raise ValueError(f"{text}: low must be less than high")
+    if kind in _CUT:
+        low, high = _cuts(kind, v)
+        if not (low < _FARTHEST and high > -_FARTHEST):
+            raise ValueError(f"{text}: no value of the distribution lies between low and high")
     if kind == "triangular" and not v["low"] <= v["mode"] <= v["high"]:
         raise ValueError(f"{text}: mode must lie between low and high")
 

@@ -15,7 +15,7 @@ from rig.bench.rig_variant import with_values
 from rig.errors import SceneError, UsageError
 from rig.scenes.faults import near, shortened
 from rig.scenes.scene import Scene
-from rig.units import si
+from rig.units import brief, parted, si, with_units
 
 FORM = 'expected values such as [10, 20], "10 N:30 N:5", "10 N, 20 N" or "normal(20 N, 2 N)"'
 _SECTIONS = ("sensors", "controllers")
@@ -48,10 +48,14 @@ class Factor:
 
 def factors(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
     """Return the factors of `over`: key -> values, text or distribution. Raises SceneError with every fault."""
+    if not isinstance(over, Mapping):
+        raise SceneError(
+            scene.name, [f'over = {brief(over)}: expected keys with values, such as {{"load.force": [10, 20]}}']
+        )
     known, found, faults = numbers(scene), [], []
     for key, given in over.items():
         if key not in known:
-            faults.append(f"{shortened(key)}: is not a numeric parameter of this scene; {near(key, known)}")
+            faults.append(f"{shortened(str(key))}: is not a numeric parameter of this scene; {near(str(key), known)}")
             continue
         try:
             found.append(_factor(scene, key, known[key], given))
@@ -118,8 +122,8 @@ def _spaced(given: str, unit: str) -> tuple[list[float], str]:
     count = int(parts[2]) if re.fullmatch("[0-9]{1,9}", parts[2]) else 0
     if not 2 <= count <= MOST:
         raise ValueError(f"count = {shortened(parts[2])}: must be a whole number from 2 to {MOST}")
-    if " " in parts[0] and " " not in parts[1]:  # an end without a unit takes that of the other one
-        parts[1] += f" {parts[0].partition(' ')[2]}"
+    if any("," in part for part in parts):
+        raise ValueError(f"{shortened(given)}: {FORM}; a number has a point, 0.5, not a comma")
     (low, high), shown = _listed(f"{parts[0]}, {parts[1]}", unit)
     return np.linspace(low, high, count).tolist(), shown
 
@@ -127,20 +131,18 @@ def _spaced(given: str, unit: str) -> tuple[list[float], str]:
 def _listed(given: Any, unit: str) -> tuple[list[float], str]:
     """The values of a list in SI, and the unit in which they are shown."""
     if isinstance(given, str):
-        parts: list[Any] = [part.strip() for part in given.split(",")]
-        last = parts[-1].partition(" ")[2].strip()  # 10, 20 N: the unit of the last one holds for all
-        parts = [part if " " in part or not last or last == "1" else f"{part} {last}" for part in parts if part]
-        parts = [part if " " in part else _plain(part) for part in parts]
-    elif isinstance(given, Iterable):
-        parts = [float(one) if isinstance(one, np.number) else one for one in given]
+        texts = with_units([part for part in map(str.strip, given.split(",")) if part])
+        parts: list[Any] = [text if parted(text)[1] else _plain(text) for text in texts]
+    elif isinstance(given, Iterable) and not isinstance(given, bytes | Mapping) and getattr(given, "shape", 1) != ():
+        parts = list(given)
     else:
         parts = [given]
-    units = {part.partition(" ")[2].strip() for part in parts if isinstance(part, str)} - {""}
+    units = {parted(part)[1] for part in parts if isinstance(part, str)} - {"", "1"}
     values = []
     for part in parts:
         value = si(part, unit)
         if not np.isfinite(value):
-            raise ValueError(f"{part} is not finite")
+            raise ValueError(f"{brief(part)} is not finite")
         values.append(value)
     return values, units.pop() if len(units) == 1 else unit
 

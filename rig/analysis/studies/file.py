@@ -14,16 +14,16 @@ samples = 64                                and the other arguments of rig.study
 
 from __future__ import annotations
 
-import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rig.errors import UsageError
+from rig.errors import SceneError, UsageError
 from rig.scenes.faults import near
+from rig.scenes.source import tree
 from rig.units import si
-from rig.user_files import contents
 
 _KINDS: dict[str, tuple[type, ...]] = {
     "scene": (str,),
@@ -51,20 +51,14 @@ class StudyFile:
 def is_study(path: Path) -> bool:
     """Return whether a file is a study: TOML with a scene, measures or varied parameters."""
     try:
-        raw = tomllib.loads(contents(path).decode())
-    except (OSError, ValueError):
+        return bool(tree(path).keys() & {"scene", "measure", "over"})
+    except SceneError:
         return False
-    return bool(raw.keys() & {"scene", "measure", "over"})
 
 
 def read(path: Path) -> StudyFile:
-    """Read a study. Raises UsageError with every fault."""
-    try:
-        raw = tomllib.loads(contents(path).decode())
-    except OSError as fault:
-        raise UsageError(f"{path}: {fault.strerror}") from None
-    except ValueError as fault:
-        raise UsageError(f"{path}: {fault}") from None
+    """Read a study. Raises SceneError for a file that is not TOML, UsageError with every fault of a study."""
+    raw = tree(path)
     faults = []
     for key, value in raw.items():
         if key not in _KINDS:
@@ -79,6 +73,12 @@ def read(path: Path) -> StudyFile:
             duration = si(duration, "s")
         except ValueError as fault:
             faults.append(f"duration {fault}")
+    tables = {name: list(_flat(raw[name])) for name in ("over", "set") if isinstance(raw.get(name), dict)}
+    for name, entries in tables.items():
+        counts = Counter(key for key, _ in entries)
+        faults += [f"{name}: {key} is given {count} times" for key, count in counts.items() if count > 1]
+    over, changes = (dict(tables.get(name, ())) for name in ("over", "set"))
+    faults += [f"{key}: is set and varied; leave it out of [set] or of [over]" for key in over if key in changes]
     if faults:
         raise UsageError("\n".join(f"{path}: {one}" for one in faults))
     measure = raw.get("measure", [])
@@ -86,10 +86,10 @@ def read(path: Path) -> StudyFile:
         name: raw[name] for name in ("samples", "sampling", "repeat", "seed", "keep") if name in raw
     }
     found |= {"duration": duration} if duration is not None else {}
-    found["over"] = dict(_flat(raw.get("over", {})))
+    found["over"] = over
     found["measure"] = [_beside(path, one) for one in ([measure] if isinstance(measure, str) else measure)]
     scene = raw["scene"]
-    return StudyFile(_beside(path, scene) if scene.endswith(".toml") else scene, dict(_flat(raw.get("set", {}))), found)
+    return StudyFile(_beside(path, scene) if scene.endswith(".toml") else scene, changes, found)
 
 
 def _flat(raw: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import inspect
 import math
 import secrets
 import sys
 import traceback
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
+from importlib.util import decode_source
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -28,7 +31,7 @@ _LOADING: list[str] = []
 
 @dataclass(frozen=True)
 class Function:
-    """A function `name` of the file `file` with the source `text`.
+    """A function `name` of the file `file` with the source `text`; `beside`: hash of what it imports from its folder.
 
     Without a file it exists in this process only, and `text` is a random one.
     """
@@ -36,6 +39,7 @@ class Function:
     name: str
     file: str = ""
     text: str = ""
+    beside: str = ""
 
     @property
     def portable(self) -> bool:
@@ -53,14 +57,12 @@ class Function:
         except UsageError as fault:
             return math.nan, "", str(fault)
         except (Exception, SystemExit) as fault:
-            return math.nan, "", f"{self.name}: {type(fault).__name__}: {fault}{self._line(fault)}"
+            why = " ".join(f"{type(fault).__name__}: {fault}".split())
+            return math.nan, "", f"{self.name}: {why}{self._line(fault)}"
         value, unit = found if isinstance(found, tuple) and len(found) == 2 else (found, "")
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = None
-        if number is None or isinstance(value, str) or not isinstance(unit, str):
-            return math.nan, "", f"{self.name} returned {shortened(repr(found))}: expected a number, or number and unit"
+        number = None if isinstance(value, str) or not isinstance(unit, str) else _number(value)
+        if number is None:
+            return math.nan, "", f"{self.name} returned {_shown(found)}: expected a number, or number and unit"
         return (number, unit, "") if math.isfinite(number) else (math.nan, unit, f"{self.name} is {number}")
 
     def _line(self, fault: BaseException) -> str:
@@ -77,31 +79,75 @@ class Function:
         return found
 
 
+def _number(value: Any) -> float | None:
+    """A value as a float; None for one that is no number."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+    except Exception:  # of a class of the user
+        return None
+
+
+def _shown(found: Any) -> str:
+    try:
+        return shortened(" ".join(repr(found).split()))
+    except Exception:  # of a class of the user
+        return f"a {type(found).__name__}"
+
+
 def function_of(given: str | Callable[[Run], Any]) -> Function:
     """Return a measure of a Python function, or of "FILE.py:NAME". Raises UsageError."""
     if isinstance(given, str):
         file, _, name = given.rpartition(":")
         try:
-            found = Function(name, str(Path(file).resolve()), contents(Path(file)).decode())
-        except (OSError, UnicodeDecodeError) as fault:
+            found = Function(name, str(Path(file).resolve()), decode_source(contents(Path(file))))
+        except (OSError, SyntaxError, UnicodeDecodeError) as fault:
             raise UsageError(f"{given}: {getattr(fault, 'strerror', None) or fault}") from None
         found._loaded()  # noqa: SLF001 (its own kind)
-        return found
+        return replace(found, beside=_beside(found.file, found.text))
     name = getattr(given, "__name__", type(given).__name__)
     try:
         file = inspect.getsourcefile(given) or ""
-        text = Path(file).read_text()
+        text = decode_source(Path(file).read_bytes())
         at_top = getattr(given, "__qualname__", "") == name  # a local function may also have a global name, in a loop
         here = at_top and getattr(inspect.getmodule(given), name, None) is given
-    except (OSError, TypeError, UnicodeDecodeError):
+    except (OSError, SyntaxError, TypeError, UnicodeDecodeError):
         here = False
     if here:
         found = Function(name, str(Path(file).resolve()), text)
         if hasattr(_module(found.file, text), name):  # as worker processes load it: not under if __name__ == "__main__"
-            return found
+            return replace(found, beside=_beside(file, text))
     known = next((text for text, one in _OWN.items() if one is given), None) or secrets.token_hex(8)
     _OWN[known] = given
     return Function(name, text=known)
+
+
+def _beside(file: str, text: str) -> str:
+    """Hash of the modules that a file imports from its folder, and of those that these import; "" if there are none."""
+    folder, found, todo = Path(file).resolve().parent, dict[str, str](), [text]
+    while todo:
+        for name in _imports(todo.pop()):
+            whole = folder.joinpath(*name.split("."))
+            for path in (whole.with_suffix(".py"), whole / "__init__.py"):
+                if str(path) not in found and path.is_file():
+                    found[str(path)] = path.read_bytes().decode(errors="replace")
+                    todo.append(found[str(path)])
+    return hashlib.sha256(repr(sorted(found.items())).encode()).hexdigest()[:12] if found else ""
+
+
+def _imports(text: str) -> Iterator[str]:
+    """The names of all modules that a source text may import, but for those of this project."""
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):  # of a module that may never be imported
+        return
+    for node in ast.walk(tree):
+        names = [one.name for one in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+        if isinstance(node, ast.ImportFrom):
+            head = [node.module] if node.module else []
+            names = [*head, *(".".join([*head, name]) for name in names)]
+        yield from (name for name in names if name.partition(".")[0] != "rig" and "*" not in name)
 
 
 def check_not_loading() -> None:
@@ -126,11 +172,12 @@ def _module(file: str, text: str) -> ModuleType:
         sys.path.append(folder)
     _LOADING.append(file)
     try:
-        exec(compile(text, file, "exec"), module.__dict__)
+        with redirect_stdout(sys.stderr):  # standard output may be a report in JSON
+            exec(compile(text, file, "exec"), module.__dict__)
     except UsageError:
         del sys.modules[name]
         raise
-    except Exception as fault:
+    except (Exception, SystemExit) as fault:
         del sys.modules[name]
         raise UsageError(f"{file}: {type(fault).__name__}: {fault}") from None
     finally:

@@ -14,7 +14,7 @@ An output or contact is added with a dot, cycle.amplitude.velocity; without one 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,9 +33,9 @@ from rig.model.assembly import portrait
 from rig.quantities import run_length_ns
 from rig.record.run import Run
 from rig.record.statistics import first_opening
-from rig.scenes.faults import near
+from rig.scenes.faults import near, shortened
 from rig.scenes.scene import Scene
-from rig.units import si
+from rig.units import brief, si
 
 _CYCLE = {"period": "s", "frequency": "Hz", "multiplier": "1", "energy": "J"}
 _MOTION = {
@@ -81,9 +81,11 @@ class Measure:
         return cls(**{**raw, "function": raw["function"] and Function(**raw["function"])})
 
 
-def measures(scene: Scene, given: Sequence[str | Callable[[Run], Any]]) -> tuple[Measure, ...]:
+def measures(scene: Scene, given: Iterable[str | Callable[[Run], Any]]) -> tuple[Measure, ...]:
     """Return the measures of a study by name or function. Raises SceneError with every fault."""
-    known = {one.name: one for one in _known(scene)}
+    if not isinstance(given, Iterable):
+        raise SceneError(scene.name, [f"measure = {brief(given)}: expected a list of names and functions"])
+    known, given = {one.name: one for one in _known(scene)}, list(given)
     found, faults = [], []
     for one in given:
         if not (callable(one) or isinstance(one, str)):
@@ -97,7 +99,7 @@ def measures(scene: Scene, given: Sequence[str | Callable[[Run], Any]]) -> tuple
         elif one in known:
             found.append(known[one])
         else:
-            faults.append(f"measure {one}: unknown; {near(one, known, 'docs/studies.md')}")
+            faults.append(f"measure {shortened(one)}: unknown; {near(one, known, 'docs/studies.md')}")
     names = [one.name for one in found]
     faults += [f"measure {name}: is given twice" for name in sorted({n for n in names if names.count(n) > 1})]
     if not given:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.studies.factors import Factor, factors, refused
 from rig.errors import SceneError, UsageError
+from rig.quantities import whole
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -29,6 +30,9 @@ SAMPLINGS = ("random", "latin", "sobol", "saltelli")
 SAMPLES = 64
 """Default number of samples."""
 MOST = 10_000_000
+"""Largest number of points, of samples, and of repeated runs."""
+MOST_SEED = 2**62
+"""Largest seed; those of all points then fit in 64 bits."""
 _EDGE = 1e-12
 _PLAIN = ("samples", "sampling", "repeat", "seed")
 SAMPLE, REPEAT = "sample", "repeat"
@@ -128,14 +132,24 @@ def plan(
     scene: Scene, over: Mapping[str, Any], samples: int | None, sampling: str, repeat: int, seed: int | None
 ) -> Plan:
     """Return the plan of a study of `scene`. Raises SceneError, UsageError with every fault."""
-    faults = []
+    faults: list[str] = []
+    varied: tuple[Factor, ...] = ()
     try:
         varied = factors(scene, over)
     except SceneError as fault:
         faults.append(str(fault))
-        varied = ()
-    count, first = SAMPLES if samples is None else samples, scene.seed if seed is None else seed
-    found = Plan(varied, count, sampling, repeat, first)
+    numbers = {}
+    for name, value, least, most in (
+        ("samples", SAMPLES if samples is None else samples, 1, MOST),
+        ("repeat", repeat, 1, MOST),
+        ("seed", scene.seed if seed is None else seed, 0, MOST_SEED),
+    ):
+        try:
+            numbers[name] = whole(name, value, least, most)
+        except UsageError as fault:
+            faults.append(str(fault))
+            numbers[name] = least
+    found = Plan(varied, sampling=sampling, **numbers)
     if sampling not in SAMPLINGS:
         faults.append(f"sampling {sampling}: unknown; known: {', '.join(SAMPLINGS)}")
     elif sampling in ("sobol", "saltelli") and found.drawn and found.samples & (found.samples - 1):
@@ -143,8 +157,6 @@ def plan(
         faults.append(f"samples = {found.samples}: must be a power of 2 for sampling {sampling}, such as {near}")
     if varied and not found.drawn and (samples is not None or sampling != "random"):
         faults.append("samples and sampling are for distributions, and no parameter has one, such as normal(0.4, 0.02)")
-    if found.samples < 1 or repeat < 1 or found.seed < 0:
-        faults.append(f"samples = {found.samples}, repeat = {repeat}, seed = {found.seed}: must be at least 1, 1 and 0")
     if varied and not faults and found.total > MOST:
         faults.append(f"{found.total} points: must be at most {MOST}")
     if faults:

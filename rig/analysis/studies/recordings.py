@@ -23,7 +23,10 @@ from rig.record.save_run import save
 def keep(
     study: StudyRuns, points: Sequence[int], folder: Path, workers: int | None, progress: Progress | None = None
 ) -> dict[int, Path]:
-    """Record the runs of `points` into `folder`; return point -> file. Existing recordings are not made again."""
+    """Record the runs of `points` into `folder`; return point -> file. Existing recordings are not made again.
+
+    A run that the scene refuses has none.
+    """
     found = {point: folder / f"{point:06d}.mcap" for point in points}
     missing = tuple(point for point, path in found.items() if not path.exists())
     if missing:
@@ -31,7 +34,7 @@ def keep(
         work = Recordings(study.to_json(), missing, str(folder))
         with temporary(work) as store:
             carry_out(work, store, workers if study.portable else 1, progress)
-    return found
+    return {point: path for point, path in found.items() if path.exists()}
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,13 @@ from rig.analysis.pool import Arrays
 from rig.analysis.studies.dataset import dataset, save
 from rig.analysis.studies.figure import draw
 from rig.analysis.studies.measures import one_unit
-from rig.analysis.studies.result_data import StudyData
+from rig.analysis.studies.result_data import COLUMNS, StudyData
 from rig.analysis.studies.runs import StudyRuns
 
 if TYPE_CHECKING:
     from xarray import Dataset
+
+__all__ = ["COLUMNS", "StudyResult", "gathered"]
 
 
 class StudyResult(StudyData):

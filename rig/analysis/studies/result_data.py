@@ -19,6 +19,8 @@ from rig.analysis.studies.words import with_unit
 from rig.analysis.text_table import columns
 
 Array = NDArray[np.float64]
+COLUMNS = ("seed", "reason", "scene_json")
+"""Names in the results beside those of parameters, dimensions and measures."""
 _FEW = 24  # points that the report lists one by one
 _REASONS = 6  # different reasons in it
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,13 +22,15 @@ from numpy.typing import NDArray
 
 from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Progress, Store, pool
+from rig.analysis.pool.cluster import check as check_cluster
 from rig.analysis.studies.factors import Factor, changed, factors
 from rig.analysis.studies.functions import check_not_loading
 from rig.analysis.studies.measures import Measure, Measured, evaluate, measures, one_unit
+from rig.analysis.studies.plan import MOST, MOST_SEED
 from rig.analysis.studies.runs import as_arrays, digest
 from rig.analysis.studies.search_result import SearchResult
 from rig.errors import RigError, SceneError, UsageError
-from rig.quantities import run_length_ns
+from rig.quantities import run_length_ns, whole
 from rig.record.provenance import provenance
 from rig.record.run import Run
 from rig.scenes.scene import Scene
@@ -141,28 +143,36 @@ def prepared(
             faults.append(str(fault))
 
     found = checked(lambda: measures(scene, [measure]))
-    ends = {key: given.split(":") if isinstance(given, str) else list(given) for key, given in over.items()}
-    wrong = [key for key, parts in ends.items() if len(parts) != 2 or not all(str(part).strip() for part in parts)]
-    faults += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key in wrong]
-    whole = {key: _joined(parts) for key, parts in ends.items() if key not in wrong}
-    varied: tuple[Factor, ...] = checked(lambda: factors(scene, whole)) if whole or not wrong else ()
+    ranges = {key: _range(given) for key, given in over.items()} if isinstance(over, Mapping) else {}
+    faults += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key, ends in ranges.items() if ends is None]
+    given = {key: ends for key, ends in ranges.items() if ends is not None}
+    varied: tuple[Factor, ...] = (
+        checked(lambda: factors(scene, given if ranges else over)) if given or not ranges else ()
+    )
     checked(lambda: run_length_ns(duration))
+    first = checked(lambda: whole("seed", scene.seed if seed is None else seed, 0, MOST_SEED))
     for one in varied or ():
         if not one.axis.values[0] < one.axis.values[1]:
             faults.append(f"{one.key}: the range must rise, from {one.axis.text(one.axis.values[0])} upwards")
-    least = max(_LEAST, _POPULATION * max(len(over), 1))
-    if evaluations < least:
-        faults.append(f"evaluations = {evaluations}: must be at least {least} for {len(over)} parameters")
+    least = max(_LEAST, _POPULATION * max(len(ranges), 1))
+    most = checked(lambda: whole("evaluations", evaluations, 1, MOST))
+    if most and most < least:
+        faults.append(f"evaluations = {most}: must be at least {least} for {len(ranges)} parameters")
     if found and found[0].source in ("run", "") and duration is None and scene.duration_ns is None:
         faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
     if faults:
         raise UsageError("\n".join(faults))
-    return SearchRuns(scene, varied, found[0], largest, evaluations, scene.seed if seed is None else seed, duration)
+    return SearchRuns(scene, varied, found[0], largest, most, first, duration)
 
 
-def _joined(parts: list[Any]) -> Any:
-    """The two ends of a range as the values of a parameter."""
-    return ", ".join(part.strip() for part in parts) if all(isinstance(part, str) for part in parts) else parts
+def _range(given: Any) -> Any:
+    """The two ends of a range as the values of a parameter; None for what is no range."""
+    if isinstance(given, str):
+        parts = [part.strip() for part in given.split(":")]
+        return ", ".join(parts) if len(parts) == 2 and all(parts) and "," not in given else None
+    if not isinstance(given, Sequence | np.ndarray) or len(given) != 2 or "" in map(str, given):
+        return None
+    return list(given)
 
 
 def search(
@@ -178,6 +188,8 @@ def search(
     """
     from scipy.optimize import differential_evolution
 
+    if cluster:
+        check_cluster(cluster, workers)
     if not work.portable and (workers is not None or cluster) and workers != 1:
         raise UsageError(f"measure {work.measure.name}: worker processes cannot load it; define it in a .py file")
     store, say = Store.of(work, root), progress or (lambda done, total: None)
