@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Changes, Force, Json, Net, SceneName, changed, the_scene
+from rig.cli.options import Changes, Force, Json, Net, SceneName, changes, linked, the_scene
 from rig.cli.outputs import new
 from rig.errors import UsageError
 
@@ -41,7 +41,8 @@ def loop(
     """
     from rig.analysis.loop_report import report
 
-    loaded = the_scene(scene, changed(p, net))
+    given = changes(p)
+    loaded = the_scene(scene, given, {"--net": linked(net, given)})
     name = controller or next(iter(loaded.controllers), "")
     if controller is None and len(loaded.controllers) != 1:
         known = ", ".join(loaded.controllers) or "none"

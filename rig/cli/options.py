@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +14,7 @@ from rig.errors import UsageError
 
 if TYPE_CHECKING:
     from rig.record.trigger import Trigger
+    from rig.scenes.places import Place
     from rig.scenes.scene import Scene
 
 
@@ -171,14 +172,13 @@ def added(given: list[str] | None) -> dict[str, object]:
     return with_files(files)
 
 
-def changed(given: list[str] | None, net: list[str] | None) -> dict[str, str]:
-    """Dotted key -> value as text, of all `-p` and `--net`."""
-    found = changes(given)
+def linked(net: list[str] | None, given: Mapping[str, str]) -> dict[str, str]:
+    """Dotted key -> value as text, of all `--net`; `given`: those of -p, which may not give the same keys."""
     if not net:
-        return found
+        return {}
     from rig.scenes.network_text import keys
 
-    return found | keys(net, found)
+    return keys(net, given)
 
 
 def plain(value: str) -> float | str:
@@ -189,11 +189,30 @@ def plain(value: str) -> float | str:
         return value
 
 
-def the_scene(name: str, overrides: Mapping[str, object]) -> Scene:
-    """The scene of a command; values that a change dropped are reported on stderr."""
+def the_scene(
+    name: str, given: Mapping[str, object], options: Mapping[str, Mapping[str, object]] | None = None
+) -> Scene:
+    """The scene of a command with the changes `given` with -p; `options`: other option -> its changes; -p wins."""
+    overrides: dict[str, object] = {}
+    places: dict[str, Place] = {}
+    for option, changed in {**(options or {}), "-p": given}.items():
+        overrides |= changed
+        places |= with_option(option, changed)
+    return noted(name, overrides, places)
+
+
+def with_option(option: str, keys: Iterable[str]) -> dict[str, Place]:
+    """The place of each of these keys, which `option` changes."""
+    from rig.scenes.places import Place
+
+    return dict.fromkeys(keys, Place(f"with {option}", 0))
+
+
+def noted(name: str, overrides: Mapping[str, object], places: Mapping[str, Place]) -> Scene:
+    """`rig.scenes.load`; values that a change dropped are reported on stderr."""
     from rig.scenes import load
 
-    scene = load(name, overrides)
+    scene = load(name, overrides, places)
     for line in scene.notes:
         printing.note(line)
     return scene

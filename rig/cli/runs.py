@@ -28,7 +28,8 @@ from rig.cli.options import (
     When,
     accuracy,
     added,
-    changed,
+    changes,
+    linked,
     pace,
     seconds,
     share,
@@ -95,16 +96,17 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run a scene in real time, with plant, controllers and recorder as processes."""
-    factor, length, overrides = pace(speed, lockstep), seconds(duration), changed(p, net)
+    factor, length, given = pace(speed, lockstep), seconds(duration), changes(p)
+    links = linked(net, given)
     windows = trigger(when, before, after, most)
     if windows is not None and figure is not None:
         raise UsageError("--figure: draws the recording of a whole run; --trigger records windows only")
     from rig.bench.job import keeps_up
     from rig.bench.supervise import run as supervise
 
-    loaded = the_scene(scene, added(controller) | overrides)
+    loaded = the_scene(scene, given, {"--controller": added(controller), "--net": links})
     keeps_up(loaded, factor)
-    loaded = configured(loaded, overrides, precision, budget)
+    loaded = configured(loaded, given, precision, budget)
     if windows is not None:  # the recorder would find what is wrong only when the run has begun
         from rig.record.windows import replaceable
 

@@ -25,7 +25,8 @@ from rig.cli.options import (
     Net,
     Trust,
     added,
-    changed,
+    changes,
+    linked,
     plain,
     scene_file,
     seconds,
@@ -123,9 +124,11 @@ def simulate(
     With --from: simulate a recording again up to an instant and go on from
     there. Values given with -p and a --duration count from that instant.
     """
-    length, overrides = seconds(duration), changed(p, net)
-    if method is not None:
-        overrides["clock.method"] = method
+    length, overrides = seconds(duration), changes(p)
+    links = linked(net, overrides)
+    by_method = {} if method is None else {"clock.method": method}
+    if by_method.keys() & overrides.keys():
+        raise UsageError("--method and -p: both give clock.method; leave out one of them")
     if repeat is not None and out is not None:
         raise UsageError("--out: --repeat writes no recordings; leave out one of the two")
     if start is not None:
@@ -144,7 +147,12 @@ def simulate(
         raise UsageError("name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s")
     loaded: Scene | None = None
     if scene is not None:
-        loaded = configured(the_scene(scene, added(controller) | overrides), overrides, precision, budget)
+        by_option: dict[str, Mapping[str, object]] = {
+            "--controller": added(controller),
+            "--net": links,
+            "--method": by_method,
+        }
+        loaded = configured(the_scene(scene, overrides, by_option), overrides | by_method, precision, budget)
         printing.run_warnings(loaded, length)
         if repeat is not None:
             _repeated(loaded, repeat, length, figure, as_json)

@@ -10,7 +10,19 @@ import typer
 
 from rig.cli import printing
 from rig.cli.maps import Workers
-from rig.cli.options import Changes, Duration, Force, Json, at, changes, scene_file, seconds, the_scene
+from rig.cli.options import (
+    Changes,
+    Duration,
+    Force,
+    Json,
+    at,
+    changes,
+    noted,
+    scene_file,
+    seconds,
+    the_scene,
+    with_option,
+)
 from rig.cli.outputs import hold, named, refuse
 from rig.errors import UsageError
 
@@ -143,7 +155,7 @@ def _asked(name: str, overrides: dict[str, str]) -> tuple[Scene, dict[str, Any]]
     if not is_study(Path(name)):
         return the_scene(name, overrides), {}
     found = read(Path(name))
-    return the_scene(found.scene, {**found.changes, **overrides}), found.given
+    return noted(found.scene, {**found.changes, **overrides}, found.places | with_option("-p", overrides)), found.given
 
 
 def values(given: list[str] | None, option: str, changed: Mapping[str, object]) -> dict[str, str]:

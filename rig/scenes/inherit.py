@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -60,16 +60,16 @@ class Layer:
 
 
 class Places:
-    """The places of the values of a scene: its files, the base first, and changes with -p."""
+    """The places of the values of a scene: its files, the base first, and `changes` by the caller."""
 
-    def __init__(self, layers: Sequence[Layer], changes: Collection[str], raw: Mapping[str, Any]) -> None:
+    def __init__(self, layers: Sequence[Layer], changes: Mapping[str, Place], raw: Mapping[str, Any]) -> None:
         self.files = tuple(layer.name for layer in layers)
-        self._layers, self._changes, self._raw = layers, frozenset(changes), raw
+        self._layers, self._changes, self._raw = layers, changes, raw
 
     def of(self, key: str) -> Place | None:
         """The place that gave the value `key`; None for a default."""
         if key in self._changes:
-            return Place("", 0)
+            return self._changes[key]
         if not self._there(key):
             return None
         whole = key.partition("[")[0]
@@ -83,15 +83,17 @@ class Places:
 
         For a table of the scene that is nowhere: the place of its plant, which needs the table.
         """
-        if self.of(key) is None and any(change.startswith(f"{key}.") for change in self._changes):
-            return Place("", 0)
         inside = key
         while inside:
-            found = self.of(inside) or self._taken(inside)
+            found = self.of(inside) or self._made(inside) or self._taken(inside)
             if found is not None:
                 return found
             inside = inside[: max(inside.rfind("."), inside.rfind("["), 0)]
         return None if "." in key else self.of("plant")
+
+    def _made(self, table: str) -> Place | None:
+        """The place of a change in a table that no file has."""
+        return next((place for change, place in self._changes.items() if change.startswith(f"{table}.")), None)
 
     def _taken(self, key: str) -> Place | None:
         """The place of the "none" that removed the value `key`."""

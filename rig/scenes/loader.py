@@ -23,6 +23,7 @@ from rig.scenes.network import Network
 from rig.scenes.network import checks as network_checks
 from rig.scenes.part_faults import checks as part_faults_checks
 from rig.scenes.part_faults import faults_of
+from rig.scenes.places import Place
 from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Known, Load, Mark, Ramp, Step, flat, knock_durations
 from rig.scenes.rooms import CONTROLLERS, SENSORS, assembled
 from rig.scenes.scene import Scene
@@ -36,13 +37,18 @@ PARTS = 100
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
+def load(
+    name_or_path: str | Path,
+    overrides: Mapping[str, object] | None = None,
+    given: Mapping[str, Place] | None = None,
+) -> Scene:
     """The scene of a shipped name or of a file, with `overrides` (dotted key -> value, text with unit or number).
 
-    Raises SceneError with every fault: dotted key, what was given, what is allowed, file and line that gave it.
+    `given`: dotted key -> place of an override, for messages; those without one are given in the call. Raises
+    SceneError with every fault: dotted key, what was given, what is allowed, file and line that gave it.
     """
     path = path_of(name_or_path)
-    tables = Merged(inherit.layers(path), overrides or {})
+    tables = Merged(inherit.layers(path), overrides or {}, given or {})
     scene = _Reading(tables).scene(path.stem)
     if scene is None:
         listed = tables.faults[:MOST]

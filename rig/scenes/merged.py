@@ -14,7 +14,7 @@ from rig.effects import EFFECTS
 from rig.errors import PartError
 from rig.plants import PLANTS
 from rig.scenes import faults, inherit, rooms, source
-from rig.scenes.places import Origin
+from rig.scenes.places import IN_THE_CALL, Origin, Place
 from rig.scenes.protocol import Known
 from rig.scenes.rooms import CONTROLLERS, SENSORS
 
@@ -28,15 +28,17 @@ OWN = ("format", "based_on", "title", "plant", "about", "seed", "clock", "sensor
 class Merged:
     """The merged tables `raw`, with the origin of each value; `faults` collects a line for everything that is wrong.
 
-    `overrides`: dotted key -> value, changes by the caller.
+    `overrides`: dotted key -> value, changes by the caller; `given`: the place of each, if it is not the call.
     """
 
-    def __init__(self, layers: Sequence[inherit.Layer], overrides: Mapping[str, object]) -> None:
+    def __init__(
+        self, layers: Sequence[inherit.Layer], overrides: Mapping[str, object], given: Mapping[str, Place]
+    ) -> None:
         self.faults: list[str] = []
         self.origins: dict[str, Origin] = {}
         self.raw: dict[str, Any] = {}
         self.notes = [note for layer in layers if (note := layer.note)]
-        self.places = inherit.Places(layers, overrides, self.raw)
+        self.places = inherit.Places(layers, {**dict.fromkeys(overrides, IN_THE_CALL), **given}, self.raw)
         self.recast: dict[str, tuple[str, Any]] = {}
         """Tables whose kind changed after the protocol was written -> key of the kind, former kind."""
         for layer in layers:

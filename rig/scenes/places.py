@@ -27,13 +27,19 @@ class Origin(NamedTuple):
 
 
 class Place(NamedTuple):
-    """The place of a value: a file as users know it and a line, counted from 1; no file: a change with -p."""
+    """The place of a value: a file as users know it and a line, counted from 1. Line 0: a change, `file` says by what.
+
+    The texts of changes are "with -p" or another option, "in the call" (of Python), "on the page".
+    """
 
     file: str
     line: int
 
     def __str__(self) -> str:
-        return f"{self.file}, line {self.line}" if self.file else "given with -p"
+        return f"{self.file}, line {self.line}" if self.line else f"given {self.file}"
+
+
+IN_THE_CALL = Place("in the call", 0)
 
 
 class Part(NamedTuple):

@@ -91,6 +91,16 @@ def beyond(raw: Any, key: str = "") -> Iterator[str]:
             inside += [(f"{key}[{i}]", one, depth + 1) for i, one in enumerate(value, 1)]
 
 
+def dotted(raw: Mapping[str, Any], key: str = "") -> Iterator[tuple[str, Any]]:
+    """The values of tables of changes by their dotted keys, which may be quoted (`"body.mass"`) or tables in tables."""
+    for name, value in raw.items():
+        here = f"{key}.{name}" if key else name
+        if isinstance(value, Mapping):
+            yield from dotted(value, here)
+        else:
+            yield here, value
+
+
 def stripped(raw: Any, origins: dict[str, Origin], faults: list[Fault], key: str = "") -> Any:
     """`raw` without its origins, which are added to `origins` by dotted key. Faults are added to `faults`."""
     if isinstance(raw, Mapping):

@@ -13,10 +13,12 @@ from rig.bench.job import keeps_up
 from rig.errors import UsageError
 from rig.quantities import finite
 from rig.scenes import load, migration, names
+from rig.scenes.places import Place
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import card, cards
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+_PAGE = Place("on the page", 0)
 PACES = (1e-3, 1e6)
 """Slowest and fastest pace."""
 LONGEST = 1e6
@@ -44,7 +46,8 @@ class Catalogue:
             raise UsageError(f"no scene is called {name!r:.80}; choose one of the list")
         if not isinstance(changes or {}, dict) or not all(isinstance(key, str) for key in changes or {}):
             raise UsageError(f'"changes" is {changes!r:.80}; expected values by their keys')
-        return load(name, {key: as_text(value) for key, value in (changes or {}).items()})
+        texts = {key: as_text(value) for key, value in (changes or {}).items()}
+        return load(name, texts, dict.fromkeys(texts, _PAGE))
 
     def save(self, file: Any, based_on: str, changes: Mapping[str, Any]) -> Path:
         """Write a scene file that is based on another scene and contains the changed values; returns its path.

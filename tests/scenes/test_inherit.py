@@ -128,8 +128,8 @@ def test_every_fault_says_which_file_and_line_its_value_is_from(write):
     path = write("mine.toml", 'based_on = "base.toml"\n[friction]\nmu_static = "none"\n[sensors.laser]\nrate = 0\n')
     assert faults(path, {"seed": -1, "body.mass": "5 m"}) == [
         "drive.lag: is not in the base, so it cannot be removed (base.toml, line 6)",
-        "seed = -1: expected a whole number, at least 0 (given with -p)",
-        'body.mass = "5 m": expected a unit that converts to kg (given with -p)',
+        "seed = -1: expected a whole number, at least 0 (given in the call)",
+        'body.mass = "5 m": expected a unit that converts to kg (given in the call)',
         "drive.sped: unknown key; did you mean drive.speed? (base.toml, line 5)",
         'load.force = "-3 N": must be at least 0 N (base.toml, line 3)',
         "friction.mu_static: is missing; expected a number (mine.toml, line 3)",
@@ -215,7 +215,7 @@ def test_other_faults_are_told_beside_a_missing_plant(write, text, told):
 @pytest.mark.parametrize("key", ["plant", "based_on", "title", "protocol", "protocol[1].time"])
 def test_what_only_a_file_can_change_is_told(key):
     what = f"{key}: only a scene file can change {key.partition('[')[0]}; write one with rig new and change it there"
-    assert faults("belt", {key: "3 s"}) == [f"{what} (given with -p)"]
+    assert faults("belt", {key: "3 s"}) == [f"{what} (given in the call)"]
 
 
 def test_nothing_can_be_removed_where_there_is_no_base(write):
@@ -255,7 +255,7 @@ def test_explain_tells_file_and_line_of_each_value(write):
     told = {value.key: value for value in explain(scenes.load(path, {"drive.speed": 0.1})).values}
     assert str(told["load.force"].place) == "mine.toml, line 3"
     assert told["load.force"].origin.origin == "not stated"
-    assert str(told["drive.speed"].place) == "given with -p"
+    assert str(told["drive.speed"].place) == "given in the call"
     lines = scenes.path("belt").read_text().split("\n")
     place = told["friction.mu_static"].place
     assert place.file == "scene belt"

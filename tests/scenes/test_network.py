@@ -62,14 +62,14 @@ def test_all_faults_of_a_section_are_told_at_once():
             }
         )
     ) == [
-        "network.seed = -3: must be at least 0 (given with -p)",
-        'network.meas.vibrometer.delay = "-1 ms": must be at least 0 s (given with -p)',
-        "network.meas.vibrometer.los: unknown key; did you mean network.meas.vibrometer.loss? (given with -p)",
-        'network.act.nf.loss = "120 %": must be at most 1 (given with -p)',
-        'network.act.nf.duplicate = "3 kg": expected a unit that converts to 1 (no unit) (given with -p)',
-        "network.act.nf.reorder = 3: expected true or false (given with -p)",
-        "network.meas.vibromter: unknown sensor; did you mean vibrometer? (given with -p)",
-        "network.act.fn: unknown controller; known: nf (given with -p)",
+        "network.seed = -3: must be at least 0 (given in the call)",
+        'network.meas.vibrometer.delay = "-1 ms": must be at least 0 s (given in the call)',
+        "network.meas.vibrometer.los: unknown key; did you mean network.meas.vibrometer.loss? (given in the call)",
+        'network.act.nf.loss = "120 %": must be at most 1 (given in the call)',
+        'network.act.nf.duplicate = "3 kg": expected a unit that converts to 1 (no unit) (given in the call)',
+        "network.act.nf.reorder = 3: expected true or false (given in the call)",
+        "network.meas.vibromter: unknown sensor; did you mean vibrometer? (given in the call)",
+        "network.act.fn: unknown controller; known: nf (given in the call)",
     ]
 
 

@@ -81,7 +81,7 @@ def test_faults_are_those_of_the_command_line(rig, tmp_path):
         Catalogue(tmp_path).scene("belt", changes)
     options = [part for key, value in changes.items() for part in ("-p", f"{key}={value}")]
     _, _, printed = rig("explain", "belt", *options)
-    assert str(told.value) == printed.strip()
+    assert str(told.value) == printed.strip().replace("given with -p", "given on the page")
 
 
 def test_what_is_no_scene_no_change_no_pace_is_refused(tmp_path):

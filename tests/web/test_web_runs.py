@@ -33,7 +33,7 @@ def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified
     refused = client.post("/api/run", scene=SCENE, changes={"load.force": -3})
     assert (refused.status_code, refused.json()["error"].splitlines()[1]) == (
         422,
-        "  load.force = -3: must be at least 0 N (given with -p)",
+        "  load.force = -3: must be at least 0 N (given on the page)",
     )
     assert client.post("/api/run/command", do="pause").json() == {"error": "no run is going on; start one first"}
     assert client.post("/api/run", scene=SCENE, changes={"load.force": "21 N"}).status_code == 200

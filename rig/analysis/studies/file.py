@@ -15,14 +15,14 @@ samples = 64                                and the other arguments of rig.study
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rig.errors import SceneError, UsageError
+from rig.scenes import places, source
 from rig.scenes.faults import near
-from rig.scenes.source import tree
+from rig.scenes.places import Place
 from rig.units import si
 
 _KINDS: dict[str, tuple[type, ...]] = {
@@ -41,24 +41,26 @@ _KINDS: dict[str, tuple[type, ...]] = {
 
 @dataclass(frozen=True)
 class StudyFile:
-    """What a file says: `scene`, `changes` of its values, and `given`, the other arguments of a study."""
+    """What a file says: `scene`, `changes` of its values and their `places`, `given`: other arguments of a study."""
 
     scene: str
     changes: dict[str, Any]
+    places: dict[str, Place]
     given: dict[str, Any] = field(default_factory=dict)
 
 
 def is_study(path: Path) -> bool:
     """Return whether a file is a study: TOML with a scene, measures or varied parameters."""
     try:
-        return bool(tree(path).keys() & {"scene", "measure", "over"})
+        return bool(source.tree(path).keys() & {"scene", "measure", "over"})
     except SceneError:
         return False
 
 
 def read(path: Path) -> StudyFile:
     """Read a study. Raises SceneError for a file that is not TOML, UsageError with every fault of a study."""
-    raw = tree(path)
+    text = source.text(path)
+    raw = source.parsed(path, text)
     faults = []
     for key, value in raw.items():
         if key not in _KINDS:
@@ -73,7 +75,7 @@ def read(path: Path) -> StudyFile:
             duration = si(duration, "s")
         except ValueError as fault:
             faults.append(f"duration {fault}")
-    tables = {name: list(_flat(raw[name])) for name in ("over", "set") if isinstance(raw.get(name), dict)}
+    tables = {name: list(source.dotted(raw[name])) for name in ("over", "set") if isinstance(raw.get(name), dict)}
     for name, entries in tables.items():
         counts = Counter(key for key, _ in entries)
         faults += [f"{name}: {key} is given {count} times" for key, count in counts.items() if count > 1]
@@ -88,17 +90,9 @@ def read(path: Path) -> StudyFile:
     found |= {"duration": duration} if duration is not None else {}
     found["over"] = over
     found["measure"] = [_beside(path, one) for one in ([measure] if isinstance(measure, str) else measure)]
-    scene = raw["scene"]
-    return StudyFile(_beside(path, scene) if scene.endswith(".toml") else scene, changes, found)
-
-
-def _flat(raw: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys of a table, whether they are quoted or tables in tables."""
-    for key, value in raw.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key, value
+    scene, lines = raw["scene"], places.lines(text)
+    given = {key: Place(str(path), lines[f"set.{key}"]) for key in changes}
+    return StudyFile(_beside(path, scene) if scene.endswith(".toml") else scene, changes, given, found)
 
 
 def _beside(path: Path, name: Any) -> Any:

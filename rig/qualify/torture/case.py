@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -15,7 +14,8 @@ from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.model.tables import UNROLLED
 from rig.quantities import Nanoseconds, Section
-from rig.scenes import faults, source
+from rig.scenes import faults, places, source
+from rig.scenes.places import Place
 
 FOLDER = Path(__file__).parent / "cases"
 Share = Annotated[float, Gt(0.0)]
@@ -73,7 +73,7 @@ class Expect(Section):
 class Case(Section):
     """One case. `scene`: a shipped one, "*" for each, a scene file, or `rig`: one of rig.qualify.torture.rigs.
 
-    `set` changes values of the rig.
+    `set` changes values of the rig; `places`: where the file gives them.
 
     `steps`: sample steps to try. `frame`: loop period, at whose begin modes are settled; by default a step. `wrong`:
     methods of rig.qualify.torture.wrong_methods that must fail in this case. `limited`: the run ends where the motion
@@ -88,6 +88,7 @@ class Case(Section):
     scene: str = ""
     rig: str = ""
     set: dict[str, Any] = Field(default_factory=dict)
+    places: dict[str, Place] = Field(default_factory=dict, exclude=True)
     duration: Nanoseconds
     quick_duration: Nanoseconds | None = None
     steps: tuple[Nanoseconds, ...] = (1_000_000, 100_000)
@@ -107,19 +108,23 @@ class Case(Section):
         return self
 
 
-def read(path: Path, overrides: Mapping[str, Any] | None = None) -> Case:
+def read(path: Path) -> Case:
     """Return the case of a file. A scene file is sought from its folder. Raises SceneError with every fault."""
-    raw = source.tree(path)
+    text = source.text(path)
+    raw = source.parsed(path, text)
     if {"plant", "based_on"} & raw.keys():
         example = f'a case names one, scene = "{path.name}", with title, about and duration (docs/torture.md)'
         raise SceneError(str(path), [f"is a scene; {example}"])
-    raw["set"] = raw.get("set", {}) | dict(overrides or {})
+    raw["places"], changes = {}, raw.get("set")
+    if isinstance(changes, dict) and "scene" in raw:
+        raw["set"], lines = dict(source.dotted(changes)), places.lines(text)
+        raw["places"] = {key: Place(str(path), lines[f"set.{key}"]) for key in raw["set"]}
     raw["acts"] = raw.pop("act", [])
     try:
         case = Case.model_validate({"name": path.stem, **raw})
     except ValidationError as error:
-        lines = [re.sub(r"\bacts\b", "act", line) for _, line in faults.lines(error, Case, raw)]
-        raise SceneError(str(path), lines) from None
+        wrong = [re.sub(r"\bacts\b", "act", line) for _, line in faults.lines(error, Case, raw)]
+        raise SceneError(str(path), wrong) from None
     if bool(case.scene) == bool(case.rig):
         raise SceneError(str(path), ["give either scene, the name of a shipped scene or a scene file, or rig"])
     if case.scene.endswith(".toml"):

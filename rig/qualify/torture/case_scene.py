@@ -17,6 +17,7 @@ from rig.qualify.torture.rigs import RIGS
 from rig.quantities import Section
 from rig.scenes.clock import Clock
 from rig.scenes.faults import lines
+from rig.scenes.places import Place
 from rig.scenes.scene import Scene
 
 
@@ -52,9 +53,9 @@ class Watched(Scene):
 
 
 @lru_cache(maxsize=64)
-def _loaded(name: str, changes: str) -> Scene:
-    """A shipped scene with `changes`, as JSON; read once for all methods and steps of a case."""
-    return scenes.load(name, json.loads(changes))
+def _loaded(name: str, changes: str, given: tuple[tuple[str, Place], ...]) -> Scene:
+    """A scene with `changes`, as JSON, and their places; read once for all methods and steps of a case."""
+    return scenes.load(name, json.loads(changes), dict(given))
 
 
 def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None, unstable: str = "run") -> Watched:
@@ -87,7 +88,7 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
             "seed": 1,
         }
     else:
-        scene = _loaded(case.scene, json.dumps(case.set))
+        scene = _loaded(case.scene, json.dumps(case.set), (*case.places.items(),))
         if scene.assemble().film is not None:  # a tick has its own steps
             clock["rk4_step"] = min(step_ns, int(scene.clock.rk4_step)) * 1e-9
         clock = scene.clock.model_dump(mode="json") | clock

@@ -1,0 +1,58 @@
+"""A fault of a changed value names what changed it: an option, a line of a study or of a torture case, the call."""
+
+import pytest
+
+import rig as package
+from rig.errors import SceneError
+
+SET = '\n[set]\n"body.mas" = "3 kg"\n[set.drive]\nspeed = "3 kg"\n'
+MASS = "  body.mas: unknown key; did you mean body.mass? ({})"
+SPEED = '  drive.speed = "3 kg": expected a unit that converts to m/s ({})'
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("-p", "body.mas=3 kg"), MASS.format("given with -p")),
+        (("--net", "meas/vibro: delay 2 ms"), "did you mean vibrometer? (given with --net)"),
+        (
+            ("--method", "exct"),
+            'clock.method = "exct": unknown; known: auto, exact, dopri5, rk4, kick, smooth (given with --method)',
+        ),
+        (("--controller", "own.py"), "own.py: defines no class Controller (given with --controller)"),
+        (("--controller", "nf=own.py", "-p", "controllers.nf.kind=dither"), "sensor: is missing (given with -p)"),
+    ],
+)
+def test_an_option_is_named(rig, tmp_path, monkeypatch, options, told):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text("")
+    code, _, err = rig("simulate", "belt", *options)
+    assert code == 2
+    assert told in err
+
+
+def test_a_study_names_its_lines(rig, tmp_path):
+    file = tmp_path / "study.toml"
+    file.write_text(f'\ufeffscene = "belt"\nmeasure = "cycle.amplitude"\nover = {{ "load.force" = "10, 20 N" }}\n{SET}')
+    code, _, err = rig("study", file)
+    assert (code, err.splitlines()[1:]) == (2, [MASS.format(f"{file}, line 6"), SPEED.format(f"{file}, line 8")])
+    code, _, err = rig("study", file, "-p", "body.mas=4 kg")
+    assert (code, err.splitlines()[1:]) == (2, [MASS.format("given with -p"), SPEED.format(f"{file}, line 8")])
+
+
+def test_a_torture_case_names_its_lines(rig, tmp_path):
+    file = tmp_path / "case.toml"
+    file.write_text(f'title = "x"\nabout = "y"\nscene = "belt"\nduration = "1 ms"\n{SET}')
+    code, _, err = rig("torture", "--case", file, "--out", tmp_path / "out")
+    assert (code, err.splitlines()[1:]) == (2, [MASS.format(f"{file}, line 7"), SPEED.format(f"{file}, line 9")])
+
+
+def test_a_call_is_named():
+    with pytest.raises(SceneError) as found:
+        package.load("belt", {"body.mas": 3.0, "drive.speed": "3 kg"})
+    assert str(found.value).splitlines()[1:] == [MASS.format("given in the call"), SPEED.format("given in the call")]
+
+
+def test_two_options_do_not_give_one_value(rig):
+    code, _, err = rig("simulate", "belt", "--method", "exact", "-p", "clock.method=dopri5")
+    assert (code, err) == (2, "--method and -p: both give clock.method; leave out one of them\n")
