@@ -84,7 +84,7 @@ class Singular(RigError):
 
     def __init__(self, why: str, mode: str, jams: bool = False) -> None:
         self.why, self.mode, self.jams = why, mode, jams
-        super().__init__(f"{why}\n  in mode {mode}")
+        super().__init__(f"{why}\n  in mode set {mode}")
 
 
 class NumericsError(RigError):
@@ -98,7 +98,7 @@ class NumericsError(RigError):
     def __init__(self, what: str, time: float, mode: str, state: dict[str, float]) -> None:
         self.what, self.time, self.mode, self.state = what, time, mode, state
         values = ", ".join(f"{name} = {value:.6g}" for name, value in state.items())
-        super().__init__(f"{what}\n  at t = {time:.9g} s, in mode {mode}\n  state: {values}")
+        super().__init__(f"{what}\n  at t = {time:.9g} s, in mode set {mode}\n  state: {values}")
 
 
 class Diverged(NumericsError):

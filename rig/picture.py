@@ -8,8 +8,8 @@ A plant's module lists its pictures; the first one whose outputs the rig has is 
 
     PICTURES = (OnBelt(up="height", lifted=True),)
 
-Without any, a viewer shows curves and the strip of contact modes, and no picture. Every picture shows the friction and
-the normal force as arrows, and the body in the colour of its contact mode. Motions are magnified by a round number.
+Without any, a viewer shows curves and the strip of contact states, and no picture. Every picture shows the friction and
+the normal force as arrows, and the body in the colour of its contact state. Motions are magnified by a round number.
 
 A plant with another figure of a run than the common one declares it as well:
 

@@ -129,7 +129,7 @@ class Axis:
         if not switch or value == switch or getattr(section, switch):
             return ""
         return (
-            f"{self.key} changes nothing: {table} is off at the start of {scene.name} ({table}.{switch} = false)\n"
+            f"{self.key} has no effect: {table} is off at the start of {scene.name} ({table}.{switch} = false)\n"
             f"  add -p {table}.{switch}=true"
         )
 

@@ -58,7 +58,7 @@ class Critical:
         if self.below and self.above:
             return f"unstable on both sides: {_grow(self.below)} below, {self.above} above"
         if self.above is None:
-            return "nothing to tell above" if self.below is None else f"{'un' * bool(self.below)}stable below"
+            return "no result above" if self.below is None else f"{'un' * bool(self.below)}stable below"
         return f"{'un' * bool(self.above)}stable above"
 
 

@@ -2,8 +2,8 @@
 
 The run starts with every contact stuck to its surface and the structure unloaded, outside of the cycle. Therefore a
 cycle is also found where stable sliding exists beside it. The motion has settled when the last cycles have the same
-mode changes at the same times to `REPEAT` of a period, or the same turning points if there are no mode changes. For a
-cycle that attracts slowly, Newton's method continues from there (rig.analysis.shooting). Its result counts once the
+mode set changes at the same times to `REPEAT` of a period, or the same turning points if there are none. For a cycle
+that attracts slowly, Newton's method continues from there (rig.analysis.shooting). Its result counts once the
 simulation repeats it and its multipliers are stable. Then one more cycle is read from the dense output, with extremes
 inside steps and at events. rig.analysis.floquet computes the multipliers; rig.analysis.settled decides when the motion
 has come to rest in sliding.
@@ -37,10 +37,10 @@ from rig.stability.linearisation import Steady, sliding_key, steady
 Array = NDArray[np.float64]
 TIGHT = 1e-10
 LONGEST = 120.0  # s
-CHANGES = 500_000  # mode changes: over a minute of a squeal at 3.4 kHz
+CHANGES = 500_000  # mode set changes: over a minute of a squeal at 3.4 kHz
 QUIET = 40.0  # periods of the slowest mode without an event, after which the search tests whether the motion decays
 _AGAIN = 1.01  # ratio of the times of two successive tests whether the motion repeats
-_FIRST = 64  # mode changes after which Newton's method is tried, and again after twice as many
+_FIRST = 64  # mode set changes after which Newton's method is tried, and again after twice as many
 _NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
 _CALM = 2  # turns of an uneven surface without a contact event, after which the rig slides
 _TURNS = 5.0  # turns of it that the search waits for
@@ -62,7 +62,7 @@ def limit_cycle(
     """Find the limit cycle of `scene` with every actuator held at its initial value, without controllers and sensors.
 
     `tolerance`: of dopri5. `longest`: simulated time [s] within which the motion must settle. The default is `LONGEST`,
-    more for an uneven surface that turns slowly, less if `CHANGES` mode changes happen before. `watch` gets the
+    more for an uneven surface that turns slowly, less if `CHANGES` mode set changes happen before. `watch` gets the
     simulated time [s] and the relative difference between the last rounds. Raises rig.errors.NumericsError where the
     simulation has to stop, UsageError for a film of points.
     """
@@ -72,9 +72,7 @@ def limit_cycle(
     sliding = steady(system, sliding_key(system))
     if not np.any(_surfaces(sliding)):
         why = (
-            "nothing slides, every surface stands still"
-            if system.patches
-            else "the rig has no contact that could slide"
+            "nothing slides, because no surface moves" if system.patches else "the rig has no contact that could slide"
         )
         return Cycle(scene.name, chosen(scene.clock.method, system), False, f"no limit cycle: {why}", 0.0)
     return _Search(scene, assembly, sliding, tolerance, longest, watch).run()
@@ -110,7 +108,7 @@ class _Search:
         self.changes = 0
         self.asked = 0.0
         self.drift, self.touched = math.inf, 0.0  # last difference of rounds; when a contact has changed last [s]
-        self.due = _FIRST  # mode changes, or turning points, at which Newton's method is tried
+        self.due = _FIRST  # mode set changes, or turning points, at which Newton's method is tried
         self.shot: ShootingResult | None = None
         self.unstable: ShootingResult | None = None
 
@@ -121,7 +119,7 @@ class _Search:
     def run(self) -> Cycle:
         """Simulate until the answer is known."""
         round_s = self.round_s
-        begun, before, since = 0.0, 0, 0.0  # when this turn of the surface began, mode changes then; the last event
+        begun, before, since = 0.0, 0, 0.0  # when this turn of the surface began, mode set changes then; the last event
         while self.now < self.longest and self.changes < self.most:
             if self.now - begun >= round_s:
                 if begun and self.changes - before > MOST:
@@ -226,16 +224,14 @@ class _Search:
         """The result "undecided": why, and what to do."""
         held = self._held() and not self.changes
         what = "the start still sticks" if held else "the motion does not repeat"
-        why = f"undecided: {what} within {self.now:.4g} s and {self.changes} mode changes"
+        why = f"undecided: {what} within {self.now:.4g} s and {self.changes} mode set changes"
         if math.isfinite(self.drift):
-            why += f"; its last rounds differ by {self.drift:.1e} of their period"
+            why += f"; its last periods differ by {self.drift:.1e} of a period"
         if self.unstable is not None:
             period = self.unstable.period
             rate = math.log(self.unstable.multiplier) / period
-            why += f"; beside it lies an unstable cycle of {period:.6g} s, which it leaves with {rate:.3g} 1/s"
-        why += (
-            f". It is slow or irregular: --longest {4.0 * self.now:.3g} looks further, rig map shows what it settles to"
-        )
+            why += f"; there is an unstable cycle of {period:.6g} s, which it leaves with {rate:.3g} 1/s"
+        why += f". The motion is slow or irregular. Use --longest {4.0 * self.now:.3g}, or rig map"
         return replace(self._none(why), decided=False)
 
 
@@ -247,8 +243,8 @@ def _surfaces(sliding: Steady) -> Array:
 
 
 def _uneven(round_s: float, changes: int) -> str:
-    return (f"no limit cycle: the surface is uneven, and one turn of {round_s:.4g} s has {changes} mode changes. The "
-            "motion follows the turn and does not repeat within it. An even surface may have a cycle "
+    return (f"no limit cycle: the surface is uneven, and one turn of {round_s:.4g} s has {changes} mode set changes. "
+            "The motion follows the turn and does not repeat within it. An even surface may have a cycle "
             "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and "
             "rig sound")  # fmt: skip
 

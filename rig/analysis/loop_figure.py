@@ -56,9 +56,7 @@ def _budget(axes: Axes, report: LoopReport) -> None:
     if margin is not None and margin["delay"] < 1e3:
         bus = sum(1e3 * one.seconds for one in report.items if one.part.startswith("bus"))
         left = max(1e3 * margin["delay"] - bus, 0.0)
-        axes.barh(
-            0.0, left, left=at, height=0.5, color="white", edgecolor=GREY, hatch="//", label="left until it grows"
-        )
+        axes.barh(0.0, left, left=at, height=0.5, color="white", edgecolor=GREY, hatch="//", label="delay margin")
         at += left
     axes.set_xlim(0.0, at or 1.0)
     axes.set_ylim(-0.5, 0.5)

@@ -140,7 +140,7 @@ def missing(at: Steady) -> str:
     contacts = list(zip(at.system.patches, at.speed.tolist(), at.load.tolist()))
     for patch, speed, load in contacts:
         if speed == 0.0:
-            return f"the surface at {patch.name} stands still"
+            return f"the surface at {patch.name} does not move"
         if load < 0.0 and at.balanced:
             return f"where all forces balance, {patch.name} would have to pull (normal force {load:.4g} N)"
     if at.inertia <= 0.0:

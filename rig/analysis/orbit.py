@@ -129,7 +129,7 @@ class Orbit:
         if self.motion.beyond < 0:
             return ""
         name = self.outputs[self.motion.beyond]
-        return f"{name} leaves its limit of {self.scene.limits[name]:g} {self.units[name]}"
+        return f"{name} exceeds its limit of {self.scene.limits[name]:g} {self.units[name]}"
 
     def round(self, period: float) -> OnePeriod:
         """Step the plant by `period` [s] and record everything."""

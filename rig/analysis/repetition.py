@@ -1,4 +1,4 @@
-"""Detection of a period in the mode changes of a motion, and the stick time of its contacts within one."""
+"""Detection of a period in the mode set changes of a motion, and the stick time of its contacts within one."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from rig.stability.linearisation import Steady
 
 REPEAT = 1e-9
 MOST = 24
-"""Most mode changes in one cycle."""
+"""Most mode set changes in one cycle."""
 _BETTER = 1e-2
 _TURN = 0.999  # of a turn of the surface: the shortest period on an uneven surface
 
 
 def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple[int, float]:
-    """Return the number of mode changes after which the last ones repeat, and the difference of their times over the
-    period.
+    """Return the number of mode set changes after which the last ones repeat, and their relative difference in time.
 
     It is the smallest number that repeats to `repeat`, else the best one. A larger number counts only if it is far
     better: each round of a cycle that closes only after several rounds looks alike, and so do two rounds of one that is

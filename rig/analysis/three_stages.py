@@ -48,7 +48,7 @@ def stages(run: Run) -> Stages | None:
     sticks = stuck(run) if speed else None
     if sticks is None:
         return None
-    # A cut recording may hold less of one output than of another, or of the contact modes.
+    # A cut recording may hold less of one output than of another, or of the contact states.
     known = np.isfinite(run.signals[speed]) & (run.mode >= 0)
     v, sticks, time = run.signals[speed][known], sticks[known], run.time[known]
     if not v.size:

@@ -69,9 +69,8 @@ def agreement(pairs: Iterable[Pair], scene: Scene, elsewhere: bool, until: float
                 size = math.inf
             if not first:
                 at = int(np.argmax(apart))
-                first = (
-                    f"{name} parts at t = {t_ns[at] * 1e-9:.9g} s: {float(recorded[at])!r} and {float(simulated[at])!r}"
-                )
+                when = t_ns[at] * 1e-9
+                first = f"{name} differs at t = {when:.9g} s: {float(recorded[at])!r} and {float(simulated[at])!r}"
             deviation = max(deviation, size if np.isfinite(size) else np.inf)
     return Agreement(compared, deviation, first)
 

@@ -197,7 +197,7 @@ def _repeats(log: Path, run: Run, found: Run, scene: Scene, until: float) -> Non
         raise LogError(f"{log}: cannot be continued: {'; '.join(strange)}")
     moved = changed_place(run)
     same = agreement(pairs(run, found), scene, bool(moved), until)
-    remedy = f"name an earlier instant; rig verify {log} says more"
+    remedy = f"name an earlier instant; rig verify {log} gives details"
     if same.first and (not moved or same.deviation > ELSEWHERE):
         elsewhere = f" (recorded elsewhere: other {', '.join(moved)})" if moved else ""
         raise LogError(f"{log}: does not repeat up to {until:g} s: {same.first}{elsewhere}; {remedy}")

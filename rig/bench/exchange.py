@@ -80,7 +80,7 @@ class Exchange:
         `gone`: controllers that have left and own nothing any more.
         """
         inputs = self._runner.inputs
-        faults = [] if topics.is_name(name) else ["is no name; a name is 1 to 64 letters, digits, '_', '.', '-'"]
+        faults = [] if topics.is_name(name) else ["is not a name; a name has 1 to 64 letters, digits, '_', '.', '-'"]
         faults += [
             f"{d:.80}: there is no such actuator; there are {', '.join(inputs)}" for d in drives if d not in inputs
         ]

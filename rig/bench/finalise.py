@@ -102,7 +102,7 @@ def timing_verdict(plant: PlantParts, lost: dict[str, int], unknown: list[str]) 
     faults = list(plant.housekeeper.faults)
     for name, queue in plant.experiment.exchange.all_queues.items():
         if queue.counts.safe:
-            faults.append(f"safe values stepped in for {name} {counted(queue.counts.safe, 'time')}")
+            faults.append(f"safe values replaced the commands of {name} {counted(queue.counts.safe, 'time')}")
     if plant.fault:
         faults.append(plant.fault.partition("\n")[0])
     clock, pacer = plant.scene.clock, plant.housekeeper.pacer
@@ -162,7 +162,7 @@ def _lost_elsewhere(plant: PlantParts) -> tuple[dict[str, int], list[str]]:
         for topic, count in missing(wanted, message.said, whole).items():
             found[f"{topic} to {name}"] = count
     for name in sorted(asked):
-        plant.housekeeper.faults.append(f"{roles[name]} {name} did not tell what it received")
+        plant.housekeeper.faults.append(f"{roles[name]} {name} did not report what it received")
     away = plant.from_start - hub.watch.present
     gone = {name for role, name in away if role == "recorder" and plant.is_recorder(name)}
     return found, [f"recorder {name}" for name in sorted(asked | gone)]

@@ -94,4 +94,4 @@ class RecorderLag:
         for name in sorted(reached):
             if reached[name] == min(reached.values()):
                 self._given_up[name] = reached[name]
-                self._say(f"recorder {name} has written nothing for {PATIENCE_S:g} s; the plant goes on without it")
+                self._say(f"recorder {name} has written nothing for {PATIENCE_S:g} s; the plant continues without it")

@@ -43,7 +43,7 @@ def differences(run: Run, again: Run, end_ns: int, exact: bool = True) -> tuple[
         if same < len(pairs):
             one, other = pairs[same]
             t_ns = min(event["t_ns"] for event in (one, other) if event is not None)
-            found.append(f"event {kind} parts at t = {t_ns * 1e-9:.9g} s: {_shown(one)} and {_shown(other)}")
+            found.append(f"event {kind} differs at t = {t_ns * 1e-9:.9g} s: {_shown(one)} and {_shown(other)}")
     return agree, found
 
 

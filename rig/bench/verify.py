@@ -225,9 +225,9 @@ def _gaps(run: Run, again: Run) -> Iterator[str]:
     for way, count in (lost if isinstance(lost, dict) else {}).items():
         if way.startswith("applied/") and way.endswith(" to recorder"):
             name = way.removeprefix("applied/").removesuffix(" to recorder")
-            yield f"{count} messages of the commands of {name} were lost on their way: it cannot come out the same"
+            yield f"{count} messages of the commands of {name} were lost on their way: the run cannot be repeated"
     for name in run.commands.keys() - again.commands.keys():
-        yield f"the commands of {name} are recorded, but not that it was admitted: it cannot come out the same"
+        yield f"the commands of {name} are recorded, but not that it was admitted: the run cannot be repeated"
     for name, (t_ns, _) in run.measurements.items():
         if name not in again.measurements:
             continue

@@ -107,7 +107,9 @@ def _probe(path: Path, run: str) -> None:
         try:
             probe.connect(str(path))
         except OSError as fault:
-            raise BusError(f"nobody listens at {path}: the plant of run {run} has died ({fault.strerror})") from None
+            raise BusError(
+                f"no process listens at {path}: the plant of run {run} has ended unexpectedly ({fault.strerror})"
+            ) from None
 
 
 def _cause(fault: Exception) -> str:

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 Metric = Annotated[
     str,
-    typer.Option(metavar="MEASURE", help="Error measure that decides. Default: worst, the largest of all measures."),
+    typer.Option(
+        metavar="MEASURE", help="Error measure for the recommendation. Default: worst, the largest of all measures."
+    ),
 ]
 Target = Annotated[float, typer.Option(metavar="ERROR", help="Target relative error.")]
 Folder = Annotated[

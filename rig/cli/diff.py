@@ -15,7 +15,9 @@ from rig.errors import ExitCode
 
 Tolerance = Annotated[
     float,
-    typer.Option("--tolerance", metavar="REL", help="Allowed deviation, as a share of the range of each signal: 1e-6."),
+    typer.Option(
+        "--tolerance", metavar="REL", help="Allowed deviation, as a share of the range of each channel: 1e-6."
+    ),
 ]
 
 
@@ -30,9 +32,9 @@ def diff(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Compare two recordings: scenes, signals, and measures such as period, amplitude and growth rate.
+    """Compare two recordings: scenes, channels, and measures such as period, amplitude and growth rate.
 
-    Signals are compared at the instants that both recordings contain: equal bit
+    Channels are compared at the instants that both recordings contain: equal bit
     by bit, within the tolerance, or different from an instant on. Exit code 0:
     equal or within the tolerance, 1: different. One recording may have
     additional samples between those of the other.

@@ -126,7 +126,7 @@ def _print_network(scene: Scene) -> None:
         rows.append((topic, described(dump(link)), f"{frames} frame{'s' * (most != 1)}"))
     seed = scene.seed if scene.network.seed is None else scene.network.seed
     printing.table(f"impaired links, seed {seed}", ("link", "", "time under way"), rows)
-    printing.line("a message arrives at a frame: its time under way is rounded up to whole frames\n")
+    printing.line("a message arrives at a frame: its transmission time is rounded up to whole frames\n")
 
 
 def _print_faults(scene: Scene) -> None:

@@ -38,7 +38,7 @@ def export(
         typer.Option(
             "--rate",
             metavar="RATE",
-            help='Filter signals of a higher rate and decimate them to this one: "200 Hz". Whole fractions only.',
+            help='Filter and decimate faster outputs and sensors to this rate: "200 Hz". Whole fractions only.',
         ),
     ] = None,
     out: Annotated[

@@ -27,7 +27,7 @@ def lesson(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """List the lessons, or walk through lesson N.
+    """List the lessons, or guide you through lesson N.
 
     In a terminal: asks the question, waits for your answer, offers to run each
     command and compares the numbers. What the commands write is in the folder
@@ -73,7 +73,7 @@ def _walk(one: Lesson) -> None:
     _show(f"## Question\n\n{one.question}")
     disagreed = 0
     try:
-        _ask("Think first, then write your answer down. Enter: go on, q: quit", "q")
+        _ask("Think first, then write your answer down. Enter: continue, q: quit", "q")
         for part in one.experiment:
             if isinstance(part, str):
                 _show(part)

@@ -105,7 +105,7 @@ def pause(run: RunName = None) -> None:
 
 def resume(run: RunName = None) -> None:
     """Continue a paused run."""
-    printing.line(f"goes on from t = {_done('resume', run):.6f} s")
+    printing.line(f"continues from t = {_done('resume', run):.6f} s")
 
 
 def step(
@@ -134,7 +134,7 @@ def knock(
     impulse: Annotated[str, typer.Argument(metavar="IMPULSE", help='In N s, or with a unit: "0.02 N*s".')],
     run: RunName = None,
 ) -> None:
-    """Strike the body of a live run. The recording contains it."""
+    """Apply an impulse to the body of a live run. The recording contains it."""
     size = number(impulse, "IMPULSE", "N*s", -1e6, 1e6)
     printing.line(f"knock with {size:g} N s at t = {_done('knock', run, impulse=size):.6f} s")
 
@@ -209,7 +209,7 @@ def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> N
 
 @topic.command("hz", cls=Command, epilog='Example:  rig topic hz "meas/*" --for 5')
 def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as_json: Json = False) -> None:
-    """Count messages per second of each topic, and messages lost on the way here."""
+    """Count messages per second of each topic, and lost messages."""
     length = _time(listen)
     heard = sorted(_heard(pattern, run, length).items())
     rows = [{"topic": name, "hz": count / length, "lost": lost} for name, (count, lost) in heard]

@@ -168,7 +168,7 @@ def recover(
 def sound(
     log: Log,
     signal: Annotated[
-        str, typer.Option("--signal", metavar="SENSOR", help="Sensor to listen to. Default: the microphone.")
+        str, typer.Option("--signal", metavar="SENSOR", help="Sensor whose sound is analysed. Default: the microphone.")
     ] = "",
     channel: Annotated[str, typer.Option("--channel", hidden=True)] = "",
     out: Annotated[

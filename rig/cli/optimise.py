@@ -20,9 +20,9 @@ Ranges = Annotated[
 ]
 Minimise = Annotated[
     str | None,
-    typer.Option(metavar="MEASURE", help="Measure to make small: a name as for rig study, or FILE.py:FUNCTION."),
+    typer.Option(metavar="MEASURE", help="Measure to minimise: a name as for rig study, or FILE.py:FUNCTION."),
 ]
-Maximise = Annotated[str | None, typer.Option(metavar="MEASURE", help="Measure to make large instead.")]
+Maximise = Annotated[str | None, typer.Option(metavar="MEASURE", help="Measure to maximise instead.")]
 Evaluations = Annotated[int, typer.Option(min=1, max=1_000_000, metavar="N", help="Largest number of points.")]
 Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of search and runs. Default: the scene's.")]
 Folder = Annotated[
@@ -46,7 +46,7 @@ def optimise(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Search parameters for the smallest or largest value of a measure (differential evolution).
+    """Search for the parameters with the smallest or largest value of a measure (differential evolution).
 
     Values are kept: after an interruption the same command continues.
 

@@ -26,7 +26,7 @@ def report(
 ) -> None:
     """Write one page about a recording that any browser opens: figures, timing verdict, measures, provenance.
 
-    The page stands alone: it loads nothing from anywhere.
+    The page is one file and loads no other files.
     """
     path = out or log.with_suffix(".html")
     named("--out", path)

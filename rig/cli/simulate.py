@@ -121,8 +121,8 @@ def simulate(
     spread of onset, RMS, spectrum and other results. Ctrl-C reports the runs
     that are finished.
 
-    With --from: simulate a recording again up to an instant and go on from
-    there. Values given with -p and a --duration count from that instant.
+    With --from: simulate a recording again up to an instant and continue
+    from there. Values given with -p and a --duration count from that instant.
     """
     length, overrides = seconds(duration), changes(p)
     links = linked(net, overrides)

@@ -73,7 +73,7 @@ ClusterName = Annotated[
         "--cluster",
         metavar="WHERE",
         show_default=False,
-        help="Compute on a dask cluster: tcp://HOST:PORT (a scheduler that runs), local (start one here), slurm.",
+        help="Compute on a dask cluster: tcp://HOST:PORT (a running scheduler), local (start one here), slurm.",
     ),
 ]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="With --cluster slurm: print the job script, and stop.")]

@@ -21,7 +21,7 @@ def web(
     """Serve the bench as a page in the browser: choose and start scenes, watch them live, change values.
 
     The page is reachable from this machine only, under the printed address.
-    Ctrl-C ends the run that is going on, and the server.
+    Ctrl-C ends the active run and the server.
     """
     from rig.bus.address import directory  # slow to import: only where a page is served
 
@@ -52,7 +52,7 @@ def bridge(
     """Offer the bus of a live run over WebSocket, for controllers and tools in other languages.
 
     Only this machine can reach it, under the printed address with its token.
-    It ends with the run, or by Ctrl-C. docs/wire.md describes the messages.
+    It ends with the run or on Ctrl-C. docs/wire.md describes the messages.
     """
     from rig.web import bridge as server
 

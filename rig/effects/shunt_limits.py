@@ -68,7 +68,7 @@ def _static(system: System, stack: Stack, delta: float) -> Iterator[Finding]:
     if delta <= limit:
         held = delta <= -1.0
         left = "even held at its ends" if held else f"stiffness left {k_b + kappa * delta / (1.0 + delta):.4g} N/m"
-        what = f"shunt: with delta {delta:g} the stack gives way statically, {left}; {where}"
+        what = f"shunt: with delta {delta:g} the stack is statically unstable, {left}; {where}"
         yield Finding("error", what, delta - limit, f"delta above {at_least(limit, 4)}, {at_least(safe)} to be safe")
     elif delta * (1.0 + TOLERANCE) <= limit:
         more = delta * (1.0 + TOLERANCE)

@@ -39,12 +39,12 @@ def add_film_states(a: Rows, film: Film) -> None:
 def refusal(system: System) -> str:
     """The reason why kick does not support this system with a film; "" if it does."""
     if system.limiters or system.sectors or system.switches or system.products or len(system.network):
-        return "knows structures, a film and signals only: no drive or load with both a lag and limits"
+        return "supports structures, a film and command states only: no drive or load with both a lag and limits"
     for matrix in (system.mass, system.damping, system.stiffness):
         if np.any(matrix - np.diag(np.diag(matrix))):
             return "needs coordinates that are modes of the structure, coupled by the film alone"
     if np.any(system.force[:, : system.one]):
-        return "forces of the structure must come from signals"
+        return "forces of the structure must come from command states"
     return ""
 
 

@@ -19,7 +19,7 @@ Why = tuple[type[NumericsError], str]
 def why(status: int, system: System, integration: Integration, state: MotionState, log: MotionLog, room: int) -> Why:
     """The error that a status of the kernels means, and its text. `room`: for smooth segments in a frame."""
     if status == JAM:
-        return Jammed, "no contact mode agrees with the equations: jamming (Painleve)"
+        return Jammed, "no mode set satisfies the equations: jamming (Painleve)"
     if status == CHATTER:
         _, kind, owner, _ = log.event[int(state.ic[EVENTS]) - 1].tolist()
         what = f"more than {len(log.event)} events in one block; the last: {system.event_text(kind, owner)}"

@@ -61,7 +61,7 @@ class Plant:
         frame = runner.frame_ns * 1e-9
         ticks, at = round(h / frame), (t - self._start) / frame
         if ticks < 1 or abs(h / frame - ticks) > _ROUNDING * ticks:
-            raise UsageError(f"a step of {h:.9g} s is no whole number of frames of {frame:.9g} s")
+            raise UsageError(f"a step of {h:.9g} s is not a whole number of frames of {frame:.9g} s")
         if abs(at - runner.tick) > _ROUNDING * max(runner.tick, 1):
             now = self._start + runner.tick * frame
             raise UsageError(f"the step begins at t = {t:.9g} s, but the rig is at t = {now:.9g} s")

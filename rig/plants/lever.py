@@ -109,8 +109,8 @@ class Springs(Section):
             spring = getattr(self, name)
             if spring is not None and self.free_length + spring.deformation <= 0.0:
                 raise ValueError(
-                    f"{name}.deformation {spring.deformation:g} m leaves nothing of the free length of "
-                    f"{self.free_length:g} m"
+                    f"{name}.deformation {spring.deformation:g} m compresses the spring by its whole free length "
+                    f"of {self.free_length:g} m or more"
                 )
         return self
 

@@ -141,7 +141,7 @@ def refuse_jam(speed: float, most: float) -> None:
     """Raise ValueError if the disc turns backwards (`speed` [m/s] below zero) and the tip jams (beta mu = `most`)."""
     if most >= 1.0 and speed < 0.0:
         raise ValueError(
-            f"drive.speed {speed:g} m/s jams: the disc digs the tip in, and friction raises the normal force faster "
+            f"drive.speed {speed:g} m/s jams the tip: friction raises the normal force faster "
             f"than the beam yields (beta mu = {most:.3g}, must be below 1); run the disc forward, or lower the "
             "friction coefficient or the relief"
         )

@@ -29,8 +29,8 @@ doctor.txt       what `rig doctor` found on this machine
 environment.txt  environment variables that begin with RIG_
 last_run.log     the messages of the last `rig run` or `rig demo`
 
-USER, HOST, FILE, FOLDER and SCENE stand for names of the user, of the machine, and of files, folders and scenes.
-Texts of a protocol and messages of your own parts may stand in last_run.log: read it before you send it.
+USER, HOST, FILE, FOLDER and SCENE replace the names of the user, of the machine, and of files, folders and scenes.
+Texts of a protocol and messages of your own parts may be in last_run.log: read it before you send it.
 """
 
 

@@ -24,7 +24,7 @@ from rig.record.mapped_file import crc_of, mapped, sha256_of, summary_start
 from rig.record.mcap_file import CRC, DIGEST, MAGIC, checksum, refuse_newer
 
 _SEQUENCE = 1 << 32
-_COPY = "a copy of a chunk that stands before it,"
+_COPY = "a copy of a chunk before it,"
 _UNPROVED = "its header or an index"
 """What differs if every record is intact and the checksum of the whole file is wrong."""
 _NO_MESSAGES = (_COPY, "an attachment", "metadata")
@@ -293,10 +293,10 @@ class Scan:
         if not self.skipped or all(self._end is not None and one.begin >= self._end.end for one in self.skipped):
             return "the index at its end is damaged" if ended else "it breaks off in the index at its end"
         if all(one.what == _COPY for one in self.skipped):
-            return "a chunk stands in it twice; no message is missing"
+            return "a chunk is in it twice; no message is missing"
         if self.skipped[0].what == _UNPROVED:
             return (
-                f"{_UNPROVED} is damaged, or another program has written it anew; "
+                f"{_UNPROVED} is damaged, or another program has written it again; "
                 "no message that its index counts is missing"
             )
         return f"{self.skipped[0].what or 'a record'} is damaged; no message is missing"

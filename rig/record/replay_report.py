@@ -93,11 +93,11 @@ class Replayed:
                 else f"{name}: the recording has no command of {name}, so nothing was compared"
             )
             if name in self.unknown_memory:
-                lines.append(f"  {name} worked before the recording began: what it remembered is unknown")
+                lines.append(f"  {name} ran before the recording began: its state at the beginning is unknown")
             if silent := self.silent.get(name):
                 lines.append(
                     f"  {silent} steps have no recorded command of {name}: it did not receive them, or its commands "
-                    "were not recorded; a controller with memory may differ from there on"
+                    "were not recorded; a controller with internal state may differ from there on"
                 )
         if self.unanswered:
             lines.append(f"{self.unanswered} recorded commands were not answered again")

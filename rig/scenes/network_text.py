@@ -74,14 +74,14 @@ def _no_link(link: str, room: str, slash: str, colon: str) -> str:
 def _value(room: str, name: str, word: str, value: str, last: bool) -> tuple[str, str]:
     if word == "seed":
         if not last:
-            return "", 'seed stands at the end, after a semicolon: "...; seed 3"'
+            return "", 'seed must be at the end, after a semicolon: "...; seed 3"'
         return ("network.seed", value) if value.isdecimal() else ("", f"seed {value}: expected a whole number")
     if word not in Link.model_fields:
         likely = close(word, [*_WORDS, "seed"])
         hint = f"did you mean {' or '.join(likely)}?" if likely else f"known: {', '.join(_WORDS)}, seed"
         return "", f"{word}: unknown; {hint}"
     if last:
-        return "", f"{word} stands after a semicolon; only the seed does, the rest is separated by commas"
+        return "", f"{word} is after a semicolon; only the seed may be there, the rest is separated by commas"
     key = f"network.{room}.{name}.{word}"
     if word == "reorder":
         return (key, "true") if not value else ("", f"reorder {value}: reorder takes no value")

@@ -48,7 +48,7 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
         remedy = "give the drive limits (speed_min, speed_max, force_max), or lower the gain of its feedback"
         if driver in system.names[q : system.one]:
             remedy = "less negative capacitance, or a bleed resistor with less resistance than the leak of the stack"
-        return "error", f"{driver} runs away and nothing limits it", remedy
+        return "error", f"{driver} grows without limit", remedy
     if at.modes.nonlinear.any():
         flat = _flat(at)
         grow = [(rate, turn) for rate, turn in zip(*_turned(flat)) if rate.real > least and rate.imag >= 0.0]

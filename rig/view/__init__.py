@@ -11,7 +11,7 @@ run_figure        the figure of a run; plate_figure: that of the plate rig
 curves, caption   curves over time, and the text beside them, in all figures of runs
 timeline          phases of the protocol, marks, and when each controller worked
 channels          which output and which sensor belongs to which plot
-contact           contact modes as words and colours
+contact           contact states as words and colours
 pressure_colours  colours of the pressure of a film; pressure_maps: its maps in figures
 save_figure       writes a figure to its file, completely or not at all
 """

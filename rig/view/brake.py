@@ -4,7 +4,7 @@ The view is from the front and one length is a decimetre; x is the direction of 
 are magnified by a stated factor. The plant outputs only the motion of one point, the probe. The other bodies are drawn
 by the eigenvector of the growing vibration mode; x - i v / omega of the probe is its complex amplitude. Squeal is
 faster than any picture, so a stroboscope selects the instants: among the states since the last frame, the one nearest
-to a phase that advances at 1 Hz. The lining of a contact has the colour of the contact mode, and is grey if it is open.
+to a phase that advances at 1 Hz. The lining of a contact has the colour of the contact state; grey: open.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ def scene_of(run: Run) -> dict[str, Any]:
 
 
 def caption(axes: Axes, run: Run, modes: Integers) -> None:
-    """Write the caption of `run`; the stick share comes from `modes`, the contact modes of the first contact."""
+    """Write the caption of `run`; the stick share comes from `modes`, the contact states of the first contact."""
     axes.set_axis_off()
     rows = [("scene", scene_of(run).get("name", "")), *_rows(run, modes)]
     for i, (name, text) in enumerate(rows):

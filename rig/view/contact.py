@@ -1,4 +1,4 @@
-"""Contact modes as words and colours: the contact mode of the first friction patch of a rig, or of all its contacts.
+"""Contact modes as words and colours: the contact state of the first friction patch of a rig, or of all its contacts.
 
 open    every normal force of the patch has lifted off
 stick   no slip                slip+   w > 0, the surface is faster         slip-   w < 0
@@ -77,7 +77,7 @@ class Modes:
 
 
 class Contacts:
-    """The contact mode of every contact of a rig over mode sets: of each patch or, where several normal forces of a
+    """The contact state of every contact of a rig over mode sets: of each patch or, where several normal forces of a
     patch may open, of each of these.
 
     `names` is empty for a rig without friction, and for a film of points, whose mode sets do not tell which are open.

@@ -57,7 +57,7 @@ class Drawing:
         self.points = bool(self.channels.at_points)
         """Whether the contact is a film of points."""
         self.worded = not self.points and (system is None or bool(system.patches))
-        """Whether there is a strip of the contact mode: not for a film of points, nor for a bonded contact."""
+        """Whether there is a strip of the contact state: not for a film of points, nor for a bonded contact."""
         self.picture = picture_of(*found, system) if found and system else None
         if self.picture is not None:
             self.picture.paint(self.channels.colours)

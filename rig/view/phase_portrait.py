@@ -1,4 +1,4 @@
-"""The phase portrait of the live view: velocity over displacement in the last seconds, coloured by contact mode.
+"""The phase portrait of the live view: velocity over displacement in the last seconds, coloured by contact state.
 
 rerun's 2D view has no axes with numbers. So the curve is divided by a round scale, which grows when needed, and drawn
 in a frame whose edges are labelled with the scale.

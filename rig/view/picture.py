@@ -4,7 +4,7 @@ Each picture has its own module: `pendulum`, `belt`, `lumped` (variants of these
 tip of a beam), `brake`, `plate`. `base` is the common part.
 
 Motions of body and surface have the same magnification, so that they move together in stick. The body has the colour of
-the contact mode; arrows show friction and normal force. Geometry is sent once; a frame contains a few transforms.
+the contact state; arrows show friction and normal force. Geometry is sent once; a frame contains a few transforms.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 phases and marks of the protocol                        phase portrait, by controller or by time
 the first plots of the rig: of most rigs velocity,
 forces, and the voltage of a piezo stack                close-up of some periods
-contact mode                                            what the run was, and how it went
+contact state                                            what the run was, and how it went
 
 The parts of a rig declare its plots (rig.picture.Plot), and a plant may declare a figure of its own.
 """
@@ -151,7 +151,7 @@ def _beyond(run: Run, channels: Channels, panel: Panel) -> list[str]:
 
 
 def _strip(axes: Axes, run: Run, modes: Integers) -> None:
-    """Draw the contact mode over time; where modes alternate within a pixel, their colours mix by their shares."""
+    """Draw the contact state over time; where modes alternate within a pixel, their colours mix by their shares."""
     axes.set_yticks([])
     axes.grid(False)
     axes.set_xlabel("time [s]")

@@ -47,7 +47,7 @@ class Columns(NamedTuple):
 
 
 def coloured(modes: Integers) -> list[tuple[int, int, int]]:
-    """The colours of contact modes."""
+    """The colours of contact states."""
     return [contact.rgb(contact.COLOURS[mode]) for mode in modes]
 
 

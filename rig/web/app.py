@@ -152,7 +152,7 @@ class Bench:
         """Show the live run in rerun's page."""
         run = self.control.state.get("run")
         if not self.control.active or not run:
-            raise UsageError("no run is going on; the list of recordings views one that has ended")
+            raise UsageError("no run is active; the list of recordings views one that has ended")
         return self.jobs.start(f"view of {run}", ["view", "--run", run, "--web"])
 
     def close(self) -> None:
@@ -243,7 +243,7 @@ async def _body(request: Request) -> dict[str, Any]:
         found = json.loads(text)
         json.dumps(found, ensure_ascii=False).encode()  # half a character, which no answer could repeat
     except (ValueError, RecursionError) as fault:
-        raise UsageError(f"the request is no JSON text: {fault!s:.100}") from None
+        raise UsageError(f"the request is not JSON text: {fault!s:.100}") from None
     if not isinstance(found, dict):
         raise UsageError(f"the request is {found!r:.80}; expected a JSON object")
     return found

@@ -1,4 +1,4 @@
-"""The description of a live run for the page: outputs, plots, colours, contact modes, picture, values to change."""
+"""The description of a live run for the page: outputs, plots, colours, contact states, picture, values to change."""
 
 from __future__ import annotations
 

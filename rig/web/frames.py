@@ -4,7 +4,7 @@ A frame has the entries that there is news of:
 
     n         its number; a gap tells the page that it was too slow
     t         newest simulated time [s]
-    rows      {"t": [s], "v": [[value] for each output], "mode": [index of the contact mode],
+    rows      {"t": [s], "v": [[value] for each output], "mode": [index of the contact state],
               "contacts": [[index of its mode] for each contact]}
     meas      {sensor: {"t": [s], "v": [value]}}
     picture   what has moved in the picture (rig.web.picture)

@@ -186,7 +186,7 @@ class RunControl:
         if self.active:
             what = self._facts["run"] or f"of {self._facts['scene']}"
             how = "stop following it first" if self._foreign else "stop it first, or wait for its end"
-            raise UsageError(f"run {what} is going on; {how}")
+            raise UsageError(f"run {what} is active; {how}")
 
     def _begin(self, scene: str, title: str, pace: float | None, command: str) -> None:
         self._phase, self._number, self._follower = "starting", self._number + 1, None
@@ -197,7 +197,7 @@ class RunControl:
 
     def _check(self, body: dict[str, Any]) -> None:
         if not self.active:
-            raise UsageError("no run is going on; start one first")
+            raise UsageError("no run is active; start one first")
         shown = body.get("run")
         if shown and shown != self._facts["run"]:
             raise UsageError(f"this page shows the run {shown!s:.80}, which has ended; "
@@ -306,5 +306,5 @@ class RunControl:
         if self._leaving:
             self._lines.append(f"run {self._facts['run']} is no longer followed")
         elif not (self._facts["outcome"] or self._facts["fault"]):
-            died = "has ended without a summary: its plant died; the terminal that started it says why"
+            died = "has ended without a summary: its plant ended unexpectedly; its terminal shows the reason"
             self._facts["fault"] = f"run {self._facts['run']} {died}"

@@ -172,7 +172,7 @@ def test_a_motion_that_leaves_the_limits_of_its_scene_is_no_cycle():
     """Stuck to the belt from the unloaded spring on, which takes it 1 mm in 17 ms."""
     found = limit_cycle(rig.load("belt", {"limits.displacement": "1 mm"}))
     assert not found.found
-    assert found.why.startswith("no limit cycle: displacement leaves its limit of 0.001 m at 0.01")
+    assert found.why.startswith("no limit cycle: displacement exceeds its limit of 0.001 m at 0.01")
 
 
 SEALS = [(name, speed) for name in ("seal_p", "seal_l") for speed in np.linspace(9.5, 40.0, 9)]

@@ -66,4 +66,4 @@ def test_where_nothing_slides_the_figure_tells_the_reason(tmp_path):
     cycle = limit_cycle(scene)
     assert not cycle.found
     draw(scene, cycle, tmp_path / "none.svg")
-    assert "stands still" in (tmp_path / "none.svg").read_text()
+    assert "no surface moves" in (tmp_path / "none.svg").read_text()

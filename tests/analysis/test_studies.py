@@ -232,7 +232,7 @@ WRONG = [
     ({"load.force": [1.0]}, {"measure": ["cycle.period", "cycle.period"]}, "cycle.period: is given twice"),
     ({"load.force": [1.0]}, {"measure": ["nowhere.py:late"]}, "nowhere.py:late: No such file"),
     ({"load.force": [1.0]}, {"keep": "cycle.period > 5 mm"}, "the level is '5 mm'"),
-    ({"load.force": [1.0]}, {"keep": "cycle.amplitude > 5 mm"}, "cycle.amplitude is no measure of this study"),
+    ({"load.force": [1.0]}, {"keep": "cycle.amplitude > 5 mm"}, "cycle.amplitude is not a measure of this study"),
     ({"load.force": [1.0]}, {"keep": "often"}, "expected MEASURE > VALUE"),
     ({"load.force": [1.0]}, {"keep": 5}, "expected MEASURE > VALUE"),
     ({"load.force": "1 N, 2 kN, 3"}, {}, "'3' has no unit, and the others have N and kN"),

@@ -123,7 +123,7 @@ def test_a_recording_that_does_not_repeat_is_refused(belt, tmp_path):
     run = rig.open(belt)
     run.signals["velocity"][300] = np.nextafter(run.signals["velocity"][300], 1.0)
     log = recorded(tmp_path, run)
-    with pytest.raises(LogError, match=r"velocity parts at t = 0\.3 s"):
+    with pytest.raises(LogError, match=r"velocity differs at t = 0\.3 s"):
         branch(log, 1.0, duration_ns=10**8)
     assert branch(log, 0.25, duration_ns=10**8).time[-1] == pytest.approx(0.35)  # before the damage
 

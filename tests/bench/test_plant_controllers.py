@@ -136,7 +136,7 @@ def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene):
                 experiment.take_over()
                 experiment.runner.frame()
             experiment.dismiss("mine")
-        assert "safe values stepped in for mine 2 times" in timing_verdict(bench.plant, {}, []).reasons
+        assert "safe values replaced the commands of mine 2 times" in timing_verdict(bench.plant, {}, []).reasons
 
 
 def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):

@@ -185,7 +185,7 @@ def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_fin
 
 
 def test_a_loss_that_nobody_knows_is_not_called_none():
-    verdict = Timing(1e6).verdict(0.01, 0.05, {}, ["recorder r did not tell what it received"], False, ["recorder r"])
+    verdict = Timing(1e6).verdict(0.01, 0.05, {}, ["recorder r did not report what it received"], False, ["recorder r"])
     assert verdict.word == "DEGRADED"
     assert "nothing lost" not in verdict.reasons
     assert "unknown losses on the way to recorder r" in verdict.reasons

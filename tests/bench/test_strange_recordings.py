@@ -114,11 +114,11 @@ def test_a_sample_that_is_no_number_is_found_on_another_processor(run, tmp_path,
     there = run.provenance | {"processor": "another processor"}
     save(dataclasses.replace(run, measurements=other, provenance=there), tmp_path / "run.mcap")
     found = verify(tmp_path / "run.mcap")
-    assert any("meas/vibrometer parts at t = 0.1 s" in fault for fault in found.faults), found.text()
+    assert any("meas/vibrometer differs at t = 0.1 s" in fault for fault in found.faults), found.text()
 
 
 @pytest.mark.filterwarnings("error")
 def test_an_output_of_no_numbers_is_found_without_a_warning(run, tmp_path):
     nothing = {**run.signals, "velocity": np.full(run.time.size, np.nan)}
     save(dataclasses.replace(run, signals=nothing), tmp_path / "run.mcap")
-    assert any("velocity parts at t = 0 s" in fault for fault in verify(tmp_path / "run.mcap").faults)
+    assert any("velocity differs at t = 0 s" in fault for fault in verify(tmp_path / "run.mcap").faults)

@@ -82,7 +82,7 @@ def test_events_are_compared_on_another_processor(there, tmp_path):
     for event in ({**there.events[i], "text": "?"}, {**there.events[i], "tick": 3, "t_ns": 3_000_000}):
         events = [*there.events[:i], event, *there.events[i + 1 :]]
         found = verified(dataclasses.replace(there, events=events), tmp_path / "run.mcap")
-        assert [fault for fault in found.faults if fault.startswith("event mark parts at t = ")], found.text()
+        assert [fault for fault in found.faults if fault.startswith("event mark differs at t = ")], found.text()
 
 
 OTHER_KERNELS = """

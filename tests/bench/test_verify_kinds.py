@@ -58,21 +58,21 @@ def changed(run):
     for name, (t_ns, v) in run.measurements.items():
         bent, at = v.copy(), int(np.flatnonzero(np.isfinite(v))[v.size // 2])
         bent[at] = np.nextafter(bent[at], np.inf)
-        yield f"a sample of {name}", with_values(run, name, t_ns, bent), f"meas/{name} parts at t = "
+        yield f"a sample of {name}", with_values(run, name, t_ns, bent), f"meas/{name} differs at t = "
     for name, v in run.signals.items():
         bent = v.copy()
         bent[v.size // 2] = np.nextafter(bent[v.size // 2], np.inf)
-        yield f"a value of {name}", dataclasses.replace(run, signals={**run.signals, name: bent}), f"{name} parts at "
+        yield f"a value of {name}", dataclasses.replace(run, signals={**run.signals, name: bent}), f"{name} differs at "
     mode = run.mode.copy()
     mode[mode.size // 2] += 1
-    yield "a mode set", dataclasses.replace(run, mode=mode), "mode set parts at t = "
+    yield "a mode set", dataclasses.replace(run, mode=mode), "mode set differs at t = "
     for name, commands in run.commands.items():
         steps = np.flatnonzero((np.diff(commands.values, axis=0) != 0.0).any(axis=1)) + 1
         assert steps.size, f"{name} never changes its command"
         values = commands.values.copy()
         values[steps[0]] = values[steps[0] - 1]  # it comes one frame late
         late = commands._replace(values=values)
-        yield f"a command of {name}", dataclasses.replace(run, commands={**run.commands, name: late}), "parts at t = "
+        yield f"a command of {name}", dataclasses.replace(run, commands={**run.commands, name: late}), "differs at t = "
         for field, at in (("answered", commands.tick.size // 2), ("status", -1)):
             other = getattr(commands, field).copy()
             other[at] += 1 if field == "answered" else 2 - 2 * (other[at] == 2)  # safe values, or none
@@ -86,7 +86,7 @@ def changed(run):
             if what == "tick" and event["tick"] < 10:
                 continue
             events = [*run.events[:i], *there, *run.events[i + 1 :]]
-            yield f"the {what} of {kind}", dataclasses.replace(run, events=events), " parts at t = "
+            yield f"the {what} of {kind}", dataclasses.replace(run, events=events), " differs at t = "
 
 
 def test_it_is_what_it_is_called(simulated):

@@ -140,7 +140,7 @@ def test_modes_of_a_rig_that_gives_way_name_the_limit_and_leave_with_4(rig, delt
     code, out, err = rig("modes", "brake_shunt", "-p", f"shunt.delta={delta}")
     assert code == 4
     assert "flutter" in out
-    assert f"with delta {delta} the stack gives way statically, {left}" in err
+    assert f"with delta {delta} the stack is statically unstable, {left}" in err
     assert "delta above -0.97" in err
     assert rig("modes", "brake_shunt", "-p", f"shunt.delta={delta}", "-p", "clock.unstable=run")[0] == 0
     assert rig("modes", "brake_shunt")[0] == 0  # flutter is what the scene is there for
@@ -172,7 +172,7 @@ def test_a_run_that_diverges_ends_with_code_4(rig, monkeypatch):
     monkeypatch.setattr(scenes, "load", diverge)
     code, _, err = rig("explain", "belt")
     assert code == 4
-    assert "at t = 1.5 s, in mode slip+" in err
+    assert "at t = 1.5 s, in mode set slip+" in err
 
 
 def test_options_are_read_with_units():

@@ -106,7 +106,7 @@ def test_what_exists_is_replaced_by_force_only(rig, log):
         ),
         (("--to", "csv", "--only", "vibromter,nff"), "no 'nff' in this recording: did you mean nf?"),
         (("--to", "csv", "--only", " , "), "--only: expected names of outputs, sensors or controllers"),
-        (("--to", "wav", "--only", "nf"), "only outputs and sensors are signals"),
+        (("--to", "wav", "--only", "nf"), "only outputs and sensors can be written"),
         (("--to", "csv", "--rate", "2 kHz"), "--rate 2000 Hz: the highest recorded rate is 1000 Hz"),
         (("--to", "csv", "--rate", "300"), "250 Hz or 333.333 Hz"),
         (("--to", "csv", "--rate", "0"), "--rate 0: must be 0.001 to 1e+09 Hz"),

@@ -68,7 +68,7 @@ TUNABLE = {"load.force": "N", "drive.speed": "m/s"}
     ("arguments", "asked", "told"),
     [
         (["pause"], {"do": "pause"}, "paused at t = 1.500000 s"),
-        (["resume"], {"do": "resume"}, "goes on from t = 1.500000 s"),
+        (["resume"], {"do": "resume"}, "continues from t = 1.500000 s"),
         (["step", "--frames", "3"], {"do": "step", "frames": 3}, "3 single steps from t = 1.500000 s"),
         (["stop"], {"do": "stop"}, "stopped at t = 1.500000 s"),
         (["stop", "--emergency"], {"do": "emergency"}, "emergency stop at t = 1.500000 s: all actuators"),

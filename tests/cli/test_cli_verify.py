@@ -45,7 +45,9 @@ def test_one_flipped_bit_is_found(rig, log, tmp_path):
     save(run, tmp_path / "bent.mcap")
     code, out, _ = rig("verify", tmp_path / "bent.mcap")
     assert code == 1
-    assert "velocity parts at t = 0.3 s: 0" in out or "velocity parts at t = 0.3 s: -" in out  # a number, not its type
+    assert (
+        "velocity differs at t = 0.3 s: 0" in out or "velocity differs at t = 0.3 s: -" in out
+    )  # a number, not its type
 
 
 def test_what_a_cut_took_of_a_signal_is_no_deviation(rig, tmp_path):
@@ -57,7 +59,7 @@ def test_what_a_cut_took_of_a_signal_is_no_deviation(rig, tmp_path):
         code, out, _ = rig("verify", cut)
         assert code == 1
         assert "breaks off after" in out
-        assert "parts at" not in out
+        assert "differs at" not in out
 
 
 def test_commands_that_the_recorder_lost_are_told(rig, log, tmp_path):
@@ -83,7 +85,7 @@ def test_a_recording_of_other_sources_may_round_otherwise_but_not_differ(rig, lo
     save(run, tmp_path / "other.mcap")
     code, out, _ = rig("verify", tmp_path / "other.mcap")
     assert code == 1
-    assert "velocity parts at" in out
+    assert "velocity differs at" in out
 
 
 def test_missing_samples_are_counted(rig, log, tmp_path):

@@ -39,7 +39,7 @@ def test_a_capacitance_within_a_tenth_of_its_limit_is_warned_of(command, delta, 
     assert (STOPPED in said) is (command in ("run", "plant", "map", "cost"))
 
 
-IDLE = "changes nothing: {0} is off at the start of {1} ({0}.{2} = false)\n  add -p {0}.{2}=true\n"
+IDLE = "has no effect: {0} is off at the start of {1} ({0}.{2} = false)\n  add -p {0}.{2}=true\n"
 SHUNT = ("brake_shunt", "shunt", "connected", "shunt.resistance=5 ohm:50 ohm:2")
 
 

@@ -216,9 +216,9 @@ def _rewrite(file, change):
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"no zip", "is no FMU: it is not a zip file"),
-        ("", "is no FMU that can be used"),
-        ("<fmiModelDescription fmiVersion='9.0'/>", "is no FMU that can be used"),
+        (b"no zip", "is not an FMU: it is not a zip file"),
+        ("", "is not a usable FMU"),
+        ("<fmiModelDescription fmiVersion='9.0'/>", "is not a usable FMU"),
     ],
 )
 def test_what_is_no_fmu_is_named(tmp_path, content, told):

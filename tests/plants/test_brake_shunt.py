@@ -114,7 +114,7 @@ def test_below_the_static_limit_the_brake_gives_way():
     slow = {"mu": 0.0, "resistance": 50.0, "inductance": 0.01}
     assert least(delta=limit - 1e-3, **slow).real > 1.0 > 0.0 > least(delta=limit + 1e-3, **slow).real
     found = stability_report(system(delta=-0.98, resistance=50.0, inductance=0.002), "exact", 2e-5)
-    assert [f for f in found if f.level == "error" and "gives way statically" in f.what]
+    assert [f for f in found if f.level == "error" and "is statically unstable" in f.what]
 
 
 def envelope(run, start):

@@ -213,7 +213,7 @@ def test_coulomb_sliding_is_stable_at_every_speed():
 
 
 @pytest.mark.parametrize(("changes", "said"), [
-    ({"springs.free_length": 0.0048}, "fixture.deformation -0.0048 m leaves nothing of the free length of 0.0048 m"),
+    ({"springs.free_length": 0.0048}, "fixture.deformation -0.0048 m compresses the spring by its whole free length"),
     ({"cylinder.bolted": True}, "a bolted pin cannot rub"),
     ({"springs.order": 6}, "springs.order = 6"),
 ])  # fmt: skip

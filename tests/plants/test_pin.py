@@ -108,7 +108,7 @@ def test_below_the_limit_vibration_decays_at_the_rate_of_the_effective_damper(mo
 
 
 def chain(count):
-    """Times of the first mode changes from the start of the scene, by scipy: slip to w = 0, stick to |T| = mu N."""
+    """Times of the first mode set changes from the start of the scene, by scipy: slip to w = 0, stick to |T| = mu N."""
     m, d, c = effective(MU)
     push = (SIN - MU * COS) * F
 

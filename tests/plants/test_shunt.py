@@ -330,7 +330,7 @@ def test_the_static_limit_is_that_of_the_structure():
     assert not [f for f in errors(delta=-0.86) if f.level in ("warning", "error") and "delta" in f.what]
     assert not [f for f in errors(delta=-0.8) if f.level == "warning"]
     assert [f for f in errors() if f.level == "info" and "3400 Hz" in f.what]
-    with pytest.raises(SceneError, match="gives way statically"):
+    with pytest.raises(SceneError, match="is statically unstable"):
         PlantRunner(rig.load("belt_shunt", shunt(delta=-1.05)))
 
 

@@ -108,7 +108,7 @@ def test_a_disc_that_turns_backwards_is_refused_where_the_tip_jams():
 
 
 def chain(p, V, count):
-    """Times of the first mode changes from a start stuck to a disc of speed V, by scipy."""
+    """Times of the first mode set changes from a start stuck to a disc of speed V, by scipy."""
     tip, static, kinetic = p.tip, p.friction.mu_static, p.friction.mu_kinetic
     depth, wave = p.waviness.depth, 2.0 * math.pi / p.waviness.wavelength
     k, r, c = tip.stiffness, tip.retardation * tip.stiffness, tip.damping

@@ -112,7 +112,7 @@ def test_the_rounded_edge_needs_two_rounds_for_a_cycle_and_lifts_off_in_each():
 
 
 def chain(p, z, count):
-    """The first mode changes of a block that starts stuck, by scipy: (time, what), each phase to its own event."""
+    """The first mode set changes of a block that starts stuck, by scipy: (time, what), each phase to its own event."""
     m, P, V = p["m"], p["P"], p["vd"]
 
     def coefficient(w):

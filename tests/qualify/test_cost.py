@@ -65,7 +65,7 @@ def test_trials_in_worker_processes_measure_the_same_to_the_last_bit(belt):
 
 
 def as_run(asked, setting, seed):
-    """A run of `rig simulate` with this setting, as `Seen`: the times of its mode changes, told by the run itself."""
+    """A run of `rig simulate` with this setting, as `Seen`: with the times of its mode set changes."""
     scene = replace(setting.applied(asked.scene), seed=seed)
     run = rig.simulate(scene, asked.seconds)
     met = [(e["data"]["tick"] + e["data"]["place"], e["text"]) for e in run.events if e["kind"] == "contact"]

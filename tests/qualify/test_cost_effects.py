@@ -145,8 +145,8 @@ def test_values_that_nothing_commands_are_held_as_parameters():
 def test_a_plant_that_leaves_its_limits_or_stops_is_told_so():
     scene = bare(rig.load("belt", {"limits.displacement": "1 mm"}))
     whole = problem(scene)
-    assert "displacement leaves its limit of 0.001 m" in whole.leaves
-    assert "with it displacement leaves" in changed(whole, problem(bare(rig.load("belt"))))[1]
+    assert "displacement exceeds its limit of 0.001 m" in whole.leaves
+    assert "with it displacement exceeds" in changed(whole, problem(bare(rig.load("belt"))))[1]
 
 
 def test_an_irregular_motion_differs_from_itself_and_that_much_is_no_change(monkeypatch):

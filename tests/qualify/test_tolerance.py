@@ -38,7 +38,7 @@ OTHERS = {
     "disc_slider": {},
 }
 CLUSTERED = {"tread": 100.0}
-"""Scenes whose mode changes come in clusters: the mean time between two of them is no cycle."""
+"""Scenes whose mode set changes come in clusters: the mean time between two of them is no cycle."""
 DYING = {"belt_tuned_mass": 1000.0, "belt_remedy_speed": 1e4}
 """Scenes whose motion dies away: what is left at the end is small beside what tolerances count from."""
 

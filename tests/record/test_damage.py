@@ -151,9 +151,9 @@ def test_a_chunk_that_stands_there_twice_is_kept_once_and_told(logs, tmp_path, l
     done = recover(path)
     given = walked(source)[1]
     assert walked(tmp_path / "twice.recovered.mcap")[1] == given == walked(path)[1]
-    assert any("a copy of a chunk that stands before it, after t = " in told for told in done.skipped)
+    assert any("a copy of a chunk before it, after t = " in told for told in done.skipped)
     if not killed:
-        assert (done.lost, done.fault) == (0, "a chunk stands in it twice; no message is missing")
+        assert (done.lost, done.fault) == (0, "a chunk is in it twice; no message is missing")
         assert reader.open(path).damage == done.fault
 
 
@@ -191,7 +191,7 @@ def test_a_file_that_another_program_has_written_anew_is_not_called_complete(log
         out.finish()
     found = reader.open(tmp_path / "anew.mcap")
     assert not found.sealed
-    assert "another program has written it anew; no message that its index counts is missing" in found.damage
+    assert "another program has written it again; no message that its index counts is missing" in found.damage
     assert all(np.array_equal(found.signals[name], v) for name, v in run.signals.items())
     done = recover(tmp_path / "anew.mcap")
     assert done.skipped == ["nothing: every record was read, but its header or an index is not as it was recorded"]

@@ -152,7 +152,7 @@ def test_rates_that_are_impossible(made):
         tables(made, rate=300.0)
     assert str(fault.value).splitlines() == [
         "--rate 300 Hz: x, gauge: recorded at 1000 Hz; a lower rate is this over a whole number: 250 Hz or 333.333 Hz",
-        "take another rate, or choose signals with --only",
+        "take another rate, or choose outputs and sensors with --only",
     ]
     with pytest.raises(UsageError, match=r"gauge: recorded at 1000 Hz for 2\.001 s; at least 10 rows must remain"):
         tables(made, ["gauge"], rate=4.0)

@@ -110,9 +110,9 @@ def test_a_delay_between_frames_is_rounded_up():
         ("meas/vibrometer: delay", "column 18: delay: expected a number and a unit"),
         ("meas/vibrometer: reorder 3", "column 18: reorder 3: reorder takes no value"),
         ("meas/vibrometer: loss 1 %, loss 2 %", "column 28: loss is given twice"),
-        ("meas/vibrometer: loss 1 %, seed 3", "seed stands at the end, after a semicolon"),
+        ("meas/vibrometer: loss 1 %, seed 3", "seed must be at the end, after a semicolon"),
         ("meas/vibrometer: loss 1 %; seed x", "column 28: seed x: expected a whole number"),
-        ("meas/vibrometer: loss 1 %; delay 1 ms", "delay stands after a semicolon; only the seed does"),
+        ("meas/vibrometer: loss 1 %; delay 1 ms", "delay is after a semicolon; only the seed may be there"),
     ],
 )
 def test_a_fault_of_the_line_has_its_column_and_near_words(text, told):

@@ -59,7 +59,7 @@ def test_a_recording_is_verified_reported_exported_and_compared(recorded):
     for body in ({"what": "fly", "name": "one.mcap"}, {"what": "compare", "name": "one.mcap"}, {"what": "verify"}):
         assert recorded.post(work, **body).status_code == 422
     assert recorded.get("/jobs/99").status_code == recorded.get(f"/jobs/{verified['number']}").status_code == 422
-    assert "no run is going on" in recorded.post("/api/view").json()["error"]
+    assert "no run is active" in recorded.post("/api/view").json()["error"]
 
 
 def test_a_view_of_a_recording_tells_its_address_and_ends_when_it_is_stopped(recorded):

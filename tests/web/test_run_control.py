@@ -40,7 +40,7 @@ def control(monkeypatch):
 def test_a_followed_run_without_a_summary_has_lost_its_plant(control):
     Follower.last.news("left", None)
     assert control.state["phase"] == "ended"
-    assert "its plant died; the terminal that started it says why" in control.state["fault"]
+    assert "its plant ended unexpectedly; its terminal shows the reason" in control.state["fault"]
 
 
 def test_a_followed_run_that_is_left_has_no_fault(control):

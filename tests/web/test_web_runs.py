@@ -35,11 +35,11 @@ def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified
         422,
         "  load.force = -3: must be at least 0 N (given on the page)",
     )
-    assert client.post("/api/run/command", do="pause").json() == {"error": "no run is going on; start one first"}
+    assert client.post("/api/run/command", do="pause").json() == {"error": "no run is active; start one first"}
     assert client.post("/api/run", scene=SCENE, changes={"load.force": "21 N"}).status_code == 200
     twice = another.post("/api/run", scene=SCENE)
     assert twice.status_code == 422
-    assert "is going on; stop it first" in twice.json()["error"]
+    assert "is active; stop it first" in twice.json()["error"]
     client.until("running")
     run = client.state()["run"]
     given = shlex.split(client.state()["command"])
@@ -82,7 +82,7 @@ def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified
     time.sleep(1.0)
     client.post("/api/run/command", do="stop", run=run)
     again = client.post("/api/run/command", do="stop", run=run).json()
-    assert again in ({}, {"error": "no run is going on; start one first"})  # the second on a slow machine
+    assert again in ({}, {"error": "no run is active; start one first"})  # the second on a slow machine
     ended = client.until("ended", 30.0)
     assert ended["outcome"]["ended"] == "stopped by an operator"
     assert ended["fault"] == ""

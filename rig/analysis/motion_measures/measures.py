@@ -1,6 +1,6 @@
 """Physical measures of a run, and the differences between two runs in them.
 
-    every kind   event times: of the first mode changes, as a share of the mean time of a cycle (or between two changes)
+    every kind   event times: of the first mode set changes, as a share of the mean time of a cycle (or between two)
     cycle        period, stick share, energy in a cycle; amplitude (half of peak to peak) of every quantity
     vibration    frequency, stick share, friction power; rms about the mean of every quantity
     smooth       frequency, growth rate; rms about the mean of every quantity
@@ -28,14 +28,14 @@ from rig.errors import NumericsError
 from rig.motion.memory import Event
 
 Array = NDArray[np.float64]
-FIRST = 12  # mode changes whose times are compared, for a motion that does not repeat
+FIRST = 12  # mode set changes whose times are compared, for a motion that does not repeat
 _STILL = 1e-9  # of the size of a quantity: below this it does not move
 SLOW = 1e-2  # of the angular frequency: smallest scale of an error of growth
 
 
 @dataclass(frozen=True)
 class Seen:
-    """Measures of one run: name -> value; `events`: (time [s], what) of the first mode changes, `count` of all.
+    """Measures of one run: name -> value; `events`: (time [s], what) of the first mode set changes, `count` of all.
 
     `mean`: time [s] of a cycle, or between two changes. `lifts`: number of those that open or close a contact; None for
     a method that does not report them. `steps`: integration steps, 0 if a method does not report them. `fault`: why the
@@ -107,7 +107,7 @@ def _first(problem: Problem, events: list[Event]) -> list[Event]:
 
 
 def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> dict[str, float]:
-    """Measures of a limit cycle of `count` mode changes, from its last rounds and one more recorded round."""
+    """Measures of a limit cycle of `count` mode set changes, from its last rounds and one more recorded round."""
     step = problem.step
     if not count or len(events) <= ROUNDS * count:
         return {}
@@ -164,7 +164,7 @@ def _stretch(problem: Problem, orbit: Orbit) -> tuple[dict[str, float], list[Eve
 def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
     """Return the difference of `seen` from `truth`, by measure: relative; shares absolute; times as shares of a cycle.
 
-    Infinite for a missing measure: mode changes were missed or invented, or the run stopped.
+    Infinite for a missing measure: mode set changes were missed or invented, or the run stopped.
     """
     found: dict[str, float] = {}
     if seen.lifts is None:

@@ -4,9 +4,9 @@ Actuators have the values that the protocol of the scene holds for the longest. 
 the rig starts stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. A first run with
 the method of the scene decides the kind of motion and the duration:
 
-    cycle       mode changes repeat: simulated until some rounds after they do; on an uneven surface they must
+    cycle       mode set changes repeat: simulated until some rounds after they do; on an uneven surface they must
                 repeat over a whole turn of it
-    vibration   mode changes that do not repeat (yet)
+    vibration   mode set changes that do not repeat (yet)
     smooth      none in the last third: growth, decay, forced motion
 
 A motion that leaves a limit of the scene is simulated until then. The evaluated window is a whole number of frames.
@@ -55,8 +55,8 @@ _FALL = 7.0  # natural logarithm of the decay over which a motion is simulated
 class Problem:
     """A scene's plant over a range of time. `length` and `window` in ticks: the whole run, and its evaluated end.
 
-    `count`: mode changes in one cycle, 0 without a cycle; `slips`: those of them that are not lift-offs. `values`: of
-    the held actuators. `leaves`: the limit of the scene that the motion leaves, where it ends.
+    `count`: mode set changes in one cycle, 0 without a cycle; `slips`: those of them that are not lift-offs. `values`:
+    of the held actuators. `leaves`: the limit of the scene that the motion leaves, where it ends.
     """
 
     scene: Scene

@@ -73,7 +73,7 @@ class Measure(NamedTuple):
 
 @dataclass(frozen=True)
 class Compared:
-    """The comparison of two recordings over a time span [s]; `tolerance`: a share of the range of each signal."""
+    """The comparison of two recordings over a time span [s]; `tolerance`: a share of the range of each channel."""
 
     begin: float
     end: float
@@ -123,7 +123,7 @@ class Compared:
         if found.identical:
             yield f"identical: {found.compared} numbers, bit by bit"
         elif self.agree:
-            how = "bit by bit" if found.agree else f"to {self.tolerance:g} of the range of each signal"
+            how = "bit by bit" if found.agree else f"to {self.tolerance:g} of the range of each channel"
             yield f"agree at all common instants: {found.compared} numbers, {how}"
         else:
             yield f"differ; {found.compared} numbers compared at common instants"

@@ -92,7 +92,7 @@ def vibration(run: Run) -> str:
             fitting = [name for name in units if units[name] == unit and name not in others]
             if fitting:
                 return prefix + fitting[0]
-    raise UsageError(f"no signal of this recording is a vibration ({', '.join(_VIBRATION)}); name one: {_listed(run)}")
+    raise UsageError(f"no channel of this recording is a vibration ({', '.join(_VIBRATION)}); name one: {_listed(run)}")
 
 
 def drive(run: Run) -> str:

@@ -85,7 +85,7 @@ def _course(run: Run, modes: Integers) -> Iterator[str]:
 
 
 def stick(modes: Integers) -> str:
-    """Return the share of time in stick in words; "" if no contact mode is known."""
+    """Return the share of time in stick in words; "" if no contact state is known."""
     known = modes[modes != UNKNOWN]
     return f"stick {np.mean(known == 0):.1%} of the time" if known.size else ""
 
@@ -108,8 +108,8 @@ def course(run: Run) -> Html:
 def measures(run: Run, modes: Integers) -> Html:
     """Return tables of each stage: contact and events; mean, amplitude and frequency of each sensor.
 
-    `modes`: index of the contact mode at each time (rig.view.contact.NAMES), or UNKNOWN; empty if one mode does not say
-    it.
+    `modes`: index of the contact state at each time (rig.view.contact.NAMES), or UNKNOWN; empty if one mode does not
+    define it.
     """
     begin = run.begin_ns * 1e-9
     spans = amplitude.stages(run, begin)

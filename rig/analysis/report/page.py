@@ -103,7 +103,7 @@ def _scene(run: Run) -> tuple[Scene | None, str]:
 
 
 def _modes(run: Run) -> Integers:
-    """Index of the contact mode at each time; empty if it was not recorded or the rig cannot be assembled.
+    """Index of the contact state at each time; empty if it was not recorded or the rig cannot be assembled.
 
     Empty too for a contact of many points, which open, stick and slip by themselves.
     """

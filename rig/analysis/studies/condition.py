@@ -35,7 +35,7 @@ def condition(text: str, measures: Sequence[Measure]) -> Condition:
         raise UsageError(f'keep {text}: expected MEASURE > VALUE or MEASURE < VALUE, such as "cycle.amplitude > 5 mm"')
     names = [one.name for one in measures]
     if found["name"] not in names:
-        raise UsageError(f"keep {text}: {found['name']} is no measure of this study; {near(found['name'], names)}")
+        raise UsageError(f"keep {text}: {found['name']} is not a measure of this study; {near(found['name'], names)}")
     number = names.index(found["name"])
     unit = measures[number].unit or "1"
     level: float | str = found["level"]

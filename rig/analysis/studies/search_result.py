@@ -23,14 +23,14 @@ from rig.view.save_figure import put
 
 Array = NDArray[np.float64]
 _COLOUR, _BEST, _LIGHT = "#1d4f91", "#c03a76", "#b9cce4"
-_APART = "not come together: the same search with more --evaluations and --force continues from here"
+_APART = "not converged: the same search with more --evaluations and --force continues from here"
 _CLOSE = 0.01  # of the range: nearer to an end, the range limits the search
 
 
 @dataclass(frozen=True)
 class SearchResult:
     """The result of `rig.optimise`: `values` of the measure at `points` [point, parameter] (SI), in the order of the
-    search; nan with a reason where there is none. `settled`: whether the points have come together.
+    search; nan with a reason where there is none. `settled`: whether the points have converged.
     """
 
     scene: Scene
@@ -80,7 +80,7 @@ class SearchResult:
             note = "at the end of its range: a wider one may hold a better point" if near else ""
             rows.append((one.key, *(one.axis.text(v) for v in (value, low, high)), note))
         lines += [*columns(rows, "<>>><"), ""]
-        lines += [f"  the points have {'come together' if self.settled else _APART}"]
+        lines += [f"  the points have {'converged' if self.settled else _APART}"]
         return "\n".join([*lines, *missing])
 
     def __repr__(self) -> str:

@@ -101,6 +101,6 @@ def _anti_windup(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Matrix:
         if np.isfinite(gain).all() and np.abs(np.linalg.eigvals(a - gain @ c)).max() < 1.0:
             return gain
     raise ValueError(
-        "its states cannot be kept from winding up: one that does not decay (an integrator) has no effect on the "
+        "anti-windup is not possible: a state that does not decay (an integrator) has no effect on the "
         "outputs; state the system without it (a minimal realisation)"
     )

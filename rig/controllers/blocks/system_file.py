@@ -64,7 +64,7 @@ def read(path: Path) -> System:
 def _json(data: bytes) -> dict[str, Any]:
     found = json.loads(data)
     if not isinstance(found, dict):
-        raise ValueError("it is no JSON object")
+        raise ValueError("it is not a JSON object")
     return found
 
 
@@ -158,7 +158,7 @@ def system(found: Mapping[str, Any], where: str) -> System:
             )
         counts = (("inputs", inputs), ("outputs", outputs))
         faults += [
-            f"{key} names {len(own)} signals; the system has {count}"
+            f"{key} has {len(own)} names; the system has {count} {key}"
             for own, (key, count) in zip(names, counts)
             if own and len(own) != count
         ]

@@ -62,11 +62,11 @@ def described(file: Binary) -> dict[str, Any]:
         with zipfile.ZipFile(io.BytesIO(file.content)) as archive:
             names = archive.namelist()
     except zipfile.BadZipFile:
-        raise PartError("is no FMU: it is not a zip file") from None
+        raise PartError("is not an FMU: it is not a zip file") from None
     try:
         found = fmpy.read_model_description(io.BytesIO(file.content))
     except Exception as error:  # of many kinds
-        raise PartError(f"is no FMU that can be used: {_brief(error)}") from None
+        raise PartError(f"is not a usable FMU: {_brief(error)}") from None
     if found.fmiMajorVersion not in (2, 3):
         raise PartError(f"is of FMI {found.fmiVersion}; FMI 2.0 and 3.0 are possible")
     co = found.coSimulation

@@ -105,7 +105,7 @@ class _Translation:
         if key in self._known:
             return self._known[key]
         if not isinstance(function, FunctionType) or function.__closure__:
-            raise Untranslatable(f"{function} is no plain function")
+            raise Untranslatable(f"{function} is not a plain function")
         try:
             tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
         except (OSError, TypeError, SyntaxError) as error:

@@ -51,5 +51,7 @@ def notes(found: Table, metric: str) -> list[str]:
             "kick does not locate opening and closing of contacts: slip and stick are compared, also of open contacts"
         )
     if any(math.isinf(error) for row in found.rows for error in row.errors.values()):
-        out.append("inf: the mode changes differ from those of the reference, so that their times cannot be compared")
+        out.append(
+            "inf: the mode set changes differ from those of the reference, so that their times cannot be compared"
+        )
     return out + [f"{method} left out: {why}" for method, why in found.left_out.items()]

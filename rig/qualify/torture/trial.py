@@ -184,7 +184,7 @@ class Trial:
                 self._note()
             if motion.beyond >= 0:
                 name, at = self.runner.outputs[motion.beyond], motion.tick * self._step * 1e-9
-                raise _Left(f"ends at {at:.3g} s: {name} leaves the limit of its scene")
+                raise _Left(f"ends at {at:.3g} s: {name} exceeds the limit of its scene")
             if time.thread_time() - self._begin > self._stop:
                 raise OutOfTime
 
@@ -202,7 +202,7 @@ class Trial:
         self._remember(changes)
 
     def _remember(self, changes: list[tuple[float, str]]) -> None:
-        """Count mode changes, and store them while there is room."""
+        """Count mode set changes, and store them while there is room."""
         found = self.found
         found.count += len(changes)
         if len(found.events) < KEPT:

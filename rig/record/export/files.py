@@ -180,7 +180,7 @@ def _wav(tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Wri
     signals = [*_signals(tables)]
     if not signals:
         raise UsageError(
-            "--to wav: only outputs and sensors are signals; choose another format for commands and events"
+            "--to wav: only outputs and sensors can be written; choose another format for commands and events"
         )
     folder.mkdir()
     written, resources = [], []

@@ -77,7 +77,7 @@ def lowered(signals: Mapping[str, Samples], rate: float) -> Lowered:
                 found[name] = Samples(grids[name].t_ns[:: round(factor)], v)
                 bridged += filled
     if faults:
-        raise UsageError("\n".join([*faults, "take another rate, or choose signals with --only"]))
+        raise UsageError("\n".join([*faults, "take another rate, or choose outputs and sensors with --only"]))
     if bridged:
         notes.append(f"{bridged} missing samples in gaps of up to {BRIDGED} were bridged by straight lines beforehand")
     return Lowered(found, tuple(notes))

@@ -43,7 +43,7 @@ def write(tables: Iterable[Table], path: Path, facts: Mapping[str, str]) -> None
         if (size := sum(one.values.nbytes for one in columns)) >= _LARGEST:
             raise UsageError(
                 f"{table.name}: {size / 2**30:.1f} GiB; a variable of a MAT-file of version 5 has less than 2 GiB. "
-                "Choose signals with --only, a lower --rate, or --to hdf5, which MATLAB reads too"
+                "Choose outputs and sensors with --only, a lower --rate, or --to hdf5, which MATLAB reads too"
             )
         variable = valid(table.name, taken)
         taken.add(variable)

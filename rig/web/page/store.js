@@ -34,7 +34,7 @@ export class Store {
     this.t = 0;
     this.outputs = {}; // name -> Curve
     this.modes = new Curve();
-    this.contacts = (setup?.contacts ?? []).map(() => new Curve()); // indices of contact modes
+    this.contacts = (setup?.contacts ?? []).map(() => new Curve()); // indices of contact states
     this.sensors = {}; // name -> Curve, in the unit of the sensor
     this.health = null;
     this.commands = {};

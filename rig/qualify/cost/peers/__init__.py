@@ -4,7 +4,7 @@
     race         all solvers alternating; cost at an error
 
 One module for each peer: `ladder()` gives its settings, `prepare(oscillator, setting)` a function that runs once and
-returns the times of its mode changes, with samples every millisecond. Every peer that can stop at an event gets the
+returns the times of its mode set changes, with samples every millisecond. Every peer that can stop at an event gets the
 closed form of stick: only slip and its events are measured.
 """
 

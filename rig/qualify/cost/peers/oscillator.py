@@ -93,7 +93,7 @@ class Oscillator:
         return (self.static * self.load - self.damping * self.speed) / self.stiffness
 
     def run(self, slip: Slip) -> list[float]:
-        """Return the times of the mode changes with a peer's `slip`."""
+        """Return the times of the mode set changes with a peer's `slip`."""
         t, x, found = 0.0, self.x, list[float]()
         grid = np.arange(0.0, self.seconds + 0.5 * SAMPLES, SAMPLES)
         while True:

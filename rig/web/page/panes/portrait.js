@@ -1,4 +1,4 @@
-// The phase portrait: velocity over displacement of the last two seconds, in the colours of the contact modes.
+// The phase portrait: velocity over displacement of the last two seconds, in the colours of the contact states.
 
 import { h, number, pane, quantity } from "/page/dom.js";
 import { ink, sized } from "/page/plot.js";
