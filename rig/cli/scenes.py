@@ -111,8 +111,11 @@ def migrate(
 
     path = shipped.path(file)
     text = source.text(path)
+    raw = source.parsed(path, text)
     try:
-        since = migration.written(source.parsed(path, text))
+        since = migration.written(raw)
+        if not raw.keys() & {"plant", "based_on"}:
+            raise ValueError("is no scene: it has neither plant nor based_on; only scene files state a format")
         made, renamed = migration.rewritten(text)
     except ValueError as fault:
         raise SceneError(file, [str(fault)]) from None

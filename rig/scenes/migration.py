@@ -3,7 +3,8 @@
 A file states its format at its top: `format = 1`; a file without this line has format 1. `STEPS` holds what was renamed
 from each format to the next. To rename a key of scene files, add a step: files and recordings of older formats are
 then read with the new name, and `rig migrate` rewrites files. A step renames keys only: the target of a protocol step
-is a value and keeps its name.
+is a value and keeps its name. Changes of a scene (-p, studies, Python) need the newest names; a message names the
+successor of a former one.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import tomllib
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from rig.scenes.faults import shown
 from rig.scenes.places import parts
+from rig.units import brief
 
 ROOMS = ("clock", "sensors", "controllers", "protocol", "limits")
 """What a recorded scene holds beside the parameters of its plant."""
@@ -43,10 +44,10 @@ def written(raw: dict[str, Any]) -> int:
     """The format that a file states, 1 where it states none. Raises ValueError for a format that is not known."""
     found = raw.get("format", 1)
     if isinstance(found, bool) or not isinstance(found, int) or found < 1:
-        raise ValueError(f"format = {shown(found)}: expected a whole number; this version {_READS} {newest()}")
+        raise ValueError(f"format = {brief(found)}: expected a whole number; this version {_READS} {newest()}")
     if found > newest():
         raise ValueError(
-            f"format = {shown(found)}: this version of friction-rig {_READS} {newest()}; install a newer version"
+            f"format = {brief(found)}: this version of friction-rig {_READS} {newest()}; install a newer version"
         )
     return found
 
@@ -62,6 +63,12 @@ def called(key: str, since: int) -> str:
                 last = len(pattern) - 1
                 names[last] = rename.to + names[last][len(now[last]) :]
     return ".".join(names)
+
+
+def successor(key: str) -> str:
+    """The newest name of a dotted key that an older format had; "" for a key that was never renamed."""
+    names = (called(key, since) for since in range(1, newest()))
+    return next((name for name in names if name != key), "")
 
 
 def migrated(raw: Any, since: int, key: str = "") -> Any:

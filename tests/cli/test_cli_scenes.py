@@ -1,10 +1,15 @@
 """rig new and rig migrate, and what explain and list tell of scenes that are based on others."""
 
 import json
+from pathlib import Path
+
+import pytest
 
 from rig import scenes
 from rig.scenes import migration
 from rig.scenes.migration import Rename
+
+GOLDEN = Path(__file__).parents[2] / "recordings" / "golden"
 
 
 def test_a_new_scene_can_be_explained_at_once(rig, tmp_path, monkeypatch):
@@ -76,6 +81,27 @@ def test_an_older_file_is_rewritten(rig, tmp_path, monkeypatch):
     assert (code, json.loads(out)) == (0, {"file": str(path), "from": 1, "to": 2, "renamed": renamed})
     assert path.read_text() == 'format = 2\nbased_on = "belt"\n[load]\nforce = "30 N" # mine\n'
     assert rig("explain", str(path))[2] == ""
+
+
+@pytest.mark.parametrize("text", ["", 'scene = "belt"\n[set]\n"load.weight" = "30 N"\n'], ids=["empty", "study"])
+def test_what_is_no_scene_is_not_rewritten(rig, tmp_path, monkeypatch, text):
+    monkeypatch.setattr(migration, "STEPS", ((Rename("load.weight", "force"),),))
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    code, _, err = rig("migrate", path)
+    assert (code, path.read_text()) == (2, text)
+    assert "is no scene: it has neither plant nor based_on" in err
+
+
+@pytest.mark.parametrize("command", ["migrate", "simulate", "modes"])
+def test_a_recording_in_place_of_a_scene_is_told(rig, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "log.mcap").write_bytes((GOLDEN / "belt.mcap").read_bytes())
+    code, _, err = rig(command, "log.mcap")
+    assert (code, err.splitlines()) == (
+        2,
+        ["log.mcap:", "  is a recording (MCAP) and no scene; rig simulate --from LOG continues it"],
+    )
 
 
 def test_the_list_tells_what_a_scene_is_based_on(rig):

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+import rig
 from rig import scenes
-from rig.errors import SceneError
+from rig.errors import RigError, SceneError
 from rig.scenes import migration
 from rig.scenes.migration import Rename
 
@@ -130,6 +131,21 @@ def test_a_file_is_rewritten_and_keeps_its_comments(renamed):
 def test_a_file_that_states_its_format_gets_the_new_one_in_its_place(renamed):
     text = '# my format = 1\nformat = 2 # of mine\r\n[load]\r\n"press" = 3\r\n'
     assert migration.rewritten(text)[0] == "# my format = 1\nformat = 3 # of mine\r\n[load]\r\nforce = 3\r\n"
+
+
+def test_a_change_by_a_former_name_is_refused_with_its_successor(renamed):
+    changes = {"load.weight": 3.0, "load.press": 2.0, "sensors.vibrometer.bandwith": 1e3, "cart.mass": 2.0}
+    with pytest.raises(SceneError) as told:
+        scenes.load("belt", changes)
+    assert sorted(told.value.faults) == [
+        "cart: is now called body (given in the call)",
+        "load.press: is now called load.force (given in the call)",
+        "load.weight: is now called load.force (given in the call)",
+        "sensors.vibrometer.bandwith: is now called sensors.vibrometer.bandwidth (given in the call)",
+    ]
+    for axis in (lambda: rig.map("belt", "cart.mass=1:2:3"), lambda: rig.study("belt", {"cart.mass": [1.0, 2.0]}, [])):
+        with pytest.raises(RigError, match=r"cart\.mass: is not a numeric .*; it is now called body\.mass"):
+            axis()
 
 
 def test_a_recorded_scene_of_an_older_format_comes_back(monkeypatch):
