@@ -6,23 +6,23 @@
 
 model       a rig as rows by name, matrices, mode sets and tables
 solve       compiled code: everything that runs in every tick
-stability   what eigenvalues say before a run
-motion      a rig in motion: state and time, carried by compiled code
+stability   eigenvalues and checks before a run
+motion      a rig in motion: state and time, advanced by compiled code
 effects     one file, one physical effect
-plants      what stands on the bench, one file each
+plants      the rigs, one file each
 sensors     instruments: a physical quantity in, sampled measurements out
-controllers separate processes that see measurements and send commands
+controllers separate processes that receive measurements and send commands
 scenes      a plant, its effects, sensors, controllers and protocol, as TOML
 design      plant matrices in, controller numbers out
-bus         how processes talk
+bus         how processes exchange messages
 bench       runs a rig: in one process, in lockstep, paced
 record      MCAP: write, read, recover, replay, compare
 view        figures and rerun
-analysis    what one learns of a rig
+analysis    analyses of a rig
 gym         rigs as environments of Gymnasium
 plant_fmu   scenes as FMUs
-qualify     what one learns of the simulator: cost, torture, benchmarks
-papers      the figures of the papers, made again
+qualify     tests of the simulator: cost, torture, benchmarks
+papers      the figures of the papers, reproduced
 cli         the commands
 """
 
@@ -73,9 +73,9 @@ __all__ = [
 
 
 def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
-    """A shipped scene by name, or a scene file; `overrides` takes dotted keys, values with units.
+    """Load a shipped scene by name, or a scene file; `overrides`: dotted keys to values with units.
 
-    What an override makes meaningless (the values of a kind that it changed) is left out and reported by `logging`.
+    Values that an override makes meaningless (those of a kind that it changed) are left out and reported by `logging`.
     Raises rig.errors.SceneError with every fault of the scene.
     """
     from rig import scenes
@@ -94,14 +94,15 @@ def simulate(
 ) -> Run:
     """Run a scene in this process, with its controllers, for `duration` seconds or as long as its protocol takes.
 
-    `controllers`: more of them by name. Each is an object with the attributes of a controller (docs/own_controller.md),
-    a discrete system of python-control with named inputs (sensors) and outputs (actuators, `_` for the dot), or, for a
-    scene given by name, the path of a file as `rig simulate --controller` takes it. One of the scene with the same name
-    is replaced; the delay of its loop stays. `stop` is asked ten times a simulated second whether to end here; "" goes
-    on, anything else is the reason. The run has its provenance (versions, machine, command), which `Run.save` writes.
+    `controllers`: additional controllers by name. Each is an object with the attributes of a controller
+    (docs/own_controller.md), a discrete system of python-control with named inputs (sensors) and outputs (actuators,
+    `_` for the dot), or, for a scene given by name, the path of a file as `rig simulate --controller` takes it. A
+    controller of the scene with the same name is replaced; its delay is kept. `stop` is called ten times per simulated
+    second: "" continues the run, any other text ends it and is the reason. The run has its provenance (versions,
+    machine, command), which `Run.save` writes.
 
     Raises rig.errors.SceneError for controllers that cannot be designed or do not fit the scene, UsageError for objects
-    that are no controllers and for a scene without an end.
+    that are not controllers and for a scene without an end.
     """
     from rig.bench.given_controllers import divided, placed
     from rig.bench.simulate import simulate as run
@@ -124,8 +125,8 @@ def branch(
 ) -> Run:
     """Continue a recording from `at` [s] (None: its end) with other values, for `duration` [s] or its protocol.
 
-    The recording is simulated again up to there, and its samples must repeat; the run holds this history too.
-    `overrides`: dotted keys of the rig and of its controllers, values with units; they act from the instant on. Raises
+    The recording is simulated again up to `at`, and its samples must repeat; the run contains this history too.
+    `overrides`: dotted keys of the rig and of its controllers, values with units; they take effect at `at`. Raises
     rig.errors.UsageError for values that are fixed while a rig runs and for an instant outside of the recording,
     LogError for a recording that does not repeat on this machine.
     """
@@ -138,10 +139,10 @@ def branch(
 
 
 def diff(first: Run, second: Run, tolerance: float = 0.0, begin: float = 0.0, end: float = float("inf")) -> Compared:
-    """Compare two runs from `begin` to `end` [s]: scenes, signals, and measures such as period and amplitude.
+    """Compare two runs from `begin` to `end` [s]: scenes, channels, and measures such as period and amplitude.
 
-    `tolerance`: allowed deviation of a signal, as a share of its range. Raises rig.errors.UsageError for runs without a
-    common time.
+    `tolerance`: allowed deviation of a channel, as a share of its range. Raises rig.errors.UsageError for runs without
+    a common time.
     """
     from rig.analysis.recorded.comparison import compare
 
@@ -149,17 +150,18 @@ def diff(first: Run, second: Run, tolerance: float = 0.0, begin: float = 0.0, en
 
 
 def modes(scene: Scene | str) -> Modes:
-    """Growth rates, frequencies, damping ratios and shapes of the motions about steady sliding."""
+    """Compute growth rates, frequencies, damping ratios and shapes of the vibration modes about steady sliding."""
     from rig.analysis.modes import modes as solve
 
     return solve(load(scene) if isinstance(scene, str) else scene)
 
 
 def sweep(scene: Scene | str, key: str, values: Iterable[float], controller: str = "") -> Sweep:
-    """The eigenvalues about steady sliding over a parameter of the rig, `values` in SI, and the critical values.
+    """Compute eigenvalues about steady sliding over a parameter of the rig, `values` in SI, and the critical values.
 
-    With `controller`, those of its closed loop; the key may then be one of its own (controllers.NAME.gain). Raises
-    rig.errors.SceneError for a key that is no number of the rig and for values that the scene cannot have.
+    With `controller`, these are those of its closed loop; the key may then be one of the controller
+    (controllers.NAME.gain). Raises rig.errors.SceneError for a key that is not a number of the rig and for values that
+    the scene cannot have.
     """
     from rig.analysis.axis import Axis
     from rig.analysis.control_loop import sweep_loop
@@ -171,7 +173,7 @@ def sweep(scene: Scene | str, key: str, values: Iterable[float], controller: str
 
 
 def loop(scene: Scene | str, controller: str) -> Loop:
-    """The closed loop of a controller about steady sliding: eigenvalues, range of gains, margins of phase and delay.
+    """Analyse a closed loop about steady sliding: eigenvalues, range of gains, margins of phase and delay.
 
     Raises rig.errors.SceneError for a controller that is not a linear feedback and where nothing slides steadily.
     """
@@ -181,10 +183,10 @@ def loop(scene: Scene | str, controller: str) -> Loop:
 
 
 def state_space(scene: Scene | str, delay: float = 0.0) -> StateSpace:
-    """The rig linearised about steady sliding as python-control's StateSpace, from its actuators to its outputs.
+    """Linearise the rig about steady sliding: python-control's StateSpace from its actuators to its outputs.
 
-    `delay` [s] of the commands as a Pade approximation of order 8. Raises rig.errors.SceneError where nothing slides
-    steadily.
+    `delay` [s]: delay of the commands, as a Pade approximation of order 8. Raises rig.errors.SceneError where nothing
+    slides steadily.
     """
     from rig.analysis.plant import state_space as solve
 
@@ -192,10 +194,10 @@ def state_space(scene: Scene | str, delay: float = 0.0) -> StateSpace:
 
 
 def limit_cycle(scene: Scene | str, longest: float | None = None) -> Cycle:
-    """Period, stick time, extremes, energy and Floquet multipliers of the cycle at constant actuator values.
+    """Find the limit cycle at constant actuator values: period, stick time, extremes, energy, Floquet multipliers.
 
-    `longest`: simulated seconds within which it must settle, 120 by default; `decided` is false where it does not.
-    Raises rig.errors.NumericsError where the motion has to stop.
+    `longest`: simulated seconds within which the motion must settle, 120 by default; otherwise `decided` is false.
+    Raises rig.errors.NumericsError if the integration has to stop.
     """
     from rig.analysis.cycle import limit_cycle as search
 
@@ -213,12 +215,13 @@ def map(
     folder: str | Path = "maps",
     workers: int | None = None,
 ) -> Map | Boundary:
-    """Which steady motions there are over one axis or two: `rig.map("belt", "drive.speed=0.05:0.8:40")`.
+    """Map the steady-state behaviour over one or two parameters: `rig.map("belt", "drive.speed=0.05:0.8:40")`.
 
-    Axes are KEY=FROM:TO:COUNT; `output`: plant output to watch; `runs`: carried up and down, near and far starts;
-    `longest`: simulated seconds for one point. Over dither.frequency and dither.amplitude it is the boundary above
-    which dither keeps the rig sliding, averaged and simulated. Results go to a folder of their own in `folder`, from
-    which a broken run goes on. Raises rig.errors.SceneError, UsageError, and WorkerError when a worker is lost.
+    Axes are KEY=FROM:TO:COUNT; `output`: plant output to evaluate; `runs`: up and down (each run continues from the
+    point before), near and far (runs that start near steady sliding or far from it); `longest`: simulated seconds for
+    one point. Over dither.frequency and dither.amplitude the map shows the boundary above which dither keeps the rig
+    sliding, averaged and simulated. Results go to a folder of their own in `folder`; an interrupted map continues from
+    it. Raises rig.errors.SceneError, UsageError, and WorkerError when a worker is lost.
     """
     from pathlib import Path
 
@@ -229,9 +232,9 @@ def map(
 
 
 def repeat(scene: Scene | str, count: int, duration: float | None = None, workers: int | None = None) -> Repeats:
-    """How the numbers of a scene spread over `count` seeds: first opening, RMS, spectrum, amplitude, frequency.
+    """Simulate a scene with `count` seeds and compute the spread: first opening, RMS, spectrum, amplitude, frequency.
 
-    Each run takes `duration` seconds, or as long as its protocol; `workers` processes, one for each core by default.
+    Each run takes `duration` seconds, or as long as its protocol. `workers`: processes, one for each core by default.
     Raises rig.errors.UsageError for a scene in which nothing is random, WorkerError when a worker is lost.
     """
     from rig.analysis.repeat import repeat as run
@@ -254,17 +257,17 @@ def study(
     workers: int | None = None,
     cluster: str = "",
 ) -> StudyResult:
-    """A scene over parameters: `rig.study("belt", {"load.force": [10, 20, 30]}, ["cycle.amplitude"])`.
+    """Evaluate measures over parameters: `rig.study("belt", {"load.force": [10, 20, 30]}, ["cycle.amplitude"])`.
 
     `over`: dotted key -> values in SI or texts with units (a grid), "10 N:30 N:5", or a distribution such as
     rig.normal(0.4, 0.02), of which `samples` values are drawn (64 by default), by `sampling`: random, latin, sobol, or
     saltelli, from which Sobol indices follow. `measure`: names such as cycle.period, motion.growth_rate, run.rms (see
     docs/studies.md), or functions of a Run, which return a number, or a number and its unit. Each point is run `repeat`
-    times; point number k with `seed` + k. `duration` [s] of a run: by default the length of its protocol. `keep`:
-    recordings of which runs are kept, such as "cycle.amplitude > 5 mm". Results go to a folder of their own in
-    `folder`, from which an interrupted study continues. `workers`: processes, one for each core by default. `cluster`:
-    the address of a dask scheduler, "local" or "slurm". Raises rig.errors.SceneError and UsageError with every fault,
-    WorkerError if workers fail.
+    times, point number k with the seed `seed` + k. `duration` [s] of a run: by default the length of its protocol.
+    `keep`: condition for keeping the recording of a run, such as "cycle.amplitude > 5 mm". Results go to a folder of
+    their own in `folder`, from which an interrupted study continues. `workers`: processes, one for each core by
+    default. `cluster`: the address of a dask scheduler, "local" or "slurm". Raises rig.errors.SceneError and UsageError
+    with every fault, WorkerError if workers fail.
     """
     from pathlib import Path
 
@@ -289,7 +292,7 @@ def optimise(
     workers: int | None = None,
     cluster: str = "",
 ) -> SearchResult:
-    """The smallest value of a measure: `rig.optimise("belt", {"load.force": (10, 30)}, "cycle.amplitude")`.
+    """Find the smallest value of a measure: `rig.optimise("belt", {"load.force": (10, 30)}, "cycle.amplitude")`.
 
     `over`: dotted key -> range in SI, or text such as "10 N:30 N". `measure`: as for `rig.study`; `largest`: search for
     its largest value. At most `evaluations` points are computed, by differential evolution, all with `seed`. Results go
@@ -336,11 +339,11 @@ def _distribution(kind: str, **values: float | str | None) -> Distribution:
 
 
 def open(path: str | Path, trust: bool = False) -> Run:
-    """A recording as a Run. One that is cut off or damaged is read in part, and logged as such; `Run.damage` says why.
+    """Read a recording as a Run. If it is cut off or damaged, a part is read and a warning is logged; see `Run.damage`.
 
-    `trust`: let this process run the code of parts from files (a plant, a sensor) that the recording carries. Without
-    it signals, measurements and events are there, and what needs the code raises rig.errors.Untrusted. Raises
-    rig.errors.LogError for a file that cannot be read or is no recording, PartError for code that was tampered with.
+    `trust`: let this process run the code of parts from files (a plant, a sensor) that the recording contains. Without
+    it outputs, measurements and events are available; functions that need the code raise rig.errors.Untrusted. Raises
+    rig.errors.LogError for a file that cannot be read or is not a recording, PartError for code that was changed.
     """
     from pathlib import Path
 
@@ -356,10 +359,10 @@ def open(path: str | Path, trust: bool = False) -> Run:
 
 
 def report(path: str | Path, out: str | Path | None = None, trust: bool = False) -> Path:
-    """Write one page (HTML) about a recording that stands alone, and return its path: `out`, or NAME.html beside it.
+    """Write a self-contained page (HTML) about a recording, and return its path: `out`, or NAME.html beside it.
 
-    An existing page is replaced. `trust` and what a damaged recording means: see `open`. Raises rig.errors.LogError for
-    a file that cannot be read or is no recording, OutputError where the page cannot be written.
+    An existing page is replaced. For `trust` and damaged recordings see `open`. Raises rig.errors.LogError for
+    a file that cannot be read or is not a recording, OutputError if the page cannot be written.
     """
     from pathlib import Path
 

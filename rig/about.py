@@ -1,4 +1,4 @@
-"""What an effect declares of itself, so that nothing else has to know it by name.
+"""What an effect declares of itself, so that no other code has to name it.
 
 An effect is a table that a plant may be without, or an optional value of a table that it always has:
 

@@ -30,7 +30,7 @@ from enum import IntEnum
 class ExitCode(IntEnum):
     """The exit codes of all commands. docs/commands.md lists them for users.
 
-    FAILED       a check failed, a result is not complete, or the machine failed: a full disk, a process that died
+    FAILED       a check failed, a result is not complete, or the machine failed: a full disk, a killed process
     MISTAKE      the command cannot be carried out as given: a wrong option or scene, a recording that cannot be read
     TIMING       the timing verdict is INVALID
     STOPPED      the run diverged or passed a limit, had an emergency stop, or the stability report refuses it

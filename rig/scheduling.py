@@ -82,7 +82,7 @@ class Ahead:
         return f"in real time, but fell back {times}{long}: {_NO_PAUSE}"
 
     def enter(self) -> None:
-        """Request real-time scheduling. Sets the limit anew, since the kernel raises it by 1 s when it is exceeded."""
+        """Request real-time scheduling. Sets the limit again: the kernel raises it by 1 s when it is exceeded."""
         import resource
 
         hard = resource.getrlimit(resource.RLIMIT_RTTIME)[1]

@@ -61,7 +61,7 @@ def unused(path: Path) -> None:
 
 
 def replace(path: Path, content: bytes) -> None:
-    """Write a file that is there anew, whole or not at all. Raises OSError for one that must not be written."""
+    """Replace an existing file, completely or not at all. Raises OSError for one that must not be written."""
     target = path.resolve()  # a link stays a link
     with target.open("r+b"):
         pass

@@ -1,4 +1,4 @@
-"""Analyses of a rig: equilibria, vibration modes, limit cycles, maps and recorded signals.
+"""Analyses of a rig: equilibria, vibration modes, limit cycles, maps and recorded channels.
 
 modes               eigenvalues about steady sliding; modes_report: as records, text and JSON
 axis, sweep         a parameter at evenly spaced values; eigenvalues and critical values over it (sweep_figure)
@@ -13,7 +13,7 @@ three_stages        the speeds at which stick ends and begins: accelerate, hold,
 amplitude           the amplitude index of a measured vibration; upper_speed: the highest speed of stick-slip
 identify            parameters of the lever rig from simulated experiments
 recorded, sound     spectra, orders, hysteresis, pressure; the sound at a microphone
-report              a recording as one page (HTML) that stands alone
+report              a recording as one page (HTML) that is self-contained
 repeat              one scene simulated with many seeds
 pool                many independent units of work in worker processes, with results in a folder
 studies             a scene over parameters, with measures: grids, samples, repeated runs

@@ -24,10 +24,10 @@ _BAND = 0.25
 
 
 class Index(NamedTuple):
-    """The amplitude index of one signal, averaged over `cycles` cycles.
+    """The amplitude index of one channel, averaged over `cycles` cycles.
 
-    `half`, `full`: mean of half the peak-to-valley distance, and of the whole distance, in the unit of the signal.
-    `frequency` [Hz]: of these cycles. A signal that passes its middle less than twice has no cycle: `cycles` is 0, the
+    `half`, `full`: mean of half the peak-to-valley distance, and of the whole distance, in the unit of the channel.
+    `frequency` [Hz]: of these cycles. A channel that passes its middle less than twice has no cycle: `cycles` is 0, the
     rest nan.
     """
 
@@ -38,7 +38,7 @@ class Index(NamedTuple):
 
 
 def index(t: Array, x: Array) -> Index:
-    """Compute the amplitude index of signal x at times t [s] over its whole cycles. Leave out the transient first."""
+    """Compute the amplitude index of channel x at times t [s] over its whole cycles. Leave out the transient first."""
     rises = _rises(x)
     if len(rises) < 2:
         return Index(0.0, 0.0, 0, float("nan"))

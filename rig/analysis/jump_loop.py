@@ -82,7 +82,7 @@ def ages(link: Link, frame_ns: int) -> Ages:
 
 
 def mean_age(link: Link, frame_ns: int) -> float:
-    """Mean age of what a controller knows [frames]: of what arrives, one frame more for each tick without a message."""
+    """Mean age of the samples that a controller has [frames]; a tick without a message adds one frame."""
     arriving = [(age, p) for age, p in ages(link, frame_ns) if age is not None]
     share = sum(p for _, p in arriving)
     return sum(age * p for age, p in arriving) / share + (1.0 - share) / share if share else math.inf

@@ -200,7 +200,7 @@ def ready() -> set[Shape]:
 
 
 def notes() -> Path:
-    """The file that tells which shapes have been compiled."""
+    """The file with the shapes that have been compiled."""
     return kernel.FOLDER.path / f"warm-{llvmlite.binding.get_host_cpu_name()}.json"
 
 

@@ -34,7 +34,7 @@ class Builds:
 
     @property
     def awaited(self) -> bool:
-        """Whether a requester waits. Then nobody else should change the rig."""
+        """Whether a requester waits. Then no other caller should change the rig."""
         return bool(self._order)
 
     def join(self, who: object) -> None:

@@ -174,7 +174,7 @@ class Exchange:
     def until(self, but: Collection[str] = ()) -> int | None:
         """Return the first later tick at which `take_over` must act if no command arrives; None: never.
 
-        `but`: controllers whose commands somebody else puts into force meanwhile.
+        `but`: controllers whose commands another caller puts into force meanwhile.
         """
         found = self._runner.tick + 1 if self._stairs else None
         for queue in self._order:

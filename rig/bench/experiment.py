@@ -163,7 +163,7 @@ class Experiment(OutsideActions):
             self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
 
     def emergency(self) -> None:
-        """Go to the safe state at this tick because an operator asks for it; a second request changes nothing."""
+        """Go to the safe state at this tick at the request of an operator; a second request changes nothing."""
         if not self.aborted:
             self.abort("emergency stop by an operator", EMERGENCY, by=OPERATOR)
 

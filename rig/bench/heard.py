@@ -1,6 +1,6 @@
-"""What controllers hear of the instruments, if links between plant and controllers are impaired.
+"""What controllers receive from the instruments, if links between plant and controllers are impaired.
 
-It takes the place of the sensor bank wherever something is told to a controller: in this process, in the step on the
+It takes the place of the sensor bank wherever samples are passed to a controller: in this process, in the step on the
 bus, in a recording that is continued. The recording keeps the measurements themselves; what was heard of them follows
 from these, the seed and the tick (rig.bus.impaired_link).
 """
@@ -26,14 +26,14 @@ class Hearing(Protocol):
 
     @property
     def latest(self) -> NDArray[np.float64]:
-        """The last sample heard of each sensor."""
+        """The last sample received from each sensor."""
 
     @property
     def fresh(self) -> NDArray[np.int64]:
-        """The number of samples of each sensor heard at this tick."""
+        """The number of samples of each sensor received at this tick."""
 
     def samples(self, i: int) -> NDArray[np.float64]:
-        """The samples of sensor i heard at this tick."""
+        """The samples of sensor i received at this tick."""
 
     def shown(self, i: int, t_ns: Sequence[int]) -> list[float]:
         """The values that `latest[i]` had at instants [ns]."""
@@ -43,7 +43,7 @@ class Hearing(Protocol):
 
 
 class HeardOverLinks:
-    """See `Hearing`. `links`: sensor -> link; other sensors of `bank` are heard as they are."""
+    """See `Hearing`. `links`: sensor -> link; other sensors of `bank` are not changed."""
 
     def __init__(self, bank: Bank, links: Mapping[str, ImpairedLink], frame_ns: int) -> None:
         self._bank, self._frame = bank, frame_ns

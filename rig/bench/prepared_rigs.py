@@ -4,7 +4,7 @@ A changed parameter needs a new matrix, and so does the safe value of an actuato
 takes tens of milliseconds, for which a frame of a paced run has no time. Both are known from the scene, so all these
 rigs are built before the first frame.
 
-Each rig is built from the previous one. If somebody changes the rig during the run, none of them fits any more; they
+Each rig is built from the previous one. If an operator changes the rig during the run, none of them fits any more; they
 are built again in another thread, one at a time (`rig.bench.rebuild` states what that costs).
 """
 

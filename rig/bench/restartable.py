@@ -1,4 +1,4 @@
-"""A rig whose actuators somebody outside drives, and which can begin again at any time: for agents and co-simulation.
+"""A rig whose actuators are driven from outside, and which can begin again at any time: for agents and co-simulation.
 
 Controllers of the scene that would drive the same actuators are left out. Beginning again returns the plant runner to
 tick 0, which takes 0.5 ms and gives the bits of a new rig with the same seed.

@@ -35,7 +35,7 @@ class RunLog:
         self._lines.extend(line[:LONGEST] for line in text.splitlines())
 
     def write(self) -> None:
-        """Replace the file of the run before. A folder that cannot be written costs the log and nothing else."""
+        """Replace the file of the run before. If the folder cannot be written, only the log is lost."""
         text = "".join(f"{line}\n" for line in self._lines)
         for name, instead in self._private.items():
             text = text.replace(name, instead)

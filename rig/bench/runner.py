@@ -54,7 +54,7 @@ class PlantRunner(CommandedPlant):
         """Return to a state of this runner, with the same bits from there on.
 
         `seed`: draw noise from another seed from there on; from tick 0 on the bits are those of a new runner with this
-        seed. Raises UsageError if the rig was built anew since, because a parameter has changed, and for a runner that
+        seed. Raises UsageError if the rig was built again since, because a parameter has changed, and for a runner that
         keeps all outputs.
         """
         if kept.scene is not self.scene:

@@ -126,7 +126,7 @@ class SteppedPlant:
 
     @property
     def hearing(self) -> Hearing:
-        """What controllers are told of the measurements at this tick: the instruments, if no link is impaired."""
+        """The measurements that controllers receive at this tick: the instruments, if no link is impaired."""
         return self.hearing_at(self.tick)
 
     def hearing_at(self, tick: int) -> Hearing:

@@ -1,8 +1,9 @@
 """Starts, observes and ends the processes of one run: plant, controllers, recorder, viewer.
 
-The plant starts first, and the others when its run can be joined. If another process dies, this is reported, the plant
-continues, and the timing verdict mentions it. When the plant ends in any way, all others end within seconds. The first
-Ctrl-C ends the plant in the orderly way, a second one ends all processes. Only processes started here are ended.
+The plant starts first, and the others when its run can be joined. If another process ends unexpectedly, this is
+reported, the plant continues, and the timing verdict mentions it. When the plant ends for any reason, all others end
+within seconds. The first Ctrl-C ends the plant in order, a second one ends all processes. Only processes started here
+are ended.
 """
 
 from __future__ import annotations

@@ -114,7 +114,7 @@ class ImpairedLink:
 
 
 class HeardSensor:
-    """What controllers hear of one sensor over a link, tick by tick. `latest`: the sample that arrived last."""
+    """What controllers receive from one sensor over a link, tick by tick. `latest`: the sample that arrived last."""
 
     def __init__(self, link: ImpairedLink) -> None:
         self.link = link

@@ -79,7 +79,7 @@ def open_hub(reservation: Reservation, controllers: Iterable[str] = ()) -> Sessi
 def open_leaf(address: RunAddress, role: str, name: str) -> Session:
     """Open the session of another process.
 
-    Raises BusError if nobody listens at the address, if the run is of another installation, or if no user is
+    Raises BusError if no process listens at the address, if the run is of another installation, or if no user is
     left for `name`.
     """
     kind, _, path = address.endpoint.partition("/")

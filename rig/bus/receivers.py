@@ -1,7 +1,7 @@
 """What a process receives on the bus: messages of topics, and the presence of other processes.
 
 Every message has a header of 16 bytes before its payload: its number on this topic, counted from 0 by the publisher,
-and the simulated time. A missing number tells the receiver that a message was lost. Messages lost after the last one
+and the simulated time. A missing number shows the receiver that a message was lost. Messages lost after the last one
 received show when the sender publishes its totals.
 """
 

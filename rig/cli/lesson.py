@@ -1,4 +1,4 @@
-"""rig lesson: lists the lessons, or walks through one of them."""
+"""rig lesson: lists the lessons, or guides through one of them."""
 
 from __future__ import annotations
 

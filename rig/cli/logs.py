@@ -43,7 +43,7 @@ Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).", 
 
 
 def allow(log: Path, trust: bool) -> None:
-    """With `trust`, let this process and those that it starts run the code that a recording carries."""
+    """With `trust`, let this process and those that it starts run the code that a recording contains."""
     if trust:
         from rig.parts import trust_scene
         from rig.record.recorded_setup import head, setup_of

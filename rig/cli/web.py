@@ -1,4 +1,4 @@
-"""The commands that serve a browser, and programs that speak WebSocket."""
+"""The commands that serve a browser, and programs that use WebSocket."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def kind_of_file(file: Path) -> str:
 
 
 def recorded_class(table: Mapping[str, Any], parts: Parts) -> Any:
-    """The section class for a table of a recorded scene that carries `parts`.
+    """The section class for a table of a recorded scene with the parts `parts`.
 
     Raises KeyError for an unknown kind, PartError for a part that fails.
     """

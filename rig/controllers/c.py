@@ -93,7 +93,7 @@ class CompiledController:
         self._library: Any = None
 
     def in_own_process(self) -> Self:
-        """The same controller for a process that works for nothing else: it calls the library itself.
+        """The same controller for a process that runs nothing else: it calls the library itself.
 
         If a step does not return within `LONGEST_S`, the process ends with a message.
         """

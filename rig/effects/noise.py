@@ -4,7 +4,7 @@
 
 White noise of the one-sided amplitude spectral density `force` [N/Hz^0.5] up to about half the frame rate f: the
 density of a held value falls as sinc(frequency / f). The speed of a free body of mass m has the standard deviation
-force sqrt(t / 2) / m after the time t. A sticking contact carries the force up to its static friction. The numbers
+force sqrt(t / 2) / m after the time t. A sticking contact resists the force up to its static friction. The numbers
 depend only on the seed of the scene, so `rig verify` finds the same bits.
 """
 

@@ -1,4 +1,4 @@
-"""Lessons: pages with questions, commands and expected numbers, which `rig lesson` walks through.
+"""Lessons: pages with questions, commands and expected numbers, which `rig lesson` shows step by step.
 
 page       a page in parts: question, text, commands, expected numbers, solutions
 trial      runs a command of a lesson and compares its report with the expected numbers

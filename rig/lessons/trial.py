@@ -47,7 +47,7 @@ class Found:
 def attempt(command: Command, folder: Path) -> Outcome:
     """Run `command` in `folder`, with a report as JSON; files of an earlier run of it are replaced.
 
-    The command is a process in a session of its own: on Ctrl-C it is told to stop and has time to complete what it
+    The command is a process in a session of its own: on Ctrl-C it is asked to stop and has time to complete what it
     writes. Raises WorkerError after `LONGEST_S`.
     """
     words = [*command.words, "--json"]

@@ -18,7 +18,7 @@ def crowded(system: System) -> bool:
 
 
 def chosen(method: str, system: System) -> str:
-    """The method that "auto" stands for.
+    """The method that "auto" selects.
 
     kick if very many contacts open and close or a film travels; otherwise exact if every mode set is linear; otherwise
     dopri5.

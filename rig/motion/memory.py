@@ -111,7 +111,7 @@ class MotionMemory:
         self._lend()
 
     def save(self) -> Saved:
-        """What `go_back` needs to continue from here once more."""
+        """What `go_back` needs to continue from here again."""
         state = self.state
         return Saved(state.x.copy(), state.ic.copy(), state.fc.copy(), self.work.size.copy())
 

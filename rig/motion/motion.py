@@ -240,8 +240,8 @@ class Motion(MotionMemory):
     def advance(self, ticks: int, keep: bool = False) -> bool:
         """Advance the state by `ticks` ticks. `states` and `mode_sets_of_states` then hold what was reached.
 
-        `keep`: append to what earlier calls kept; set `kept` to 0 to begin anew. Returns True if an advance in `frames`
-        ended, perhaps early, after a frame at which the caller has to act.
+        `keep`: append to the results of earlier calls; set `kept` to 0 to begin again. Returns True if an advance in
+        `frames` ended, perhaps early, after a frame at which the caller has to act.
         """
         first = self.kept if keep else 0
         last = first + ticks

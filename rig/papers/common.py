@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def load(name: str, **changes: Any) -> Scene:
-    """Return a scene with changes; two underscores stand for the dot: body__damping=2.0, in SI."""
+    """Return a scene with changes; two underscores replace the dot: body__damping=2.0, in SI."""
     import rig
 
     return rig.load(name, {key.replace("__", "."): value for key, value in changes.items()})

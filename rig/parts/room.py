@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Parts = Mapping[tuple[str, str], Code]
-"""Foreign parts that a recording carries: (kind of part, name) -> code."""
+"""Foreign parts that a recording contains: (kind of part, name) -> code."""
 
 
 class Room(Mapping[str, T], Generic[T]):
@@ -74,7 +74,7 @@ class Room(Mapping[str, T], Generic[T]):
         return self._of(code.module(path), path.name)
 
     def get_from(self, name: str, parts: Parts) -> T:
-        """What `room[name]` is for a recording that carries `parts`: these come first, and no file is read."""
+        """What `room[name]` is for a recording with the parts `parts`: these come first, and no file is read."""
         code = parts.get((self.what, name))
         if code is not None:
             installed = self._import(name) if self._same(name, code) else None
@@ -161,7 +161,7 @@ def carried(raw: Any) -> dict[tuple[str, str], Code]:
 
 
 def trust_scene(text: str) -> None:
-    """Let this process run the parts that the JSON `text` of a scene carries, on the user's word.
+    """Let this process run the parts that the JSON `text` of a scene contains, on the user's word.
 
     Raises PartError for a part whose source does not have the hash that is stated; then none is trusted.
     """

@@ -21,7 +21,7 @@ from rig.record.run import Integers, Reals, Run
 
 @dataclass(frozen=True)
 class Difference:
-    """How a signal of two runs differs: the first place, and the largest deviation."""
+    """How a channel of two runs differs: the first place, and the largest deviation."""
 
     topic: str
     index: int
@@ -75,19 +75,19 @@ class Comparison:
     compared: int
     """Number of compared values: those at common instants."""
     signals: tuple[Difference, ...]
-    """Every signal that both runs have, in the order of the first run."""
+    """Every channel that both runs have, in the order of the first run."""
     missing: tuple[str, ...]
     """Signals that only one of the runs has."""
 
     @property
     def differences(self) -> tuple[Difference, ...]:
-        """The signals with a difference, those that differ first in time before others."""
+        """The channels with a difference, those that differ first in time before others."""
         found = (one for one in self.signals if one.differing or any(one.alone))
         return tuple(sorted(found, key=lambda one: one.time))
 
     @property
     def identical(self) -> bool:
-        """Whether both runs have the same signals at the same instants, byte for byte."""
+        """Whether both runs have the same channels at the same instants, byte for byte."""
         return not self.differences and not self.missing
 
     @property
@@ -96,7 +96,7 @@ class Comparison:
         return not self.missing and all(one.equal for one in self.signals)
 
     def within(self, tolerance: float) -> bool:
-        """Whether both runs have the same signals, and no deviation exceeds `tolerance` (a share of the range)."""
+        """Whether both runs have the same channels, and no deviation exceeds `tolerance` (a share of the range)."""
         return not self.missing and all(one.within(tolerance) for one in self.signals)
 
 
@@ -108,14 +108,14 @@ class Series(NamedTuple):
 
 
 def compare(first: Run | Path, second: Run | Path, begin: float = 0.0, end: float = math.inf) -> Comparison:
-    """Compare two runs, or recordings of runs, signal by signal, from `begin` to `end` [s]."""
+    """Compare two runs, or recordings of runs, channel by channel, from `begin` to `end` [s]."""
     one, two = (dict(_series(run if isinstance(run, Run) else read(run), begin, end)) for run in (first, second))
     found = tuple(_first(topic, one[topic], two[topic]) for topic in one if topic in two)
     return Comparison(sum(one.shared for one in found), found, tuple(sorted(one.keys() ^ two.keys())))
 
 
 def series_of(run: Run, begin: float, end: float) -> dict[str, Series]:
-    """Every signal of a run from `begin` to `end` [s]: outputs, meas/SENSOR, applied/CONTROLLER[actuator]."""
+    """Every channel of a run from `begin` to `end` [s]: outputs, meas/SENSOR, applied/CONTROLLER[actuator]."""
     return dict(_series(run, begin, end))
 
 

@@ -1,4 +1,4 @@
-"""The names by which a user asks for the signals of a run, and the answer to a name that does not exist."""
+"""The names by which a user selects the channels of a run, and the answer to a name that does not exist."""
 
 from __future__ import annotations
 

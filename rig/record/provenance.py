@@ -19,7 +19,7 @@ _PACKAGES = ("friction-rig", "numpy", "scipy", "numba", "eclipse-zenoh", "mcap",
 
 
 def provenance(seed: int, command: Sequence[str] = tuple(sys.argv)) -> dict[str, str]:
-    """Return everything that another person needs to repeat the run."""
+    """Return everything that is needed to repeat the run."""
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": shlex.join([Path(command[0]).name, *command[1:]]) if command else "",

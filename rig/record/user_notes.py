@@ -1,6 +1,6 @@
 """Notes and tags that a user adds to a recording, in a text file beside it: run.mcap has run.notes.jsonl.
 
-The recording stays as it is: its checksums prove what was measured, the notes are what somebody wrote about it. Each
+The recording stays as it is: its checksums prove what was measured, the notes are comments of users on it. Each
 line of the file is one note (JSON). It contains the digest of its recording, so that a note on another file of the same
 name is recognised.
 """

@@ -236,7 +236,7 @@ class Windows:
             self._writer.flush_if_due()
 
     def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
-        """Finish the open recording, if there is one; the run has ended, or the recorder was told to stop."""
+        """Finish the open recording, if there is one; the run has ended, or the recorder was asked to stop."""
         self._close(str(recording["ended"]), summary)
 
     def abandon(self) -> None:

@@ -53,7 +53,7 @@ class Link(Section):
         return ImpairedLink(name, seed, frame_ns, self.delay, self.jitter, self.loss, self.duplicate, self.reorder)
 
     def ticks(self, frame_ns: int) -> tuple[int, int]:
-        """Smallest and largest time under way [frames]: a message is heard at the first tick not before it arrives."""
+        """Smallest and largest transmission time [frames], rounded up: a message is received at the next tick."""
         link = self.made("", 0, frame_ns)
         return link.least, link.most
 

@@ -1,4 +1,4 @@
-"""Impaired links in one line, as `rig run --net` takes them, and as the keys of [network] that they stand for.
+"""Impaired links in one line, as `rig run --net` takes them, and as the keys of [network] that they define.
 
 meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, duplicate 0.1 %, reorder; seed 3
 """

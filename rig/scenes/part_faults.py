@@ -11,7 +11,7 @@
     spike       it reads `height` more: one sample, or all within `duration`
     dropout     it reads zero, as with a broken cable
     wrong_sign  it reads minus the value
-    jam         the actuator stays where it is, whatever is commanded
+    jam         the actuator keeps its value for any command
     authority   the actuator reaches `factor` times the command, within its range
 
 Only one fault acts on a sensor or an actuator at a time. Times are whole numbers of frames. A sample is faulty from

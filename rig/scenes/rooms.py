@@ -39,7 +39,7 @@ def with_effects(model: type[Section], effects: Mapping[str, type[Section]]) -> 
 
 
 def name_of(text: str) -> str:
-    """The name of a part as a scene carries it: of a file its base name."""
+    """The name of a part as a scene names it: of a file its base name."""
     return Path(text).name if is_file(text) else text
 
 
@@ -114,7 +114,7 @@ def foreign(
 
 
 def given(raw: Mapping[str, Any]) -> Parts:
-    """The foreign parts that a scene's JSON carries.
+    """The foreign parts in the JSON of a scene.
 
     Raises Untrusted, with all their names, if some of them may not be run, PartError if they are damaged.
     """

@@ -185,7 +185,7 @@ class Scene:
         ideal instrument listed flaws that it did not have.
 
         Raises SceneError for a format of a newer version and for a text that is no scene of this version, Untrusted and
-        PartError for the parts that it carries.
+        PartError for the parts that it contains.
         """
         try:
             return cls._read(json.loads(text))
@@ -252,7 +252,7 @@ def _controller(raw: dict[str, Any], parts: Parts) -> Any:
 
 
 def _instrument(raw: dict[str, Any], written: int, parts: Parts) -> Any:
-    """An instrument from the JSON text of a scene of format `written` that carries `parts`."""
+    """An instrument from the JSON text of a scene of format `written` with the parts `parts`."""
     kind = rooms.SENSORS.get_from(raw["kind"], parts)
     if written < 2 and raw["ideal"]:
         raw = {key: value for key, value in raw.items() if key not in kind.perfect and key not in kind.part_of}

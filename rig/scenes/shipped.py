@@ -48,7 +48,7 @@ def card(name: str, folder: Path = Path()) -> dict[str, Any]:
     """Title, plant and first line of the description of a scene, and its largest pace where it has one.
 
     `name`: of a shipped scene, or the path of a file from `folder` on. `based_on` is the scene that it is based on,
-    None where it stands for itself.
+    None if it has no base.
     """
     file = path(name, folder)
     head, *tables = _TABLE.split(file.read_text(encoding="utf-8"))

@@ -31,7 +31,7 @@ def dropped(scene: Scene) -> dict[str, Keys]:
 
 
 def absent(scene: Scene) -> dict[str, Keys]:
-    """Effects that its plant knows and the scene does not name -> their keys."""
+    """Effects that its plant supports and the scene does not name -> their keys."""
     on = dropped(scene)
     return {name: keys for name, keys in _named(scene, on=False).items() if name not in on}
 

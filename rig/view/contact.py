@@ -80,7 +80,7 @@ class Contacts:
     """The contact state of every contact of a rig over mode sets: of each patch or, where several normal forces of a
     patch may open, of each of these.
 
-    `names` is empty for a rig without friction, and for a film of points, whose mode sets do not tell which are open.
+    `names` is empty for a rig without friction, and for a film of points, whose mode sets do not contain the open ones.
     """
 
     def __init__(self, system: System | None) -> None:

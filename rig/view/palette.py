@@ -1,4 +1,4 @@
-"""Colours of figures. Readers who are colour-blind can tell them apart.
+"""Colours of figures. Colour-blind readers can distinguish them.
 
 Source: M. Okabe, K. Ito, Color Universal Design, 2008.
 """

@@ -1,4 +1,4 @@
-"""Runs that go on beside the page's own: those that this user has started in other terminals."""
+"""Other live runs beside the page's own: those that this user has started in other terminals."""
 
 from __future__ import annotations
 

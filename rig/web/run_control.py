@@ -110,7 +110,7 @@ class RunControl:
         return self.state
 
     def leave(self, _: dict[str, Any]) -> dict[str, Any]:
-        """Stop following a run of another terminal, which goes on. Raises UsageError for a run of the page."""
+        """Stop following a run of another terminal, which continues. Raises UsageError for a run of the page."""
         if not (self.active and self._foreign):
             raise UsageError("no run of another terminal is followed")
         self._leave()

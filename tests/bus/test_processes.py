@@ -208,7 +208,7 @@ def test_a_socket_without_a_plant_is_told_at_once(runs, script):
     plant.kill()
     plant.wait()
     begun = time.monotonic()
-    with pytest.raises(BusError, match="has died"):
+    with pytest.raises(BusError, match="has ended unexpectedly"):
         open_leaf(there, "viewer", "v")
     address.list_runs()
     with pytest.raises(BusError, match="has ended"):

@@ -109,7 +109,7 @@ FAULTS = {
     "A, B is missing": {"C": [[1]], "D": [[0]], "dt": 0.001},
     "descriptor system": {"E": [[1]], "A": [[1]], "dt": 0.001},
     "'K' is unknown; known: A, B": {"D": 1.0, "K": 1.0, "dt": 0.001},
-    "inputs names 2 signals; the system has 1": {"D": 1.0, "inputs": ["a", "b"], "dt": 0.001},
+    "inputs: 2 names; the system has 1": {"D": 1.0, "inputs": ["a", "b"], "dt": 0.001},
     "expected rows of real numbers": {"D": [[1.0, "a"]], "dt": 0.001},
     "101 states": {"num": [1], "den": [1] * 102, "dt": 0.001},
     "has no effect on the outputs": {

@@ -225,7 +225,7 @@ def test_a_closure_is_left_to_python():
     def update(self, state, t_ns, values):
         return state, (factor * values[0],)
 
-    with pytest.raises(Untranslatable, match="no plain function"):
+    with pytest.raises(Untranslatable, match="not a plain function"):
         translate(variant(update=update))
 
 

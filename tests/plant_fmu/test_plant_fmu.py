@@ -184,7 +184,7 @@ def test_an_input_that_is_never_set_belongs_to_the_protocol(tmp_path, monkeypatc
 def test_steps_that_the_rig_cannot_make_are_errors_that_say_why(plant):
     plant.unit.reset()
     plant.begin()
-    for t, h, told in ((0.0, 0.0007, "a step of 0.0007 s is no whole number of frames of 0.001 s"),
+    for t, h, told in ((0.0, 0.0007, "a step of 0.0007 s is not a whole number of frames of 0.001 s"),
                        (0.5, 0.001, "the step begins at t = 0.5 s, but the rig is at t = 0 s")):  # fmt: skip
         with pytest.raises(FMICallException, match=r"status 3 \(error\)"):
             plant.unit.doStep(t, h)

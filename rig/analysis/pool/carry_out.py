@@ -28,7 +28,7 @@ def carry_out(
     """Compute what `store`, which the caller has opened, does not contain yet; return the results of all units.
 
     `workers`: processes, one for each core by default; a single one computes in this process, unless `apart`.
-    `cluster`: that of rig.analysis.pool.cluster.Cluster instead. A unit whose worker is lost is tried once more. One
+    `cluster`: that of rig.analysis.pool.cluster.Cluster instead. A unit whose worker is lost is tried again once. One
     that ends its worker twice has the result of `Work.failed`, which is not stored: the next call tries it again.
     Raises WorkerError for a fault that ends the whole work; what is finished stays in the store.
     """

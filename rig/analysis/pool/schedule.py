@@ -12,7 +12,7 @@ _SHARE = 2  # batches for each worker that the waiting units make at least: near
 class Schedule:
     """The waiting units for `workers` workers. A batch takes about `span` s, the first ones are single units.
 
-    Units of a lost batch go out once more, each alone, so that the one that ended its worker is known.
+    Units of a lost batch are sent again, each alone, so that the one that ended its worker is known.
     """
 
     def __init__(self, units: Iterable[int], workers: int, span: float) -> None:

@@ -13,7 +13,7 @@ pulses       pulses of an input, as of a hammer
 resonances   natural frequency and damping of the peaks of a response
 response     frequency response and coherence between two channels
 portrait     phase portrait and Poincare section
-comparison   two recordings side by side: scenes, signals, physical measures
+comparison   two recordings side by side: scenes, channels, physical measures
 figure, channel_figures, comparison_figure   pictures of these
 """
 

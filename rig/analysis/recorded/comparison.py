@@ -1,4 +1,4 @@
-"""Two recordings side by side: values of their scenes, their signals, and physical measures of these.
+"""Two recordings side by side: values of their scenes, their channels, and physical measures of these.
 
 Signals are compared by `rig.record.compare` at the instants that both recordings have. Measures are computed over the
 common time span. If one recording has all instants of the other, measures too are those of the common instants:
@@ -88,11 +88,11 @@ class Compared:
 
     @property
     def agree(self) -> bool:
-        """Whether all signals are equal at the common instants, or within the tolerance."""
+        """Whether all channels are equal at the common instants, or within the tolerance."""
         return self.signals.agree or self.signals.within(self.tolerance)
 
     def outcome(self, one: Difference) -> str:
-        """The outcome of one signal: equal, within tolerance, differs; other length if only the time span differs."""
+        """The outcome of one channel: equal, within tolerance, differs; other length if only the time span differs."""
         if one.beyond and one.deviation <= self.tolerance:
             return "other length"
         return "equal" if one.equal else "within tolerance" if one.within(self.tolerance) else "differs"
@@ -137,7 +137,7 @@ class Compared:
             yield "done by operators in one of the runs only"
             yield from (f"  {one}" for one in self.actions)
         if not found.identical:
-            yield "signals"
+            yield "channels"
             yield from columns(self._signals(), "<<<<")
         for name in found.missing:
             yield f"{name} is in only one of the two recordings"
@@ -148,12 +148,12 @@ class Compared:
                 (one.channel, one.name, _number(one.first), _number(one.second), one.unit, _percent(one.percent))
                 for one in other
             ]
-            yield from columns((("signal", "measure", "A", "B", "unit", "B - A"), *rows), "<<>><>")
+            yield from columns((("channel", "measure", "A", "B", "unit", "B - A"), *rows), "<<>><>")
         if self.measures and len(other) < len(self.measures):
             yield f"{len(self.measures) - len(other)} measures are equal"
 
     def _signals(self) -> Iterator[tuple[str, str, str, str]]:
-        yield "signal", "outcome", "largest deviation", "first difference"
+        yield "channel", "outcome", "largest deviation", "first difference"
         for one in self.signals.signals:
             worst = f"{one.deviation:.3g} of the range, t = {one.worst:.6g} s" if one.differing else ""
             first = f"t = {one.time:.9g} s: {one.first!r} and {one.second!r}" if one.differing else ""
@@ -165,7 +165,7 @@ class Compared:
 
 
 def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, tolerance: float = 0.0) -> Compared:
-    """Compare two runs from `begin` to `end` [s]; `tolerance`: allowed deviation as a share of a signal's range.
+    """Compare two runs from `begin` to `end` [s]; `tolerance`: allowed deviation as a share of a channel's range.
 
     Raises UsageError for a tolerance that is negative and for runs without a common time span.
     """

@@ -1,4 +1,4 @@
-"""The figure of two recordings: signals over each other, and their difference."""
+"""The figure of two recordings: channels over each other, and their difference."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from rig.view.palette import AMBER, BLUE, GREY
 
 _A, _B, _DIFFERENCE = BLUE, AMBER, GREY
 _DRAWN = 5
-"""Most signals in a figure: those that differ first."""
+"""Most channels in a figure: those that differ first."""
 
 
 def draw_comparison(first: Run, second: Run, found: Compared, path: Path) -> None:
-    """Draw up to five signals of two runs, those that differ first, with their difference, into the file `path`."""
+    """Draw up to five channels of two runs, those that differ first, with their difference, into the file `path`."""
     one, two = (series_of(run, found.begin, found.end) for run in (first, second))
     known = {signal.topic: signal for signal in found.signals.signals}
     names = [

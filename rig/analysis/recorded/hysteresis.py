@@ -193,7 +193,7 @@ def hysteresis(
     first: float = 0.0,
     last: float = math.inf,
 ) -> Hysteresis:
-    """Compute the RMS of signal `name` over the speed `over`, rising and falling, from `first` to `last` [s].
+    """Compute the RMS of channel `name` over the speed `over`, rising and falling, from `first` to `last` [s].
 
     Defaults: a sensor that reads a vibration, the speed of the drive, and a `window` [s] of five periods of the slowest
     strong vibration, at most 5 % of the shortest branch or one period. Raises UsageError with every fault: unknown

@@ -1,12 +1,12 @@
-"""Order tracking: the spectrum of a signal over the angle of a disc, or over the travel of a belt.
+"""Order tracking: the spectrum of a channel over the angle of a disc, or over the travel of a belt.
 
     order   cycles in a revolution (of a speed in rad/s or an angle), in a metre (of a speed in m/s or a length)
 
 An excitation that is tied to the angle, such as an uneven disc, keeps its order while the speed changes. Method: the
-signal is interpolated (band-limited to four times its rate, then by a cubic spline) at even steps of the angle, fine
+channel is interpolated (band-limited to four times its rate, then by a cubic spline) at even steps of the angle, fine
 enough to avoid aliasing at the slowest speed. Then it passes a low-pass filter (Kaiser FIR) and is decimated. The
 highest order is the one that stays below 0.4 of the sampling rate at the fastest speed. The analysis uses the longest
-stretch of time in which the signal has no gap and the speed keeps its sign and is at least a tenth of its largest.
+stretch of time in which the channel has no gap and the speed keeps its sign and is at least a tenth of its largest.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ DRIVE = "drive"
 """The default: the speed of the drive, whatever its output is called."""
 _SLOWEST = 0.1  # of the largest speed
 _SHARE = 0.4  # of the sampling rate, at the fastest speed
-_FINER = 4  # times the rate of the signal
+_FINER = 4  # times the rate of the channel
 _SURE = 1.25  # Nyquist order over the highest one
 _OF_DENSITY, _OF_MAP = 8, 60  # windows in the stretch
 _LEAST = 4.0  # revolutions in a window, if the stretch has twice as many: order one must be separated from zero
@@ -122,7 +122,7 @@ class Orders:
 
 
 def orders(run: Run, name: str = "", over: str = DRIVE, first: float = 0.0, last: float = math.inf) -> Orders:
-    """Compute orders of signal `name` over `over`: a speed or an angle of `run`, from `first` to `last` [s].
+    """Compute orders of channel `name` over `over`: a speed or an angle of `run`, from `first` to `last` [s].
 
     Raises UsageError with every fault: unknown names, a unit that is neither angle nor speed, a stretch that is too
     short.

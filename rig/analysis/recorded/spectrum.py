@@ -34,7 +34,7 @@ _MOST, _LEAST = 8, 1e-3  # lines in the report: how many, and RMS of the weakest
 
 
 class Line(NamedTuple):
-    """A line of a spectrum: `at` [Hz or orders], `rms` in the unit of the signal, `density` at its top."""
+    """A line of a spectrum: `at` [Hz or orders], `rms` in the unit of the channel, `density` at its top."""
 
     at: float
     rms: float
@@ -56,7 +56,7 @@ class Density(NamedTuple):
 
     @property
     def rms(self) -> float:
-        """RMS of all lines together, in the unit of the signal."""
+        """RMS of all lines together, in the unit of the channel."""
         return math.sqrt(float(self.s.sum()) * self.step)
 
 

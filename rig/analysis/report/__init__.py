@@ -1,4 +1,4 @@
-"""A recording as one page of HTML that stands alone: no script, no request to any host.
+"""A recording as one page of HTML that is self-contained: no script, no request to any host.
 
 html      elements, with all texts escaped
 sketch    small curves as SVG

@@ -67,7 +67,7 @@ def provenance(run: Run, digest: str) -> Html:
 
 
 def notes(found: user_notes.Notes) -> Html:
-    """Return the notes that somebody wrote on the recording. They lie beside it; no checksum proves them."""
+    """Return the notes of users on the recording. They are stored beside it; no checksum covers them."""
     rows = [(one.date, one.text, " ".join(f"#{tag}" for tag in one.tags)) for one in found.found]
     odd = [(len(found.other), "on another recording that had this name"), (found.unreadable, "cannot be read")]
     lines = [f"{count} {'note' if count == 1 else 'notes'} {what}" for count, what in odd if count]

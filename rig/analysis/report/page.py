@@ -39,7 +39,7 @@ def write(run: Run, log: Path, path: Path) -> int:
 
 
 def page(run: Run, log: Path) -> str:
-    """Return the report of the recording `log`, read as `run`, as the text of an HTML page that stands alone."""
+    """Return the report of the recording `log`, read as `run`, as the text of an HTML page that is self-contained."""
     scene, why = _scene(run)
     modes = _modes(run)
     marks = [stage.begin for stage in stages(run)]

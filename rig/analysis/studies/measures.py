@@ -61,7 +61,7 @@ _LONG = 300  # characters of a reason
 @dataclass(frozen=True)
 class Measure:
     """A measure: `name` as its user wrote it; `source` (cycle, motion, run or "" for a function), `kind` of number,
-    `of` which output, sensor or contact. `unit`: "" if only the value tells it.
+    `of` which output, sensor or contact. `unit`: "" if it is known with the value only.
     """
 
     name: str

@@ -1,14 +1,14 @@
 """A linear system at the period of its controller: discretisation, and the gain of its anti-windup.
 
-Anti-windup: a controller at a limit of its actuator is not heard, and an integrator in it would run away. So its state
-is corrected by the part of the command that is cut off:
+Anti-windup: at a limit of its actuator a controller has no effect, and an integrator in it would grow without limit.
+So its state is corrected by the part of the command that is cut off:
 
     v = C x + D y,  u = v within the limits,  x(k+1) = A x + B y + L (u - v)
 
-While u = v this is the controller itself. Beyond the limits it is an observer of the controller's state, which sees the
-command in force (observer form; Astrom and Wittenmark, Computer-Controlled Systems, 3rd edition, section 3.5). L is the
-gain of the stationary Kalman filter of a system that white noise y drives: cov(B y) = B B', cov(D y) = D D', and the
-cross-covariance B D'. For a minimum-phase controller with an invertible D this is L = B D^-1, the conditioning of
+While u = v this is the controller itself. Beyond the limits it is an observer of the controller's state, which receives
+the command in force (observer form; Astrom and Wittenmark, Computer-Controlled Systems, 3rd edition, section 3.5). L is
+the gain of the stationary Kalman filter of a system that white noise y drives: cov(B y) = B B', cov(D y) = D D', and
+the cross-covariance B D'. For a minimum-phase controller with an invertible D this is L = B D^-1, the conditioning of
 Hanus, Kinnaert and Henrotte (Automatica 23, 1987); for a PI controller the tracking time equals the integral time. For
 an integrator without a direct term the state follows the command in force. No parameter has to be chosen.
 """

@@ -158,7 +158,7 @@ def system(found: Mapping[str, Any], where: str) -> System:
             )
         counts = (("inputs", inputs), ("outputs", outputs))
         faults += [
-            f"{key} has {len(own)} names; the system has {count} {key}"
+            f"{key}: {len(own)} names; the system has {count}"
             for own, (key, count) in zip(names, counts)
             if own and len(own) != count
         ]

@@ -1,7 +1,7 @@
 """An instance of an FMU for co-simulation (FMI 2.0, 3.0): inputs, a step, outputs, state kept and restored.
 
-fmpy loads the library and knows the types of its functions. A step calls these functions itself, with buffers that are
-made once: three calls take 2 to 4 us.
+fmpy loads the library and defines the types of its functions. A step calls these functions itself, with buffers that
+are made once: three calls take 2 to 4 us.
 """
 
 from __future__ import annotations

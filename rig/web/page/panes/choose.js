@@ -23,7 +23,7 @@ export function create(bench) {
   const lines = h("div", { class: "small pre scroll faint", id: "lines" });
   const others = h("div", { id: "others" }), foreign = h("details", { ontoggle: () => foreign.open && look() },
     h("summary", {}, "Runs of other terminals"), others);
-  const leave = h("button", { id: "leave", hidden: true, title: "the run goes on", onclick: () => act(() => post("/api/run/leave", {})) }, "Stop following");
+  const leave = h("button", { id: "leave", hidden: true, title: "the run continues", onclick: () => act(() => post("/api/run/leave", {})) }, "Stop following");
   const pace = h("input", { type: "text", value: "1", class: "value", id: "pace", "aria-label": "pace" });
   const duration = h("input", { type: "text", placeholder: "as the protocol", class: "value wide", id: "duration",
     "aria-label": "duration in s", onchange: () => show() });

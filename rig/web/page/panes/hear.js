@@ -89,7 +89,7 @@ export function create(bench) {
 
   told.classList.add("pre");
   box.hidden = true;
-  why.textContent = "Start a run: a microphone or another fast sensor of it can be heard here.";
+  why.textContent = "Start a run: this pane plays the sound of its microphone or of another fast sensor.";
   return {
     element: pane("Sound", why, box),
     setup() {

@@ -55,7 +55,7 @@ export function create(bench) {
   const jobs = jobsOf(["verify", "report", "export", "diff", "view"], attempt);
   jobs.element.id = "jobs";
 
-  const view = h("button", { id: "view", title: "the full view in rerun's page, for the run that goes on",
+  const view = h("button", { id: "view", title: "the full view in rerun's page, for the active run",
     onclick: () => attempt(async () => { await post("/api/view", {}); jobs.look(); }) }, "View the run in rerun");
   let phase = "";
   return {

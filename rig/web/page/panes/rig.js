@@ -39,7 +39,7 @@ export function create(bench) {
         bars(sized(canvas, 230), store);
         text.textContent = "The plant of this scene declares no picture. Its outputs now, each as a share of the largest so far.";
       } else if (form.picture) text.textContent = `The picture of this plant cannot be drawn: ${form.picture.fault}`;
-      else text.textContent = "The plant of this scene declares no picture; its signals are shown when it runs.";
+      else text.textContent = "The plant of this scene declares no picture; its outputs are shown when it runs.";
     },
   };
 }

@@ -1,4 +1,4 @@
-// Scrolling signals: the plots that the rig declares, outputs in front, measurements pale behind them.
+// Scrolling curves of channels: the plots that the rig declares, outputs in front, measurements pale behind them.
 
 import { h, pane } from "/page/dom.js";
 import { lines } from "/page/plot.js";
@@ -12,7 +12,7 @@ export function create(bench) {
   const box = h("div");
   let plots = [];
   return {
-    element: pane("Signals", h("div", { class: "row small" }, "show the last ", span), box),
+    element: pane("Channels", h("div", { class: "row small" }, "show the last ", span), box),
     setup() {
       plots = store.setup.plots.map((plot, i) => {
         const canvas = h("canvas", { "aria-label": plot.title });

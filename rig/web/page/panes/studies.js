@@ -78,7 +78,7 @@ export function create(bench) {
 
   const existing = h("details", { ontoggle: () => existing.open && fill() }, h("summary", {}, "Show maps and cost tables"), list);
   note.textContent = "With its changed values: eigenvalues take seconds. A map simulates many runs, a cost table compares methods and steps. "
-    + "Both take minutes to hours and all processors: do not start them beside a run whose timing matters. What a stopped one has computed is kept.";
+    + "Both take minutes to hours and all processors: do not start them beside a run whose timing matters. Results of a stopped job are kept.";
   return {
     element: pane("Maps and cost", existing, h("details", {}, h("summary", {}, "Analyse the chosen scene"), note, keys, x.element, y.element,
       h("div", { class: "row" }, h("button", { onclick: start("modes"), id: "modes", title: "frequency and growth rate of each vibration mode" }, "Eigenvalues"),

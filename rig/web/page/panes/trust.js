@@ -11,7 +11,7 @@ const MEANING = {
 export function create({ store }) {
   const table = h("table", { id: "trust" });
   return {
-    element: pane("Trust", table),
+    element: pane("Timing and energy", table),
     draw() {
       const { health, setup, state } = store;
       if (!health || !setup) return;
