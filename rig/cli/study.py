@@ -178,11 +178,12 @@ def scripted(cluster: str, dry_run: bool, workers: int | None) -> bool:
     if dry_run and cluster != "slurm":
         raise UsageError("--dry-run: prints the job script of --cluster slurm")
     if cluster:
-        from rig.analysis.pool.cluster import check, job_script
+        from rig.analysis.pool.cluster import check
+        from rig.analysis.pool.slurm import job_script
 
         check(cluster, workers)
         if dry_run:
-            printing.line(job_script(workers))
+            printing.line(job_script(workers or 1))
     return dry_run
 
 

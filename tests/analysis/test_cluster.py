@@ -4,8 +4,10 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from pool_works import Trial
 
 import rig as lab
 from rig.analysis.pool import Store, carry_out, cluster
+from rig.analysis.pool.handshake import unanswered
 from rig.analysis.studies import prepared, study
 from rig.errors import UsageError, WorkerError
 
@@ -112,6 +115,68 @@ def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch):
     with pytest.raises(UsageError, match=r"--cluster tcp://127\.0\.0\.1:9: no scheduler answers within 1 s"):
         done(Trial(str(tmp_path)), tmp_path, "tcp://127.0.0.1:9")
     assert time.monotonic() - begin < 20.0
+
+
+@pytest.mark.parametrize(
+    ("says", "why"),
+    [
+        (None, "it accepts the connection and says nothing"),
+        (b"HTTP/1.0 400 Bad Request\r\n", "does not speak as dask does"),
+        (b"SSH", "does not speak as dask does"),
+    ],
+)
+def test_what_listens_and_is_no_scheduler_is_told_within_a_bound(says, why):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(10.0)
+        where = "tcp://127.0.0.1:{1}".format(*server.getsockname())
+
+        def answer():
+            connection, _ = server.accept()
+            with connection:
+                if says is not None:
+                    connection.sendall(says)
+                else:
+                    connection.recv(1)  # until the other one gives up
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        assert why in unanswered(where, 0.3)
+        thread.join(10.0)
+    assert unanswered(where, 0.3) == ""  # nothing listens: dask tries again for some time
+
+
+@pytest.fixture
+def sbatch(tmp_path, monkeypatch):
+    """Makes a command sbatch of the lines of a shell script, and a scancel."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+
+    def make(*lines):
+        for name, text in (("sbatch", "\n".join(lines)), ("scancel", "")):
+            (folder / name).write_text(f"#!/bin/sh\n{text}\n")
+            (folder / name).chmod(0o755)
+
+    return make
+
+
+def test_a_job_that_is_refused_is_told(tmp_path, sbatch, monkeypatch):
+    work = Trial(str(tmp_path))
+    sbatch("echo 'sbatch: error: invalid partition' >&2", "exit 1")
+    with pytest.raises(WorkerError, match=r"the batch system refused a job: sbatch: error: invalid partition$"):
+        done(work, tmp_path, "slurm", workers=2)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(UsageError, match="the command sbatch is not found"):
+        done(work, tmp_path, "slurm", workers=2)
+    assert not (tmp_path / "trial-0").exists()
+
+
+@pytest.mark.slow
+def test_jobs_of_a_batch_system_compute(tmp_path, sbatch, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{SUPPORT}")
+    sbatch(f'sh "$1" > {tmp_path}/said.txt 2>&1 &', "echo 'Submitted batch job 17'")
+    work = Trial(str(tmp_path), total=10)
+    assert squares(done(work, tmp_path, "slurm", workers=2)) == {unit: unit**2 for unit in range(10)}
 
 
 @pytest.mark.parametrize("where", ["somewhere", "tcp://host", "http://127.0.0.1:80", "tcp://127.0.0.1:port",

@@ -5,6 +5,7 @@ store     results in a folder, one file for each batch
 schedule  batches, and the second attempt for units whose worker was lost
 local     worker processes of this machine               worker   such a process
 cluster   the workers of a dask cluster                   identity sources and processor, compared between processes
+handshake whether a dask scheduler answers                slurm    the jobs of a batch system
 carry_out what is not in the store is computed, here, locally or on a cluster
 
 The numbers of a unit depend on the work alone: neither the worker nor the number of workers changes them.

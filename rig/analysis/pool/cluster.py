@@ -20,6 +20,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from rig import kernel, parts
+from rig.analysis.pool import slurm
+from rig.analysis.pool.handshake import unanswered
 from rig.analysis.pool.identity import sources, this_processor
 from rig.analysis.pool.schedule import Schedule
 from rig.analysis.pool.store import Store
@@ -30,8 +32,8 @@ from rig.quantities import whole
 from rig.scheduling import cores
 
 SPAN = 10.0  # s of a batch
-LOOPBACK = "127.0.0.1"
-ANSWER = 10.0  # s within which a scheduler answers
+LOOPBACK = slurm.LOOPBACK
+ANSWER = slurm.ANSWER
 JOIN, _QUEUE = 60.0, 86400.0  # s within which a worker joins; one that waits in the queue of a batch system
 _LOOK = 0.2  # s between two reports of progress
 _AHEAD = 2  # batches on their way for each worker, so that none waits for the next
@@ -66,7 +68,10 @@ class Cluster:
         distributed = needed("distributed", "cluster")
         for name in ("distributed", "distributed.client", "asyncio", "tornado"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is reported by this module
-        self._made = _started(self._where, self._workers)
+        if why := unanswered(self._where, ANSWER):
+            raise self._unanswered(why)
+        self._refused: list[str] = []
+        self._made = _started(self._where, self._workers, self._refused)
         try:
             address = self._where if self._made is None else self._made
             self._client = distributed.Client(address, timeout=ANSWER, set_as_default=False, name="friction-rig")
@@ -79,10 +84,7 @@ class Cluster:
                     f"--cluster {self._where}: the configuration of dask names no certificates: state "
                     "distributed.comm.tls.ca-file, and key and cert of distributed.comm.tls.client"
                 ) from None
-            raise UsageError(
-                f"--cluster {self._where}: no scheduler answers within {ANSWER:g} s "
-                f"({' '.join(str(fault).split())[:200]}); start one: dask scheduler --host {LOOPBACK}"
-            ) from None
+            raise self._unanswered(" ".join(str(fault).split())[:200]) from None
         try:
             self._compare()
         except BaseException:
@@ -92,6 +94,12 @@ class Cluster:
 
     def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
         self._close()
+
+    def _unanswered(self, why: str) -> UsageError:
+        return UsageError(
+            f"--cluster {self._where}: no scheduler answers within {ANSWER:g} s ({why}); start one: "
+            f"dask scheduler --host {LOOPBACK}"
+        )
 
     def _close(self) -> None:
         with suppress(Exception):
@@ -133,6 +141,8 @@ class Cluster:
         try:
             while schedule.left:
                 threads = self._threads()
+                if self._refused:
+                    raise WorkerError(f"--cluster {self._where}: the batch system refused a job: {self._refused[0]}")
                 if threads:
                     joined = time.monotonic()
                 elif time.monotonic() - joined > (JOIN if self._where != "slurm" else _QUEUE):
@@ -223,48 +233,10 @@ def check(where: str, workers: int | None) -> str:
     )
 
 
-def job_script(workers: int | None) -> str:
-    """Return the job script with which `--cluster slurm` asks for worker processes. Raises UsageError."""
-    check("slurm", workers)
-    cluster = _slurm_cluster()
-    try:
-        [spec] = [cluster.new_worker_spec()]
-        each = int(next(iter(spec.values()))["options"].get("processes") or 1)
-        script: str = cluster.job_script()
-    finally:
-        with suppress(Exception):
-            cluster.close(timeout=ANSWER)
-    reach = "where other machines do not reach it: state jobqueue.slurm.interface in the configuration of dask"
-    note = "" if _told_host() else f"# the scheduler listens on {LOOPBACK}, {reach}\n"
-    return f"# submitted {-(-(workers or 1) // each)} times\n{note}{script}"
-
-
-def _told_host() -> bool:
-    """Whether the configuration of dask says where the scheduler of a batch system listens."""
-    own = needed("dask", "cluster").config.get("jobqueue.slurm", {})
-    return bool(own.get("interface") or (own.get("scheduler-options") or {}).get("host"))
-
-
-def _slurm_cluster() -> Any:
-    jobqueue = needed("dask_jobqueue", "cluster")
-    dask = needed("dask", "cluster")
-    own = dask.config.get("jobqueue.slurm", {})
-    defaults = {"cores": 1, "processes": 1, "memory": "4 GB"}
-    asked: dict[str, Any] = {name: value for name, value in defaults.items() if not own.get(name)}
-    if not _told_host():
-        asked["scheduler_options"] = {"host": LOOPBACK, "dashboard_address": f"{LOOPBACK}:0"}
-    try:
-        return jobqueue.SLURMCluster(**asked)
-    except Exception as fault:
-        raise UsageError(f"--cluster slurm: {type(fault).__name__}: {fault}") from None
-
-
-def _started(where: str, workers: int | None) -> Any:
-    """The cluster that is started here; None for a scheduler that runs already."""
+def _started(where: str, workers: int | None, refused: list[str]) -> Any:
+    """The cluster that is started here; None for a scheduler that runs already. Refused jobs add to `refused`."""
     if where == "slurm":
-        cluster = _slurm_cluster()
-        cluster.scale(n=workers)
-        return cluster
+        return slurm.started(workers, refused)
     if where != "local":
         return None
     distributed = needed("distributed", "cluster")
