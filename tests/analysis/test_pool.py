@@ -106,7 +106,7 @@ def test_results_that_do_not_fit_on_the_disk_end_the_work_with_a_sentence(tmp_pa
 def test_values_that_are_given_reach_the_worker_to_the_last_bit(tmp_path):
     work, value = Trial(str(tmp_path), total=0), 0.1 + 0.2
     store = Store.of(work, tmp_path)
-    with store.open(work), WorkerProcesses(store.folder, 1) as processes:
+    with store.open(work), WorkerProcesses(store, 1) as processes:
         processes.compute({3: (value,)}, lambda done: None)
         processes.compute({4: (1.0, value)}, lambda done: None)
     assert squares(store.load()) == {3: 9.0 + value, 4: 16.0 + sum((1.0, value))}

@@ -60,7 +60,7 @@ def pool(
     if count == 1 and not apart:
         yield Here(work, store)
         return
-    with WorkerProcesses(store.folder, count) as processes:
+    with WorkerProcesses(store, count) as processes:
         work.prepare()  # while the workers start
         yield processes
 
@@ -100,6 +100,6 @@ class Here:
 def temporary(work: Work) -> Iterator[Store]:
     """A store in a folder that is deleted in the end, for results that are needed only once."""
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
-        store = Store(Path(folder))
+        store = Store(Path(folder), lasting=False)
         with store.open(work):
             yield store

@@ -183,7 +183,7 @@ class Cluster:
                 schedule.lost(batch, 0)
                 return
             if fault:
-                raise WorkerError(f"{fault}. Finished results are kept in {self._store.folder}")
+                raise WorkerError(f"{fault}{self._store.kept}")
             self._store.save(found, processor)
             schedule.done(batch, seconds)
             future.release()
@@ -196,7 +196,7 @@ class Cluster:
             error = future.exception(timeout=ANSWER)
             if type(error).__name__ != "KilledWorker":
                 what = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
-                raise WorkerError(f"a worker failed: {what}. Finished results are kept in {self._store.folder}")
+                raise WorkerError(f"a worker failed: {what}{self._store.kept}")
             for unit in schedule.lost(batch):
                 self.failed[unit] = "ended every worker that dask gave it to"
 
@@ -207,10 +207,7 @@ class Cluster:
         return 0
 
     def _lost(self, what: str) -> WorkerError:
-        return WorkerError(
-            f"--cluster {self._where}: {what}. Finished results are kept in {self._store.folder}; the same command "
-            "continues from there"
-        )
+        return WorkerError(f"--cluster {self._where}: {what}{self._store.kept}; the same command continues from there")
 
 
 def check(where: str, workers: int | None) -> str:

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from rig.analysis.pool.schedule import Schedule
+from rig.analysis.pool.store import Store
 from rig.child_process import Child, end
 from rig.errors import WorkerError
 
@@ -54,13 +55,13 @@ class _Member:
 
 
 class WorkerProcesses:
-    """`count` worker processes that compute the work of the folder `folder`, from `with` to its end.
+    """`count` worker processes that compute the work of `store`, from `with` to its end.
 
     `failed`: units that ended their worker twice, with the reason.
     """
 
-    def __init__(self, folder: Path, count: int) -> None:
-        self._folder, self._count = folder, count
+    def __init__(self, store: Store, count: int) -> None:
+        self._store, self._count = store, count
         self._heard = threading.Event()
         self._members: list[_Member] = []
         self._started = 0
@@ -78,7 +79,7 @@ class WorkerProcesses:
 
     def _start(self) -> _Member:
         self._started += 1
-        return _Member(f"worker {self._started}", self._folder, self._heard)
+        return _Member(f"worker {self._started}", self._store.folder, self._heard)
 
     def compute(self, units: Mapping[int, tuple[float, ...]], progress: Callable[[int], object]) -> None:
         """Compute `units` (number -> values that they are given) and save them.
@@ -108,7 +109,7 @@ class WorkerProcesses:
         ending = member.child.ending
         if member.fault or not member.ready:
             what = f"{member.child.name}: {member.fault}" if member.fault else ending
-            raise WorkerError(f"{what}. Finished results are kept in {self._folder}")
+            raise WorkerError(f"{what}{self._store.kept}")
         for unit in schedule.lost(member.batch):
             self.failed[unit] = f"ended its worker twice: {ending}"
         member.batch, member.at = [], 0

@@ -34,8 +34,10 @@ _UNITS, _PROCESSOR = "#units", "#processor"
 class Store:
     """The folder of one work; it is made when something is written."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, lasting: bool = True) -> None:
         self.folder = folder
+        self.kept = f". Finished results are kept in {folder}" if lasting else ""
+        """What an error says of the results, after its own sentence."""
         self._at = folder.absolute()  # a function of the user may change the current folder
         self.processors: set[str] = set()
         """Types of processor on which the results were computed that have been loaded."""

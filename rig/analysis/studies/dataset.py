@@ -13,7 +13,7 @@ import numpy as np
 from rig.analysis.studies.plan import REPEAT, SAMPLE
 from rig.errors import OutputError, UsageError
 from rig.extras import needed
-from rig.user_files import draft_of
+from rig.user_files import write_file
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -77,8 +77,7 @@ def save(found: StudyData, path: Path) -> None:
             return
         made["scene_json"] = ((), made.attrs.pop("scene_json"))  # HDF5 limits attributes to 64 KiB
         path.parent.mkdir(parents=True, exist_ok=True)
-        with draft_of(path) as draft:
-            made.to_netcdf(draft, engine="h5netcdf")
+        write_file(path, bytes(made.to_netcdf(engine="h5netcdf")))  # on its own HDF5 tells a full disk in four lines
     except OSError as fault:
         raise OutputError(f"{path} cannot be written: {fault.strerror or fault}") from None
 

@@ -14,10 +14,11 @@ import numpy as np
 from rig.analysis.pool import Arrays, Progress, carry_out, temporary
 from rig.analysis.studies.runs import StudyRuns
 from rig.bench.simulate import simulate
-from rig.errors import RigError, WorkerError
+from rig.errors import OutputError, RigError, WorkerError
 from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
 from rig.record.save_run import save
+from rig.user_files import draft_of
 
 
 def keep(
@@ -32,8 +33,13 @@ def keep(
     if missing:
         folder.mkdir(parents=True, exist_ok=True)
         work = Recordings(study.to_json(), missing, str(folder))
-        with temporary(work) as store:
-            carry_out(work, store, workers if study.portable else 1, progress)
+        try:
+            with temporary(work) as store:
+                carry_out(work, store, workers if study.portable else 1, progress)
+        except (OutputError, WorkerError) as fault:
+            raise type(fault)(
+                f"{fault}. The values of the study are kept in {folder.parent}; the same command continues"
+            ) from None
     return {point: path for point, path in found.items() if path.exists()}
 
 
@@ -68,7 +74,13 @@ class Recordings:
         except RigError:
             return {"recorded": np.array(False)}
         run.provenance = provenance(scene.seed)
-        save(run, Path(self.folder) / f"{point:06d}.mcap", replace=True)
+        path = Path(self.folder) / f"{point:06d}.mcap"
+        try:
+            with draft_of(path) as draft:
+                save(run, draft)
+        except OutputError as fault:
+            why = str(fault).partition("cannot be written: ")[2].partition(";")[0]
+            raise OutputError(f"{path} cannot be written: {why or fault}") from None
         return {"recorded": np.array(True)}
 
     def failed(self, unit: int, why: str) -> Arrays:
