@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from full_disk import largest_file
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
@@ -18,7 +17,7 @@ from rig.analysis.studies.distributions import Distribution, made
 from rig.analysis.studies.file import is_study, read
 from rig.analysis.studies.result import gathered
 from rig.analysis.studies.runs import StudyRuns
-from rig.errors import OutputError, SceneError, UsageError
+from rig.errors import SceneError, UsageError
 
 OVER = {"load.force": [10.0, 20.0], "drive.speed": "0.05 m/s:0.1 m/s:2"}
 WANTED = ["cycle.amplitude", "cycle.period", "motion.period", "run.rms.velocity"]
@@ -411,21 +410,6 @@ def test_recordings_of_chosen_points_are_kept_and_repeat(belt, tmp_path):
     assert list(found.recordings) == expected
     run = lab.open(found.recordings[expected[-1]])
     assert run.signals["displacement"].max() == found.values[expected[-1], 0]
-
-
-def test_a_recording_that_does_not_fit_on_the_disk_is_made_by_the_next_call(belt, tmp_path):
-    asked = {"duration": 2.0, "keep": "run.highest > -1 m/s", "folder": tmp_path, "workers": 1}
-    told = r"000000\.mcap cannot be written: File too large\. The values of the study are kept in .*-[0-9a-f]{12}; the same"
-    with largest_file(20_000), pytest.raises(OutputError, match=told):
-        lab.study(belt, {"load.force": [10.0]}, ["run.highest"], **asked)
-    assert not [*next(tmp_path.iterdir()).joinpath("runs").iterdir()]
-    found = lab.study(belt, {"load.force": [10.0]}, ["run.highest"], **asked)
-    assert lab.open(found.recordings[0]).time[-1] == 2.0
-
-
-def test_a_netcdf_file_that_does_not_fit_is_told_in_a_line(grid, tmp_path):
-    with largest_file(4096), pytest.raises(OutputError, match=r"new.found\.nc cannot be written: File too large$"):
-        grid.save(tmp_path / "new" / "found.nc")
 
 
 def test_a_study_is_read_from_a_file(rig, tmp_path):
