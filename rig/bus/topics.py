@@ -41,7 +41,7 @@ BLOCK_NS, STATE_NS = 20_000_000, 5_000_000
 """Longest span of a block of samples, and shortest time between two states [ns of simulated time]."""
 TABLE = (
     Topic("step", "Step", "plant", "REAL_TIME", LOOP, True, "one frame: latest sample of every sensor"),
-    Topic("act/<controller>", "Act", "controller", "REAL_TIME", LOOP, True, "commands that answer the step of a tick"),
+    Topic("act/<controller>", "Act", "controller", "REAL_TIME", LOOP, True, "commands for the step of a tick"),
     Topic(
         "applied/<controller>", "Applied", "plant", "DATA", BATCH, True, "commands as they took effect, and the tick"
     ),
@@ -52,7 +52,7 @@ TABLE = (
         "checkpoint", "Checkpoint", "plant", "DATA", BATCH, True, "where a run can be continued; every 100 000 steps"
     ),
     Topic("batch", "Batch", "plant", "DATA", ALONE, False, "several messages of plant and controllers in one"),
-    Topic("event/<process>", "Event", "anyone", "INTERACTIVE_LOW", ALONE, True, "what happened: protocol, faults"),
+    Topic("event/<process>", "Event", "anyone", "INTERACTIVE_LOW", ALONE, True, "events of the protocol, faults"),
     Topic("health", "Health", "plant", "INTERACTIVE_LOW", ALONE, True, "progress, lateness, drops, energy error; 5 Hz"),
     Topic("total/<process>", "Totals", "anyone", "BACKGROUND", ALONE, True, "last message: numbers sent and received"),
     Topic("scene", "json", "plant", "", "", False, "query: `rig.bus.run_setup.Setup`, at any time of the run"),

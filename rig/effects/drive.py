@@ -26,7 +26,7 @@ _LOW, _HIGH = Bound(of="speed", sign=-1), Bound(of="speed", sign=1)
 
 
 class _Drive(Section):
-    declares: ClassVar = About("moves the surface at the speed commanded")
+    declares: ClassVar = About("moves the surface at the commanded speed")
 
     speed: Any
     lag: Lag = None
@@ -105,7 +105,7 @@ def actuator(
         state, slope = f"{owner}.command", f"{owner}.slope" if how == "ramped" else ""
         if slope:
             a.signal(slope, {}, 0.0, f"{owner} ramp", "the slope of a value that runs linearly")
-        description = "the value commanded, held from tick to tick"
+        description = "the commanded value, held from tick to tick"
         a.signal(state, {slope: 1.0} if slope else {}, value, f"{owner} command", description)
         row = {state: 1.0}
     if lag is not None:

@@ -18,7 +18,9 @@ from rig.quantities import Section
 class Geometry(Section):
     """The contact moves round the disc with the slider. The table has no parameters."""
 
-    declares: ClassVar = About("the contact moves round with the slider; without it, it stays where it was")
+    declares: ClassVar = About(
+        "friction and normal force act at the place of the slider; without it at its initial place"
+    )
 
 
 class Slope(Section):

@@ -27,7 +27,7 @@ Depth: Any = quantity("1", Gt(0.0), Lt(1.0))
 class Waviness(Section):
     """Share by which the normal force varies, wavelength along the surface [m], phase at the start [rad]."""
 
-    declares: ClassVar = About("the surface is wavy: the normal force swings with the slip distance")
+    declares: ClassVar = About("the surface is wavy: the normal force varies with the slip distance")
 
     depth: Depth
     wavelength: PositiveMetre

@@ -86,7 +86,7 @@ class Code:
         """The code that `to_json` described. Raises PartError where the text does not have the hash that is stated."""
         file, text, stated = (raw.get(key) for key in ("file", "source", "sha256"))
         if not (isinstance(file, str) and _FILE.fullmatch(file) and isinstance(text, str)):
-            raise PartError("the recording describes a part in another way than expected: it was changed or is damaged")
+            raise PartError("the recording describes a part in an unknown form: it was changed or is damaged")
         code = cls(file, text)
         if code.sha256 != stated:
             raise PartError(
@@ -201,7 +201,7 @@ def require(codes: Iterable[Hashed]) -> None:
         names = ", ".join(f"{code.file} (SHA-256 {code.short}...)" for code in strange)
         raise Untrusted(
             f"this needs to run code that comes with the recording or the run: {names}. "
-            "If you trust where it comes from, say --trust (in Python trust=True)"
+            "If you trust its origin, add --trust (in Python trust=True)"
         )
 
 

@@ -157,7 +157,7 @@ def carried(raw: Any) -> dict[tuple[str, str], Code]:
     try:
         return {(str(one["part"]), str(one["name"])): Code.from_json(one) for one in raw}
     except (KeyError, TypeError, AttributeError):
-        raise PartError("the recording describes its parts in another way than expected: it is damaged") from None
+        raise PartError("the recording describes its parts in an unknown form: it is damaged") from None
 
 
 def trust_scene(text: str) -> None:

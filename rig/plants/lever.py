@@ -118,7 +118,7 @@ class Springs(Section):
 class LoadCell(Section):
     """A load cell that holds the tip of the arm in place of its spring and measures the force there."""
 
-    declares: ClassVar = About("holds the tip of the arm in place of its spring, and reads the force there")
+    declares: ClassVar = About("holds the tip of the arm instead of its spring, and measures the force there")
 
     stiffness: NewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0

@@ -75,7 +75,9 @@ class Film(Section):
     across the travel. `completed`: the deflection that the plate's modes lack acts in series with the film.
     """
 
-    declares: ClassVar = About("a film that presses and sticks point by point: its forces, those of each point")
+    declares: ClassVar = About(
+        "a film of points, each of which opens, sticks and slips: forces of the film and of each point"
+    )
 
     thickness: PositiveMetre
     young: Pascal
