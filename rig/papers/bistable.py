@@ -75,8 +75,10 @@ def transient(figure: Figure) -> Iterator[Comparison]:
     first = next(event["t_ns"] for event in made.plant_events if event["text"] == "contact releases +") * 1e-9
     speed = float(np.interp(first, made.time, made.signals["surface_speed"]))
     yield Comparison("first slip", "mm/s", MM * speed, 27.0, "paper", absolute=0.5)
-    yield Comparison("last stick on the way up (text: about 110)", "mm/s", MM * found.up, 104.0, "paper", relative=0.12)
-    yield Comparison("first stick on the way down (text: about 30)", "mm/s", MM * found.down, 29.0, "paper",
+    yield Comparison(
+        "last stick at rising speed (text: about 110)", "mm/s", MM * found.up, 104.0, "paper", relative=0.12
+    )
+    yield Comparison("first stick at falling speed (text: about 30)", "mm/s", MM * found.down, 29.0, "paper",
                      absolute=2.8)  # fmt: skip
     smooth = stages(even)
     assert smooth is not None

@@ -61,8 +61,8 @@ def measured(figure: Figure) -> Iterator[Comparison]:
         yield Comparison(f"speed of the disc at {t:g} s", "mm/s", ours, expected, "paper", absolute=1e-6)
     found = stages(made)
     assert found is not None
-    yield Comparison("last stick on the way up", "mm/s", MM * found.up, 13.0, "paper", absolute=0.25)
-    yield Comparison("first stick on the way down", "mm/s", MM * found.down, 5.68, "reference", absolute=0.3)
+    yield Comparison("last stick at rising speed", "mm/s", MM * found.up, 13.0, "paper", absolute=0.25)
+    yield Comparison("first stick at falling speed", "mm/s", MM * found.down, 5.68, "reference", absolute=0.3)
     import rig
 
     swept = rig.sweep(load("tip_epoxy", noise=None), "drive.speed", np.linspace(0.004, 0.012, 9))
@@ -70,7 +70,7 @@ def measured(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("sliding is unstable below", "mm/s", MM * critical[0], 7.5, "paper", absolute=0.02)
     [up] = [curve for curve in hysteresis(made, "acceleration", "surface_speed", WINDOW).curves if curve.branch.rises]
     ours = float(np.interp(9e-3, up.speed, up.rms))
-    yield Comparison("RMS acceleration on the way up at 9 mm/s", "m/s²", ours, 10.196, "reference", relative=0.01)
+    yield Comparison("RMS acceleration at rising speed, at 9 mm/s", "m/s²", ours, 10.196, "reference", relative=0.01)
 
 
 def beam(figure: Figure) -> Iterator[Comparison]:
@@ -86,7 +86,7 @@ def beam(figure: Figure) -> Iterator[Comparison]:
     near.set(xlabel="time [ms], from 1.2 s", ylabel="acceleration [m/s²]")
     found = stages(made)
     assert found is not None
-    yield Comparison("last stick on the way up", "mm/s", MM * found.up, 13.0, "paper", absolute=0.4)
+    yield Comparison("last stick at rising speed", "mm/s", MM * found.up, 13.0, "paper", absolute=0.4)
     p = load("tip_beam").parameters.beam  # type: ignore[attr-defined]
     omega = p.reduced().omega / (2.0 * math.pi)
     stiff = p.modulus / (1.0 - p.poisson**2) * p.thickness**2 / 12.0
@@ -190,7 +190,7 @@ ENTRIES = (
     Entry("bistable-9", "bistable", "Table 2 and Figures 2, 9 and 12", "run-up and run-down of the coated beam",
           ("tip_epoxy",), measured,
           "The paper's lower speed of 7.5 mm/s equals the speed at which sliding becomes unstable here. On the "
-          "falling ramp the tip leaves sliding later, at 5.6 mm/s with the noise of the scene and at 4.1 mm/s "
+          "falling ramp steady sliding ends later, at 5.6 mm/s with the noise of the scene and at 4.1 mm/s "
           "without: this differs from the paper. In the paper the amplitude falls before 13 mm/s; here it rises to "
           "the end.",
           (9.6, 6.6)),

@@ -112,6 +112,6 @@ def classified(figure: Figure) -> Iterator[Comparison]:
 
 ENTRIES = (
     Entry("kroeger-17", "kroeger", "Figure 17", "225 brakings and which of them squeal", ("brake",), classified,
-          "Classified by eigenvalues; every fifteenth braking also by the sound of its simulation (above 60 dB). The "
+          "Classified by eigenvalues; every fifteenth one also by the sound of its simulation (above 60 dB). The "
           "tests measured 2350 Hz, the paper's model predicts 2140 Hz."),
 )  # fmt: skip

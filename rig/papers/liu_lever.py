@@ -226,6 +226,6 @@ ENTRIES = (
           (9.6, 2.9)),
     Entry("liu003-8", "liu003", "Figure 8", "two starts at 20 N and 2.5 rpm", ("lever",), two_starts),
     Entry("liu003-9", "liu003", "Figure 9", "accelerate, hold, decelerate", ("lever_three_stage",), three_stages,
-          "Without noise the rig leaves sliding late as the speed falls; only the order of the thresholds is "
+          "Without noise steady sliding ends late as the speed falls; only the order of the thresholds is "
           "compared."),
 )  # fmt: skip
