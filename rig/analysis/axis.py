@@ -19,7 +19,7 @@ from pydantic import BaseModel
 
 from rig.bench.rig_variant import with_values
 from rig.errors import SceneError
-from rig.scenes.faults import near, shortened, unit_of
+from rig.scenes.faults import near, shortened, shown, unit_of
 from rig.scenes.scene import Scene
 from rig.units import parted, si
 
@@ -53,7 +53,7 @@ class Axis:
         known = _numbers(scene, controller)
         faults = []
         if key not in known:
-            faults.append(f"{shortened(key)}: is not a numeric parameter of this scene's rig; {near(key, known)}")
+            faults.append(unknown(key, known, scene))
         count = int(parts[2]) if re.fullmatch("[0-9]{1,9}", parts[2]) else 0
         if not 2 <= count <= MOST:
             faults.append(f"count = {shortened(parts[2])}: must be a whole number from 2 to {MOST}")
@@ -87,7 +87,7 @@ class Axis:
         known, given = _numbers(scene, controller), tuple(float(value) for value in values)
         faults = []
         if key not in known:
-            faults.append(f"{shortened(key)}: is not a numeric parameter of this scene's rig; {near(key, known)}")
+            faults.append(unknown(key, known, scene))
         steps = np.diff(given)
         if not 2 <= len(given) <= MOST:
             faults.append(f"{len(given)} values: must be from 2 to {MOST}")
@@ -188,6 +188,16 @@ def _numbers(scene: Scene, controller: str) -> dict[str, str]:
     if controller in scene.controllers:
         found |= sweepable(scene.controllers[controller], f"controllers.{controller}")
     return found
+
+
+def unknown(key: str, known: Iterable[str], scene: Scene) -> str:
+    """The fault of a key that is no number of a scene: names that are like it, or how a choice is changed."""
+    at: Any = scene if key.partition(".")[0] in ("sensors", "controllers") else scene.parameters
+    for part in key.split("."):
+        at = at.get(part) if isinstance(at, Mapping) else getattr(at, part, None)
+    if isinstance(at, bool | str):
+        return f"{key}: is {shown(at)} here, not a number; -p {key}=... changes it"
+    return f"{shortened(key)}: is not a numeric parameter of this scene; {near(key, known)}"
 
 
 def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:

@@ -48,7 +48,7 @@ def test_the_scene_at_a_value(belt):
     ("text", "told"),
     [
         ("drive.sped=0:1:3", "did you mean drive.speed?"),
-        ("friction.law=0:1:3", "is not a numeric parameter of this scene's rig"),
+        ("friction.law=0:1:3", 'friction.law: is "stribeck" here, not a number; -p friction.law=... changes it'),
         ("drive.speed=0:1", "expected KEY=FROM:TO:COUNT"),
         ("drive.speed", "expected KEY=FROM:TO:COUNT"),
         ("drive.speed=0:1:1", "count = 1: must be a whole number from 2"),

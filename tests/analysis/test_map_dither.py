@@ -81,5 +81,5 @@ def test_it_is_told_and_written(found, tmp_path):
 
 
 def test_a_scene_without_dither_has_no_boundary():
-    with pytest.raises(SceneError, match="is not a numeric parameter of this scene's rig"):
+    with pytest.raises(SceneError, match="is not a numeric parameter of this scene"):
         maps.job(rig.load("two_dof"), frequencies(10, 20, 2), "dither.amplitude=5 N:20 N:4")

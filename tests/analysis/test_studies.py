@@ -178,6 +178,17 @@ def test_sobol_indices_of_a_sum_are_its_shares_of_the_variance(belt, tmp_path):
     assert np.isnan(gathered(work, found, {}, tmp_path).indices.first).all()
 
 
+@pytest.mark.parametrize("samples", [1, 256])
+def test_one_parameter_causes_all_of_the_variance(belt, tmp_path, samples):
+    work = prepared(belt, {"load.force": lab.uniform(10, 11)}, ["cycle.period"], samples=samples, sampling="saltelli")
+    found = {k: {"values": v, "units": np.array(["s"]), "reason": np.array("")} for k, v in enumerate(work.plan.draws)}
+    result = gathered(work, found, {}, tmp_path)
+    assert result.indices.first.shape == (1, 1)
+    if samples > 1:
+        assert result.indices.whole[0] == pytest.approx([1.0], abs=0.02)
+    assert "in all" in result.text()
+
+
 @given(
     st.sampled_from(
         [

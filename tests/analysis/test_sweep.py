@@ -286,7 +286,7 @@ def test_a_report_is_plain_and_a_reader_finds_the_value():
     ("key", "values", "told"),
     [
         ("drive.sped", [0.0, 1.0], "did you mean drive.speed?"),
-        ("friction.law", [0.0, 1.0], "is not a numeric parameter of this scene's rig"),
+        ("friction.law", [0.0, 1.0], "not a number; -p friction.law="),
         ("drive.speed", [0.1], "1 values: must be from 2"),
         ("drive.speed", [0.1, 0.3, 0.2], "must rise or fall throughout"),
         ("body.mass", [-1.0, 1.0], "body.mass = -1 kg"),
@@ -379,7 +379,7 @@ def test_the_command_sweeps_and_draws(capsys, tmp_path):
     ("arguments", "told"),
     [
         (("--sweep", "drive.sped=0:1 N:1"), ["did you mean drive.speed?", "count = 1: must be a whole number from 2"]),
-        (("--sweep", "body=0:1:5"), ["is not a numeric parameter of this scene's rig"]),
+        (("--sweep", "body=0:1:5"), ["is not a numeric parameter of this scene"]),
         (("--figure", "a.png"), ["--figure: draws a sweep"]),
     ],
 )

@@ -9,11 +9,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from rig.analysis.axis import MOST, Axis, in_words, sweepable
+from rig.analysis.axis import MOST, Axis, in_words, sweepable, unknown
 from rig.analysis.studies.distributions import Distribution
 from rig.bench.rig_variant import with_values
 from rig.errors import SceneError, UsageError
-from rig.scenes.faults import near, shortened
+from rig.scenes.faults import shortened
 from rig.scenes.scene import Scene
 from rig.units import brief, parted, si, with_units
 
@@ -55,7 +55,7 @@ def factors(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
     known, found, faults = numbers(scene), [], []
     for key, given in over.items():
         if key not in known:
-            faults.append(f"{shortened(str(key))}: is not a numeric parameter of this scene; {near(str(key), known)}")
+            faults.append(unknown(str(key), known, scene))
             continue
         try:
             found.append(_factor(scene, key, known[key], given))

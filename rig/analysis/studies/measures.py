@@ -228,7 +228,9 @@ def _of_run(scene: Scene, duration: float | None, some: Sequence[Measure]) -> It
             opened = first_opening(run)
             yield (math.nan if opened is None else opened), one.unit, "" if opened is not None else "no point opens"
         else:
-            yield _number(run, one), one.unit, ""
+            value = _number(run, one)
+            short = one.kind == "frequency" and math.isnan(value)
+            yield value, one.unit, f"{one.name}: less than one whole cycle" if short else ""
 
 
 def _number(run: Run, one: Measure) -> float:

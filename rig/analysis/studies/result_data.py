@@ -81,13 +81,13 @@ class StudyData:
         count, n = len(plan.drawn), plan.samples
         shape = (-1, plan.rows, plan.repeat, len(self.names))
         rows = self.values.reshape(shape)[0].mean(axis=1).T  # [measure, sample]
-        ab = rows[:, 2 * n :].reshape(len(self.names), count, n).transpose(1, 0, 2)
         first, whole = np.full((2, len(self.names), count), np.nan)
-        for m in range(len(self.names)):
-            a, b = rows[m : m + 1, :n], rows[m : m + 1, n : 2 * n]
-            if np.isfinite(rows[m]).all() and np.ptp(rows[m]) > 0.0:
-                found = sobol_indices(func={"f_A": a, "f_B": b, "f_AB": ab[:, m : m + 1]}, n=n)
-                first[m], whole[m] = np.ravel(found.first_order), np.ravel(found.total_order)
+        for m, row in enumerate(rows):
+            if np.isfinite(row).all() and np.ptp(row[: 2 * n]) > 0.0:
+                twice = np.stack([row, row])  # scipy fails with one measure of one parameter
+                ab = twice[:, 2 * n :].reshape(2, count, n).transpose(1, 0, 2)
+                found = sobol_indices(func={"f_A": twice[:, :n], "f_B": twice[:, n : 2 * n], "f_AB": ab}, n=n)
+                first[m], whole[m] = found.first_order.reshape(2, -1)[0], found.total_order.reshape(2, -1)[0]
         return Indices(tuple(one.key for one in plan.drawn), first, whole)
 
     def text(self) -> str:
