@@ -82,7 +82,7 @@ def map_(
     wanted = tuple(run.strip() for run in runs.split(",") if run.strip())
     todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
     if not todo.dithered:
-        _idle(loaded, todo.x, todo.y)
+        idle(loaded, todo.x, todo.y)
     store = store_of(todo, out)
     refuse(store.folder, ("map.csv", "map.png"), force)
     with printing.kept(store, "parts", len(todo.units)), printing.bar("rows" if y else "parts") as progress:
@@ -96,7 +96,7 @@ def map_(
     draw(found, store.folder / "map.png")
 
 
-def _idle(scene: Scene, *axes: Axis | None) -> None:
+def idle(scene: Scene, *axes: Axis | None) -> None:
     """Warn of parameters of effects that are off."""
     for why in filter(None, (axis.idle(scene) for axis in axes if axis)):
         printing.note(f"warning: {why}")
@@ -111,7 +111,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
     if y is None:
         raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
     across, along = axes(scene, {"--x": x, "--y": y})
-    _idle(scene, across, along)
+    idle(scene, across, along)
     todo = surveyed(scene, across, along)
     store = store_of(todo, out)
     refuse(store.folder, ("regions.csv", "regions.png"), force)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.maps import Workers
+from rig.cli.maps import Workers, idle
 from rig.cli.options import Changes, Duration, Force, Json, SceneName, at, changes, seconds, the_scene
 from rig.cli.outputs import refuse
 from rig.cli.study import ClusterName, DryRun, scripted, values
@@ -62,6 +62,8 @@ def optimise(
     measure, ranges = minimise or maximise or "", values(over, "--over", changes(p))
     work = prepared(loaded, ranges, measure, maximise is not None, evaluations, seed, seconds(duration))
     printing.warnings(loaded)
+    if not work.measure.of_run:
+        idle(loaded, *(one.axis for one in work.factors))
     if scripted(cluster, dry_run, workers):
         return
     store = Store.of(work, at(out))

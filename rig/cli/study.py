@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli import printing
-from rig.cli.maps import Workers
+from rig.cli.maps import Workers, idle
 from rig.cli.options import (
     Changes,
     Duration,
@@ -124,6 +124,8 @@ def study(
     _target(context, to)
     work = prepared(loaded, given.pop("over", {}), given.pop("measure", []), **given)
     printing.warnings(loaded)
+    if not any(one.of_run for one in work.measures):
+        idle(loaded, *(one.axis for one in work.plan.factors))
     if scripted(cluster, dry_run, workers):
         return
     store = Store.of(work, at(out))

@@ -51,6 +51,8 @@ SHUNT = ("brake_shunt", "shunt", "connected", "shunt.resistance=5 ohm:50 ohm:2")
         ("map", *SHUNT, ("--y=drive.speed=1 rad/s:2 rad/s:2", "--eigenvalues")),
         ("map", "belt_dither", "dither", "enable", "dither.amplitude=0.02:0.1:2",
          ("--y=drive.speed=0.05:0.1:2", "--eigenvalues")),
+        ("study", *SHUNT, ("--measure=cycle.period",)),
+        ("optimise", *SHUNT[:-1], "shunt.resistance=5 ohm:50 ohm", ("--minimise=motion.rms",)),
     ],
 )  # fmt: skip
 def test_a_parameter_of_an_effect_that_is_off_is_warned_of(
@@ -59,10 +61,11 @@ def test_a_parameter_of_an_effect_that_is_off_is_warned_of(
     def stop(*given, **named):
         raise UsageError(STOPPED)
 
-    for worker in ("rig.analysis.sweep.sweep", "rig.analysis.map.chart", "rig.analysis.map.survey"):
+    for worker in ("rig.analysis.sweep.sweep", "rig.analysis.map.chart", "rig.analysis.map.survey", "rig.analysis.studies.study",
+                   "rig.analysis.studies.search.search"):  # fmt: skip
         monkeypatch.setattr(worker, stop)
-    where = (f"--out={tmp_path}",) if command == "map" else ()
-    axis = "--sweep" if command == "modes" else "--x"
+    where = () if command == "modes" else (f"--out={tmp_path}",)
+    axis = {"modes": "--sweep", "map": "--x"}.get(command, "--over")
     for changes, warned in (((), 1), (("-p", f"{effect}.{switch}=true"), 0)):
         with pytest.raises(SystemExit):
             app.run([command, scene, axis, over, *more, *changes, *where])

@@ -66,7 +66,7 @@ def prepared(
                    for one in wanted if one.name in taken]  # fmt: skip
     if wanted and keep is not None:
         checked(lambda: condition(keep, wanted))
-    of_runs = any(one.source in ("run", "") for one in wanted or ())
+    of_runs = any(one.of_run for one in wanted or ())
     if (of_runs or keep is not None) and duration is None and scene.duration_ns is None:
         faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
     checked(lambda: run_length_ns(duration))

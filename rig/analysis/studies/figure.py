@@ -29,6 +29,7 @@ _COLOUR, _BAND, _LIGHT = "#1d4f91", "#b9cce4", "#d1802f"
 _MOST = 6  # panels in a row of a scatter matrix
 _PANEL = 3.2  # inches
 _LINE = 18  # characters
+_TICKS, _APART = 8, 0.08  # values of an axis that are its ticks, if they are further apart than a share of the axis
 
 
 def draw(found: StudyData, folder: Path) -> list[Path]:
@@ -127,6 +128,10 @@ def _heat_map(found: StudyData, x: Factor, y: Factor) -> Figure:
         shown = values[np.ix_(*order)].T
         mesh = axes.pcolormesh(x.axis.shown_values[order[0]], y.axis.shown_values[order[1]], shown, shading="nearest")
         mesh.set_rasterized(True)
+        for ticks, factor in ((axes.set_xticks, x), (axes.set_yticks, y)):
+            at = np.sort(factor.axis.shown_values)
+            if len(at) <= _TICKS and np.diff(at).min() > _APART * np.ptp(at):
+                ticks(at)
         bar = figure.colorbar(mesh, ax=axes, label=_title(found, number))
         bar.outline.set_visible(False)  # type: ignore[operator]
         axes.label_outer()

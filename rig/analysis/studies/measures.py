@@ -71,6 +71,11 @@ class Measure:
     unit: str = ""
     function: Function | None = None
 
+    @property
+    def of_run(self) -> bool:
+        """Whether it is a number of the whole run, with protocol, sensors and controllers."""
+        return self.source in ("run", "")
+
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
         return vars(self) | {"function": self.function and self.function.to_json()}

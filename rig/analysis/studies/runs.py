@@ -59,7 +59,7 @@ class StudyRuns:
         """Compile the kernels. Raises SceneError for a scene whose controllers cannot be designed."""
         scene = self.scene_of(0)
         prepare([scene])
-        if any(one.source in ("run", "") for one in self.measures):
+        if any(one.of_run for one in self.measures):
             simulate(scene, duration_ns=scene.frame_ns)
 
     def scene_of(self, unit: int) -> Scene:

@@ -158,7 +158,7 @@ def prepared(
     most = checked(lambda: whole("evaluations", evaluations, 1, MOST))
     if most and most < least:
         faults.append(f"evaluations = {most}: must be at least {least} for {len(ranges)} parameters")
-    if found and found[0].source in ("run", "") and duration is None and scene.duration_ns is None:
+    if found and found[0].of_run and duration is None and scene.duration_ns is None:
         faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
     if faults:
         raise UsageError("\n".join(faults))
