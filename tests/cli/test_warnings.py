@@ -61,9 +61,8 @@ def test_a_parameter_of_an_effect_that_is_off_is_warned_of(
     def stop(*given, **named):
         raise UsageError(STOPPED)
 
-    for worker in ("rig.analysis.sweep.sweep", "rig.analysis.map.chart", "rig.analysis.map.survey", "rig.analysis.studies.study",
-                   "rig.analysis.studies.search.search"):  # fmt: skip
-        monkeypatch.setattr(worker, stop)
+    for worker in ("sweep.sweep", "map.chart", "map.survey", "studies.study", "studies.search.search"):
+        monkeypatch.setattr(f"rig.analysis.{worker}", stop)
     where = () if command == "modes" else (f"--out={tmp_path}",)
     axis = {"modes": "--sweep", "map": "--x"}.get(command, "--over")
     for changes, warned in (((), 1), (("-p", f"{effect}.{switch}=true"), 0)):
