@@ -9,7 +9,6 @@ import csv
 import errno
 import io
 import os
-import shutil
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -60,20 +59,6 @@ def unused(path: Path) -> None:
         os.close(file)
 
 
-def replace(path: Path, content: bytes) -> None:
-    """Replace an existing file, completely or not at all. Raises OSError for one that must not be written."""
-    target = path.resolve()  # a link stays a link
-    with target.open("r+b"):
-        pass
-    part = target.with_name(f".{target.name}.part")
-    try:
-        part.write_bytes(content)
-        shutil.copymode(target, part)
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def write_file(path: Path, content: bytes) -> None:
     """Write a file, completely or not at all. Raises OutputError."""
     with draft_of(path) as draft:
@@ -91,6 +76,8 @@ def draft_of(path: Path) -> Iterator[Path]:
         if target.exists() and not target.is_file():  # a device, such as /dev/null
             yield target
             return
+        if target.exists():
+            target.open("r+b").close()  # the folder would let a file be replaced that must not be written
         draft = target.with_name(f".draft-{os.getpid()}")  # short, whatever the length of the name
         try:
             yield draft

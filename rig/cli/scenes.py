@@ -13,7 +13,7 @@ from rig.cli import printing
 from rig.cli.options import Force, Json
 from rig.cli.outputs import held, named
 from rig.errors import SceneError, UsageError
-from rig.user_files import replace, write_file
+from rig.user_files import write_file
 
 if TYPE_CHECKING:
     pass
@@ -120,7 +120,7 @@ def migrate(
     except ValueError as fault:
         raise SceneError(file, [str(fault)]) from None
     if made != text:
-        replace(path, made.encode())
+        write_file(path, made.encode())
     if as_json:
         printing.report({"file": str(path), "from": since, "to": migration.newest(), "renamed": renamed})
         return
