@@ -20,7 +20,9 @@ STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (getattr(signal, "SIGKILL"
 
 
 class Child:
-    """A process `python -m ...` in a session of its own, so that Ctrl-C in the terminal reaches only its parent.
+    """A process `python -P -m ...` in a session of its own, so that Ctrl-C in the terminal reaches only its parent.
+
+    A file of the working folder does not hide a module of this name (-P): there may be a rig.py or a queue.py.
 
     Its output on stdout and stderr is kept line by line: new lines in `lines`, the last ones in `tail`. `heard` is set
     with each line and when the output ends. With `fed` the process reads what `feed` writes. What follows `mark` in
@@ -41,7 +43,7 @@ class Child:
         self.tail: list[str] = []
         path = os.pathsep.join(filter(None, (str(_ROOT), os.environ.get("PYTHONPATH", ""))))
         self.process = subprocess.Popen(
-            [sys.executable, "-m", *arguments],
+            [sys.executable, "-P", "-m", *arguments],
             stdin=subprocess.PIPE if fed else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

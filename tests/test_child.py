@@ -35,6 +35,16 @@ def test_who_ends_by_himself_is_not_sent_a_signal(module):
     assert (one.code, one.new_lines(), one.ending) == (0, ["done"], "quick ended with code 0: done")
 
 
+def test_files_of_the_working_folder_hide_no_module(module, tmp_path_factory, monkeypatch):
+    folder = tmp_path_factory.mktemp("own")
+    for name in ("rig", "queue"):
+        (folder / f"{name}.py").write_text("raise SystemExit('mine')")
+    monkeypatch.chdir(folder)
+    one = Child("child", module("import queue, rig\nprint(rig.__all__ != [])"))
+    assert one.wait(10.0)
+    assert (one.code, one.tail) == (0, ["True"])
+
+
 def test_each_step_is_bounded(module, monkeypatch):
     monkeypatch.setattr(child_process, "STEPS", ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 5.0)))
     ignores = "import signal, time\nfor n in (2, 15): signal.signal(n, signal.SIG_IGN)\n"

@@ -35,10 +35,10 @@ from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
 from rig.bench.tuning import Tuning, divided
 from rig.bus.impaired_link import counters
+from rig.controllers import controller_drives
 from rig.errors import LogError, NumericsError, RigError
 from rig.scenes.protocol import Connect, flat
 from rig.scenes.scene import Scene
-from rig.scenes.sections import controller_drives
 
 RUN_DOWN_NS = 500_000_000
 """Time in which the drive stops after a limit has ended the experiment. # chosen"""

@@ -15,11 +15,10 @@ from rig.bench.checkpoint import KeptState
 from rig.bench.controller_in_process import ControllerInProcess
 from rig.bench.experiment import Experiment
 from rig.bench.runner import PlantRunner
-from rig.controllers import restored
+from rig.controllers import controller_drives, restored
 from rig.controllers.runtime.loop import Loop
 from rig.scenes.protocol import Connect, Disconnect, Repeat
 from rig.scenes.scene import Scene
-from rig.scenes.sections import controller_drives
 
 
 class RestartableRig:

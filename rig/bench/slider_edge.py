@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator
 from itertools import chain, repeat
 from typing import Any
 
+from rig.controllers import controller_drives
 from rig.scenes.protocol import Hold, Load, Ramp, Repeat, Set
 from rig.scenes.scene import Scene
-from rig.scenes.sections import controller_drives
 
 SPEED = "drive.speed"
 ROUND = 1e-9

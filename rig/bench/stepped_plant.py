@@ -17,6 +17,7 @@ from rig.bench.measurements import Measurements
 from rig.bench.noise_numbers import Numbers
 from rig.bench.plant_truth import Truth
 from rig.bench.rig_variants import RigVariants
+from rig.controllers import controller_drives, controller_reads
 from rig.errors import SceneError
 from rig.lent_records import Loan
 from rig.model.assembly import Input
@@ -24,7 +25,6 @@ from rig.model.method import as_integrated, chosen
 from rig.motion.motion import Frames, Motion
 from rig.scenes.part_faults import SensorFault
 from rig.scenes.scene import Scene
-from rig.scenes.sections import controller_drives, controller_reads
 from rig.sensors.chain.bank import Bank
 from rig.solve.control_loop import ControllerTables, controller_tables
 from rig.solve.frames import Surroundings

@@ -20,7 +20,7 @@ A controller never sees the plant. Numbers that depend on the plant's matrices c
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -58,7 +58,15 @@ def _is_controller(one: type) -> bool:
 @cache
 def class_of(module: ModuleType) -> Any:
     """The controller class of a module."""
-    return one_class(module, _is_controller, "Controller", "class Controller")
+    return one_class(module, _is_controller, "Controller", f"class Controller{''.join(_unfinished(module))}")
+
+
+def _unfinished(module: ModuleType) -> Iterator[str]:
+    """The classes of a module that have one of the two methods of a controller, in words."""
+    for one in (one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__):
+        missing = [name for name in ("start", "update") if not callable(getattr(one, name, None))]
+        if len(missing) == 1:
+            yield f"; {one.__name__} has no {missing[0]}"
 
 
 @cache
@@ -99,7 +107,22 @@ def controller_class(section: Section) -> Any:
     return class_of(module_of(section))
 
 
-def connections(section: Section, what: str) -> tuple[str, ...]:
+def controller_reads(section: Section) -> dict[str, str]:
+    """Key -> sensor, for the sensors that a controller's section, or else its class, names."""
+    fields = [f for f in type(section).model_fields if f == "sensor" or f.endswith("_sensor")]
+    if not fields:
+        return {f"reads[{i}]": name for i, name in enumerate(_connections(section, "reads"), 1)}
+    return {name: getattr(section, name) for name in fields if getattr(section, name) is not None}
+
+
+def controller_drives(section: Any) -> tuple[str, ...]:
+    """Actuators that a controller's section, or else its class, names."""
+    if "drive" in type(section).model_fields:
+        return (section.drive,)
+    return _connections(section, "drives")
+
+
+def _connections(section: Section, what: str) -> tuple[str, ...]:
     """Names that a controller `reads` or `drives`: stated by its section, its class, or the controller itself."""
     stated = getattr(section, what, None) or getattr(controller_class(section), what, None)
     return stated if isinstance(stated, tuple) else tuple(getattr(build(section, {}), what))

@@ -14,17 +14,17 @@ sampled      the sampled control loop: controller, instrument, delay, sample and
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rig import controllers
+from rig.controllers import controller_drives, controller_reads
 from rig.design.design_rig import DesignRig
 from rig.design.designer import Designer
 from rig.errors import PartError, SceneError
 from rig.model.assembly import Assembly
 from rig.parts import calling, code_of, file_of
 from rig.scenes.faults import near, shown
-from rig.scenes.sections import controller_reads
 from rig.units import brief
 
 __all__ = ["described", "numbers"]
@@ -44,6 +44,7 @@ def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str,
                 continue
             design = getattr(controllers.controller_class(section), "design", None)
             found[name] = {} if design is None else _designed(design, rig, section)
+            faults += [f"controllers.{name}: {text}" for text in _unconnected(section, found[name], scene.sensors)]
         except PartError as fault:
             faults.append(f"controllers.{name}: {fault}")
         except ValueError as fault:
@@ -63,6 +64,17 @@ def _missing(section: Any, sensors: Mapping[str, Any]) -> list[str]:
         for field, sensor in controller_reads(section).items()
         if sensor not in sensors
     ]
+
+
+def _unconnected(section: Any, numbers: Mapping[str, Any], sensors: Mapping[str, Any]) -> Iterator[str]:
+    """What a foreign controller reads or drives beside what its section names, and what no one can connect it to."""
+    if code_of(controllers.module_of(section)) is None:
+        return
+    made, drives = controllers.build(section, numbers), controller_drives(section)
+    if missing := [name for name in made.reads if name not in sensors]:
+        yield f"Controller.reads has {', '.join(missing)}; the sensors are {', '.join(sensors)}"
+    if missing := [name for name in made.drives if name not in drives]:
+        yield f"Controller.drives has {', '.join(missing)}; the table of the scene names {', '.join(drives) or 'none'}"
 
 
 def _designed(design: Any, rig: DesignRig, section: Any) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def attempt(command: Command, folder: Path) -> Outcome:
     if any(word in _WRITES for word in words) and "--force" not in words:
         words.append("--force")
     process = subprocess.Popen(
-        [sys.executable, "-m", "rig", *words],
+        [sys.executable, "-P", "-m", "rig", *words],
         cwd=folder,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

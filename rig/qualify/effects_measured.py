@@ -15,13 +15,13 @@ from typing import Any
 from rig.analysis.motion_measures.problem import held
 from rig.analysis.motion_measures.settings import eligible
 from rig.bench.frame_batches import length
+from rig.controllers import controller_reads
 from rig.errors import RigError
 from rig.model.method import chosen
 from rig.qualify.cost.effects import NO_CHANCE, ROUNDS, Paired, bare, compared, effects
 from rig.record.film_points import grouped
 from rig.scenes.effects import declared
 from rig.scenes.scene import Scene
-from rig.scenes.sections import controller_reads
 from rig.scenes.variants import absent, added
 
 BLOCKS = 50.0  # sample blocks per second, from sensors faster than 1 kHz

@@ -40,7 +40,7 @@ def round_trips(seconds: float, *, paced: bool = True) -> tuple[Array, Array, st
             step = session.publisher("step")
             session.announce()
             own, of_bus = choose()
-            command = [sys.executable, "-c", _ECHO, name, str(of_bus), *(["paced"] if paced else [])]
+            command = [sys.executable, "-P", "-c", _ECHO, name, str(of_bus), *(["paced"] if paced else [])]
             with contextlib.closing(_Child(command)):
                 if not present.wait_for("controller", "echo", 8.0):
                     return none, none, "the other process did not start"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from rig.controllers import controller_drives
 from rig.record.film_points import read
 from rig.record.run_data import Integers, Reals, RunData, Samples
 from rig.scenes.rooms import assembled
-from rig.scenes.sections import controller_drives
 
 _ENDS = ("disconnected", "dismissed")
 

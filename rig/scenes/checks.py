@@ -13,7 +13,7 @@ from typing import Any, TypeGuard
 from pydantic import BaseModel
 from pydantic_core import PydanticSerializationError
 
-from rig.controllers import controller_class
+from rig.controllers import controller_class, controller_drives, controller_reads
 from rig.controllers.blocks.base import gets_every_sample
 from rig.controllers.blocks.compiled import CompiledSection
 from rig.errors import PartError
@@ -23,7 +23,6 @@ from rig.scenes import compiled_checks
 from rig.scenes.clock import Clock
 from rig.scenes.faults import near, shown, unit_of
 from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat
-from rig.scenes.sections import controller_drives, controller_reads
 from rig.scenes.step_sequences import longest_ns
 from rig.sensors.chain.front_end import FrontEnd
 from rig.units import brief, unit_fault

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from rig import controllers
+from rig.controllers import controller_drives
 from rig.effects import knock
 from rig.errors import SceneError
 from rig.parts import Parts
@@ -24,7 +25,7 @@ from rig.scenes.network import Link, Network
 from rig.scenes.part_faults import PART_FAULTS, ActuatorFault, PartFault
 from rig.scenes.places import Origin, Place
 from rig.scenes.protocol import STEPS, Load, Ramp, Set, Step, flat, knock_durations
-from rig.scenes.sections import controller_drives, dump, values_of
+from rig.scenes.sections import dump, values_of
 from rig.scenes.step_sequences import longest_ns
 from rig.sensors.chain.instants import common_step
 

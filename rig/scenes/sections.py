@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from rig.controllers import connections, controller_class
+from rig.controllers import controller_class, controller_reads
 from rig.controllers.blocks.base import gets_every_sample
 from rig.quantities import Range, Section, Unit
 from rig.scenes.faults import unit_of
@@ -66,25 +66,10 @@ def metadata(annotation: Any, own: Any = ()) -> Iterator[Any]:
         yield from metadata(one)
 
 
-def controller_reads(section: Section) -> dict[str, str]:
-    """Key -> sensor, for the sensors that a controller's section, or else its class, names."""
-    fields = [f for f in type(section).model_fields if f == "sensor" or f.endswith("_sensor")]
-    if not fields:
-        return {f"reads[{i}]": name for i, name in enumerate(connections(section, "reads"), 1)}
-    return {name: getattr(section, name) for name in fields if getattr(section, name) is not None}
-
-
 def sensors_in_full(controllers: Mapping[str, Any]) -> set[str]:
     """Sensors of which at least one controller needs every sample."""
     hearing = [section for section in controllers.values() if gets_every_sample(controller_class(section))]
     return {sensor for section in hearing for sensor in controller_reads(section).values()}
-
-
-def controller_drives(section: Any) -> tuple[str, ...]:
-    """Actuators that a controller's section drives."""
-    if "drive" in type(section).model_fields:
-        return (section.drive,)
-    return connections(section, "drives")
 
 
 def known(assembly: Any, parameters: Section, sensors: Mapping[str, Any], controllers: Mapping[str, Any]) -> Known:

@@ -11,13 +11,13 @@ from typing import Any
 from pydantic import ValidationError
 
 from rig.about import Bound
+from rig.controllers import controller_drives
 from rig.errors import RigError, SceneError
 from rig.quantities import Section, faults_of
 from rig.scenes.effects import optional, switches
 from rig.scenes.loader import load
 from rig.scenes.protocol import Set, flat
 from rig.scenes.scene import Scene
-from rig.scenes.sections import controller_drives
 from rig.scenes.shipped import names, plant
 
 Keys = list[str]

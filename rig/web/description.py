@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from rig.bus.run_setup import Setup
+from rig.controllers import controller_drives
 from rig.model.assembly import Assembly
 from rig.scenes.scene import Scene
-from rig.scenes.sections import controller_drives
 from rig.view import contact
 from rig.view.channels import Channels
 from rig.web.form import protocol

@@ -11,12 +11,13 @@ import numpy as np
 from rig.bench.build_findings import findings
 from rig.bench.protocol import Protocol
 from rig.bench.slider_edge import meets_edge
+from rig.controllers import controller_drives
 from rig.model.assembly import Assembly
 from rig.quantities import Range
 from rig.scenes.explain import Value, explain
 from rig.scenes.protocol import Mark, Repeat
 from rig.scenes.scene import Scene
-from rig.scenes.sections import controller_drives, field_of, known, range_of
+from rig.scenes.sections import field_of, known, range_of
 from rig.view.channels import Channels
 from rig.web.picture import MovingPicture
 

@@ -113,9 +113,10 @@ time.sleep(60.0)
 """
 
 
-def test_ctrl_c_waits_until_a_command_has_kept_what_it_has_done(tmp_path):
+def test_ctrl_c_waits_until_a_command_has_kept_what_it_has_done(tmp_path, monkeypatch):
     """Only this process gets the signal, as from a terminal: commands are in a session of their own."""
-    (tmp_path / "rig.py").write_text(SLOW_TO_END)  # stands for `python -m rig` in this folder
+    (tmp_path / "rig.py").write_text(SLOW_TO_END)  # stands for `python -m rig`
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
 
     def interrupt():
         deadline = time.monotonic() + 30.0

@@ -201,6 +201,13 @@ def test_they_are_right_as_they_are(toys):
         ("coil.py", "first_order(self.corner)", "first_order(0.0)", "a pole is .*; expected a negative real part"),
         ("coil.py", "return FrontEnd(", "return (", "sensors.coil.kind: .*coil.py"),
         ("lead.py", "class Lead(", "class Lead(int,", "controllers.lead.kind: .*TypeError"),
+        ("lead.py", "def update", "def updat", "defines no class Controller; LeadController has no update"),
+        (
+            "lead.py",
+            "def start",
+            "start = 1\n\n    def begin",
+            "defines no class Controller; LeadController has no start",
+        ),
     ],
 )
 def test_what_is_wrong_is_a_fault_of_the_scene(toys, file, old, new, told):
@@ -218,6 +225,12 @@ def test_what_is_wrong_is_a_fault_of_the_scene(toys, file, old, new, told):
             WIRED,
             WIRED.replace("(section.sensor,),", "[section.sensor],"),
             r"Controller.reads is \['v'\]; expected a tup",
+        ),
+        (WIRED, WIRED.replace("section.sensor", "'nope'"), "Controller.reads has nope; the sensors are v, coil"),
+        (
+            WIRED,
+            WIRED.replace("section.drive", "'nope.force'"),
+            "Controller.drives has nope.force; the table of the scene names load.force",
         ),
         (COMMAND, "return y, (f, f)", r"Controller.update commands .*expected a tuple with one number for each"),
         (COMMAND, "return f", r"Controller.update returns .*; expected \(state, commands\)"),
