@@ -90,7 +90,8 @@ class Verification:
             agreement = "bit by bit" if self.identical or self.opened else "but for rounding"
         else:
             agreement = f"to {self.deviation:.1e} of their range"
-        events = f"; so do {counted(self.events, 'event')}" if self.events else ""
+        do = "does" if self.events == 1 else "do"
+        events = f"; so {do} {counted(self.events, 'event')}" if self.events else ""
         lines = [f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {agreement}{events}"]
         if self.opened is not None:
             lines = [
