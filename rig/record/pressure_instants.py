@@ -40,9 +40,10 @@ def characteristic(run: Run) -> list[Instant]:
     count = run.time.size
     opening = first_open(run)
     if opening is None:
-        return [Instant(i, "all in contact") for i in np.linspace(count / 4, count - 1, 4).astype(int).tolist()]
+        why = "all in contact" if FRACTION in run.signals else ""
+        return [Instant(i, why) for i in np.linspace(count / 4, count - 1, 4).astype(int).tolist()]
     fraction = np.nan_to_num(run.signals[FRACTION][opening:], nan=1.0)
-    moment = np.nan_to_num((run.signals["normal_force"] * run.signals["pressure_centre_x"])[opening:])
+    moment = np.nan_to_num((run.output("normal_force") * run.output("pressure_centre_x"))[opening:])
     found = [
         Instant(math.floor((1.0 - _BEFORE) * opening), "before the first opening"),
         Instant(opening, "first opening"),

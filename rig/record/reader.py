@@ -195,7 +195,16 @@ def _samples(blocks: list[Columns]) -> Samples:
     for block in blocks:
         values.append(block["v"].ravel())
         times.append(_times(block).ravel())
-    return Samples(np.concatenate(times), np.concatenate(values))
+    found = Samples(np.concatenate(times), np.concatenate(values))
+    rows = _in_order(found.t_ns)
+    return found if rows is None else Samples(found.t_ns[rows], found.v[rows])
+
+
+def _in_order(t_ns: Integers) -> Integers | None:
+    """Rows of `t_ns` in order of time, each time once; None if they are. Another program may have sorted the file."""
+    if np.all(np.diff(t_ns) > 0):
+        return None
+    return np.asarray(np.unique(t_ns, return_index=True)[1])
 
 
 def _times(block: Columns) -> Integers:
@@ -217,18 +226,21 @@ def _truth(
         mode = signals.pop("mode", np.empty(0))
         return time_ns, signals, np.nan_to_num(mode, nan=-1.0).astype(np.int64)
     states = read("state")
+    rows: Integers | None = None
 
     def column(field: str, number: type[np.generic]) -> Any:
-        return np.concatenate([np.empty(0, number), *(one[field] for one in states)])
+        found = np.concatenate([np.empty(0, number), *(one[field] for one in states)])
+        return found if rows is None else found[rows]
 
+    rows = _in_order(time_ns := column("t_ns", np.int64))
     signals = {name: column(messages.field_name(name), np.float64) for name in setup.outputs}
-    return column("t_ns", np.int64), signals, column("mode", np.int64)
+    return time_ns if rows is None else time_ns[rows], signals, column("mode", np.int64)
 
 
 def _common(times: list[Integers]) -> Integers:
     """All times in order, each once: of outputs without losses the times of any of them."""
     first = times[0]
-    if np.all(np.diff(first) > 0) and all(np.array_equal(first, other) for other in times[1:]):
+    if all(np.array_equal(first, other) for other in times[1:]):
         return first
     return np.unique(np.concatenate(times))
 
@@ -252,7 +264,11 @@ def _commands(found: list[Columns]) -> Commands:
     width = max(widths, key=widths.__getitem__, default=0)
     fitting = [row for row in rows if row.values.shape[1] == width]  # an unknown sender may send other numbers
     none = np.empty(0, np.int64)
-    return Commands(*map(np.concatenate, zip(Commands(none, none, none, np.empty((0, width))), *fitting)))
+    whole = Commands(*map(np.concatenate, zip(Commands(none, none, none, np.empty((0, width))), *fitting)))
+    if np.all(np.diff(whole.tick) >= 0):
+        return whole
+    order = np.argsort(whole.tick, kind="stable")
+    return Commands(*(column[order] for column in whole))
 
 
 def _events(source: str, found: Iterable[Any]) -> Iterator[dict[str, Any]]:

@@ -88,6 +88,10 @@ class RunData:
             raise LogError(f"the recording has lost its scene: {self.damage}")
         return self.scene
 
+    def output(self, name: str) -> Reals:
+        """Return the output `name` of the rig at `time`, [n]; NaN if a damaged recording has lost it."""
+        return self.signals[name] if name in self.signals else np.full(self.time.size, np.nan)
+
     def recorded(self, name: str) -> Samples:
         """Return signal `name` at the times [ns] at which it was recorded.
 

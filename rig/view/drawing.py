@@ -59,6 +59,8 @@ class Drawing:
         self.worded = not self.points and (system is None or bool(system.patches))
         """Whether there is a strip of the contact state: not for a film of points, nor for a bonded contact."""
         self.picture = picture_of(*found, system) if found and system else None
+        self._lost = found[1].outputs.keys() - outputs.keys() if found else set()
+        """Outputs of the rig that a damaged recording has lost. The picture is drawn without them."""
         if self.picture is not None:
             self.picture.paint(self.channels.colours)
         self._modes = contact.Modes(system)
@@ -132,7 +134,8 @@ class Drawing:
             found.append(self._strip("contact", t_ns[changed], words))
         self._mode = int(modes[-1])
         if self.picture is not None:
-            found += self.picture.frames(t_ns, signals, modes, self._frames(t_ns, frames))
+            known = {**dict.fromkeys(self._lost, np.full(t_ns.size, np.nan)), **signals}
+            found += self.picture.frames(t_ns, known, modes, self._frames(t_ns, frames))
         return found
 
     def portrait(self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers) -> list[Columns]:

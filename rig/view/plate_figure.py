@@ -65,8 +65,10 @@ _ALONE = (
 
 def compose(figure: Figure, run: Run) -> None:
     """Draw `run` on an empty figure of 12.8 x 8.4 inches."""
-    points = points_of(run.scene) if "contact_fraction" in run.signals else None
-    panels = [p for p in (*_PANELS, *_ALONE) if p.outputs[0] in run.signals and (points is None or p not in _ALONE)]
+    points = points_of(run.scene)
+    if points is not None and run.signals.keys().isdisjoint(points.names):
+        points = None
+    panels = [p for p in (*_PANELS, *_ALONE) if _recorded(run, p) and (points is None or p not in _ALONE)]
     grid = figure.add_gridspec(
         1 + len(panels), 2, width_ratios=(2.0, 1), height_ratios=(0.3, *[4.4 / len(panels)] * len(panels)),
         hspace=0.13, wspace=0.13, left=0.076, right=0.985, top=0.94, bottom=0.072,
@@ -85,9 +87,8 @@ def compose(figure: Figure, run: Run) -> None:
         axes.tick_params(labelbottom=axes is drawn[-1])
     drawn[-1].set_xlabel("time [s]")
     if thin := thinning(run):
-        drawn[1].text(
-            0.995, 0.97, thin, transform=drawn[1].transAxes, ha="right", va="top", fontsize=9, color="#777777"
-        )
+        axes = drawn[:2][-1]
+        axes.text(0.995, 0.97, thin, transform=axes.transAxes, ha="right", va="top", fontsize=9, color="#777777")
     figure.align_ylabels(drawn)
     if points is not None and found:
         right = grid[:, 1].subgridspec(2, 1, height_ratios=(5.6, 1.0), hspace=0.2)
@@ -113,12 +114,12 @@ def _panel(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
     axes.set_ylabel(panel.label)
     if not panel.means:
         if panel.factor == 1.0:
-            curves(axes, run, channels, panel.outputs)
+            curves(axes, run, channels, _recorded(run, panel))
         else:
             _lines(axes, run, channels, panel)
         return
     size = max(run.time.size // _MEANS, 1)
-    for output in panel.outputs:
+    for output in _recorded(run, panel):
         colour = channels.colours[output]
         v = panel.factor * run.signals[output]
         fast = v.size > 4 * _MEANS
@@ -129,8 +130,13 @@ def _panel(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
     legend(axes, 4)
 
 
+def _recorded(run: Run, panel: Panel) -> tuple[str, ...]:
+    """The outputs of a panel, without those that a damaged recording has lost."""
+    return tuple(output for output in panel.outputs if output in run.signals)
+
+
 def _lines(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
-    for output in panel.outputs:
+    for output in _recorded(run, panel):
         line(axes, run.time, panel.factor * run.signals[output], color=channels.colours[output], label=plain(output))
     legend(axes, 4)
 
@@ -144,14 +150,14 @@ def _means(v: Reals, size: int) -> Reals:
 def _maps(figure: Figure, place: SubplotSpec, run: Run, points: Points, found: list[Instant]) -> None:
     grid = place.subgridspec(len(found) // 2, 2, hspace=0.62, wspace=0.1)
     at = [instant.sample for instant in found]
-    maps = points.maps({name: run.signals[name][at] for name in points.names})
+    maps = points.maps({name: run.output(name)[at] for name in points.names})
     drawn = []
     for number, (instant, pressures) in enumerate(zip(found, maps)):
         axes = figure.add_subplot(grid[number // 2, number % 2])
         drawn.append(axes)
-        centre = [float(run.signals[f"pressure_centre_{axis}"][instant.sample]) for axis in "xy"]
+        centre = [float(run.output(f"pressure_centre_{axis}")[instant.sample]) for axis in "xy"]
         draw_map(axes, points, pressures, points.scale, centre)
-        share = run.signals["contact_fraction"][instant.sample]
+        share = run.output("contact_fraction")[instant.sample]
         axes.set_title(f"{run.time[instant.sample]:.5g} s, {100 * share:.0f} % in contact\n{instant.why}", fontsize=9)
         axes.tick_params(labelsize=8.5, labelbottom=number >= len(found) - 2, labelleft=number % 2 == 0)
         if number >= len(found) - 2:

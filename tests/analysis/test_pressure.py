@@ -104,3 +104,18 @@ def test_a_spectrum_says_what_is_folded_down(run):
     assert "vibration above 100 Hz is aliased" in found.gaps
     other = replace(fast, scene=laboratory.load("belt").to_json())
     assert not spectrum(other, "slider_acceleration", window=0.2).gaps
+
+
+@pytest.mark.parametrize("lost", ["contact_fraction", "normal_force", "pressure_centre_x"])
+def test_a_recording_that_has_lost_an_output_still_has_its_maps(run, lost):
+    left = replace(run, signals={name: v for name, v in run.signals.items() if name != lost})
+    whole, found = pressure(run, [0.1, 0.45]), pressure(left, [0.1, 0.45])
+    assert all(np.array_equal(one.pressures, other.pressures) for one, other in zip(whole.maps, found.maps))
+    assert "nan" in found.text()
+    assert "all in contact" not in pressure(left).text()
+
+
+def test_a_recording_that_has_lost_a_point_names_the_loss(run):
+    left = replace(run, signals={name: v for name, v in run.signals.items() if name != "pressure_2_1"})
+    with pytest.raises(UsageError, match="the recording has lost the pressures at 0.1 s, 0.45 s"):
+        pressure(left, [0.1, 0.45])

@@ -2,6 +2,7 @@
 file, and what can still be read.
 """
 
+import random
 from pathlib import Path
 
 import pytest
@@ -40,10 +41,10 @@ def other(path, profile, library, topic, schema):
     out.finish()
 
 
-def rewritten(path, without="nothing", form="1"):
-    """The recording of the belt without a topic, or in another format; its checksums are right."""
-    scan = Scan(BELT)
-    messages = [(scan.channels[one.channel_id], one) for one in scan.messages()]
+def rewritten(path, without="nothing", form="1", log=BELT, ordered=list):
+    """A recording without a topic, in another format or in another order; its checksums are right."""
+    scan = Scan(log)
+    messages = ordered((scan.channels[one.channel_id], one) for one in scan.messages())
     with path.open("wb") as file:
         out, channels = Writer(file, 1 << 18), {}
         for one in scan.attachments.values():
@@ -59,6 +60,13 @@ def rewritten(path, without="nothing", form="1"):
                 channels[made.topic] = out.channel(made.topic, made.message_encoding, described, made.metadata)
             out.add(channels[made.topic], one.log_time, one.data, one.publish_time, one.sequence)
         out.finish()
+
+
+def mixed(messages):
+    """The messages in an order by chance."""
+    found = list(messages)
+    random.Random(1).shuffle(found)
+    return found
 
 
 NOTHING = {
@@ -201,6 +209,24 @@ def test_python_reads_what_is_left(bad):
     assert lab.open(bad / "no_sensor").signals["velocity"].tobytes() == whole.signals["velocity"].tobytes()
     assert lab.open(bad / "no_outputs").measurements["vibrometer"].v.size == 201
     assert lab.open(bad / "cut").time[-1] > 1.0
+
+
+@pytest.mark.parametrize("name", ["belt", "late_joiner"])
+def test_the_order_of_the_messages_in_a_file_changes_nothing(tmp_path, name):
+    whole = lab.open(BELT.parent / f"{name}.mcap")
+    rewritten(tmp_path / "mixed.mcap", log=BELT.parent / f"{name}.mcap", ordered=mixed)
+    run = lab.open(tmp_path / "mixed.mcap")
+    assert run.time.tobytes() == whole.time.tobytes()
+    assert run.mode.tobytes() == whole.mode.tobytes()
+    assert run.signals.keys() == whole.signals.keys()
+    for output, v in whole.signals.items():
+        assert run.signals[output].tobytes() == v.tobytes()
+    for sensor, samples in whole.measurements.items():
+        assert run.measurements[sensor].t_ns.tobytes() == samples.t_ns.tobytes()
+        assert run.measurements[sensor].v.tobytes() == samples.v.tobytes()
+    for controller, commands in whole.commands.items():
+        assert sorted(commands.tick.tolist()) == run.commands[controller].tick.tolist()
+    assert [event["t_ns"] for event in run.events] == [event["t_ns"] for event in whole.events]
 
 
 def test_a_file_that_may_not_be_read_is_named(tmp_path, monkeypatch):

@@ -187,6 +187,13 @@ def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
     assert (violet.mean() > 1e-4) == (kind in ("film", "no opening"))
 
 
+@pytest.mark.parametrize("lost", ["normal_force", "pressure_centre_y", "contact_fraction", "pressure_2_3"])
+def test_a_recording_that_has_lost_an_output_becomes_a_figure(run, tmp_path, lost):
+    left = {name: v for name, v in run.signals.items() if name != lost}
+    draw(replace(run, signals=left), tmp_path / "plate.png")
+    assert imread(tmp_path / "plate.png").shape[2] == 4
+
+
 def test_a_figure_of_a_live_run_says_that_its_outputs_are_thinned(run, tmp_path):
     from rig.view.plate_figure import thinning
 

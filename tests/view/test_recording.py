@@ -1,5 +1,6 @@
 """A recording in rerun by our view, in rerun without our tools, and as a layout for Foxglove."""
 
+import dataclasses
 import json
 import subprocess
 from pathlib import Path
@@ -159,3 +160,19 @@ def test_a_run_that_lost_many_samples_is_drawn_without_a_warning():
     lost = Run(scene='{"plant": "belt"}', step_ns=1_000_000, frame_ns=1_000_000, time=time, signals=signals,
                units={"x": "m", "y": "m/s"})  # fmt: skip
     assert lost.plot().axes
+
+
+@pytest.mark.parametrize(
+    "name", ["belt", "brake_shunt", "disc_slider", "four_dof", "lever", "pendulum", "plate", "tip_knock"]
+)
+def test_a_recording_that_has_lost_an_output_is_drawn_without_it(name):
+    whole = reader.open(GOLDEN.parent / f"{name}.mcap")
+    rows = slice(0, 30)
+    t_ns = np.rint(whole.time[rows] * 1e9).astype(np.int64)
+    lost = [one for one in whole.signals if not one.startswith("pressure_") or one.endswith(("_0_0", "_x", "_y"))]
+    for output in lost:
+        left = {one: v[rows] for one, v in whole.signals.items() if one != output}
+        drawing = drawing_of(dataclasses.replace(whole, signals=left))
+        drawn = {columns.path for columns in drawing.states(t_ns, left, whole.mode[rows])}
+        assert any(path.startswith("rig/") for path in drawn), output
+        assert drawn.isdisjoint({f"plant/{output}"})

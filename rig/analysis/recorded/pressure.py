@@ -95,13 +95,13 @@ def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
     or in a gap, and for more than 20 times.
     """
     points = points_of(run.scene)
-    if points is None or not set(points.names) <= set(run.signals):
+    if points is None or run.signals.keys().isdisjoint(points.names):
         raise UsageError(f"{scene_name(run)}: this recording has no film whose points open; rig pressure reads runs of "
                          f"the plant plate with a slider and film.opens = true, as of the scene plate")  # fmt: skip
     found = _asked(run, at) if at else characteristic(run)
     rows = [instant.sample for instant in found]
     names = (*points.names, "contact_fraction", "pressure_centre_x", "pressure_centre_y", "normal_force")
-    picked = {name: run.signals[name][rows] for name in names}
+    picked = {name: run.output(name)[rows] for name in names}
     pressures = points.maps(picked)
     lost = [float(run.time[row]) for row, one in zip(rows, pressures) if np.isnan(one).any()]
     if lost:
