@@ -21,6 +21,7 @@ class _Flags:
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments. Raises typer.BadParameter, which states what was given and what is allowed."""
+        self._refuse_twice(ctx, args)
         try:
             found: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
         except BadParameter as error:
@@ -32,6 +33,15 @@ class _Flags:
                 error.message = "; ".join(f"{fault} (given: {given})" for _, fault, given in faults_of(cause))
             raise
         return found
+
+    def _refuse_twice(self, ctx: Any, args: list[str]) -> None:
+        """Raise typer.BadParameter for an option with one value that is given twice: the first would be ignored."""
+        if self.params and not ctx.resilient_parsing:  # type: ignore[attr-defined]
+            order = self.make_parser(ctx).parse_args(args=[*args])[2]  # type: ignore[attr-defined]
+            for one in order:
+                single = one.param_type_name == "option" and not (one.multiple or one.is_flag or one.count)
+                if single and order.count(one) > 1:
+                    raise BadParameter("is given twice, and takes one value", ctx=ctx, param=one)
 
 
 class Command(_Flags, TyperCommand):

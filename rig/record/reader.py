@@ -268,7 +268,7 @@ def _commands(found: list[Columns]) -> Commands:
     if np.all(np.diff(whole.tick) >= 0):
         return whole
     order = np.argsort(whole.tick, kind="stable")
-    return Commands(*(column[order] for column in whole))
+    return Commands(whole.tick[order], whole.answered[order], whole.status[order], whole.values[order])
 
 
 def _events(source: str, found: Iterable[Any]) -> Iterator[dict[str, Any]]:

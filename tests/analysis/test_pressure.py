@@ -117,5 +117,5 @@ def test_a_recording_that_has_lost_an_output_still_has_its_maps(run, lost):
 
 def test_a_recording_that_has_lost_a_point_names_the_loss(run):
     left = replace(run, signals={name: v for name, v in run.signals.items() if name != "pressure_2_1"})
-    with pytest.raises(UsageError, match="the recording has lost the pressures at 0.1 s, 0.45 s"):
+    with pytest.raises(UsageError, match=r"the recording has lost the pressures at 0\.1 s, 0\.45 s"):
         pressure(left, [0.1, 0.45])

@@ -226,8 +226,13 @@ def test_what_cannot_be_is_told():
         response(run, "laser", "still")
     with pytest.raises(UsageError, match=r"window 9 s: must be 0.032 s \(32 samples at 1000 Hz\) to 5 s \(the time"):
         response(run, "force", "laser", window=9.0)
-    with pytest.raises(UsageError, match=r"at least 0\.032 s"):
+    with pytest.raises(UsageError, match=r"force: the time span has 0\.021 s at 1000 Hz; at least 0\.032 s"):
         response(run, "force", "laser", last=0.02)
+    slow = run_of(force=white(1, 5000), laser=(white(2, 40), 8.0, 0.0))
+    with pytest.raises(
+        UsageError, match=r"force: the time span without the ends that the filter between the two rates "
+    ):
+        response(slow, "force", "laser")
     empty = run_of(force=np.where(np.arange(5000) < 2000, white(1, 5000), np.nan), laser=(white(2, 3000), RATE, 2.5))
     with pytest.raises(UsageError, match="input: force has no sample in the time span that input and output share"):
         response(empty, "force", "laser")

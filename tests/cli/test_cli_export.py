@@ -88,9 +88,16 @@ def test_what_exists_is_replaced_by_force_only(rig, log):
     assert "has outputs.csv, datapackage.json; name another folder, or add --force to replace them" in err
     assert {one: one.read_bytes() for one in log.parent.rglob("*") if one.is_file()} == files
     (log.parent / "log-csv" / "mine.txt").write_text("mine")
+    assert rig("export", log, "--to", "csv", "--force")[0] == 0  # more tables, which the next export does not leave
+    assert len(list((log.parent / "log-csv").iterdir())) > 3
     for to in ("csv", "netcdf"):
         assert rig("export", log, "--to", to, "--only", "displacement", "--force")[0] == 0
     assert pd.read_csv(log.parent / "log-csv" / "outputs.csv").columns.tolist() == ["time [s]", "displacement [m]"]
+    assert sorted(one.name for one in (log.parent / "log-csv").iterdir()) == [
+        "datapackage.json",
+        "mine.txt",
+        "outputs.csv",
+    ]
     assert (log.parent / "log-csv" / "mine.txt").read_text() == "mine"
     assert (log.parent / "log.nc").read_bytes() != files[log.parent / "log.nc"]
 

@@ -152,3 +152,18 @@ def test_a_senseless_command_line_is_refused_in_words(end):
 @pytest.mark.parametrize("part", range(4))
 def test_every_senseless_command_line_is_refused_in_words(end, part):
     assert judge(end, ALL[250 + part :: 4]) == []
+
+
+@pytest.mark.parametrize(
+    "twice",
+    [
+        ("run", "belt", "--trigger", "laser > 1 mm", "--trigger", "vibrometer > 0.1 m/s"),
+        ("export", "/dev/null", "--to", "csv", "--only=a", "--only", "b"),
+        ("simulate", "belt", "--duration", "1", "--duration=2"),
+        ("topic", "echo", "--run", "a", "--run", "b"),
+    ],
+)
+def test_an_option_with_one_value_is_not_given_twice(end, twice):
+    code, said = end(twice)
+    assert code == 2
+    assert "is given twice, and takes one value" in said

@@ -477,3 +477,23 @@ def test_an_hdf5_file_is_not_kept_in_memory(tmp_path):
     tracemalloc.stop()
     assert (tmp_path / "long.h5").stat().st_size > 16e6
     assert peak < 5e6
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        b"no JSON",
+        b"[]",
+        b'{"resources": [{"path": "../kept.csv", "format": "csv"}, {"path": "kept.toml", "format": "csv"}, 1]}',
+        b'{"resources": [{"path": "kept.toml", "format": "toml"}]}',
+    ],
+)
+def test_only_tables_of_an_earlier_export_go(run, tmp_path, told):
+    folder = tmp_path / "tables"
+    folder.mkdir()
+    for name in ("../kept.csv", "kept.toml"):
+        (folder / name).write_text("kept")
+    (folder / "datapackage.json").write_bytes(told)
+    export(tables(run, ["displacement"]), "csv", folder, {})
+    assert sorted(one.name for one in folder.iterdir()) == ["datapackage.json", "kept.toml", "outputs.csv"]
+    assert (tmp_path / "kept.csv").read_text() == "kept"

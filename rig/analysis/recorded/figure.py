@@ -15,6 +15,7 @@ from rig.analysis.recorded.orders import Orders
 from rig.analysis.recorded.pressure import Pressure
 from rig.analysis.recorded.series import squared
 from rig.analysis.recorded.spectrum import Density, Line, Map, Spectrum
+from rig.printable import counted
 from rig.view.curves import plain, thinned
 from rig.view.palette import AMBER, BLUE, GREY
 from rig.view.pressure_maps import draw_map, draw_scale
@@ -90,7 +91,8 @@ def draw_spectrum(found: Spectrum, order: Orders | None, path: Path) -> None:
         (density, *beside), (spectrogram, *below) = figure.subplots(2, 1 if order is None else 2, squeeze=False)
         _density(density, found.density, found.lines, f"{squared(found.unit)}/Hz", "Hz")
         density.set(
-            title=f"mean of {found.density.windows} Hann windows of {found.window:.4g} s", xlabel="frequency [Hz]"
+            title=f"mean of {counted(found.density.windows, 'Hann window')} of {found.window:.4g} s",
+            xlabel="frequency [Hz]",
         )
         _map(spectrogram, found.map, found.density, f"level [dB re 1 {squared(found.unit)}/Hz]")
         spectrogram.set(title=f"windows of {found.map_window:.4g} s", xlabel="time [s]", ylabel="frequency [Hz]")
@@ -98,7 +100,7 @@ def draw_spectrum(found: Spectrum, order: Orders | None, path: Path) -> None:
             per = order.per
             _density(beside[0], order.density, order.lines, f"{squared(found.unit)}*{per}", f"1/{per}")
             beside[0].set(
-                title=f"mean of {order.density.windows} Hann windows of {order.window:.4g} {per}, "
+                title=f"mean of {counted(order.density.windows, 'Hann window')} of {order.window:.4g} {per}, "
                 f"over {plain(order.over)}",
                 xlabel=f"order [1/{per}]",
             )

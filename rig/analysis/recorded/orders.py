@@ -31,6 +31,7 @@ from rig.analysis.recorded.spectrum import (
     welch,
 )
 from rig.errors import UsageError
+from rig.printable import counted
 from rig.record.even_times import bridge
 from rig.record.run import Reals, Run
 
@@ -83,8 +84,8 @@ class Orders:
             f"  {self.start:.5g} to {self.end:.5g} s, {self.slowest:.4g} to {self.fastest:.4g} {per}/s; orders up to "
             f"{self.highest:.4g} 1/{per}",
             "  resampled at even steps: band-limited and cubic interpolation, low-pass filter, decimation",
-            f"  density: mean of {d.windows} Hann windows of {self.window:.4g} {per}, half overlapping; lines "
-            f"{d.step:.4g} 1/{per} apart",
+            f"  density: mean of {counted(d.windows, 'Hann window')} of {self.window:.4g} {per}, half overlapping; "
+            f"lines {d.step:.4g} 1/{per} apart",
             f"  map: Hann windows of {self.map_window:.4g} {per}",
             *gaps_told(self.gaps, self.bridged, d.left_out),
             f"  RMS about the mean, over these windows: {d.rms:.5g} {self.unit}",

@@ -93,7 +93,8 @@ class Portrait:
             yield (f"  the motion repeats after {after}: period {s.period:.9g} s (standard deviation {s.deviation:.2g} "
                    f"s), {1.0 / s.period:.6g} Hz; a point returns to {s.spread:.2g} of the range")  # fmt: skip
         elif s.t.size > 2:
-            yield (f"  no repetition to {SAME:g} of the range within {min(_MOST, s.t.size // 2)} crossings: a "
+            within = counted(min(_MOST, s.t.size // 2), "crossing")
+            yield (f"  no repetition to {SAME:g} of the range within {within}: a "
                    "transient (choose a later --from), or a motion that is not periodic")  # fmt: skip
         else:
             yield "  at least three crossings are needed to find a repetition"

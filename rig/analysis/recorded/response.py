@@ -215,7 +215,10 @@ def response(
         raise UsageError("\n".join(still))
     blows = pulses(x.v)
     begins = np.empty(0, np.int64) if blows is None else blows.begins
-    count = _count(x, begins, window)
+    span = "the time span"
+    if highest < 0.5 * x.rate:
+        span += " without the ends that the filter between the two rates needs"
+    count = _count(x, begins, window, span)
     force = x.v if blows is None else force_window(x.v, blows, count)
     spectra = averaged(force, y.v, x.rate, count, begins)
     if not spectra.windows:
@@ -246,15 +249,15 @@ def _still(one: Series) -> str:
     return f"is constant ({v.mean():.6g} {one.unit})" if np.ptp(v) <= _ROUNDING * np.abs(v).max() else ""
 
 
-def _count(x: Series, begins: Integers, window: float | None) -> int:
-    """Samples in a window."""
-    longest, what = x.v.size, "the time span"
+def _count(x: Series, begins: Integers, window: float | None, span: str) -> int:
+    """Samples in a window; `span`: what is evaluated, in words."""
+    longest, what = x.v.size, span
     if begins.size:
         ends = begins[1:] if begins.size > 1 else np.array([x.v.size])
-        longest, what = int((ends - begins[: ends.size]).min()), "from one pulse to the next"
+        longest, what = int((ends - begins[: ends.size]).min()), "the time from one pulse to the next"
     if longest < FEWEST:
         raise UsageError(
-            f"{x.name}: {longest / x.rate:.4g} s {what} at {x.rate:.6g} Hz; at least {FEWEST / x.rate:.4g} s "
+            f"{x.name}: {what} has {longest / x.rate:.4g} s at {x.rate:.6g} Hz; at least {FEWEST / x.rate:.4g} s "
             f"({FEWEST} samples) are needed"
         )
     if window is None:

@@ -19,6 +19,7 @@ from rig.analysis.recorded.series import Series, scene_name, series, squared, vi
 from rig.analysis.recorded.windows import slowest
 from rig.analysis.text_table import columns
 from rig.errors import UsageError
+from rig.printable import counted
 from rig.record.even_times import BRIDGED, bridge
 from rig.record.run import Reals, Run
 
@@ -92,8 +93,8 @@ class Spectrum:
         lines = [
             f"{self.scene}: spectrum of {self.name} [{self.unit}], {self.start:.5g} to "
             f"{self.start + self.seconds:.5g} s at {self.rate:.6g} Hz",
-            f"  power spectral density: mean of {d.windows} Hann windows of {self.window:.4g} s, half overlapping; "
-            f"lines {d.step:.4g} Hz apart",
+            f"  power spectral density: mean of {counted(d.windows, 'Hann window')} of {self.window:.4g} s, "
+            f"half overlapping; lines {d.step:.4g} Hz apart",
             f"  spectrogram: Hann windows of {self.map_window:.4g} s, lines {self.map.f[1]:.4g} Hz apart",
             *gaps_told(self.gaps, self.bridged, d.left_out),
             f"  RMS about the mean, over these windows: {d.rms:.5g} {self.unit}",

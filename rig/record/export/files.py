@@ -69,8 +69,9 @@ class Format:
 def export(tables: Tables, to: str, path: Path, facts: Facts, report: Report = lambda _: None) -> list[Written]:
     """Write `tables` in format `to` to the file or folder `path`, with `facts` about the run; `report` takes progress.
 
-    Files that exist are replaced, those of other names in the folder stay. If writing fails, what existed stays. Raises
-    rig.errors.OutputError if the files cannot be written, UsageError if the format cannot hold the tables.
+    Files that exist are replaced. Files of an earlier export to the same folder go, all others in it stay. If writing
+    fails, what existed stays. Raises rig.errors.OutputError if the files cannot be written, UsageError if the format
+    cannot hold the tables.
     """
     chosen = FORMATS[to]
     if not tables.tables:
@@ -120,11 +121,14 @@ def _place(draft: Path, path: Path, folder: bool) -> None:
     if folder and not target.exists():
         draft.rename(target)
         return
+    former = package.files(target) - {one.name for one in drafts} if folder else set()
     for one in drafts:
         there = target / one.name if folder else target
         if there.exists():
             one.chmod(there.stat().st_mode)
         one.replace(there)
+    for name in former:  # a table of another recording beside these would be taken for one of them
+        (target / name).unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:

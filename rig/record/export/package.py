@@ -12,9 +12,23 @@ from pathlib import Path
 from typing import Any
 
 FILE = "datapackage.json"
+_FORMATS = {"csv": ".csv", "parquet": ".parquet", "wav": ".wav"}
 
 
 def write(folder: Path, name: str, resources: Iterable[Mapping[str, Any]], facts: Mapping[str, str]) -> None:
     """Write the description of the files in `folder`. Raises OSError."""
     description = {"name": name, "resources": [*resources], "run": dict(facts)}
     (folder / FILE).write_text(json.dumps(description, indent=1), "utf-8")
+
+
+def files(folder: Path) -> set[str]:
+    """Return the names of the files that an earlier export to `folder` describes; none without such a description."""
+    try:
+        found = json.loads((folder / FILE).read_bytes())["resources"]
+        return {
+            one["path"]
+            for one in found
+            if Path(one["path"]).name == one["path"] and one["path"].endswith(_FORMATS[one["format"]])
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return set()
