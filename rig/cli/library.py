@@ -66,20 +66,20 @@ def _wanted(one: Listed, tags: list[str], scene: str | None) -> bool:
 
 def _row(one: Listed, folder: Path) -> tuple[str, ...]:
     name = str(one.path.relative_to(folder))
-    if one.contents is None:
-        return name, "", "", "", "", one.fault
-    contents = one.contents
     notes = one.notes.found
     last = next((note.text for note in reversed(notes) if note.text), "")
     short = last if len(last) <= _SHOWN else f"{last[: _SHOWN - 1]}…"
-    tags = [f"#{tag}" for tag in one.notes.tags]
+    noted = " ".join(filter(None, (short, *(f"#{tag}" for tag in one.notes.tags))))
+    said = "; ".join(filter(None, (one.fault, noted)))
+    if (contents := one.contents) is None:
+        return name, "", "", "", "", said
     return (
         name,
         contents.scene or "unknown",
         _date(contents.began_ns),
         f"{contents.seconds:.3f} s" if contents.seconds is not None else "unknown",
         contents.timing or "unknown",
-        " ".join([*([short] if short else []), *tags]),
+        said,
     )
 
 

@@ -29,10 +29,11 @@ class Contents:
     began_ns: int
     """When it began, in ns since 1970 (UTC): log time of the first message."""
     seconds: float | None
-    """Simulated time [s], of a window its length; None if unknown: an older version saved it."""
+    """Simulated time [s], of a window its length; None if unknown: it was cut off, or an older version saved it."""
     timing: str
     """Timing verdict, "simulated" for a run that followed no clock, empty if unknown."""
-    messages: int
+    messages: int | None
+    """None if unknown: it was cut off or is damaged."""
     run: str
     digest: str
     """SHA-256 of the recording, as it states it."""

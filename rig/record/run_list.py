@@ -18,8 +18,8 @@ from rig.record.recorded_setup import head, setup_of
 from rig.record.user_notes import Notes
 
 INDEX = ".runs.json"
-_FORMAT = 1
-_KINDS: dict[str, Any] = {"str": str, "int": int, "float | None": float | None}
+_FORMAT = 2
+_KINDS: dict[str, Any] = {"str": str, "int": int, "float | None": float | None, "int | None": int | None}
 """Types of the fields of `Contents`, as it declares them."""
 
 
@@ -31,15 +31,16 @@ class Listed:
     size: int
     """bytes"""
     contents: Contents | None
+    """None if it states nothing of itself; of a file with a `fault`, what stands at its begin."""
     fault: str
-    """Why there are no `contents`; empty if there are."""
+    """Damage; empty if there is none."""
     notes: Notes
 
 
 def runs(
     folder: Path, rebuild: bool = False, progress: Callable[[int, int], object] = lambda done, total: None
 ) -> list[Listed]:
-    """The recordings in `folder` and the folders in it, oldest first; those that cannot be read last, with the reason.
+    """The recordings in `folder` and the folders in it, oldest first; those of which nothing is known last.
 
     What is read is kept in the file `INDEX` of the folder, if the folder can be written; `rebuild` reads all again.
     Raises LogError if the folder cannot be read.
@@ -107,7 +108,20 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         return {"contents": asdict(contents(path)), "fault": ""}
     except LogError as fault:
-        return {"contents": None, "fault": str(fault).removeprefix(f"{path} ")}
+        begun = _begun(path)
+        return {"contents": asdict(begun) if begun else None, "fault": str(fault).removeprefix(f"{path} ")}
+
+
+def _begun(path: Path) -> Contents | None:
+    """What a recording without an index says at its begin; None if that is damaged too, or if it is no recording."""
+    try:
+        scan = head(path)
+        setup = setup_of(scan)
+        scene = json.loads(setup.scene)
+        name, title = str(scene["name"]), str(scene.get("title", ""))
+    except (LogError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+    return Contents(name, title, scan.began_ns, None, "", None, setup.run, "")
 
 
 def _notes(path: Path) -> Notes:
