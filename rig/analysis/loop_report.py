@@ -105,7 +105,7 @@ class LoopReport:
             rows = [(f"{curve.key} of the sensor's link, {unit}", *(f"{scale * v:.3g}" for v in curve.values))]
             rows += [("decay rate 1/s", *(f"{-g:.4g}" for g in curve.growth))]
             yield from columns(rows, "<" + ">" * len(curve.values))
-        yield "  in the mean square of the jump linear system; ages of messages as independent (docs/worse_loops.md)"
+        yield "  rates of the mean square (jump linear system), with independent ages of messages (docs/worse_loops.md)"
 
     def _check(self) -> Iterator[str]:
         yield f"  one point checked by simulation: {self.point}"

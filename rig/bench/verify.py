@@ -87,11 +87,10 @@ class Verification:
     def _agreement(self) -> list[str]:
         """The comparison as lines."""
         if not self.deviation:
-            agreement = "bit by bit" if self.identical or self.opened else "but for rounding"
+            agreement = "bit by bit" if self.identical or self.opened else "except for rounding errors"
         else:
             agreement = f"to {self.deviation:.1e} of their range"
-        do = "does" if self.events == 1 else "do"
-        events = f"; so {do} {counted(self.events, 'event')}" if self.events else ""
+        events = f", and {counted(self.events, 'event')}" if self.events else ""
         lines = [f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {agreement}{events}"]
         if self.opened is not None:
             lines = [

@@ -61,7 +61,7 @@ PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
         **optimise.COMMANDS,
         **reproduce.COMMANDS,
     },
-    "Choose the accuracy": cost.COMMANDS,
+    "Choose method and step": cost.COMMANDS,
     "Test the methods": torture.COMMANDS,
     "Recordings": {**library.COMMANDS, **report.COMMANDS, **logs.COMMANDS, **diff.COMMANDS, **export.COMMANDS},
     "Analyse a recording": {**recorded.COMMANDS, **channels.COMMANDS},

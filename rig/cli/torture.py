@@ -89,7 +89,7 @@ def _table(cells: list[Cell]) -> None:
     counts = {colour: sum(cell.result.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
     bad = sum(not cell.good for cell in cells)
     counted = ", ".join(f"{count} {colour}" for colour, count in counts.items())
-    printing.line(f"{len(cells)} cells: {counted}; default methods: {bad or 'none'} not green")
+    printing.line(f"{len(cells)} cells: {counted}; default methods that are not green: {bad or 'none'}")
 
 
 def _search(wanted: list[str], as_json: bool) -> None:

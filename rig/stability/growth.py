@@ -55,7 +55,7 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
         stops = [stopped(flat, rate, turn, least) for rate, turn in grow]
         if all(stop[0] == "info" for stop in stops):
             ends = stops[0][1] if stops else "the contact sticks and limits it"
-            remedy = "to slide quietly: more speed, more damping, less load, or a control loop"
+            remedy = "to stabilise sliding: more speed, more damping, less load, or a control loop"
             return "info", f"friction falls with speed; {ends}", remedy
     rows = at.modes.guards @ shape
     size = 1e-9 * np.abs(at.modes.guards) @ np.abs(shape)

@@ -57,7 +57,7 @@ def test_white_noise_has_its_density():
     assert found.density.s[2:-2].mean() == pytest.approx(2.0 * 0.5**2 / RATE, rel=0.02)
     assert found.density.rms == pytest.approx(v.std(), rel=0.01)
     assert found.lines == ()
-    assert "no line stands out" in found.text()
+    assert "no line is 10 dB above its surroundings" in found.text()
 
 
 def test_two_sines_share_the_mean_square():

@@ -49,7 +49,7 @@ class Resonance(NamedTuple):
 def resonances(f: Reals, h: Complex, coherence: Reals, error: Reals) -> tuple[Resonance, ...]:
     """Return the resonances of the response `h` at `f` [Hz], the largest peaks, in order of frequency.
 
-    `h` is NaN at a line without excitation. A resonance is a peak that stands out by 6 dB and has a random error of at
+    `h` is NaN at a line without excitation. A resonance is a peak 6 dB above its surroundings with a random error of at
     most 10 %, to whose lines a stable pole pair fits within 20 %, with a bandwidth of at least half a line.
     """
     from scipy.signal import find_peaks

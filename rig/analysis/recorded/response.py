@@ -105,7 +105,7 @@ class Response:
             *self._doubts(),
         ]
         if not self.resonances:
-            none = "  no resonance: no peak stands out by 6 dB, has a random error below 10 % and fits a pole pair"
+            none = "  no resonance: no peak of 6 dB has a random error below 10 % and fits a pole pair"
             return "\n".join([*lines, none])
         head = ("frequency Hz", "damping ratio", f"magnitude {self.unit}", "at Hz", "coherence", "random error")
         rows = [

@@ -235,7 +235,7 @@ def peaks(density: Density) -> tuple[Line, ...]:
 def table(lines: tuple[Line, ...], density: Density, head: str, unit: str, of: str) -> Iterator[str]:
     """Yield the strongest lines as a table."""
     if not lines:
-        yield f"  no line stands out by {_STANDS_OUT:g} dB and holds a millionth of the mean square"
+        yield f"  no line is {_STANDS_OUT:g} dB above its surroundings and has a millionth of the mean square"
         return
     whole = max(density.rms**2, 1e-300)
     rows = [(f"{line.at:.6g}", f"{line.rms:.4g}", f"{100.0 * line.rms**2 / whole:.3g} %", f"{line.density:.3g}")

@@ -190,7 +190,7 @@ def _microphone(run: Run) -> str:
     others = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
     sensors = ", ".join(f"{name} [{unit}]" for name, unit in others.items()) or "none"
     near = next((name for name, unit in others.items() if unit in REFERENCE), "")
-    instead = f", or listen to another sensor: --signal {near}" if near else ""
+    instead = f", or analyse another sensor: --signal {near}" if near else ""
     raise UsageError(
         f"no sensor of this recording reads sound pressure [Pa]; its sensors: {sensors}. "
         f"Give the scene a microphone ([sensors.microphone]){instead}"
