@@ -13,6 +13,7 @@ import typer
 from rig.cli import printing
 from rig.cli.options import Json
 from rig.errors import ExitCode
+from rig.scenes.faults import shortened
 
 if TYPE_CHECKING:
     from rig.lessons import Command, Lesson
@@ -73,13 +74,15 @@ def _walk(one: Lesson) -> None:
     _show(f"## Question\n\n{one.question}")
     disagreed = 0
     try:
-        _ask("Think first, then write your answer down. Enter: continue, q: quit", "q")
+        own = _ask("Think first, then type your answer. Enter: continue, q: quit", "q", free=True)
         for part in one.experiment:
             if isinstance(part, str):
                 _show(part)
             else:
                 disagreed += _offer(part, one)
         _ask("\nEnter: show the solutions, q: quit", "q")
+        if own:
+            printing.line(f"Your answer was: {own}\n")
         _show(f"## Solutions\n\n{one.solutions}")
         _show(f"## What to try next\n\n{one.next}")
     except _Left:
@@ -128,19 +131,25 @@ def _figure(command: Command) -> str | None:
     return words[words.index("--figure") + 1] if "--figure" in words else None
 
 
-def _ask(text: str, answers: str) -> str:
-    """Wait for Enter or one of the letters. Raises _Left for q and at the end of the input."""
+def _ask(text: str, answers: str, free: bool = False) -> str:
+    """Wait for Enter or one of the letters; with `free` for any text. Raises _Left for q, and where the input ends."""
     while True:
         sys.stdout.write(f"{text} > ")
         sys.stdout.flush()
-        line = sys.stdin.readline()
-        answer = line.strip().lower()
+        try:
+            line = sys.stdin.readline()
+        except UnicodeDecodeError:
+            line = "?\n"
+        answer = line.strip()
         if not line:
             printing.line()
-        if not line or (answer == "q" and "q" in answers):
+        if not line or answer.lower() in ("q", "quit"):
             raise _Left
-        if answer in ("", *answers):
+        if free:
             return answer
+        if answer.lower() in ("", *answers):
+            return answer.lower()
+        printing.line(f"{shortened(answer)}: is none of these answers")
 
 
 def _show(text: str) -> None:

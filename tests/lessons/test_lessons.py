@@ -216,14 +216,14 @@ def test_without_a_terminal_the_page_is_printed(tmp_path):
 
 
 def test_in_a_terminal_commands_are_run_and_compared(tmp_path):
-    """Enter, run the first command, skip the others, see the solutions; the terminal knows no ±."""
+    """Answer, Enter, a word too many, run the first command, skip the others; the terminal knows no ±."""
     mine, its = pty.openpty()
     plain = {"TERM": "dumb", "COLUMNS": "100", "PYTHONIOENCODING": "ascii"}
     with subprocess.Popen([sys.executable, "-m", "rig", "lesson", "1"], stdin=its, stdout=its, stderr=its, cwd=tmp_path,
                           env={**os.environ, **plain}) as child:  # fmt: skip
         os.close(its)
         seen = ""
-        answers = ["\n", "\n", "s\n", "s\n", "\n"]
+        answers = [b"above 0.2 m/s\n", b"\xff maybe\n", b"\n", b"s\n", b"S\n", b"\n"]
         deadline = time.monotonic() + 120
         try:
             while time.monotonic() < deadline:
@@ -234,12 +234,14 @@ def test_in_a_terminal_commands_are_run_and_compared(tmp_path):
                 except OSError:  # the child has closed the terminal
                     break
                 seen += text
-                while answers and seen.count(" > ") > 5 - len(answers):
-                    os.write(mine, answers.pop(0).encode())
+                while answers and seen.count(" > ") > 6 - len(answers):
+                    os.write(mine, answers.pop(0))
             assert child.wait(20.0) == 0, seen
         finally:
             child.kill()
             os.close(mine)
+    assert "is none of these answers" in seen
+    assert "Your answer was: above 0.2 m/s" in seen
     assert "growth rate" in seen
     assert "3.65529 1/s" in seen
     assert r"3.6553 \xb1 0.0037 1/s" in seen
