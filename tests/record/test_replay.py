@@ -395,7 +395,7 @@ def test_a_recording_that_begins_late_lacks_the_memory_of_its_controllers(logs, 
     found, _ = replayed(tmp_path / "late.mcap")
     assert found.unknown_memory == ("feedback",)
     assert found.divergence.tick == 300
-    assert "feedback worked before the recording began" in found.text()
+    assert "feedback ran before the recording began" in found.text()
 
 
 def test_a_saved_run_has_steps_states_commands_and_events_again(logs):
