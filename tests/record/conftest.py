@@ -1,9 +1,11 @@
-"""A made-up run to record."""
+"""A made-up run to record, and recordings of it."""
 
 import numpy as np
 import pytest
+from small_recording import record
 
 from rig.record.run import Commands, Run, Samples
+from rig.record.save_run import save
 
 
 @pytest.fixture(scope="session")
@@ -42,3 +44,12 @@ def run():
         mode=draw.integers(-1, 2, steps),
         provenance={"seed": "1", "commit": "none"},
     )
+
+
+@pytest.fixture(scope="module")
+def logs(run, tmp_path_factory):
+    """A saved run, and a recorded one whose recorder was killed."""
+    folder = tmp_path_factory.mktemp("logs")
+    save(run, folder / "saved.mcap")
+    record(folder / "killed.mcap", 400, finished=False)
+    return folder

@@ -1,0 +1,290 @@
+"""Recovery of damaged recordings: what rig recover writes and tells, and what it leaves alone."""
+
+import json
+
+import numpy as np
+import pytest
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import Writer as PlainWriter
+from small_recording import SETUP, record, walked
+
+from rig.bus import encode, messages
+from rig.errors import LogError, OutputError, UsageError
+from rig.record import mcap_file, reader
+from rig.record.byte_scan import walk
+from rig.record.compare import compare
+from rig.record.message_scan import Scan
+from rig.record.recover import recover
+from rig.record.writer import Writer
+
+
+def test_a_recording_with_a_wrong_byte_is_recovered_with_an_account(logs, run, tmp_path):
+    with (logs / "saved.mcap").open("rb") as file:
+        chunk = make_reader(file).get_summary().chunk_indexes[-1]
+    data = bytearray((logs / "saved.mcap").read_bytes())
+    data[chunk.chunk_start_offset + 100] ^= 0x10
+    path = tmp_path / "wrong.mcap"
+    path.write_bytes(data)
+    done = recover(path)
+    total = len(walked(logs / "saved.mcap")[1])
+    assert 0 < done.lost < 0.05 * total
+    assert done.messages + done.lost == total
+    assert f"{done.lost} of its {total} messages are missing" in done.fault
+    assert f"{chunk.chunk_length} bytes from byte {chunk.chunk_start_offset} on: a chunk" in done.skipped[0]
+    assert not done.complete
+    scan, kept = walked(tmp_path / "wrong.recovered.mcap")
+    assert (scan.sealed, len(kept)) == (True, done.messages)
+    assert reader.open(done.path).recovered.endswith(f"lost: {done.lost} of {total} messages")
+
+
+@pytest.mark.parametrize("later", [False, True], ids=["at once", "at the end"])
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_chunk_that_stands_there_twice_is_kept_once_and_told(logs, tmp_path, later, killed):
+    source, path = logs / ("killed.mcap" if killed else "saved.mcap"), tmp_path / "twice.mcap"
+    whole = source.read_bytes()
+    chunks = [part for part in walk(whole) if getattr(part, "opcode", 0) == Opcode.CHUNK]
+    first, last = chunks[0], chunks[-1]
+    place = last.end if later else first.end
+    path.write_bytes(whole[:place] + whole[first.begin : first.end] + whole[place:])
+    done = recover(path)
+    given = walked(source)[1]
+    assert walked(tmp_path / "twice.recovered.mcap")[1] == given == walked(path)[1]
+    assert any("a copy of a chunk before it, after t = " in told for told in done.skipped)
+    if not killed:
+        assert (done.lost, done.fault) == (0, "a chunk is in it twice; no message is missing")
+        assert reader.open(path).damage == done.fault
+
+
+def test_damage_outside_of_the_messages_costs_none(logs, run, tmp_path):
+    whole = (logs / "saved.mcap").read_bytes()
+    for text in (b'"plant"', b"setup.json", b"VALID", b"provenance"):
+        data = bytearray(whole)
+        data[whole.index(text) + 2] ^= 2
+        (tmp_path / "wrong.mcap").write_bytes(data)
+        read = reader.open(tmp_path / "wrong.mcap")
+        assert "no message is missing" in read.damage, text
+        assert compare(run, read).identical
+        assert (read.scene, read.units) == (run.scene, run.units)
+        done = recover(tmp_path / "wrong.mcap", tmp_path / "again.mcap", replace=True)
+        assert done.complete
+        assert compare(run, reader.open(done.path)).identical
+
+
+def test_a_file_that_another_program_has_written_anew_is_not_called_complete(logs, run, tmp_path):
+    """Such a program may leave out messages: its index counts those that are there."""
+    with (logs / "saved.mcap").open("rb") as file, (tmp_path / "anew.mcap").open("wb") as copy:
+        read, out, channels = make_reader(file), PlainWriter(copy), {}
+        out.start(read.get_header().profile, "another program")
+        for one in read.iter_attachments():
+            out.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
+        for one in read.iter_metadata():
+            out.add_metadata(one.name, dict(one.metadata))
+        for schema, channel, one in read.iter_messages():
+            if channel.topic == "applied/feedback":
+                continue
+            if channel.topic not in channels:
+                kind = out.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = out.register_channel(channel.topic, channel.message_encoding, kind)
+            out.add_message(channels[channel.topic], one.log_time, one.data, one.publish_time, one.sequence)
+        out.finish()
+    found = reader.open(tmp_path / "anew.mcap")
+    assert not found.sealed
+    assert "another program has written it again; no message that its index counts is missing" in found.damage
+    assert all(np.array_equal(found.signals[name], v) for name, v in run.signals.items())
+    done = recover(tmp_path / "anew.mcap")
+    assert done.skipped == ["nothing: every record was read, but its header or an index is not as it was recorded"]
+
+
+def test_messages_are_within_reach_when_every_description_is_damaged(logs, run, tmp_path):
+    data = (logs / "saved.mcap").read_bytes().replace(b'"plant"', b'"plamt"').replace(b'"frame_ns"', b'"frame_ms"')
+    (tmp_path / "wrong.mcap").write_bytes(data)
+    read = reader.open(tmp_path / "wrong.mcap")
+    assert compare(run, read).identical
+    assert (read.scene, read.frame_ns, read.units) == ("", run.frame_ns, run.units)
+    with pytest.raises(LogError, match="lost its scene"):
+        read.scene_text()
+    done = recover(tmp_path / "wrong.mcap")
+    assert done.complete
+    assert compare(run, reader.open(done.path)).identical
+
+
+def test_what_cannot_be_decoded_is_named_counted_and_left_out(tmp_path):
+    path, log = tmp_path / "run.mcap", Writer(tmp_path / "run.mcap", SETUP, "recorded")
+    state = encode.StateEncoder(1)
+    for k in range(100):
+        log.write("state", state(k, k, 0, np.array([1.0])), k * 1_000_000, k, 0)
+        log.write("meas/s", encode.block(k, k * 1_000_000, 1_000_000, [1.0]), k * 1_000_000, k, 0)
+    for topic in ("state", "state", "meas/s", "event/x", "step", "health", "act/y", "applied/y", "total/z"):
+        log.write(topic, b"\xff\xff garbage", 100_000_000, 0, 0)
+    log.write("event/x", b'\x32\x02{"', 100_000_000, 0, 0)  # an Event whose data is no JSON
+    uneven = messages.TYPES["Applied"](ticks=[1, 2], answers=[1], statuses=[0, 0], values=[1.0, 2.0])
+    log.write("applied/y", uneven.SerializeToString(), 100_000_000, 0, 0)
+    log.close({}, {})
+    read = reader.open(path)
+    told = "messages that cannot be decoded: 2 on applied/y, 2 on event/x, 1 on meas/s, 2 on state"
+    assert read.damage == told
+    assert (read.time.size, read.measurements["s"].v.size) == (100, 100)
+    assert compare(read, path).identical
+    done = recover(path)
+    assert done.lost == 11
+    assert "2 on event/x, 1 on health, 1 on meas/s" in done.fault
+    assert not reader.open(done.path).damage
+    assert reader.open(done.path).time.size == 100
+
+
+def test_a_recording_of_an_older_version_has_no_digest_and_is_not_called_whole(logs, tmp_path):
+    scan, old = Scan(logs / "saved.mcap"), tmp_path / "old.mcap"
+    with old.open("wb") as file:
+        out = PlainWriter(file)
+        out.start("friction-rig", "friction-rig")
+        channels = {}
+        for message in scan.messages():
+            for one in scan.attachments.values() if not channels else ():
+                out.add_attachment(0, 0, one.name, one.media_type, one.data)
+            if message.channel_id not in channels:
+                made = scan.channels[message.channel_id]
+                channels[made.id] = out.register_channel(made.topic, made.message_encoding, 0, made.metadata)
+            out.add_message(channels[message.channel_id], message.log_time, message.data, message.publish_time)
+        out.finish()
+    assert (walked(old)[0].whole, walked(old)[0].sealed) == (True, False)
+    assert not reader.open(old).damage
+    with pytest.raises(LogError, match=r"has no digest \(.*nothing to recover"):
+        recover(old)
+
+
+def test_recover_replaces_neither_its_source_nor_what_is_there(logs, tmp_path):
+    cut = tmp_path / "c.mcap"
+    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+    for name in ("c.part", "c.recovered.part", "c.recovered.mcap", "other.mcap"):
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "link.mcap").symlink_to(cut)
+    there = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for target in (cut, tmp_path / "link.mcap"):
+        for replace in (False, True):
+            with pytest.raises(UsageError, match="is the damaged file itself"):
+                recover(cut, target, replace)
+    for target in (None, tmp_path / "other.mcap"):
+        with pytest.raises(UsageError, match="it exists; name another file, or add --force"):
+            recover(cut, target)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == there
+    recover(cut, tmp_path / "other.mcap", replace=True)
+    assert walked(tmp_path / "other.mcap")[0].sealed
+
+
+def test_a_target_of_the_longest_name_is_written_and_one_beyond_is_told(logs, tmp_path):
+    cut, longest = tmp_path / "c.mcap", tmp_path / f"{'x' * 244}.mcap"
+    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+    recover(cut, longest)
+    assert walked(longest)[0].sealed
+    with pytest.raises(OutputError, match="cannot be written: File name too long"):
+        recover(cut, tmp_path / f"{'x' * 300}.mcap")
+    assert set(tmp_path.iterdir()) == {cut, longest}
+
+
+def test_a_draft_that_cannot_be_made_leaves_no_empty_target(logs, tmp_path, monkeypatch):
+    def refused(*_):
+        raise OSError(13, "Permission denied")
+
+    (tmp_path / "c.mcap").write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+    monkeypatch.setattr("tempfile.mkstemp", refused)
+    with pytest.raises(OutputError, match="Permission denied"):
+        recover(tmp_path / "c.mcap")
+    assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_recover_writes_through_a_link(logs, tmp_path, there):
+    cut, link, file = (tmp_path / name for name in ("c.mcap", "link.mcap", "file.mcap"))
+    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+    link.symlink_to(file)
+    if there:
+        file.write_text("mine")
+        with pytest.raises(UsageError, match="it exists"):
+            recover(cut, link)
+    recover(cut, link, replace=there)
+    assert link.is_symlink()
+    assert walked(file)[0].sealed
+    assert set(tmp_path.iterdir()) == {cut, link, file}
+    loop = tmp_path / "loop.mcap"
+    loop.symlink_to(loop)
+    with pytest.raises(OutputError, match="cannot be written"):
+        recover(cut, loop)
+
+
+def test_a_recovery_that_fails_leaves_nothing_behind(logs, tmp_path, monkeypatch):
+    cut = tmp_path / "c.mcap"
+    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+
+    def full(self):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(mcap_file.Writer, "finish", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        recover(cut)
+    assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
+
+
+def test_exit_code_and_account_tell_what_was_lost(rig, logs, tmp_path):
+    whole = (logs / "saved.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) // 2])
+    code, out, _ = rig("recover", cut)
+    assert code == 1
+    assert "an unknown number of messages" in out
+    cut.write_bytes(whole[:-1])
+    code, out, _ = rig("recover", cut, "--force", "--json")
+    told = json.loads(out)
+    assert (code, told["lost"], told["complete"]) == (0, 0, True)
+
+
+def test_a_recording_that_lost_its_front_keeps_the_rest_and_tells_the_loss(rig, tmp_path):
+    record(tmp_path / "whole.mcap", 400)
+    whole, given = (tmp_path / "whole.mcap").read_bytes(), walked(tmp_path / "whole.mcap")[1]
+    half = tmp_path / "half.mcap"
+    half.write_bytes(whole[len(whole) // 2 :])
+    scan, kept = walked(half)
+    assert 0 < len(kept) < len(given)
+    assert kept == given[-len(kept) :]
+    assert scan.missing == len(given) - len(kept)
+    code, out, _ = rig("recover", half)
+    assert code == 1
+    assert f"lost: {scan.missing} of {len(given)} messages" in out
+    assert walked(tmp_path / "half.recovered.mcap")[0].sealed
+
+
+@pytest.mark.parametrize("described", [False, True])
+def test_a_front_that_is_lost_without_statistics_is_an_unknown_loss(rig, tmp_path, described):
+    record(tmp_path / "whole.mcap", 400)
+    data = bytearray((tmp_path / "whole.mcap").read_bytes())
+    data[-20] ^= 1  # the footer no longer proves the summary
+    half = tmp_path / "half.mcap"
+    half.write_bytes(data[200 if described else len(data) // 2 :])
+    scan, kept = walked(half)
+    assert bool(kept) == described
+    assert (scan.missing, scan.whole) == (None, False)
+    assert "its beginning is damaged or missing" in scan.fault
+    code, out, _ = rig("recover", half)
+    assert code == 1
+    assert "an unknown number of messages" in out
+
+
+@pytest.mark.parametrize("at", ["first", "last"])
+@pytest.mark.parametrize("ended", [False, True], ids=["end of the messages lost", "end of the messages there"])
+def test_chunks_that_are_lost_together_with_the_statistics_are_an_unknown_loss(rig, logs, tmp_path, at, ended):
+    data, path = bytearray((logs / "saved.mcap").read_bytes()), tmp_path / "wrong.mcap"
+    parts = [part for part in walk(bytes(data)) if getattr(part, "opcode", 0) in (Opcode.CHUNK, Opcode.DATA_END)]
+    hit = parts[0 if at == "first" else -2]  # no sequence number has a gap where the first or the last one is lost
+    data[hit.begin + 9 : hit.end] = bytes(hit.end - hit.begin - 9)
+    if not ended:
+        data[parts[-1].begin : parts[-1].end] = bytes(parts[-1].end - parts[-1].begin)
+    data[-20] ^= 1  # the footer no longer proves the summary
+    path.write_bytes(data)
+    scan, kept = walked(path)
+    assert len(kept) < len(walked(logs / "saved.mcap")[1])
+    assert scan.missing is None
+    code, out, _ = rig("recover", path)
+    assert code == 1
+    assert "missing" in scan.fault
+    assert "an unknown number of messages" in out
+    assert "no message" not in out
