@@ -2,27 +2,23 @@
 
 import csv
 import dataclasses
-import errno
-import io
 import json
-import sys
-import tracemalloc
 import wave
 from fractions import Fraction
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from exported import written
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyarrow import parquet
 from scipy.io import loadmat
 
 import rig
-from rig.errors import OutputError, UsageError
+from rig.errors import UsageError
 from rig.record import reader
 from rig.record.export import FORMATS, export, tables
 from rig.record.export.description import description
@@ -81,13 +77,6 @@ def same(read, run):
                 assert found == list(values)
             else:
                 assert np.array_equal(np.array(found, float), np.array(values, float), equal_nan=True), (name, column)
-
-
-def written(run, to, folder, **wanted):
-    path = folder / f"export{FORMATS[to].suffix}"
-    export(tables(run, **wanted), to, path, description(run))
-    assert [one.name for one in folder.iterdir()] == [path.name]
-    return path
 
 
 def test_tables_of_a_run(run):
@@ -296,33 +285,6 @@ def test_damage_is_written_into_the_file(run, tmp_path):
         assert np.array_equal(lost, np.isnan(part.signals["velocity"]))
 
 
-@pytest.mark.parametrize("to", sorted(FORMATS))
-def test_nothing_is_left_of_an_export_that_fails(run, tmp_path, monkeypatch, to):
-    path = written(run, to, tmp_path)
-    before = {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()}
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    changed = dataclasses.replace(run, signals={"velocity": run.signals["velocity"] + 1.0})
-    with pytest.raises(OutputError, match=r"export\..* cannot be written: No space left on device"):
-        export(tables(changed), to, path, {})
-    assert {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()} == before
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
-
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("os.fsync", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        export(tables(changed), to, path, {})
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
-    monkeypatch.undo()
-    export(tables(changed), to, path, {})
-    assert {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()} != before
-
-
 def test_a_run_without_samples_can_be_exported(tmp_path):
     run = Run(scene="{}", step_ns=1, frame_ns=1, time=np.empty(0), signals={"x": np.empty(0)}, units={"x": "m"})
     for to in sorted(FORMATS):
@@ -372,128 +334,3 @@ def test_files_of_a_folder_are_known_before_they_are_written(run, tmp_path):
         path = tmp_path / to
         export(tables(run), to, path, {})
         assert {one.name for one in path.iterdir()} == set(files(tables(run), to))
-
-
-@pytest.mark.parametrize(("library", "to"), [("xarray", "netcdf"), ("h5netcdf", "hdf5")])
-def test_a_library_that_is_missing_is_named(run, tmp_path, monkeypatch, library, to):
-    monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(
-        UsageError, match=rf"{library} cannot be loaded \(.*\); pip install 'friction-rig\[data\]' installs"
-    ):
-        export(tables(run), to, tmp_path / "export", {})
-    assert not [*tmp_path.iterdir()]
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(UsageError, match="pandas cannot be loaded"):
-        run.to_pandas()
-
-
-def test_a_run_prints_as_one_screen(run):
-    many = {f"p_{i}": np.zeros(7001) for i in range(100)}
-    text = str(dataclasses.replace(run, signals=run.signals | many, damage="it breaks off", fault="it breaks off"))
-    assert repr(run) == str(run)
-    assert len(text.splitlines()) < 40
-    assert max(map(len, text.splitlines())) <= 120
-    v = run.signals["velocity"]
-    lines = text.splitlines()
-    assert lines[0] == "run         scene belt, 0.7 s, step 0.1 ms"
-    assert lines[1] == "timing      VALID"
-    assert f"  velocity                 {v.min():.6g} .. {v.max():.6g} m/s" in lines
-    assert "  and 90 more" in lines
-    gauge = run.measurements["gauge"].v
-    low, high = np.nanmin(gauge), np.nanmax(gauge)
-    assert f"  gauge                    {low:.6g} .. {high:.6g} N, 701 rows at 1000 Hz" in lines
-    assert "controllers feedback: 700 commands" in lines
-    assert "events      mark 2" in lines
-    assert lines[-1] == "damage      it breaks off"
-    assert "array" not in text
-
-
-def test_a_run_without_anything_prints_too():
-    run = Run(scene="", step_ns=1, frame_ns=1, time=np.empty(0), signals={"x": np.full(0, np.nan)}, units={})
-    assert "unknown scene" in str(run)
-    assert "  x                        no value" in str(run)
-
-
-def test_save_writes_the_recording(run, tmp_path):
-    run.save(str(tmp_path / "a.mcap"))
-    save(run, tmp_path / "b.mcap")
-    assert list(reader.Scan(tmp_path / "a.mcap")) == list(reader.Scan(tmp_path / "b.mcap"))
-
-
-def test_plot_is_the_figure_that_the_commands_draw(tmp_path):
-    from rig.view.run_figure import draw
-
-    run = rig.simulate("belt", 0.1)
-    run.plot().savefig(tmp_path / "a.png")
-    draw(run, tmp_path / "b.png")
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
-def test_a_run_saved_from_python_has_its_provenance(tmp_path):
-    made = rig.simulate(rig.load("belt", {"seed": "7"}), 0.05)
-    made.save(tmp_path / "run.mcap")
-    read = reader.open(tmp_path / "run.mcap").provenance
-    assert read == made.provenance
-    assert read["seed"] == "7"
-    assert read["numpy"] == np.__version__
-    assert read["kernel"]
-    assert read["date"]
-
-
-@pytest.mark.parametrize("fault", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
-def test_a_fault_anywhere_in_an_hdf5_file_is_raised_and_leaves_nothing(run, tmp_path, monkeypatch, fault, share):
-    left = round(share * written(run, "hdf5", tmp_path / "whole").stat().st_size)
-    opens = Path.open
-
-    class Filling(io.FileIO):
-        def write(self, content):
-            nonlocal left
-            left -= len(content)
-            if left < 0:
-                raise fault
-            return super().write(content)
-
-    monkeypatch.setattr(
-        Path, "open", lambda path, mode="r", **more: Filling(path, mode) if mode == "w+b" else opens(path, mode, **more)
-    )
-    path = tmp_path / "part"
-    path.mkdir()
-    with pytest.raises((OutputError, KeyboardInterrupt)) as found:
-        written(run, "hdf5", path)
-    assert isinstance(found.value, KeyboardInterrupt) or "No space left on device" in str(found.value)
-    assert not [*path.iterdir()]
-
-
-def test_an_hdf5_file_is_not_kept_in_memory(tmp_path):
-    time = np.arange(100_000) * 1e-3
-    long = Run(scene="{}", step_ns=1_000_000, frame_ns=1_000_000, time=time, units={},
-               signals={f"x{k}": time + k for k in range(20)})  # fmt: skip
-    whole = tables(long)
-    export(whole, "hdf5", tmp_path / "first.h5", {})  # imports
-    tracemalloc.start()
-    export(whole, "hdf5", tmp_path / "long.h5", {})
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert (tmp_path / "long.h5").stat().st_size > 16e6
-    assert peak < 5e6
-
-
-@pytest.mark.parametrize(
-    "told",
-    [
-        b"no JSON",
-        b"[]",
-        b'{"resources": [{"path": "../kept.csv", "format": "csv"}, {"path": "kept.toml", "format": "csv"}, 1]}',
-        b'{"resources": [{"path": "kept.toml", "format": "toml"}]}',
-    ],
-)
-def test_only_tables_of_an_earlier_export_go(run, tmp_path, told):
-    folder = tmp_path / "tables"
-    folder.mkdir()
-    for name in ("../kept.csv", "kept.toml"):
-        (folder / name).write_text("kept")
-    (folder / "datapackage.json").write_bytes(told)
-    export(tables(run, ["displacement"]), "csv", folder, {})
-    assert sorted(one.name for one in folder.iterdir()) == ["datapackage.json", "kept.toml", "outputs.csv"]
-    assert (tmp_path / "kept.csv").read_text() == "kept"
