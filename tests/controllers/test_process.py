@@ -1,73 +1,24 @@
-"""A controller as a process: against the twin of the bus, and once as a real process over a private unix socket."""
+"""A controller as a process: against the twin of the bus."""
 
 import contextlib
 import json
 import math
-import os
 import re
-import signal
-import subprocess
-import sys
 import threading
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from controlled_plant import FRAME, ROOT, Plant, described, section
 from twin import Twin
 
-from rig import bus, controllers
+from rig import controllers
 from rig.bus import encode, messages
-from rig.bus.run_setup import Setup
-from rig.controllers.normal_force import NormalForce
 from rig.controllers.runtime import process
 from rig.controllers.runtime.loop import Loop
 from rig.controllers.squeal_switch import SquealSwitch
 from rig.errors import BusError, UsageError
-
-ROOT = Path(__file__).parents[2]
-FRAME = 1_000_000
-
-
-def section(**given):
-    return NormalForce(**{"kind": "normal_force", "sensor": "vibrometer", "gain": 200.0, "nominal": 20.0} | given)
-
-
-def described(**given):
-    """A stand with two sensors and one controller that reads the second."""
-    return Setup(
-        run="twin",
-        scene="{}",
-        frame_ns=FRAME,
-        step_ns=FRAME,
-        outputs={},
-        sensors={"disc": ("rad/s", FRAME), "vibrometer": ("m/s", FRAME)},
-        controllers={"feedback": controllers.described(section(**given), {})},
-    )
-
-
-class Plant:
-    """The plant's end: sends steps, gets answers."""
-
-    def __init__(self, session):
-        self.session = session
-        self.acts = session.subscribe("act/*")
-        self.events = session.subscribe("event/*")
-        self.watch = session.watch("controller/*")
-        self.step = session.publisher("step")
-
-    def send(self, tick, v, t_ns=None):
-        t_ns = tick * FRAME if t_ns is None else t_ns
-        self.step.put(encode.step(tick, t_ns, [0.3, v], np.ones(2, dtype=np.int64)), t_ns)
-
-    def answer(self, timeout=5.0):
-        message = self.acts.get(timeout)
-        return messages.decode(message.topic, message.payload) if message is not None else None
-
-    def event(self, timeout=5.0):
-        message = self.events.get(timeout)
-        return messages.decode(message.topic, message.payload)
 
 
 @contextlib.contextmanager
@@ -276,133 +227,3 @@ def test_a_file_asks_the_plant_to_be_let_in():
             "hears": False,
         }
     ]
-
-
-@pytest.fixture
-def private(tmp_path, monkeypatch):
-    """A runtime directory of this test's own."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    return tmp_path
-
-
-@contextlib.contextmanager
-def spawned(what, **given):
-    """A hub in this process and the controller in one of its own."""
-    with bus.host(run="here") as session:
-        plant = Plant(session)
-        setup = described(**given)
-        server = session.serve("scene", lambda _: setup.to_json())
-        door = session.serve("cmd/plant", lambda _: {})
-        session.announce()
-        name = Path(what).stem
-        command = [sys.executable, "-m", "rig.controllers.runtime.process", what, "--run", "here"]
-        with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as child:
-            try:
-                deadline = time.monotonic() + 20.0
-                while ("controller", name) not in plant.watch.present and time.monotonic() < deadline:
-                    server.poll(0.02)
-                    door.poll()
-                    plant.watch.poll()
-                    if child.poll() is not None:
-                        break
-                yield plant, child, session
-            finally:
-                child.kill()
-
-
-def ended(child, within):
-    """Exit code of a process that must end by itself."""
-    return child.wait(within)
-
-
-def test_a_real_process_answers_over_a_private_socket_and_ends_with_the_plant(private):
-    with spawned("feedback") as (plant, child, session):
-        for tick in range(50):
-            plant.send(tick, 0.05)
-            act = plant.answer()
-            assert (act.tick, list(act.values)) == (tick, [10.0])
-        session.close()
-        assert ended(child, 3.0) == 0
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_real_process_leaves_cleanly_when_asked_to(private, number):
-    with spawned("feedback") as (plant, child, _):
-        child.send_signal(number)
-        assert ended(child, 3.0) == 0
-        assert plant.event().kind == "left"
-
-
-def test_a_killed_process_leaves_nothing_behind(private):
-    with spawned("feedback") as (plant, child, _):
-        before = sorted(os.listdir(private / "friction-rig"))
-        child.kill()
-        child.wait(3.0)
-        deadline = time.monotonic() + 4.0
-        while plant.watch.present and time.monotonic() < deadline:
-            plant.watch.poll(0.1)
-        assert not plant.watch.present
-        assert sorted(os.listdir(private / "friction-rig")) == before
-
-
-def test_a_name_that_the_scene_does_not_have_ends_with_a_usage_error(private):
-    with spawned("feed") as (_, child, _session):
-        assert ended(child, 3.0) == 2
-        assert "no controller called feed" in child.stderr.read()
-
-
-def test_a_fault_in_a_file_of_ones_own_is_told_with_its_trace(private, tmp_path):
-    text = (ROOT / "docs" / "example_controller.py").read_text()
-    path = tmp_path / "mine.py"
-    path.write_text(text.replace("(v,) = values", "(v,) = values\n        1.0 / (t_ns - 2_000_000)"))
-    with spawned(str(path)) as (plant, child, _):
-        for tick in range(3):
-            plant.send(tick, 0.05)
-        assert ended(child, 3.0) == 2
-        told = child.stderr.read()
-        assert "mine failed at tick 2" in told
-        assert "ZeroDivisionError" in told
-        assert [plant.answer().tick for _ in range(2)] == [0, 1]
-        assert [plant.event().kind, plant.event().kind] == ["fault", "left"]
-
-
-def test_without_a_run_it_says_so_and_ends(private):
-    assert process.main(["feedback", "--wait", "0"]) == 2
-
-
-HUB = """
-import sys, time
-import numpy as np
-from rig import bus
-from rig.bus import encode
-from rig.bus.run_setup import Setup
-setup = Setup.from_json(__import__("json").loads(sys.stdin.readline()))
-with bus.host(run="here") as session:
-    server, watch = session.serve("scene", lambda _: setup.to_json()), session.watch("controller/*")
-    session.announce()
-    step, tick = session.publisher("step"), 0
-    while True:
-        server.poll(0.001)
-        step.put(encode.step(tick, tick * 1_000_000, [0.3, 0.05], np.ones(2, dtype=np.int64)), tick * 1_000_000)
-        tick += 1
-        if watch.poll() and watch.present:
-            print("joined", flush=True)
-"""
-
-
-def test_when_the_plant_is_killed_the_controller_ends_within_three_seconds(private):
-    hub = [sys.executable, "-c", HUB]
-    with subprocess.Popen(hub, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as plant:
-        try:
-            plant.stdin.write(described().to_text() + "\n")
-            plant.stdin.flush()
-            command = [sys.executable, "-m", "rig.controllers.runtime.process", "feedback", "--run", "here"]
-            with subprocess.Popen(command, cwd=ROOT) as child:
-                try:
-                    assert plant.stdout.readline() == "joined\n"
-                    plant.kill()
-                    assert ended(child, 3.0) == 0
-                finally:
-                    child.kill()
-        finally:
-            plant.kill()
