@@ -1,7 +1,6 @@
-"""Maps of the mass on a belt (characteristic A, set PEND): regions, boundaries, and that the work can be cut anyhow."""
+"""Maps of the mass on a belt (characteristic A, set PEND): regions and boundaries."""
 
 import json
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -12,25 +11,9 @@ from rig.analysis import map as maps
 from rig.analysis.axis import Axis
 from rig.analysis.map import figure
 from rig.analysis.map.chart import REGIONS
-from rig.analysis.map.compute import MapUnits
-from rig.analysis.map.job import ROOT, RUNS, SOURCES, Job, Settings, Unit
-from rig.analysis.map.row import Row
-from rig.analysis.map.steady_state import (
-    BLANK,
-    NAMES,
-    SLIDING,
-    STICK_SLIP,
-    STUCK,
-    UNDECIDED,
-    VIBRATION,
-    Judge,
-    Point,
-    Window,
-    extremes,
-    sticking,
-)
+from rig.analysis.map.job import ROOT, RUNS, SOURCES, Settings
+from rig.analysis.map.steady_state import BLANK, NAMES, SLIDING, STICK_SLIP, STUCK, UNDECIDED, VIBRATION, Point
 from rig.analysis.map.track import Track
-from rig.analysis.pool import Store, local
 from rig.errors import Singular, UsageError
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
@@ -41,30 +24,6 @@ FEW = "drive.speed=0.05:0.45:3"
 @pytest.fixture(scope="module")
 def belt(tmp_path_factory):
     return rig.map("belt", SPEEDS, folder=tmp_path_factory.mktemp("maps"))
-
-
-@pytest.fixture(scope="module")
-def job():
-    """Four rows of three points: seconds of work."""
-    return maps.job(rig.load("belt"), FEW, "load.force=15:30:4", runs=("up", "down"))
-
-
-@pytest.fixture(scope="module")
-def whole(job):
-    """Its units in one batch, in this process."""
-    return computed(job)
-
-
-def computed(job):
-    work = MapUnits(job)
-    return {unit: work.compute(unit) for unit in range(work.total)}
-
-
-def same(a, b):
-    def equal(one, other):
-        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
-
-    return a.keys() == b.keys() and all(equal(a[u][n], b[u][n]) for u in a for n in a[u])
 
 
 def test_regions_over_the_speed_are_those_of_the_reference(belt):
@@ -214,131 +173,6 @@ def test_a_drive_that_stands_still_is_stuck(tmp_path):
     assert np.isnan(found.growth[0, 0])
 
 
-def test_numbers_do_not_depend_on_how_the_work_is_cut(job, whole, tmp_path):
-    work = MapUnits(job)
-    assert same(whole, {unit: work.compute(unit) for unit in reversed(range(work.total))})
-    assert same(whole, computed(Job.from_json(job.to_json())))
-
-
-def test_numbers_do_not_depend_on_the_number_of_workers(job, whole, tmp_path):
-    told = []
-    found = maps.chart(job, tmp_path, workers=2, progress=lambda done, total: told.append((done, total)))
-    assert same(whole, Store(found.folder).load())
-    assert told[0] == (0, 4)
-    assert told[-1] == (4, 4)
-
-
-def test_a_map_with_one_axis_is_cut_into_parts_that_find_what_the_whole_row_finds():
-    """The carried runs are one unit, which holds the growth rates; near and far starts are cut into parts."""
-    scene = rig.load("belt")
-    axis = Axis.parse("drive.speed=0.1:0.5:12", scene)
-    job = Job(scene, axis, None, Settings("displacement"))
-    assert job.units == (
-        Unit(0, 0, 12, ("up", "down")),
-        Unit(0, 0, 10, ("near", "far"), curve=False),
-        Unit(0, 10, 12, ("near", "far"), curve=False),
-    )
-    found = maps.gathered(job, computed(job), Path())
-    row = Row(Track(scene, axis, job.settings), Unit(0, 0, 12, RUNS)).run()
-    for name in ("high", "share", "spent"):
-        assert np.array_equal(found.tables[name][:, 0], row[name], equal_nan=True)
-    assert np.array_equal(found.state[:, 0], row["state"])
-    assert np.array_equal(found.onsets[0], row["onset"])
-
-
-def test_the_growth_rates_of_parts_are_those_of_the_whole_row():
-    scene = rig.load("belt")
-    axis = Axis.parse("drive.speed=0.1:0.5:30", scene)
-    job = Job(scene, axis, None, Settings("displacement", runs=("near",)))
-    assert [(u.first, u.last) for u in job.units if u.curve] == [(0, 25), (25, 30)]
-    found = maps.gathered(job, computed(job), Path())
-    row = Row(Track(scene, axis, job.settings), Unit(0, 0, 30, ("near",))).run()
-    assert np.array_equal(found.growth[0], row["growth"])
-    assert np.array_equal(found.onsets[0], row["onset"])
-
-
-def test_a_broken_run_goes_on_where_it_was(job, whole, tmp_path, monkeypatch):
-    store = maps.store_of(job, tmp_path)
-    with store.open(MapUnits(job)):
-        store.save({1: whole[1], 2: whole[2]})
-    (store.folder / "000003.npz").write_bytes(b"half a file")
-    asked = []
-
-    def compute(self, unit):
-        asked.append(unit)
-        return whole[unit]
-
-    monkeypatch.setattr(MapUnits, "compute", compute)
-    found = maps.chart(job, tmp_path, workers=1)
-    assert asked == [0, 3]
-    assert same(whole, Store(found.folder).load())
-    maps.chart(job, tmp_path, workers=1)
-    assert asked == [0, 3]
-
-
-def test_another_scene_axis_or_setting_is_another_folder(job, tmp_path):
-    scene = rig.load("belt")
-    others = [
-        maps.job(rig.load("belt", {"body.damping": 2.5}), FEW, "load.force=15:30:4", runs=("up", "down")),
-        maps.job(scene, FEW, "load.force=15:31:4", runs=("up", "down")),
-        maps.job(scene, FEW, "load.force=15:30:4", runs=("up",)),
-    ]
-    folders = {maps.store_of(one, tmp_path).folder for one in (job, *others)}
-    assert len(folders) == 4
-    assert maps.store_of(maps.job(scene, FEW, "load.force=15:30:4", runs=("up", "down")), tmp_path).folder in folders
-
-
-def test_the_batch_of_a_worker_that_is_killed_is_computed_by_another_one(job, whole, tmp_path, monkeypatch):
-    started = []
-    original = local.Child
-
-    def child(*arguments, **named):
-        started.append(original(*arguments, **named))
-        return started[-1]
-
-    monkeypatch.setattr(local, "Child", child)
-
-    def kill(done, total):
-        if done == 1:
-            started[0].send(signal.SIGKILL)
-
-    found = maps.chart(job, tmp_path, workers=2, progress=kill)
-    assert started[0].code == -signal.SIGKILL
-    assert all(one.code is not None for one in started)
-    assert same(whole, Store(found.folder).load())
-
-
-def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_path):
-    work = MapUnits(job)
-    row = work.failed(2, "ended its worker twice: worker 1 was killed by SIGSEGV")
-    found = maps.gathered(job, {unit: work.compute(unit) if unit != 2 else row for unit in range(4)}, tmp_path)
-    assert NAMES[found.state[0, 2, 0]] == "stopped"
-    assert "a run had to stop at 3 of 12 points" in found.text()
-    assert "ended its worker twice: worker 1 was killed by SIGSEGV" in found.text()
-
-
-def test_an_interruption_ends_the_workers(job, tmp_path, monkeypatch):
-    started = []
-    original = local.Child
-    monkeypatch.setattr(local, "Child", lambda *a, **n: started.append(original(*a, **n)) or started[-1])
-
-    def interrupt(done, total):
-        if len(started) == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        maps.chart(job, tmp_path, workers=2, progress=interrupt)
-    assert all(one.code is not None for one in started)
-
-
-def test_two_runs_of_one_map_keep_apart(job, tmp_path):
-    with (
-        maps.store_of(job, tmp_path).open(MapUnits(job)),
-        pytest.raises(UsageError, match="another process computes this at the moment"),
-    ):
-        maps.chart(job, tmp_path)
-
-
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
@@ -356,70 +190,6 @@ def test_what_is_wrong_is_told(settings, told):
 def test_a_dithered_scene_has_no_steady_sliding_to_map():
     with pytest.raises(UsageError, match="-p dither=none"):
         maps.job(rig.load("belt_dither", {"dither.enable": True}), FEW)
-
-
-def window(travel, slip=1.0, share=0.0, moving=True):
-    return Window(-travel, travel, travel, travel, slip, share, 5 if share else 0, 0.3, moving)
-
-
-def judged(windows, near=False):
-    judge = Judge(0.01, near)
-    return [NAMES[judge.take(w)] for w in windows]
-
-
-def test_a_cycle_must_agree_twice():
-    assert judged([window(1.0, share=0.3), window(1.0, share=0.3)]) == ["undecided"] * 2
-    assert judged([window(1.0, share=0.3)] * 3)[-1] == "stick-slip"
-    assert judged([window(1.0 - 1e-3 * k, share=0.3) for k in range(9)])[-1] == "undecided"
-    assert judged([window(1.0)] * 3)[-1] == "vibration"
-
-
-def test_a_near_start_that_hardly_moves_is_not_yet_a_vibration():
-    assert judged([window(1.0, slip=0.01)] * 9, near=True)[-1] == "undecided"
-    assert judged([window(1.0, slip=0.001), window(0.9, slip=0.0009)], near=True)[-1] == "sliding"
-
-
-@pytest.mark.parametrize(
-    ("travel", "verdict"),
-    [
-        (1.0 + 0.3 * np.sin(3.0 * np.arange(40.0)), "stick-slip"),
-        (1.0 - 0.01 * np.arange(40.0), "undecided"),
-        (1.0 + 1.0 / (2.0 + np.arange(40.0)), "undecided"),
-    ],
-)
-def test_at_the_end_of_the_time_a_drift_is_undecided_and_irregular_motion_is_not(travel, verdict):
-    judge = Judge(0.01, near=False)
-    for value in travel:
-        judge.take(window(float(value), share=0.3))
-    assert NAMES[judge.at_last()] == verdict
-
-
-def over_sectors(windows):
-    judge = Judge(0.01, near=False, pushed=True)
-    return [NAMES[judge.take(w)] for w in windows]
-
-
-def test_over_sectors_a_cycle_must_live_through_five_turns():
-    sticks, slides = window(1.0, share=0.3), window(1.0)
-    assert over_sectors([sticks] * 5) == ["undecided"] * 4 + ["stick-slip"]
-    assert over_sectors([sticks, sticks, slides, slides])[-1] == "sliding"
-    assert over_sectors([window(1.0, slip=0.1), window(1.0, slip=0.2)])[-1] == "undecided"
-
-
-def test_extremes_are_read_between_samples_but_not_beside_a_corner():
-    t = np.arange(0.0, 3.0, 0.01)
-    assert extremes(np.sin(2.0 * np.pi * (t + 0.0031))) == pytest.approx((-1.0, 1.0), abs=1e-6)
-    corner = np.minimum(np.abs(np.mod(t + 0.0031, 1.0) - 0.5), 0.3)
-    assert extremes(corner)[1] == 0.3
-    assert 0.0 <= extremes(corner)[0] <= 0.01
-
-
-def test_the_share_of_sticking_is_that_of_whole_cycles():
-    times = np.array([0.5, 1.0, 2.5, 3.0, 4.5, 5.0])  # sticks from 0.5 to 1, 2.5 to 3, 4.5 to 5
-    stuck = np.array([False, True, False, True, False, True])
-    found = sticking(times, stuck, after=False, span=5.2)
-    assert (found.share, found.begins, found.period) == (0.25, 3, 2.0)
-    assert sticking(np.zeros(0), np.zeros(0, dtype=bool), after=True, span=2.0).share == 1.0
 
 
 @pytest.mark.parametrize("source", SOURCES)
