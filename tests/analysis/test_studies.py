@@ -15,6 +15,7 @@ from rig.analysis.studies import functions, prepared, study
 from rig.analysis.studies.dataset import check_path
 from rig.analysis.studies.distributions import Distribution, made
 from rig.analysis.studies.file import is_study, read
+from rig.analysis.studies.measures import evaluate
 from rig.analysis.studies.result import gathered
 from rig.analysis.studies.runs import StudyRuns
 from rig.errors import SceneError, UsageError
@@ -380,6 +381,16 @@ def test_a_module_beside_a_function_is_part_of_it(belt, tmp_path):
         beside.write_text(f"FACTOR = {factor}\n")
         digests.add(prepared(belt, {"load.force": [10.0]}, [f"{file}:value"], duration=0.01).digest)
     assert len(digests) == 2
+
+
+def test_a_function_that_changes_arrays_in_place_changes_no_other_measure(belt, tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text("def centred(run):\n    v = run.signals['displacement']\n    v -= v.mean()\n    return v.max()\n")
+    named = "run.highest.displacement"
+    one, other = (evaluate(belt, prepared(belt, {"load.force": [10.0]}, names, duration=0.5).measures, 0.5).values
+                  for names in ([f"{file}:centred", named], [named, f"{file}:centred"]))  # fmt: skip
+    assert one == other[::-1]
+    assert one[0] < one[1]
 
 
 @pytest.mark.parametrize("text", ["import sys\nsys.exit(3)", "raise SystemExit", "x ="])

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -228,7 +228,7 @@ def _of_run(scene: Scene, duration: float | None, some: Sequence[Measure]) -> It
         if stopped:
             yield math.nan, one.unit, stopped
         elif one.function is not None:
-            yield one.function.value(run)
+            yield one.function.value(run if len(some) == 1 else _copied(run))
         elif one.kind == "first_opening":
             opened = first_opening(run)
             yield (math.nan if opened is None else opened), one.unit, "" if opened is not None else "no point opens"
@@ -236,6 +236,13 @@ def _of_run(scene: Scene, duration: float | None, some: Sequence[Measure]) -> It
             value = _number(run, one)
             short = one.kind == "frequency" and math.isnan(value)
             yield value, one.unit, f"{one.name}: less than one whole cycle" if short else ""
+
+
+def _copied(run: Run) -> Run:
+    """The run with arrays of its own: a function may change them in place, and other measures are computed after it."""
+    signals = {name: v.copy() for name, v in run.signals.items()}
+    measured = {name: samples._replace(v=samples.v.copy()) for name, samples in run.measurements.items()}
+    return replace(run, signals=signals, measurements=measured)
 
 
 def _number(run: Run, one: Measure) -> float:
