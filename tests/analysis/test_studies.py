@@ -95,6 +95,14 @@ def test_a_missing_zarr_is_named_with_its_installation(monkeypatch, tmp_path):
         check_path(tmp_path / "found.csv")
 
 
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_what_is_no_zarr_folder_is_not_replaced(tmp_path, kind):
+    path = tmp_path / "mine.zarr"
+    (path.mkdir if kind == "folder" else path.touch)()
+    with pytest.raises(UsageError, match=r"mine\.zarr: there is a file or folder .* that is no Zarr folder"):
+        check_path(path)
+
+
 def test_the_report_lists_points_and_the_range_of_each_measure(grid):
     text = grid.text()
     assert "4 points (2 x 2) over load.force 2 values, drive.speed 2 values" in text

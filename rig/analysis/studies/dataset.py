@@ -55,9 +55,13 @@ def dataset(found: StudyData) -> Dataset:
 
 
 def check_path(path: Path) -> None:
-    """Raise UsageError for a file that `save` could not write: another suffix, or a library that is missing."""
+    """Raise UsageError for what `save` could not write: another suffix, another folder, or a missing library."""
     if path.suffix not in SUFFIXES:
         raise UsageError(f"--to {path}: the name ends in .nc (NetCDF) or .zarr (Zarr)")
+    if path.suffix == ".zarr" and path.exists() and not (path / "zarr.json").is_file():
+        raise UsageError(
+            f"--to {path}: there is a file or folder of this name that is no Zarr folder; name another one"
+        )
     needed("xarray", "data")
     if path.suffix == ".nc":
         needed("h5netcdf", "data")
@@ -85,9 +89,12 @@ def save(found: StudyData, path: Path) -> None:
 def _zarr(made: Dataset, path: Path) -> None:
     draft = path.with_name(f".{path.name}.part")
     shutil.rmtree(draft, ignore_errors=True)
-    made.to_zarr(draft, mode="w", consolidated=False)  # version 3 of the format has no consolidated metadata
-    shutil.rmtree(path, ignore_errors=True)
-    draft.rename(path)
+    try:
+        made.to_zarr(draft, mode="w", consolidated=False)  # version 3 of the format has no consolidated metadata
+        shutil.rmtree(path, ignore_errors=True)
+        draft.rename(path)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
 
 
 def _about(unit: str, words: str) -> dict[str, str]:
