@@ -23,6 +23,8 @@ gym         rigs as environments of Gymnasium
 plant_fmu   scenes as FMUs
 qualify     tests of the simulator: cost, torture, benchmarks
 papers      the figures of the papers, reproduced
+lessons     lessons of half an hour
+web         the bench as a page in the browser
 cli         the commands
 """
 

@@ -38,7 +38,7 @@ from pydantic import BaseModel, create_model
 
 from rig.about import About
 from rig.errors import PartError
-from rig.parts import Room, file_of, named, one_class
+from rig.parts import Room, code_of, file_of, named, one_class
 from rig.quantities import Section
 from rig.units import brief
 
@@ -49,7 +49,13 @@ class Effect(Section):
 
 def _section(module: ModuleType, name: str) -> Any:
     """The section of an effect that acts on any plant, with the key `effect`."""
-    own = one_class(module, lambda one: issubclass(one, Effect), "Parameters", "class derived from rig.effects.Effect")
+    foreign = code_of(module) is not None
+    what = "class derived from rig.effects.Effect" if foreign else ""
+    own = one_class(module, lambda one: issubclass(one, Effect), "Parameters", what)
+    if own is None:
+        raise PartError(
+            f"{name} does not act on any plant; plants that have this effect have a table of their own for it"
+        )
     if not callable(getattr(module, "add", None)):
         raise PartError(f"{file_of(module)}: defines no function add(assembly, section, frame, moved)")
     declares = own.declares

@@ -194,6 +194,12 @@ def test_they_are_right_as_they_are(toys):
             '    declares = type(Effect.declares)("x", random=True)\n    lag:',
             "eddy.py: random = True in declares; expected one of its values: constant, lag",
         ),
+        (
+            "scene.toml",
+            '"eddy.py"',
+            '"drive"',
+            "eddy.effect: drive does not act on any plant; plants that have this effect",
+        ),
         ("coil.py", "def flawed", "def flowed", "coil.py: Coil defines no flawed"),
         ("coil.py", '"corner": float', '"cornr": float', "Coil.perfect names cornr"),
         ("coil.py", "return self.gain_at", 'return float("nan")', "sensors.coil.kind: gain is nan; expected a finite"),
