@@ -16,7 +16,7 @@ from rig.errors import UsageError, WorkerError
 @dataclass(frozen=True)
 class Trial:
     """Squares of the numbers of its units. `does`: what a unit does besides ("kill", "once", "exit", "leave", "fault",
-    "talk").
+    "talk", "read").
 
     Files in `folder` count how often a unit was computed. `size`: numbers in a result.
     """
@@ -50,6 +50,8 @@ class Trial:
             raise UsageError("nothing is as it should be")
         if does == "talk":
             sys.stdout.write("half a line")
+        if does == "read":
+            assert sys.stdin.read() == ""
         return {"square": np.full(self.size, float(unit**2 + sum(given))), "name": np.array(f"unit {unit}")}
 
     def failed(self, unit, why):

@@ -15,6 +15,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import IO
 
 from rig.analysis.pool.local import MARK
 from rig.analysis.pool.store import Store
@@ -30,10 +31,11 @@ def main() -> int:
     store = Store(Path(sys.argv[1]))
     # SIGTERM acts as Ctrl-C, which a job in the background ignores: what is finished of a batch is saved
     with_parent(lambda: os.kill(os.getpid(), signal.SIGTERM))
+    batches = _batches()
     try:
         work = store.work()
         _say("ready")
-        while line := sys.stdin.readline():
+        while line := batches.readline():
             begin = time.perf_counter()
             _batch(work, store, json.loads(line))
             _say(f"done {time.perf_counter() - begin:.6f}")
@@ -43,6 +45,15 @@ def main() -> int:
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
     return 0
+
+
+def _batches() -> IO[str]:
+    """Standard input, on which units find nothing from now on: they would wait for ever, or take the batches."""
+    found = os.fdopen(os.dup(0), encoding="utf-8")
+    with Path(os.devnull).open() as nothing:
+        os.dup2(nothing.fileno(), 0)
+    sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115 (stays open)
+    return found
 
 
 def _batch(work: Work, store: Store, batch: list[list[float]]) -> None:
