@@ -52,7 +52,7 @@ def _batches() -> IO[str]:
     found = os.fdopen(os.dup(0), encoding="utf-8")
     with Path(os.devnull).open() as nothing:
         os.dup2(nothing.fileno(), 0)
-    sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115 (stays open)
+    sys.stdin = open(0, encoding="utf-8", closefd=False)
     return found
 
 
