@@ -59,7 +59,7 @@ def test_each_unit_is_computed_once_and_the_rest_after_an_interruption(tmp_path)
 
 
 def test_a_unit_that_ends_its_worker_is_tried_once_more_and_then_given_up(tmp_path):
-    """One dies once, one each time, one prints half a line, one reads: the others are there, the dead are not stored."""
+    """One dies once, one each time, one prints half a line, one reads: others are there, dead ones not stored."""
     does = {"2": "once", "5": "kill", "6": "talk", "7": "read"}
     work = Trial(str(tmp_path), total=12, does=does)
     found = done(work, tmp_path)
