@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from recorded_loop import write_loops
 from small_recording import record
 
 from rig.record.run import Commands, Run, Samples
@@ -52,4 +53,12 @@ def logs(run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("logs")
     save(run, folder / "saved.mcap")
     record(folder / "killed.mcap", 400, finished=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def loops(tmp_path_factory):
+    """A recorded control loop: see `write_loops`."""
+    folder = tmp_path_factory.mktemp("loops")
+    write_loops(folder)
     return folder
