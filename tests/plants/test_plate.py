@@ -6,7 +6,6 @@ Reference of statics and onset: tests/reference/plate.json.
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,53 +13,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plate_ride import SMALL, ride
 
 import rig
 from rig.bench.build_findings import findings
 from rig.errors import NumericsError
 from rig.motion.motion import Motion
 from rig.plants import plate
-from rig.solve.film_sums import COUNTED
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "plate.json").read_text())
-SMALL = {
-    "plate.modes": 10,
-    "plate.elements_along": 4,
-    "plate.elements_across": 4,
-    "plate.elements_through": 1,
-    "foam.elements_through": 1,
-    "film.along": 3,
-    "film.across": 2,
-}
 RISING = {"load.force": "ramped"}
-
-
-def ride(changes, duration, h_ns, every_ns=10_000, written=None, method="kick", moved=None):
-    """The rig of a small plate carried on by steps of `h_ns`; what its states were every so often, by name."""
-    scene = rig.load("plate", SMALL | changes)
-    assembly = plate.assemble(scene.parameters, moved or {})
-    system = assembly.system()
-    count = round(duration * 1e9 / every_ns)
-    motion = Motion(system, every_ns, method, substeps=round(every_ns / h_ns), longest=count)
-    for name, value in (written or {}).items():
-        motion.write(system.names.index(name), value)
-    motion.advance(count)
-    states = motion.states[-count:].copy()
-    film, at = system.film, {name: i for i, name in enumerate(system.names)}
-
-    def of_points(kept):
-        return states[:, [at[f"{kept}:{point + 1}"] for point in range(film.points)]]
-
-    return SimpleNamespace(
-        p=scene.parameters,
-        motion=motion,
-        system=system,
-        film=film,
-        places=states[:, : len(system.coordinates)],
-        at=lambda name: states[:, at[name]],
-        of_points=of_points,
-        openings=states[:, at["film.openings"]] / COUNTED if film else None,
-    )
 
 
 def independent(p, duration, h, every, written):
@@ -342,79 +304,3 @@ def test_the_step_that_is_advised_is_one_that_is_taken(changes, level):
     advised = found[0].remedy.removeprefix("rk4_step of ").removesuffix(" or less")
     again = findings(rig.load("plate", SMALL | changes | {"clock.rk4_step": advised}))
     assert not [one for one in again if "every point closed" in one.what and one.level in ("error", level)]
-
-
-ORACLE = {"film.along": 12, "film.across": 8, "film.completed": False, "film.lateral": False}
-"""40 modes of the same mesh, 96 points."""
-
-
-def onset(scene, duration=0.7):
-    """When the first point opens [s], after the slider has been set down."""
-    run = rig.simulate(scene, duration)
-    openings, down = run.signals["openings"], np.searchsorted(run.time, 0.3)
-    opened = openings > openings[down]
-    assert opened.any()
-    return run.time[np.argmax(opened)]
-
-
-@pytest.mark.slow
-def test_detachment_begins_when_an_independent_program_says():
-    """0.547 s there, and 0.541 to 0.550 s at other steps, by velocity Verlet."""
-    for step in (1e-6, 2e-6):
-        assert 0.50 < onset(rig.load("plate", ORACLE | {"clock.rk4_step": step})) < 0.60
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["plate", "plate_96", "plate_example_2", "plate_example_3"])
-def test_a_step_half_as_long_moves_the_onset_by_little(name):
-    scene = rig.load(name)
-    step = int(scene.clock.rk4_step)
-    assert step <= 2000
-    found = [onset(rig.load(name, {"clock.rk4_step": f"{one} ns"})) for one in (step, step // 2)]
-    assert found[0] == pytest.approx(found[1], rel=0.05)
-
-
-@pytest.mark.slow
-def test_in_detachment_the_energy_closes_to_a_hundredth_of_the_friction_work():
-    """In each tenth of a second, without damping; and better by the square of the step."""
-    whole = {"plate.modes": 40, "plate.elements_along": 10, "plate.elements_across": 8, "plate.elements_through": 2}
-    whole |= {"foam.elements_through": 2, "film.along": 10, "film.across": 4, "plate.damping_ratio": 0.0}
-    worst = []
-    for step in (2000, 1000):
-        found = ride(whole | {"load.force": 108.79, "drive.speed": 0.01}, 0.1, step)
-        begun = left_over(found.motion)
-        shares = []
-        for _ in range(4):
-            found.motion.advance(10_000)
-            ended = left_over(found.motion)
-            shares.append(abs(ended[0] - begun[0]) / (ended[1] - begun[1]))
-            begun = ended
-        assert found.motion.x[found.system.names.index("film.openings")] > 1000 * COUNTED
-        worst.append(max(shares))
-    assert worst[0] < 1e-2
-    assert worst[1] < 0.5 * worst[0]
-
-
-def left_over(motion):
-    """What the energy balance leaves over so far, and the work of friction [J]."""
-    energy = motion.energy()
-    largest = max(abs(value) for name, value in energy.items() if name != "error")
-    return energy["error"] * largest, energy["friction"]
-
-
-def test_shapes_that_are_updated_late_put_false_lines_into_the_spectrum():
-    """Rows kept for 50 us shake the slider at 20 and 40 kHz; rows interpolated at every step do not."""
-    changes = {"load.force": 108.79, "drive.speed": 1.0, "plate.damping_ratio": 0.05, "slider.position": 0.01}
-    system = ride(changes, 1e-4, 1000).system
-    film = system.film
-    fine = 1.0 * 10e-6  # m: ten microseconds of travel
-    places = np.arange(0.0, 0.04, fine)
-    kept = [film.everywhere(5.0 * fine * (i // 5))[:, :, : film.points // 2] for i in range(len(places))]
-    late = replace(system, film=replace(film, rows=np.array(kept), pitch=fine * (1.0 + 1e-9), longest=places[-2]))
-    lines = []
-    for one in (system, late):
-        motion = Motion(one, 5000, "kick", substeps=5, longest=4000)
-        motion.advance(4000)
-        swing = np.abs(np.fft.rfft(np.hanning(2000) * motion.states[-2000:, one.names.index("z'")]))
-        lines.append([swing[200], swing[400]])  # of 100 Hz each
-    assert min(wrong / right for right, wrong in zip(*lines)) > 1000.0
