@@ -88,8 +88,22 @@ def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Sc
     return found
 
 
+def _scene(scene: Scene | str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
+    """A scene that is loaded, or named, as `load` does. Raises UsageError for anything else."""
+    from pathlib import Path
+
+    from rig.errors import UsageError
+    from rig.scenes.scene import Scene
+
+    if isinstance(scene, Scene):
+        return scene
+    if isinstance(scene, str | Path):
+        return load(scene, overrides)
+    raise UsageError(f"{scene!r:.60} is no scene; give a name, a file, or what rig.load returns")
+
+
 def simulate(
-    scene: Scene | str,
+    scene: Scene | str | Path,
     duration: float | None = None,
     stop: Callable[[], str] | None = None,
     controllers: Mapping[str, Any] | None = None,
@@ -106,13 +120,15 @@ def simulate(
     Raises rig.errors.SceneError for controllers that cannot be designed or do not fit the scene, UsageError for objects
     that are not controllers and for a scene without an end.
     """
+    from pathlib import Path
+
     from rig.bench.given_controllers import divided, placed
     from rig.bench.simulate import simulate as run
     from rig.quantities import run_length_ns
     from rig.record.provenance import provenance
 
-    files, objects = divided(controllers or {}, isinstance(scene, str))
-    loaded, guests = placed(load(scene, files) if isinstance(scene, str) else scene, objects)
+    files, objects = divided(controllers or {}, isinstance(scene, str | Path))
+    loaded, guests = placed(_scene(scene, files), objects)
     found = run(loaded, duration_ns=run_length_ns(duration), stop=stop, guests=guests)
     found.provenance = provenance(loaded.seed)
     return found
@@ -151,14 +167,14 @@ def diff(first: Run, second: Run, tolerance: float = 0.0, begin: float = 0.0, en
     return compare(first, second, begin, end, tolerance)
 
 
-def modes(scene: Scene | str) -> Modes:
+def modes(scene: Scene | str | Path) -> Modes:
     """Compute growth rates, frequencies, damping ratios and shapes of the vibration modes about steady sliding."""
     from rig.analysis.modes import modes as solve
 
-    return solve(load(scene) if isinstance(scene, str) else scene)
+    return solve(_scene(scene))
 
 
-def sweep(scene: Scene | str, key: str, values: Iterable[float], controller: str = "") -> Sweep:
+def sweep(scene: Scene | str | Path, key: str, values: Iterable[float], controller: str = "") -> Sweep:
     """Compute eigenvalues about steady sliding over a parameter of the rig, `values` in SI, and the critical values.
 
     With `controller`, these are those of its closed loop; the key may then be one of the controller
@@ -169,22 +185,22 @@ def sweep(scene: Scene | str, key: str, values: Iterable[float], controller: str
     from rig.analysis.control_loop import sweep_loop
     from rig.analysis.sweep import sweep as solve
 
-    loaded = load(scene) if isinstance(scene, str) else scene
+    loaded = _scene(scene)
     axis = Axis.of(key, values, loaded, controller)
     return sweep_loop(loaded, axis, controller) if controller else solve(loaded, axis)
 
 
-def loop(scene: Scene | str, controller: str) -> Loop:
+def loop(scene: Scene | str | Path, controller: str) -> Loop:
     """Analyse a closed loop about steady sliding: eigenvalues, range of gains, margins of phase and delay.
 
     Raises rig.errors.SceneError for a controller that is not a linear feedback and where nothing slides steadily.
     """
     from rig.analysis.control_loop import loop as solve
 
-    return solve(load(scene) if isinstance(scene, str) else scene, controller)
+    return solve(_scene(scene), controller)
 
 
-def state_space(scene: Scene | str, delay: float = 0.0) -> StateSpace:
+def state_space(scene: Scene | str | Path, delay: float = 0.0) -> StateSpace:
     """Linearise the rig about steady sliding: python-control's StateSpace from its actuators to its outputs.
 
     `delay` [s]: delay of the commands, as a Pade approximation of order 8. Raises rig.errors.SceneError where nothing
@@ -192,10 +208,10 @@ def state_space(scene: Scene | str, delay: float = 0.0) -> StateSpace:
     """
     from rig.analysis.plant import state_space as solve
 
-    return solve(load(scene) if isinstance(scene, str) else scene, delay)
+    return solve(_scene(scene), delay)
 
 
-def limit_cycle(scene: Scene | str, longest: float | None = None) -> Cycle:
+def limit_cycle(scene: Scene | str | Path, longest: float | None = None) -> Cycle:
     """Find the limit cycle at constant actuator values: period, stick time, extremes, energy, Floquet multipliers.
 
     `longest`: simulated seconds within which the motion must settle, 120 by default; otherwise `decided` is false.
@@ -203,11 +219,11 @@ def limit_cycle(scene: Scene | str, longest: float | None = None) -> Cycle:
     """
     from rig.analysis.cycle import limit_cycle as search
 
-    return search(load(scene) if isinstance(scene, str) else scene, longest=longest)
+    return search(_scene(scene), longest=longest)
 
 
 def map(
-    scene: Scene | str,
+    scene: Scene | str | Path,
     x: str,
     y: str | None = None,
     *,
@@ -229,11 +245,11 @@ def map(
 
     from rig.analysis.map import chart, job
 
-    loaded = load(scene) if isinstance(scene, str) else scene
+    loaded = _scene(scene)
     return chart(job(loaded, x, y, output, runs, longest), Path(folder), workers)
 
 
-def repeat(scene: Scene | str, count: int, duration: float | None = None, workers: int | None = None) -> Repeats:
+def repeat(scene: Scene | str | Path, count: int, duration: float | None = None, workers: int | None = None) -> Repeats:
     """Simulate a scene with `count` seeds and compute the spread: first opening, RMS, spectrum, amplitude, frequency.
 
     Each run takes `duration` seconds, or as long as its protocol. `workers`: processes, one for each core by default.
@@ -241,11 +257,11 @@ def repeat(scene: Scene | str, count: int, duration: float | None = None, worker
     """
     from rig.analysis.repeat import repeat as run
 
-    return run(load(scene) if isinstance(scene, str) else scene, count, duration, workers)
+    return run(_scene(scene), count, duration, workers)
 
 
 def study(
-    scene: Scene | str,
+    scene: Scene | str | Path,
     over: Mapping[str, object],
     measure: Iterable[str | Callable[[Run], object]],
     *,
@@ -276,13 +292,13 @@ def study(
     from rig.analysis.studies import prepared
     from rig.analysis.studies import study as carry_out
 
-    loaded = load(scene) if isinstance(scene, str) else scene
+    loaded = _scene(scene)
     work = prepared(loaded, over, measure, samples, sampling, repeat, seed, duration, keep)
     return carry_out(work, Path(folder), workers, keep=keep, cluster=cluster)
 
 
 def optimise(
-    scene: Scene | str,
+    scene: Scene | str | Path,
     over: Mapping[str, object],
     measure: str | Callable[[Run], object],
     *,
@@ -305,7 +321,7 @@ def optimise(
 
     from rig.analysis.studies.search import prepared, search
 
-    loaded = load(scene) if isinstance(scene, str) else scene
+    loaded = _scene(scene)
     work = prepared(loaded, over, measure, largest, evaluations, seed, duration)
     return search(work, Path(folder), workers, cluster=cluster)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -48,7 +49,7 @@ class RigEnv(gymnasium.Env[Array, Array]):
 
 
 def make(
-    scene: Scene | str, *, observe: Ranges, act: Ranges, reward: Reward, frames: int = 1, duration: Any = None
+    scene: Scene | str | Path, *, observe: Ranges, act: Ranges, reward: Reward, frames: int = 1, duration: Any = None
 ) -> RigEnv:
     """A scene as an environment.
 
@@ -57,4 +58,6 @@ def make(
     `duration`: length of an episode in seconds; by default that of the protocol. Raises rig.errors.UsageError with all
     faults.
     """
-    return RigEnv(Episode(load(scene) if isinstance(scene, str) else scene, observe, act, reward, frames, duration))
+    return RigEnv(
+        Episode(load(scene) if isinstance(scene, str | Path) else scene, observe, act, reward, frames, duration)
+    )

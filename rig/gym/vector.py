@@ -6,6 +6,7 @@ A step of a rig takes 20 us, a message to another process more: processes would 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -81,7 +82,7 @@ class RigVectorEnv(VectorEnv[Array, Array, Any]):
 
 
 def make_vec(
-    scene: Scene | str,
+    scene: Scene | str | Path,
     count: int,
     *,
     observe: Ranges,
@@ -91,5 +92,5 @@ def make_vec(
     duration: Any = None,
 ) -> RigVectorEnv:
     """`count` rigs of a scene as one vectorised environment; for the other arguments see `rig.gym.make`."""
-    loaded = load(scene) if isinstance(scene, str) else scene
+    loaded = load(scene) if isinstance(scene, str | Path) else scene
     return RigVectorEnv([Episode(loaded, observe, act, reward, frames, duration) for _ in range(max(count, 1))])
