@@ -36,7 +36,8 @@ def draw(rows: Sequence[Row], scene: str, path: Path | str) -> None:
     with mpl.rc_context(STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(4.4 * columns, 1.0 + 3.2 * lines), dpi=125, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
-        figure.suptitle(f"{scene}: amplitude in each stage (half of peak to valley) and frequency", ha="center")
+        title = f"{scene}: amplitude in each stage", "(half of peak to valley) and frequency"
+        figure.suptitle(("\n" if columns == 1 else " ").join(title), ha="center")
         for i, sensor in enumerate(sensors):
             _bars(figure.add_subplot(lines, columns, i + 1), [row for row in rows if row.sensor == sensor])
         put(figure, path)

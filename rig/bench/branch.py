@@ -24,7 +24,7 @@ import numpy as np
 from rig import controllers, design
 from rig.bench.agreement import ELSEWHERE, agreement, changed_place, duration_ns, pairs, unknown
 from rig.bench.experiment import BRANCH, PLANT, Experiment
-from rig.bench.history import CHECKPOINT, add_history, nearest
+from rig.bench.history import CHECKPOINT, add_history, nearest, recorded_scene
 from rig.bench.journal import OPERATOR
 from rig.bench.postponed_steps import GOES_ON, WAITS
 from rig.bench.resumed_runner import Resumption
@@ -55,7 +55,7 @@ def branch(
     """
     changes = changes or {}
     run = reader.open(log)
-    scene = Scene.from_json(run.scene_text())
+    scene = recorded_scene(log, run)
     if run.begin_ns:
         begin = f"{run.begin_ns * 1e-9:g} s"
         raise UsageError(f"{log}: is a window of a run, from {begin} on: the state at its begin is not recorded, so it "

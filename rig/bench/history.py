@@ -1,7 +1,8 @@
-"""The history of a branch that begins at a checkpoint: taken from the recording that it continues."""
+"""What a new simulation takes from a recording: its scene, and the history of a branch that begins at a checkpoint."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from rig.bench.agreement import changed_place
 from rig.bench.experiment import EMERGENCY
 from rig.bench.resumed_runner import Resumption
+from rig.errors import LogError
 from rig.record.run import Run
 from rig.scenes.scene import Scene
 
@@ -18,6 +20,18 @@ CHECKPOINT = "checkpoint_ns"
 
 _ABORTED = ("limit", EMERGENCY)
 """Kinds of events after which the run goes to the safe state, without further checkpoints."""
+
+
+def recorded_scene(log: Path, run: Run) -> Scene:
+    """The scene of the recording `log`. Raises LogError if it or the length of a frame is lost, SceneError if it is not
+    of this version.
+    """
+    if not run.frame_ns:
+        raise LogError(f"{log} has lost the description of its run: it can be read, but not simulated again")
+    try:
+        return Scene.from_json(run.scene_text(), f"{log}, the recorded scene")
+    except LogError as fault:
+        raise LogError(f"{log}: {fault}") from None
 
 
 def nearest(run: Run, scene: Scene, tick: int) -> Resumption | None:

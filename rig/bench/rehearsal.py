@@ -21,7 +21,7 @@ from rig.bench.job import Job
 from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import carry_out
-from rig.errors import RigError
+from rig.errors import PartError, RigError
 from rig.parts import foreign_fault
 from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
@@ -53,7 +53,7 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
     try:
         runner = carry_out(scene, working, duration_ns, stop=stop).runner
     except Exception as error:
-        if not foreign_fault(error):
+        if not (foreign_fault(error) or isinstance(error, PartError)):
             raise
         begun.clear()  # the controller from a file that fails says why in the run, in its own process
         runner = carry_out(scene, {}, duration_ns, stop=stop).runner

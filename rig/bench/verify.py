@@ -30,7 +30,7 @@ from rig.bench.agreement import (
 )
 from rig.bench.chaotic_runs import BEFORE, SHORTEST, Openings, compared
 from rig.bench.command_checks import command_faults
-from rig.bench.history import history_end
+from rig.bench.history import history_end, recorded_scene
 from rig.bench.repeated_events import differences
 from rig.bench.simulate import Recorded, Tell, simulate
 from rig.errors import LogError
@@ -117,7 +117,7 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
     run = reader.open(log)
     if run.begin_ns:
         return _window(log, run)
-    scene = Scene.from_json(run.scene_text())
+    scene = recorded_scene(log, run)
     try:
         again = simulate(scene, {}, duration_ns(run), Recorded(run.commands, run.events), tell=tell)
     except LogError as error:

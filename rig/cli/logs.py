@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -251,8 +250,9 @@ def amplitude(
             printing.line(turns.text())
     if figure is not None:
         from rig.analysis.amplitude_figure import draw
+        from rig.analysis.recorded.series import scene_name
 
-        draw(rows, json.loads(run.scene or "{}").get("name", log.stem), figure)
+        draw(rows, scene_name(run), figure)
 
 
 COMMANDS = {

@@ -27,7 +27,7 @@ def setup_of(scan: Scan) -> Setup:
     Raises LogError if nothing describes a run.
     """
     scene = scan.attachments.get("scene.json")
-    given = {"scene": scene.data.decode() if scene else ""}
+    given = {"scene": scene.data.decode(errors="replace") if scene else ""}
     models = tuple(model_attachments.models(scan.attachments.values()))
     if (attached := scan.attachments.get("setup.json")) is None:
         return changed(_derived(scan, given["scene"]), models=models)

@@ -98,8 +98,7 @@ def replay(
     run = read(path) if saved or in_plant or every - heard else None
     scan, rebuilt = Scan(path), None
     if run is not None:
-        impaired = setup.scene and json.loads(setup.scene).get("network")
-        links = partial(Scene.from_json(setup.scene).links, "meas") if impaired else dict
+        links = partial(Scene.from_json(setup.scene).links, "meas") if _impaired(setup.scene) else dict
         rebuilt = RebuiltTraffic(run, list(setup.outputs), heard | every, links)
     recorded = {name: RecordedController(name, saved) for name in into}
     decode = Decoder(setup)
@@ -117,6 +116,14 @@ def replay(
     result = player.carry_out(traffic)
     result.fault = "; ".join(filter(None, (run.damage,) if run is not None else (scan.fault, refused)))
     return result
+
+
+def _impaired(scene: str) -> bool:
+    """Whether links are made worse on purpose; not known of a scene that is damaged."""
+    try:
+        return bool(json.loads(scene)["network"])
+    except (ValueError, TypeError, KeyError):
+        return False
 
 
 def _in_plant(setup: Setup, name: str) -> bool:

@@ -179,11 +179,11 @@ class Scene:
         )
 
     @classmethod
-    def from_json(cls, text: str) -> Scene:
+    def from_json(cls, text: str, where: str = "the recorded scene") -> Scene:
         """The scene of `to_json`. What was once a checked scene is only read again, not judged again.
 
         The format of the text is one above that of scene files of its time, and 1 or 2 when that was 1: in format 1 an
-        ideal instrument listed flaws that it did not have.
+        ideal instrument listed flaws that it did not have. `where`: what is named if it cannot be read.
 
         Raises SceneError for a format of a newer version and for a text that is no scene of this version, Untrusted and
         PartError for the parts that it contains.
@@ -192,7 +192,7 @@ class Scene:
             return cls._read(json.loads(text))
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             head = "is damaged, or of another version of friction-rig"
-            raise SceneError("the recorded scene", [head, *_faults(error)]) from error
+            raise SceneError(where, [head, *_faults(error)]) from error
 
     @classmethod
     def _read(cls, raw: dict[str, Any]) -> Scene:

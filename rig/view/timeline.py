@@ -101,7 +101,7 @@ def _controlled(
 def _enabled_at(scene: str, name: str) -> float:
     try:
         return float(json.loads(scene)["controllers"][name].get("enable_at", 0.0))
-    except (KeyError, ValueError, TypeError):
+    except (KeyError, ValueError, TypeError, AttributeError):
         return 0.0
 
 

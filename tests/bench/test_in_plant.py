@@ -204,7 +204,11 @@ def test_one_that_fails_leaves_and_safe_values_step_in(monkeypatch, pace, how):
 
     monkeypatch.setattr(NormalForceFeedback, "update", update)
     ran = Ran(scenes.load("belt_normal_force", IN_PLANT), pace=pace, duration=0.6)
-    why = "ZeroDivisionError: there is no such force" if how == "raises" else "NormalForceFeedback answers (1.0, 2.0)"
+    why = (
+        "ZeroDivisionError: there is no such force"
+        if how == "raises"
+        else "NormalForceFeedback.update commands (1.0, 2.0); expected a tuple with one number for each of load.force"
+    )
     said = ran.events("nf")
     assert [kind for kind, *_ in said] == ["fault", "left"]
     assert why in said[0][1]

@@ -174,3 +174,14 @@ def test_what_is_called_once_a_controller_has_joined_is_loaded_too(monkeypatch):
     visited(scene, Job(scene.to_json(), duration=0.2))
     states = scene.assemble().system().n
     assert shapes == {states, states + 1}
+
+
+def test_a_controller_from_a_file_that_answers_nonsense_in_the_rehearsal_does_not_end_it(tmp_path):
+    file = tmp_path / "nf.py"
+    file.write_text(
+        'class Controller:\n    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000\n'
+        "    def start(self): return 0\n"
+        "    def update(self, state, t_ns, values): return state, (20.0,) if t_ns < 10_000_000 else 20.0\n"
+    )
+    scene = scenes.load("belt", {"controllers.nf.kind": str(file)})
+    assert visited(scene, Job(scene.to_json(), run="r", duration=0.05))

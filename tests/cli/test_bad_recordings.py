@@ -41,14 +41,15 @@ def other(path, profile, library, topic, schema):
     out.finish()
 
 
-def rewritten(path, without="nothing", form="1", log=BELT, ordered=list):
-    """A recording without a topic, in another format or in another order; its checksums are right."""
+def rewritten(path, without="nothing", form="1", log=BELT, ordered=list, scene=None):
+    """A recording without a topic, in another format or order, or with another scene; its checksums are right."""
     scan = Scan(log)
     messages = ordered((scan.channels[one.channel_id], one) for one in scan.messages())
     with path.open("wb") as file:
         out, channels = Writer(file, 1 << 18), {}
         for one in scan.attachments.values():
-            out.attach(one.name, one.media_type, one.data, one.log_time)
+            data = scene if scene is not None and one.name == "scene.json" else one.data
+            out.attach(one.name, one.media_type, data, one.log_time)
         for name, values in scan.metadata.items():
             out.note(name, {**values, "format": form} if name == "log" else values)
         for made, one in messages:
@@ -126,8 +127,8 @@ def call(rig, tmp_path, monkeypatch, runs):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "1000")
 
-    def judge(command, path):
-        code, out, err = rig(command, path, *TAKES.get(command, ()))
+    def judge(command, *given):
+        code, out, err = rig(command, *given, *TAKES.get(command, ()))
         assert "Traceback" not in out + err
         return code, " ".join((out + err).split())
 
@@ -209,6 +210,21 @@ def test_python_reads_what_is_left(bad):
     assert lab.open(bad / "no_sensor").signals["velocity"].tobytes() == whole.signals["velocity"].tobytes()
     assert lab.open(bad / "no_outputs").measurements["vibrometer"].v.size == 201
     assert lab.open(bad / "cut").time[-1] > 1.0
+
+
+@pytest.mark.parametrize(
+    "scene", [b"{broken", b"\xff\xfe", b"[]", b'{"name": 7, "controllers": {"nf": 7}, "sensors": 5}']
+)
+def test_a_recording_whose_scene_is_damaged_is_read(call, tmp_path, scene):
+    log = tmp_path / "log.mcap"
+    rewritten(log, log=BELT.parent / "late_joiner.mcap", scene=scene)
+    for command in ("amplitude", "report", "runs", "response"):
+        code, said = call(command, log, *(("--figure", "amplitude.png") if command == "amplitude" else ()))
+        assert code == 0, said
+    for command in ("verify", "simulate"):
+        code, said = call(command, *(("--from", log) if command == "simulate" else (log,)))
+        assert code == 2
+        assert f"{log}, the recorded scene: is damaged, or of another version" in said
 
 
 @pytest.mark.parametrize("name", ["belt", "late_joiner"])

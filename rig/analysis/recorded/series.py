@@ -5,7 +5,6 @@ Samples that were lost or dropped out are NaN and counted.
 
 from __future__ import annotations
 
-import json
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -20,6 +19,7 @@ from rig.record.names import MEASURED, TRUE, signals, unknown
 from rig.record.roles import drives
 from rig.record.run import Reals, Run, Samples
 from rig.scenes.scene import Scene
+from rig.view.caption import scene_of
 
 _VIBRATION = ("m/s^2", "m/s", "Pa", "m")
 """Units of a vibration, the most informative first."""
@@ -189,17 +189,12 @@ def squared(unit: str) -> str:
 
 def scene_name(run: Run) -> str:
     """Return name or title of the scene; "recording" if damage removed the scene."""
-    try:
-        found = json.loads(run.scene)
-    except ValueError:
-        return "recording"
-    return str(found.get("name") or found.get("title") or found.get("plant", ""))
+    found = scene_of(run)
+    return str(found.get("name") or found.get("title") or found.get("plant") or "recording")
 
 
 def _reads(run: Run) -> dict[str, str]:
     """The quantity that each sensor of the scene reads; empty if the recording has lost its scene."""
-    try:
-        sections = json.loads(run.scene).get("sensors", {})
-    except ValueError:
-        return {}
-    return {name: str(section.get("reads", "")) for name, section in sections.items()}
+    sections = scene_of(run).get("sensors")
+    found = sections.items() if isinstance(sections, dict) else ()
+    return {name: str(section.get("reads", "")) for name, section in found if isinstance(section, dict)}

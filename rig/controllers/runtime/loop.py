@@ -11,7 +11,8 @@ from math import isfinite
 from typing import Any
 
 from rig.controllers.blocks.base import Controller, State, Values, gets_every_sample, retune
-from rig.errors import UsageError
+from rig.errors import PartError, UsageError
+from rig.parts import code_of
 from rig.units import brief
 
 NOT_FINITE = "an answer of {} is not finite: it is not sent, and the controller starts again"
@@ -22,10 +23,14 @@ def _finite(values: Values) -> bool:
     return isfinite(sum(values)) or all(map(isfinite, values))  # the sum alone may overflow
 
 
-def _miscounted(controller: Controller, command: Values) -> UsageError:
-    return UsageError(
-        f"{type(controller).__name__} answers {brief(command)}, but drives {', '.join(controller.drives)}"
-    )
+def _unfit(controller: Controller, answer: Any) -> PartError:
+    """What to raise for what `update` returned."""
+    code = code_of(type(controller))
+    what = f"{f'{code.file}: ' if code else ''}{type(controller).__name__}.update"
+    if not isinstance(answer, tuple) or len(answer) != 2:
+        return PartError(f"{what} returns {brief(answer)}; expected (state, commands)")
+    drives = ", ".join(controller.drives)
+    return PartError(f"{what} commands {brief(answer[1])}; expected a tuple with one number for each of {drives}")
 
 
 class Loop:
@@ -54,10 +59,16 @@ class Loop:
             self.held += 1
             return self.command
         controller = self.controller
-        state, command = controller.update(self.state, t_ns, values)
-        if len(command) != len(controller.drives):
-            raise _miscounted(controller, command)
-        if not (isfinite(sum(command)) or _finite(command)):
+        answer = controller.update(self.state, t_ns, values)
+        try:
+            state, command = answer
+            fits = len(command) == len(controller.drives)
+            finite = isfinite(sum(command)) or _finite(command)
+        except (TypeError, ValueError, OverflowError):  # no tuple, or no numbers
+            raise _unfit(controller, answer) from None
+        if not fits:
+            raise _unfit(controller, answer)
+        if not finite:
             self.refused += 1
             self.state = controller.start()
             return self.command
@@ -82,9 +93,9 @@ class Loop:
             if (tried.reads, tried.drives, tried.period_ns) != (old.reads, old.drives, old.period_ns):
                 raise UsageError("its sensors, actuators and period are fixed during a run")
             if self.last_input is not None:
-                _, command = tried.update(self.state, *self.last_input)
+                _, command = answer = tried.update(self.state, *self.last_input)
                 if len(command) != len(tried.drives):
-                    raise _miscounted(tried, command)
+                    raise _unfit(tried, answer)
             self.controller = retune(old, changes)  # a new object: the tried one may have stored something
         except UsageError:
             raise
