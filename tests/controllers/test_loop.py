@@ -86,7 +86,7 @@ def test_an_answer_of_the_wrong_length_is_a_fault():
     class Short(Faulty):
         drives = ("load.force", "drive.speed")
 
-    with pytest.raises(UsageError, match="one number for each of load.force, drive.speed"):
+    with pytest.raises(UsageError, match=r"one number for each of load.force, drive.speed"):
         Loop(Short()).answer(0, (0.0,))
 
 
