@@ -24,7 +24,7 @@ from rig.cli.options import (
     with_option,
 )
 from rig.cli.outputs import hold, named, refuse
-from rig.errors import UsageError
+from rig.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
@@ -104,9 +104,11 @@ def study(
 ) -> None:
     """Run a scene over parameters and evaluate measures: grids, samples of distributions, repeated runs.
 
-    Results are kept: after an interruption the same command continues.
+    Results are kept: after an interruption the same command continues. Exit code 1: no point has a value.
     --force writes the files of a finished study again.
     """
+    import numpy as np
+
     from rig.analysis.pool import Store
     from rig.analysis.studies import prepared
     from rig.analysis.studies import study as carry_out
@@ -146,6 +148,8 @@ def study(
             printing.line(f"{len(found.recordings)} recordings in {store.folder / 'runs'}")
         if to is not None:
             printing.line(str(to))
+    if np.isnan(found.values).all():
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _asked(name: str, overrides: dict[str, str]) -> tuple[Scene, dict[str, Any]]:

@@ -500,6 +500,14 @@ def test_the_command_tells_what_is_wrong(rig, tmp_path):
     assert (code, "ends in .nc" in err) == (2, True)
 
 
+def test_a_study_without_any_value_fails(rig, tmp_path):
+    sliding = ("study", "belt", "--measure", "cycle.period", "--workers", 1, "--out", tmp_path)
+    code, out, _ = rig(*sliding, "--over", "drive.speed=2 m/s, 3 m/s")  # no limit cycle at these speeds
+    assert code == 1
+    assert "2 of 2 points have missing values" in out
+    assert rig(*sliding, "--over", "drive.speed=0.06 m/s, 2 m/s")[0] == 0
+
+
 def test_the_folder_of_another_study_is_refused_and_stays(belt, tmp_path):
     one, other = (prepared(belt, {"load.force": [value]}, ["cycle.period"]) for value in (10.0, 20.0))
     study(one, tmp_path, workers=1)
