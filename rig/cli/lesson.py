@@ -13,7 +13,6 @@ import typer
 from rig.cli import printing
 from rig.cli.options import Json
 from rig.errors import ExitCode
-from rig.scenes.faults import shortened
 
 if TYPE_CHECKING:
     from rig.lessons import Command, Lesson
@@ -133,6 +132,8 @@ def _figure(command: Command) -> str | None:
 
 def _ask(text: str, answers: str, free: bool = False) -> str:
     """Wait for Enter or one of the letters; with `free` for any text. Raises _Left for q, and where the input ends."""
+    from rig.scenes.faults import shortened
+
     while True:
         sys.stdout.write(f"{text} > ")
         sys.stdout.flush()
