@@ -236,7 +236,7 @@ def _gaps(run: Run, again: Run) -> Iterator[str]:
             expected = expected[expected <= t_ns[-1]]
         missing = expected.size - t_ns.size
         if missing > 0:
-            yield f"{missing} samples of {name} are missing"
+            yield f"{counted(missing, 'sample')} of {name} {_are(missing)} missing"
         elif missing:
             ended = again.summary["ended"]
             yield f"{-missing} samples of {name} are more than the re-simulation has, which ended: {ended}"
@@ -247,7 +247,7 @@ def _gaps(run: Run, again: Run) -> Iterator[str]:
         if name not in again.signals:
             continue
         if missing := rows + int(np.count_nonzero(np.isnan(v) & ~np.isnan(_at(again, name, run.time)))):
-            yield f"{missing} samples of the output {name} are missing"
+            yield f"{counted(missing, 'sample')} of the output {name} {_are(missing)} missing"
 
 
 def _network(run: Run, again: Run) -> Iterator[str]:
@@ -277,3 +277,7 @@ def _at(run: Run, name: str, time: Reals) -> Reals:
     """Values of an output at instants that `run` has; NaN at others."""
     rows = np.minimum(np.searchsorted(run.time, time - 0.5e-9), run.time.size - 1)
     return np.where(np.abs(run.time[rows] - time) < 0.5e-9, run.signals[name][rows], np.nan)
+
+
+def _are(number: int) -> str:
+    return "is" if number == 1 else "are"

@@ -45,4 +45,4 @@ def test_a_live_run_is_continued_from_a_checkpoint(runs, monkeypatch):
     gap.time, gap.mode = gap.time[lost], gap.mode[lost]
     gap.signals = {name: v[lost] for name, v in gap.signals.items()}
     save(gap, runs / "gap.mcap")
-    assert f"1 samples of the output {next(iter(gap.signals))} are missing" in verify(runs / "gap.mcap").faults
+    assert f"1 sample of the output {next(iter(gap.signals))} is missing" in verify(runs / "gap.mcap").faults

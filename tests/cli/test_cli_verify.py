@@ -96,7 +96,7 @@ def test_missing_samples_are_counted(rig, log, tmp_path):
     save(run, tmp_path / "holed.mcap")
     code, out, _ = rig("verify", tmp_path / "holed.mcap")
     assert code == 1
-    assert "1 samples of vibrometer are missing" in out
+    assert "1 sample of vibrometer is missing" in out
 
 
 @pytest.mark.usefixtures("runs")

@@ -95,7 +95,8 @@ class Portrait:
         elif s.t.size > 2:
             within = counted(min(_MOST, s.t.size // 2), "crossing")
             yield (f"  no repetition to {SAME:g} of the range within {within}: a "
-                   "transient (choose a later --from), or a motion that is not periodic")  # fmt: skip
+                   "transient (choose a later --from), a section where the contact begins to stick (choose another "
+                   "value), or a motion that is not periodic")  # fmt: skip
         else:
             yield "  at least three crossings are needed to find a repetition"
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from rig.errors import Untrusted, UsageError
 from rig.plants import plate
+from rig.printable import counted
 from rig.record.commands import commanded, held, unit_of
 from rig.record.even_times import gaps, increasing, places
 from rig.record.film_points import listed, read
@@ -67,7 +68,7 @@ class Series:
             return self.note
         longest = max(b - a for a, b in self.gaps)
         lost = (
-            f"{self.missing} of {self.v.size} samples of {self.name} are missing, in {len(self.gaps)} gaps; "
+            f"{self.missing} of {self.v.size} samples of {self.name} are missing, in {counted(len(self.gaps), 'gap')}; "
             f"the longest takes {longest / self.rate:.3g} s"
         )
         return "; ".join(filter(None, (lost, self.note)))
