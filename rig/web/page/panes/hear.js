@@ -75,7 +75,7 @@ export function create(bench) {
     const decibel = (value) => `${(20 * Math.log10(Math.max(value / reference, 1e-3))).toFixed(0)} dB`;
     told.textContent = [
       sounds ? `${decibel(level)} (0 dB is ${reference.toExponential(0)} ${unit}); full scale of the loudspeaker: ${number(full, 2)} ${unit}`
-        : "silent: no samples come",
+        : "silent: no samples arrive",
       pace === 1 ? "" : `played at ${number(pace)} times the speed, so that the pitch is that of the pace`,
       `${Math.round(1000 * stored)} ms in store, ${gaps} ${gaps === 1 ? "gap" : "gaps"}, ${number(dropped / rate / pace, 2)} s dropped because it was late`,
     ].filter(Boolean).join("\n");

@@ -7,7 +7,7 @@ const SPAN = 5; // [s]
 const HIGHEST = 22, ALL = 190; // [px] of one strip, and of many
 
 export function create({ store }) {
-  const canvas = h("canvas", { role: "img", "aria-label": "modes of the contacts over time" });
+  const canvas = h("canvas", { role: "img", "aria-label": "states of the contacts over time" });
   const legend = h("div", { class: "small" });
   const now = h("strong", { id: "contact" });
   const why = h("p", { class: "small faint" });

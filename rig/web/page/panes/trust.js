@@ -21,7 +21,7 @@ export function create({ store }) {
         ["timing", word ? `${word}${state.outcome ? "" : " so far"}: ${MEANING[word] ?? ""}` : store.status ? "this run does not follow the clock" : "not judged yet"],
         ["because", reasons.join("; ") + (reasons.length && !state.outcome ? "; what the recorder and the controllers missed is counted at the end" : "")],
         ["late frames", `${health.late} of ${health.tick} (${number(late, 2)} %); 99 of 100 begin at most ${number(health.lateness_us / 1e3, 3)} ms late, the worst ${number(health.worst_us / 1e3, 3)} ms`],
-        ["loop", `${health.held} commands held because no new one came, ${health.drops} lost`],
+        ["loop", `${health.held} commands held because no new one arrived, ${health.drops} lost`],
         ["energy", `residual of the energy balance: ${health.energy_error === null ? "none" : health.energy_error.toExponential(0)} of the largest term`],
         ["stick", `${number(100 * health.stick_share, 3)} % of the time`],
         ["refused", `${health.refused} messages`],
