@@ -77,9 +77,9 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene):
             *[
                 ("cmd/plant", {"do": "admit", "controller": "x", "drives": [], "period_ns": 10**6} | wrong, text)
                 for wrong, text in [
-                    ({"controller": "../../evil x"}, "'../../evil x': is no name"),
-                    ({"controller": ""}, "is no name"),
-                    ({"controller": "x" * 65}, "is no name"),
+                    ({"controller": "../../evil x"}, "'../../evil x': is not a name"),
+                    ({"controller": ""}, "is not a name"),
+                    ({"controller": "x" * 65}, "is not a name"),
                     ({"controller": "plant"}, "'plant' is taken"),
                     ({"period_ns": -(10**6)}, "period of -1000000 ns"),
                     ({"period_ns": 0}, "period of 0 ns"),
