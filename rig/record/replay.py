@@ -157,6 +157,7 @@ class _Replay:
         self._doors = session.serve("cmd/plant", self._admit), session.serve("param/plant", self._fixed)
         self._watch = session.watch("controller/*")
         self._acts: Receiver = session.subscribe("act/*")
+        self._events = [session.subscribe(f"event/{name}") for name in into]
         self._result = Replayed(compared=dict.fromkeys(into, 0), silent=dict.fromkeys(into, 0))
         self._begins = {name: list(one.begins) for name, one in recorded.items()}
         self._changes = {name: sorted(one.tuned.items()) for name, one in recorded.items()}
@@ -214,10 +215,20 @@ class _Replay:
                     shown = time.monotonic()
                     self._progress(result.seconds)
         self._session.publisher("total/plant").put(self._session.totals(), round(result.seconds * 1e9))
+        result.not_finite = self._not_finite()
         result.unanswered = sum(len(one.answers) for one in self._recorded.values()) - sum(result.compared.values())
         if self._pace is not None and self._late:
             result.timing = TimingError.of(self._late)
         return result
+
+    def _not_finite(self) -> tuple[str, ...]:
+        """What controllers have published about answers that they could not send."""
+        found = list[str]()
+        for events in self._events:
+            while (message := events.get(0.0)) is not None:
+                if message.said.kind == "not finite":
+                    found.append(f"t = {message.said.t_ns * 1e-9:.9g} s: {message.said.text}")
+        return tuple(found)
 
     def _worked_before(self, name: str, tick: int) -> bool:
         """Whether a controller worked before the first recorded step: it answered the first one that was due."""

@@ -65,6 +65,8 @@ class Replayed:
     """Controller -> number of steps that it answered now, but not in the recording while it took part."""
     unknown_memory: tuple[str, ...] = ()
     """Controllers that worked before the recording began: what they remembered then is unknown."""
+    not_finite: tuple[str, ...] = ()
+    """First answers of controllers that were not finite, in words: the last command was sent again in their place."""
     divergence: Divergence | None = None
     timing: TimingError | None = None
     """Timing error of the steps; None without a pace."""
@@ -101,6 +103,7 @@ class Replayed:
                 )
         if self.unanswered:
             lines.append(f"{self.unanswered} recorded commands were not answered again")
+        lines += self.not_finite
         if self.divergence is not None:
             lines.append(str(self.divergence))
         elif any(self.compared.values()):

@@ -9,6 +9,7 @@ from recorded_loop import FEEDBACK, FRAMES, TUNED_AFTER, Feedback, closing
 from twin import Twin
 
 from rig import bus
+from rig.bus import messages
 from rig.errors import BusError
 from rig.record.replay import replay
 
@@ -67,6 +68,19 @@ def test_an_operator_is_told_that_the_plant_of_a_replay_is_recorded(stage, loops
     for text in refusals:
         assert "load: this run is a replay, and its plant is recorded." in text
         assert "can be tuned: feedback" in text
+
+
+def test_an_answer_that_a_controller_could_not_send_is_told(stage, loops):
+    hub, start = stage
+
+    def refuse(me):
+        said = messages.event(3_000_000, 3, me.name, "not finite", "an answer of feedback is not finite")
+        me.publisher(f"event/{me.name}").put(said, 3_000_000)
+
+    start(at_first=refuse)
+    found = replay(hub, loops / "recorded.mcap", into=FEEDBACK)
+    assert found.not_finite == ("t = 0.003 s: an answer of feedback is not finite",)
+    assert found.not_finite[0] in found.text()
 
 
 def test_another_gain_parts_at_its_first_answer(stage, loops):
