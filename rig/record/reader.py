@@ -201,10 +201,13 @@ def _samples(blocks: list[Columns]) -> Samples:
 
 
 def _in_order(t_ns: Integers) -> Integers | None:
-    """Rows of `t_ns` in order of time, each time once; None if they are. Another program may have sorted the file."""
-    if np.all(np.diff(t_ns) > 0):
+    """Rows of `t_ns` in order of time; None if they are. Another program may have sorted the file.
+
+    What is recorded twice stays so: `rig verify` finds it.
+    """
+    if np.all(np.diff(t_ns) >= 0):
         return None
-    return np.asarray(np.unique(t_ns, return_index=True)[1])
+    return np.argsort(t_ns, kind="stable")
 
 
 def _times(block: Columns) -> Integers:
@@ -240,7 +243,7 @@ def _truth(
 def _common(times: list[Integers]) -> Integers:
     """All times in order, each once: of outputs without losses the times of any of them."""
     first = times[0]
-    if all(np.array_equal(first, other) for other in times[1:]):
+    if np.all(np.diff(first) > 0) and all(np.array_equal(first, other) for other in times[1:]):
         return first
     return np.unique(np.concatenate(times))
 
