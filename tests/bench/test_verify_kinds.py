@@ -193,10 +193,12 @@ def test_a_live_run_with_all_that_can_happen_to_it(runs, tmp_path, mine):
     run = rig.open(path)
     assert 2 in run.commands["nf"].status
     assert 2 in run.commands["mine"].status
-    assert saved(run, tmp_path / "saved.mcap").passed
+    again = saved(run, tmp_path / "saved.mcap")
+    assert again.passed, again.text()
     for what, other, told in changed(run):
-        found = saved(other, tmp_path / "changed.mcap")
-        assert any(told in fault for fault in found.faults), (what, found.faults)
+        if not what.startswith("the answered"):  # a saved recording has no answers of controllers to compare it with
+            found = saved(other, tmp_path / "changed.mcap")
+            assert any(told in fault for fault in found.faults), (what, found.faults)
 
     again = replay(path, ["nf", str(mine)])
     silent = {name for name, count in again.silent.items() if count}
