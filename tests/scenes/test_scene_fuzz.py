@@ -56,15 +56,13 @@ def toml(value):
     return str(value) if isinstance(value, int) else json.dumps("" if value is None else value)
 
 
-def places(tree):
-    """Path of everything in a tree, however deep it is."""
-    waiting = [((), tree)]
-    while waiting:
-        path, one = waiting.pop()
-        if path:
-            yield path
-        inside = one.items() if isinstance(one, dict) else enumerate(one) if isinstance(one, list) else ()
-        waiting += [((*path, key), value) for key, value in inside][::-1]
+def places(tree, path=()):
+    """Path of everything in a tree."""
+    if path:
+        yield path
+    inside = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in inside:
+        yield from places(value, (*path, key))
 
 
 def at(tree, path):
