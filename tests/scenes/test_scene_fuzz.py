@@ -89,7 +89,7 @@ def damaged(draw, text):
         table = at(tree, parents)
         what = draw.randrange(10)
         if what < 5:
-            table[last] = draw.choice(ODD)
+            table[last] = copy.deepcopy(draw.choice(ODD))  # else a list of ODD may come to hold itself
         elif what == 5:
             del table[last]
         elif what == 6 and isinstance(table, dict):
