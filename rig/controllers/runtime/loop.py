@@ -62,12 +62,11 @@ class Loop:
         answer = controller.update(self.state, t_ns, values)
         try:
             state, command = answer
-            fits = len(command) == len(controller.drives)
+            if len(command) != len(controller.drives):
+                raise ValueError
             finite = isfinite(sum(command)) or _finite(command)
-        except (TypeError, ValueError, OverflowError):  # no tuple, or no numbers
+        except (TypeError, ValueError, OverflowError):  # no tuple, no numbers, or not one for each actuator
             raise _unfit(controller, answer) from None
-        if not fits:
-            raise _unfit(controller, answer)
         if not finite:
             self.refused += 1
             self.state = controller.start()
