@@ -1,20 +1,13 @@
 """A slider that its protocol takes beyond the plate's edge: told before the run, and the run ends there."""
 
+import plate_ride
 import pytest
 
 import rig
 from rig.bench.slider_edge import meets_edge
 from rig.scenes import load
 
-SMALL = {
-    "plate.modes": 4,
-    "plate.elements_along": 4,
-    "plate.elements_across": 4,
-    "plate.elements_through": 1,
-    "foam.elements_through": 1,
-    "film.along": 3,
-    "film.across": 2,
-}
+SMALL = plate_ride.SMALL | {"plate.modes": 4}
 
 
 def test_a_protocol_that_ends_on_the_plate_is_not_spoken_of():
