@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import numpy as np
 
@@ -45,8 +44,8 @@ class CommandInbox:
         self._trips: list[int] = []
         self._put_at = [(-1, 0)] * _REMEMBERED
         """Tick and time [ns] of the steps sent last."""
-        self.last_step = -1
-        """Tick of the last step sent."""
+        self.last_step, self.put_ns = -1, 0
+        """Tick of the last step sent, and time at which it was sent for the first time [ns, monotonic clock]."""
 
     def receive(self) -> None:
         """Pass the commands that have arrived to the exchange."""
@@ -55,19 +54,22 @@ class CommandInbox:
             found = self.next()
             if found is None:
                 return
-            name, act = found
-            receive(name, act.tick, tuple(act.values))
+            receive(*found)
 
-    def next(self, timeout: float = 0.0) -> tuple[str, Any] | None:
-        """Sender and content of the oldest command; wait for it at most `timeout` [s]. Records its round trip."""
+    def next(self, timeout: float = 0.0) -> tuple[str, int, tuple[float, ...]] | None:
+        """The oldest command: sender, tick that it answers, values. Waits for it at most `timeout` [s].
+
+        Records its round trip.
+        """
         message = self.acts.get(timeout)
         while message is not None:
             act, name = message.said, message.topic[4:]
             if self.speaks_for(message.user, name):
-                tick, put_at = self._put_at[act.tick % _REMEMBERED]
-                if tick == act.tick:
+                answered = act.tick
+                tick, put_at = self._put_at[answered % _REMEMBERED]
+                if tick == answered:
                     self._trips.append((message.arrived_ns or time.monotonic_ns()) - put_at)
-                return name, act
+                return name, answered, tuple(act.values)
             why = "another one commands there" if name in self._voices else "not admitted"
             self._inbound.count(f"{message.user} on {message.topic}", Refused(why))
             message = self.acts.get()
@@ -88,7 +90,8 @@ class CommandInbox:
     def step_sent(self, tick: int) -> None:
         """Note the time at which the step of `tick` is sent for the first time."""
         if self.last_step != tick:
-            self._put_at[tick % _REMEMBERED] = (tick, time.monotonic_ns())
+            self.put_ns = time.monotonic_ns()
+            self._put_at[tick % _REMEMBERED] = (tick, self.put_ns)
             self.last_step = tick
 
     def awaited(self, name: str, user: str) -> bool:

@@ -42,15 +42,19 @@ class CommandQueue:
     """The queue of the commands of one controller, and the command in force. Times are in ticks."""
 
     __slots__ = (
-        "_columns", "answered", "connected", "counts", "delay", "drives", "hold", "last", "link", "name", "period",
-        "queue", "status", "values", "wanted",
+        "_columns", "answered", "connected", "counts", "delay", "drives", "hold", "last", "link", "name",
+        "oldest_in_time", "period", "queue", "status", "values", "wanted",
     )  # fmt: skip
 
-    def __init__(self, name: str, drives: Sequence[str], period: int, delay: int) -> None:
+    def __init__(
+        self, name: str, drives: Sequence[str], period: int, delay: int, link: ImpairedLink | None = None
+    ) -> None:
         self.name, self.drives, self.period, self.delay = name, tuple(drives), period, delay
         self.queue: deque[tuple[int, int, Sequence[float]]] = deque()
-        self.link: ImpairedLink | None = None
+        self.link = link
         """The link that its commands come over; None: a perfect one."""
+        self.oldest_in_time = delay + (0 if link is None else link.most)
+        """Largest age at which a command is in time [frames], one frame of the bus left out."""
         self.connected = True
         self.values: tuple[float, ...] = ()
         """The command in force; () before the first one."""
@@ -68,11 +72,6 @@ class CommandQueue:
         self.counts = former.counts
         if len(former.drives) == len(self.drives):
             self._columns = former._columns
-
-    @property
-    def oldest_in_time(self) -> int:
-        """Largest age at which a command is in time [frames], one frame of the bus left out."""
-        return self.delay + (0 if self.link is None else self.link.most)
 
     def put(self, sent: int, answered: int, values: Sequence[float], now: int) -> None:
         """Take a command that its controller sends at tick `sent`: it counts from then on, or when its link has it.

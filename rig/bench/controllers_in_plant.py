@@ -84,23 +84,30 @@ class ControllersInPlant:
             self._all[name] = one = _Resident(name, loop, experiment, session.stand_in("controller", name))
             one.expect(0)
             one.native()  # compiled if the rehearsal has done so
-        self._at_work = list(self._all.values())
+        self.at_work = list(self._all.values())
+        """Those that have not left."""
         self._inside = CompiledControllers(experiment)
-        for one in self._at_work:
+        for one in self.at_work:
             one.service.session.announce()
 
     def carry_on(self, until: int) -> None:
         """Step the plant runner to tick `until` or until a limit is exceeded; on the way only controllers act."""
-        carry_on(self._experiment, self._at_work, until, self._inside)
-        for one in self._at_work:
+        experiment = self._experiment
+        runner = experiment.runner
+        if until - runner.tick == 1 and not self.at_work:  # each frame of a run whose controllers have processes
+            experiment.exchange.take_over()
+            runner.frames(1)
+            return
+        carry_on(experiment, self.at_work, until, self._inside)
+        for one in self.at_work:
             one.look()
-        if any(one.left for one in self._at_work):
-            self._at_work = [one for one in self._at_work if not one.left]
+        if any(one.left for one in self.at_work):
+            self.at_work = [one for one in self.at_work if not one.left]
             self._notice()
 
     def poll(self) -> None:
         """Answer queries that read or set parameters."""
-        for one in self._at_work:
+        for one in self.at_work:
             one.service.server.poll()
 
     def retune(self, name: str, changes: Mapping[str, Any]) -> None:
@@ -112,5 +119,5 @@ class ControllersInPlant:
 
     def leave(self) -> None:
         """At the end of the run: publish the last messages of all controllers that still work."""
-        for one in self._at_work:
+        for one in self.at_work:
             one.leave()

@@ -104,8 +104,8 @@ class Exchange:
     def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> CommandQueue:
         """Add a queue for a controller. Raises UsageError if the controller cannot be admitted."""
         self.check(name, drives, period_ns)
-        queue = CommandQueue(name, drives, period_ns // self._frame_ns, delay_ns // self._frame_ns)
-        queue.link = self.links.get(name)
+        period, delay = period_ns // self._frame_ns, delay_ns // self._frame_ns
+        queue = CommandQueue(name, drives, period, delay, self.links.get(name))
         if name in self.all_queues:
             queue.follow(self.all_queues[name])
         self.queues[name] = self.all_queues[name] = queue

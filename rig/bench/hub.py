@@ -47,6 +47,8 @@ class Hub:
         self._health = session.publisher("health")
         self._samples = AllSamples(session, bank)
         runner.keep_samples = self.collect
+        self.due = 0
+        """The first tick at which `gather` has something to publish."""
         self._applied: dict[str, Publisher] = {}
         session.before_batches(self._complete)
         self.single = True
@@ -73,7 +75,8 @@ class Hub:
     def put_step(self) -> None:
         """Send the measurements of this tick to the controllers; a second call at the same tick repeats the step."""
         runner = self.runner
-        tick, t_ns, hearing = runner.tick, runner.t_ns, runner.hearing
+        tick, hearing = runner.tick, runner.hearing if runner.meas_links else runner.bank
+        t_ns = tick * runner.frame_ns
         self.commands.step_sent(tick)
         samples = {i: hearing.samples(i) for i in self._heard} if self._heard else None
         self._step.put(encode.step(tick, t_ns, hearing.latest, hearing.fresh, samples), t_ns)
@@ -90,9 +93,12 @@ class Hub:
         return [names.index(name) for name in sensors]
 
     def gather(self) -> None:
-        """Publish samples and state of this tick, before anything is changed at it."""
-        self._samples.gather(self.runner.tick, self.runner.t_ns)
-        self.gather_state()
+        """Publish the samples and the state that are due at this tick, before anything is changed at it."""
+        runner = self.runner
+        if runner.tick >= self.due:
+            self._samples.gather(runner.tick, runner.t_ns)
+            self.gather_state()
+            self.due = min(self.state_due, -(-self._samples.full_ns // runner.frame_ns))
 
     def collect(self) -> None:
         """Collect the samples that the sensors published since they were last collected."""
@@ -123,14 +129,12 @@ class Hub:
         for name, queue in self.experiment.exchange.all_queues.items():
             if (taken := queue.taken()) is None:
                 continue
-            publisher, (*rows, values), count = self._applied_of(name), taken, len(queue.drives)
+            publisher = self._applied_of(name)
             if not self.single:
                 publisher.put(encode.commands(frame_ns, *taken), now)
                 continue
-            for i, (tick, answered, status) in enumerate(zip(*rows)):
-                one = values[i * count : (i + 1) * count]
-                payload = encode.applied(tick, tick * frame_ns, answered, status, one)
-                publisher.put(payload, min((tick + 1) * frame_ns, now))
+            for tick, payload in zip(taken[0], encode.each_applied(frame_ns, *taken)):
+                publisher.put_later(min((tick + 1) * frame_ns, now), bytes, payload)
 
     def carries(self, frames: int) -> None:
         """Set the length of the next piece [frames]."""

@@ -1,12 +1,16 @@
 """The plant of a live run: in lockstep with its controllers, at the pace of the wall clock, or both.
 
 A frame of a paced run            A frame in lockstep
-  wait until it is due              collect state and samples
-  receive messages                  protocol, operators
-  send step, samples, state         send step, samples, state
+  wait until it is due              collect state and samples, if due
+  receive messages                  protocol, if due; operators, every few milliseconds of the wall clock
+  send step, samples, state         send step
   protocol, operators               wait for the controllers that joined and are due
   commands in force                 commands in force
   integrate                         integrate
+
+In lockstep plant and controllers work one after the other, so that a tick takes the time of all that both do for it.
+Therefore the plant looks at operators, presence of processes and events only when the protocol has something to do,
+after an event, and every `LOOK_NS`.
 
 If a controller dies, its last command is held, then its actuators take their safe values; the plant continues. If the
 integration must stop, an event states where and why, and the recording is kept.
@@ -37,6 +41,8 @@ from rig.parts import foreign_fault
 
 Say = Callable[[str], object]
 Show = Callable[[dict[str, Any]], object]
+LOOK_NS = 5_000_000
+"""Longest time [ns of the wall clock] between two looks at operators in lockstep. # chosen: nobody notices it"""
 
 
 class Plant(PlantParts):
@@ -171,7 +177,8 @@ class Plant(PlantParts):
     def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
         hub, operator, experiment = self.hub, self.operator, self.experiment
         housekeeper, rows = self.housekeeper, self.timing
-        answers = Lockstep(hub, housekeeper, lambda: bool(self._stopping()))
+        lockstep = Lockstep(hub, housekeeper, lambda: bool(self._stopping()))
+        runner, events = self.runner, experiment.journal.events
         lag = self._lag(show) if pacer is None else None
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
@@ -185,10 +192,16 @@ class Plant(PlantParts):
                 return
             operator.poll()
             self.in_plant.poll()
-            answers.ask()
-            answers.wait()
-            answered = clock()
-            goes_on = self._carry(frames)
+            lockstep.look()
+            until = self._quiet(frames, pacer)
+            noted, end = len(events), clock() + LOOK_NS
+            while True:
+                lockstep.exchange()
+                answered = clock()
+                goes_on = self._carry(frames)
+                if not goes_on or runner.tick >= until or len(events) > noted or runner.limited or answered >= end:
+                    break
+                hub.gather()
             done = clock()
             if frames > 1:
                 hub.put_applied()
@@ -203,6 +216,15 @@ class Plant(PlantParts):
                 rows.rows.append((begin, late, pacer.waited, *spans, spent))
             if not goes_on:
                 return
+
+    def _quiet(self, frames: int, pacer: pace.Pacer | None) -> int:
+        """The first later tick at which a plant in lockstep looks at everything again.
+
+        This is the next one if a clock, an operator or a controller in the plant process may act at it.
+        """
+        if pacer is not None or self.operator.paused or self.in_plant.at_work:
+            return self.runner.tick + frames
+        return self.experiment.until()
 
     def _status(self) -> dict[str, Any]:
         """How the run goes: the timing verdict if it ended now, its reasons, the step of the protocol, pause and pace.

@@ -67,6 +67,11 @@ class AllSamples:
         """Heap of the times at which blocks are full [ns], with their instruments."""
         heapify(self._full)
 
+    @property
+    def full_ns(self) -> int:
+        """Time at which the next block is full [ns]."""
+        return self._full[0][0]
+
     def gather(self, tick: int, t_ns: int) -> None:
         """Publish the blocks that are full at `tick`, which is at `t_ns`."""
         full = self._full

