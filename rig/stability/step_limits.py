@@ -115,11 +115,14 @@ def _narrow_law(system: System, tolerance: float) -> Iterator[Finding]:
 
 
 def _width(law: Law) -> float:
-    """The slip speed [m/s] over which a law changes from its value at rest, taken at its steepest slope."""
+    """The slip speed [m/s] over which a law changes from its value at rest, taken at its steepest slope.
+
+    Infinite if the law changes by less than rounding.
+    """
     speeds = np.array([0.0, *np.geomspace(1e-9, 1.0, 10 * _SPEEDS).tolist()])
     change = float(np.ptp(law.over(speeds)))
     slope = max(abs(law.slope(speed)) for speed in speeds.tolist())
-    return change / slope if slope > 0.0 else math.inf
+    return change / slope if change > 0.0 else math.inf
 
 
 def _steep_law(system: System, step: float, substeps: int) -> Iterator[Finding]:
