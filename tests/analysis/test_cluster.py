@@ -204,6 +204,7 @@ def test_the_job_script_of_slurm_is_printed_and_the_scheduler_listens_on_loopbac
     assert "#SBATCH" in out
     assert "dask_worker tcp://127.0.0.1:" in out
     assert "jobqueue.slurm.interface" in out
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler  # dask-jobqueue replaces it
     assert [*tmp_path.iterdir()] == []
     code, _, err = rig(*asked, "--cluster", "slurm")
     assert (code, "--workers 16" in err) == (2, True)

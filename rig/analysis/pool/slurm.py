@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 from contextlib import suppress
 from typing import Any
 
@@ -50,7 +51,10 @@ def _told_host() -> bool:
 
 
 def _cluster(refused: list[str]) -> Any:
+    interrupted = signal.getsignal(signal.SIGINT)
     jobqueue = needed("dask_jobqueue", "cluster")
+    if signal.getsignal(signal.SIGINT) is not interrupted:  # its import makes Ctrl-C end this process with code 0
+        signal.signal(signal.SIGINT, interrupted)
     dask = needed("dask", "cluster")
     own = dask.config.get("jobqueue.slurm", {})
     defaults = {"cores": 1, "processes": 1, "memory": "4 GB"}
