@@ -44,8 +44,9 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 demo: install # a busy machine makes the timing invalid (3) and says so; the demonstration is none the worse
 	@$(BIN)/rig demo || [ $$? -eq 3 ]
 
-test: install # what computes; then processes, which mostly wait, three tests at a time; then what judges time, alone
-	@$(RUN) pytest -n 2 --dist loadfile $(addprefix --ignore=,$(PROCESSES))
+test: export PYTHONDONTWRITEBYTECODE = # or each of some hundred processes would compile rig anew
+test: install # what computes, one thread each; then processes, which mostly wait, three at a time; then what judges time, alone
+	@OPENBLAS_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile $(addprefix --ignore=,$(PROCESSES))
 	@$(RUN) pytest -n 3 --dist worksteal -m "$(DAILY) and not alone" $(PROCESSES)
 	@$(RUN) pytest -m "$(DAILY) and alone" $(PROCESSES)
 

@@ -1,5 +1,6 @@
 """What tests of several rooms share."""
 
+import gc
 import os
 import shutil
 import signal
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from importlib import import_module
 from pathlib import Path
 
 import figure_rules
@@ -27,6 +29,17 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],  # that is the load of the machine
 )
 settings.load_profile("same")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Without the garbage collector, which would search half a million objects again and again; they all stay."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def chain(rate, guards, follow, mode, y, duration):
@@ -59,6 +72,14 @@ def chain(rate, guards, follow, mode, y, duration):
 @pytest.fixture(scope="session", name="chain")
 def chain_fixture():
     return chain
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_worker():
+    """Studies compute in this process unless a test asks for workers: the tests themselves take all cores."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(import_module("rig.analysis.pool.carry_out"), "cores", lambda: 1)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +102,18 @@ def test_results_that_do_not_fit_on_the_disk_end_the_work_with_a_sentence(tmp_pa
     with largest_file(20_000), pytest.raises(WorkerError, match=told):
         done(work, tmp_path)
     assert not [*tmp_path.rglob(".draft*")]
+
+
+@pytest.mark.parametrize(("units", "count"), [(8, 3), (2, 2)])
+def test_by_default_every_core_has_a_worker_if_there_are_as_many_units(tmp_path, monkeypatch, units, count):
+    def started(store, count):
+        raise WorkerError(f"{count} workers")
+
+    module = import_module("rig.analysis.pool.carry_out")
+    monkeypatch.setattr(module, "cores", lambda: 3)
+    monkeypatch.setattr(module, "WorkerProcesses", started)
+    with pytest.raises(WorkerError, match=f"^{count} workers$"):
+        done(Trial(str(tmp_path), total=units), tmp_path, None)
 
 
 def test_values_that_are_given_reach_the_worker_to_the_last_bit(tmp_path):

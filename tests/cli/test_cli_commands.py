@@ -237,7 +237,7 @@ def test_a_recording_that_is_not_there_is_a_mistake_of_the_user(rig, tmp_path):
 
 def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):
     asked = ("map", "belt", "--x", "drive.speed=0.15:0.25 m/s:2", "--runs", "near", "--out", str(tmp_path))
-    code, out, _ = rig(*asked)
+    code, out, _ = rig(*asked, "--workers", "2")
     assert code == 0
     assert re.search(r"I +sliding only +1 point$", out, re.MULTILINE)
     assert "0.207944 m/s" in out
