@@ -30,7 +30,7 @@ class Server:
     """The server of one bench; `port` 0: any free port. Use it in a `with` block. Raises UsageError for a used port."""
 
     def __init__(self, port: int = 0, folder: Path = Path(), say: Callable[[str], object] = print) -> None:
-        # With its protocol named, asyncio sends the body of an answer at once; else it waits 40 ms for the browser's ACK.
+        # Only with its protocol named does asyncio send the body of an answer before the browser acknowledges its head.
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
