@@ -69,7 +69,7 @@ class CommandInbox:
                 tick, put_at = self._put_at[answered % _REMEMBERED]
                 if tick == answered:
                     self._trips.append((message.arrived_ns or time.monotonic_ns()) - put_at)
-                return name, answered, tuple(act.values)
+                return name, answered, tuple(act.values[:])  # a slice is read at once, not number by number
             why = "another one commands there" if name in self._voices else "not admitted"
             self._inbound.count(f"{message.user} on {message.topic}", Refused(why))
             message = self.acts.get()

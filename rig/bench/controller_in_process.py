@@ -38,19 +38,22 @@ class ControllerInProcess:
     """
 
     def __init__(self, name: str, loop: Loop, experiment: Experiment) -> None:
-        self.queue = experiment.exchange.queues[name]
-        self.due = 0
-        self.given: Values | None = None
+        self._take_place(name, experiment)
         self._worth = False
         self._native: Native | None = None
         self._trial = 0
-        self.fault: BaseException | None = None
-        self.name, self.loop = name, loop
-        self._runner, self._receive = experiment.runner, experiment.exchange.receive
+        self.loop = loop
         self._journal = experiment.journal
         self.columns = [self._runner.bank.names.index(sensor) for sensor in loop.controller.reads]
         self._speaks = hasattr(loop.controller, "take_messages")
         self._latest = self._runner.bank.latest.item
+
+    def _take_place(self, name: str, experiment: Experiment) -> None:
+        self.name, self.queue = name, experiment.exchange.queues[name]
+        self.due = 0
+        self.given: Values | None = None
+        self.fault: BaseException | None = None
+        self._runner, self._receive = experiment.runner, experiment.exchange.receive
 
     def expect(self, answers: int) -> None:
         """Announce the number of answers in this run, which decides whether the controller is compiled."""

@@ -7,7 +7,7 @@ controller that raises an exception leaves the run; its last command is held, th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rig import controllers
@@ -86,19 +86,15 @@ class ControllersInPlant:
             one.native()  # compiled if the rehearsal has done so
         self.at_work = list(self._all.values())
         """Those that have not left."""
+        self.partners: Sequence[ControllerInProcess] = ()
+        """Controllers in other processes that are asked like those in this process (rig.bench.lockstep)."""
         self._inside = CompiledControllers(experiment)
         for one in self.at_work:
             one.service.session.announce()
 
     def carry_on(self, until: int) -> None:
         """Step the plant runner to tick `until` or until a limit is exceeded; on the way only controllers act."""
-        experiment = self._experiment
-        runner = experiment.runner
-        if until - runner.tick == 1 and not self.at_work:  # each frame of a run whose controllers have processes
-            experiment.exchange.take_over()
-            runner.frames(1)
-            return
-        carry_on(experiment, self.at_work, until, self._inside)
+        carry_on(self._experiment, [*self.at_work, *self.partners], until, self._inside)
         for one in self.at_work:
             one.look()
         if any(one.left for one in self.at_work):

@@ -49,6 +49,8 @@ class Hub:
         runner.keep_samples = self.collect
         self.due = 0
         """The first tick at which `gather` has something to publish."""
+        self._reached = 0
+        """Last tick of `gather`: within a piece of the compiled loop the plant is at it, and the runner not yet."""
         self._applied: dict[str, Publisher] = {}
         session.before_batches(self._complete)
         self.single = True
@@ -72,10 +74,13 @@ class Hub:
                 self.commands.arrived(who.name)
         return changes
 
-    def put_step(self) -> None:
-        """Send the measurements of this tick to the controllers; a second call at the same tick repeats the step."""
+    def put_step(self, tick: int) -> None:
+        """Send the measurements of `tick`, at which the instruments are, to the controllers.
+
+        A second call at the same tick repeats the step.
+        """
         runner = self.runner
-        tick, hearing = runner.tick, runner.hearing if runner.meas_links else runner.bank
+        hearing = runner.hearing_at(tick) if runner.meas_links else runner.bank
         t_ns = tick * runner.frame_ns
         self.commands.step_sent(tick)
         samples = {i: hearing.samples(i) for i in self._heard} if self._heard else None
@@ -92,25 +97,26 @@ class Hub:
             raise UsageError(f"there is no sensor {', '.join(missing)}; the sensors are {', '.join(names)}")
         return [names.index(name) for name in sensors]
 
-    def gather(self) -> None:
-        """Publish the samples and the state that are due at this tick, before anything is changed at it."""
-        runner = self.runner
-        if runner.tick >= self.due:
-            self._samples.gather(runner.tick, runner.t_ns)
-            self.gather_state()
-            self.due = min(self.state_due, -(-self._samples.full_ns // runner.frame_ns))
+    def gather(self, tick: int) -> None:
+        """Publish the samples and the state that are due at `tick`, at which the plant is, before it is changed."""
+        self._reached = tick
+        if tick >= self.due:
+            frame_ns = self.runner.frame_ns
+            self._samples.gather(tick, tick * frame_ns)
+            self.gather_state(tick)
+            self.due = min(_next(tick, self._state_ticks), -(-self._samples.full_ns // frame_ns))
 
     def collect(self) -> None:
         """Collect the samples that the sensors published since they were last collected."""
         self._samples.collect(self.runner.tick, self.runner.t_ns)
 
-    def gather_state(self) -> None:
-        """Publish the state, if it is due at this tick."""
+    def gather_state(self, tick: int) -> None:
+        """Publish the state, if it is due at `tick`."""
         runner = self.runner
-        if runner.tick % self._state_ticks == 0:
-            t_ns, values = runner.t_ns, runner.output_values().tobytes()
-            self._state.put_later(t_ns, self._encode_state, t_ns, runner.tick, runner.motion.key, values)
-            if runner.tick % self._checkpoint_ticks == 0 and runner.tick and not self.experiment.aborted:
+        if tick % self._state_ticks == 0:
+            t_ns, values = tick * runner.frame_ns, runner.output_values().tobytes()
+            self._state.put_later(t_ns, self._encode_state, t_ns, tick, runner.motion.key, values)
+            if tick % self._checkpoint_ticks == 0 and tick and not self.experiment.aborted:
                 self._put_checkpoint()
 
     def _put_checkpoint(self) -> None:
@@ -121,11 +127,17 @@ class Hub:
     @property
     def state_due(self) -> int:
         """The first later tick at which the state is published."""
-        return (self.runner.tick // self._state_ticks + 1) * self._state_ticks
+        return _next(self.runner.tick, self._state_ticks)
+
+    @property
+    def checkpoint_due(self) -> int:
+        """The first later tick at which a checkpoint is published."""
+        return _next(self.runner.tick, self._checkpoint_ticks)
 
     def put_applied(self) -> None:
         """Publish the commands that took effect: one message for a piece of several frames, else one for each."""
-        frame_ns, now = self.runner.frame_ns, self.runner.t_ns
+        frame_ns = self.runner.frame_ns
+        now = max(self.runner.tick, self._reached) * frame_ns
         for name, queue in self.experiment.exchange.all_queues.items():
             if (taken := queue.taken()) is None:
                 continue
@@ -181,6 +193,11 @@ class Hub:
     def serve_scene(self) -> None:
         """Answer queries for the description of the run."""
         self._scene.poll()
+
+
+def _next(tick: int, ticks: int) -> int:
+    """The first multiple of `ticks` after `tick`."""
+    return (tick // ticks + 1) * ticks
 
 
 def missing(sent: Mapping[str, int], heard: Any, whole: bool) -> dict[str, int]:

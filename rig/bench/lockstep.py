@@ -1,17 +1,23 @@
 """Lockstep: the plant integrates a frame after every controller that has joined and is due has answered its step.
 
+A controller in another process is asked like one in the plant process, by the compiled loop or by the exchange. Its
+answer comes over the bus: the first controller that is asked at a tick sends the step and waits for all answers.
+
 A step without an answer is sent again, first after 10 ms, then at growing intervals; a controller answers a repeated
 step with the same command. A controller that has not answered for `EVICTED` seconds is evicted and treated like one
-that died. Answers are processed in the order of names, so that the run does not depend on their order of arrival.
+that died. Controllers join between two pieces of the run. It does not depend on the order in which answers arrive.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import isfinite
 
+from rig.bench.controller_in_process import ControllerInProcess
 from rig.bench.housekeeping import Housekeeper
 from rig.bench.hub import Hub
+from rig.controllers.blocks.base import Values
 
 AGAIN = 0.01
 EVICTED = 5.0
@@ -20,67 +26,101 @@ MOST = 1 << 10
 """Most commands that are read in a frame in which no controller is due."""
 
 
+class Stopped(Exception):
+    """Raised in place of an answer when the run shall end."""
+
+
 class Lockstep:
-    """Exchanges steps and answers, until `stopped()`. `look` before the first exchange, and from time to time."""
+    """Sends steps and waits for the answers, until `stopped()`."""
 
     def __init__(self, hub: Hub, housekeeper: Housekeeper, stopped: Callable[[], bool]) -> None:
         self._hub, self._housekeeper, self._stopped = hub, housekeeper, stopped
         self._commands, self._exchange = hub.commands, hub.experiment.exchange
         self._evicted: set[str] = set()
-        self._partners: list[tuple[str, int]] = []
-        """Controllers that have joined and are not evicted, with their periods [frames]."""
+        self._partners: dict[str, Partner] = {}
+        self._tick = -1
+        """Tick of the last step."""
         self._due: set[str] = set()
-        """Those that have not answered the step of this tick."""
+        """Controllers that have not answered it."""
+        self._found: dict[str, Values] = {}
+        """The answers to it."""
+        self._again, self._looked = AGAIN, 0
         self.again = 0
         """Number of repeated steps."""
 
-    def exchange(self) -> None:
-        """Send the step of this tick, wait for the answers of the controllers that are due, and pass them on."""
-        tick, due = self._hub.runner.tick, self._due
-        for name, period in self._partners:
-            if not tick % period:
-                due.add(name)
-        self._hub.put_step()
-        if due:
-            self._wait(tick)
-        else:
-            self._pass_over()
-
-    def look(self) -> None:
-        """Find out which controllers have joined, or left."""
-        present, in_plant, queues = self._hub.watch.present, self._hub.in_plant, self._exchange.queues
-        here = [name for name in queues if ("controller", name) in present and name not in in_plant]
+    def look(self) -> Sequence[ControllerInProcess]:
+        """The controllers that have joined and are not evicted; to be called between two pieces of the run."""
+        hub, queues = self._hub, self._exchange.queues
+        here = [
+            name for name in sorted(queues) if ("controller", name) in hub.watch.present and name not in hub.in_plant
+        ]
         self._evicted.intersection_update(here)
-        self._partners = [(name, queues[name].period) for name in here if name not in self._evicted]
+        known = {name: one for name, one in self._partners.items() if queues.get(name) is one.queue}
+        self._partners = {
+            name: known.get(name) or Partner(name, self, hub) for name in here if name not in self._evicted
+        }
+        return [*self._partners.values()]
 
-    def _wait(self, tick: int) -> None:
-        """Wait for the answers to the step of `tick` and pass them to the exchange."""
-        due, commands, exchange = self._due, self._commands, self._exchange
-        again, looked = AGAIN, commands.put_ns
-        found = {}
+    @property
+    def asks_each_tick(self) -> bool:
+        """Whether a controller is due at each tick, and the compiled loop can ask all of them."""
+        queues, runner = [one.queue for one in self._partners.values()], self._hub.runner
+        return (
+            any(queue.period == 1 for queue in queues)
+            and len(queues) <= len(runner.controllers.controllers)
+            and all(queue.connected and queue.link is None for queue in queues)
+            and None not in [runner.plain(drive) for queue in queues for drive in queue.drives]
+        )
+
+    def exchange(self, tick: int) -> None:
+        """Send the step of `tick` and wait for the answers of the controllers that are due. Raises Stopped.
+
+        At a tick that the plant runner has not reached yet, because the compiled loop asks, this waits for a moment
+        only: the loop then ends, and another call continues to wait.
+        """
+        hub, due = self._hub, self._due
+        if tick != self._tick:
+            self._tick, self._found, self._again = tick, {}, AGAIN
+            hub.gather(tick)
+            for name, one in self._partners.items():
+                if not tick % one.queue.period:
+                    due.add(name)
+            hub.put_step(tick)
+            self._looked = self._commands.put_ns
+            if not due:
+                self._pass_over()
         while due:
-            command = commands.next(again)
+            command = self._commands.next(self._again)
             if command is not None:
                 name, answered, values = command
                 if answered == tick:
-                    found[name] = values
+                    self._found[name] = values
                     due.discard(name)
-                elif name not in exchange.queues:
-                    exchange.receive(name, answered, ())
-                continue
-            if self._stopped():
-                due.clear()
-                break
-            now = time.monotonic_ns()
-            if now - looked > _LOOK_NS or again > AGAIN:
-                looked = now
-                self._overdue(now - commands.put_ns)
-            if due:
-                self._hub.put_step()
-                self.again += 1
-                again = min(again * 2.0, 0.5)
-        for name in sorted(found):
-            exchange.receive(name, tick, found[name])
+                elif name not in self._exchange.queues:
+                    self._exchange.receive(name, answered, ())
+            elif not self._goes_on_waiting(tick):
+                return
+
+    def answer(self, name: str, tick: int) -> Values | None:
+        """The answer of a controller to the step of `tick`; None without one, see `exchange`."""
+        if tick != self._tick or self._due:
+            self.exchange(tick)
+        return self._found.get(name)
+
+    def _goes_on_waiting(self, tick: int) -> bool:
+        """Repeat the step; whether the plant runner is at this tick. Raises Stopped."""
+        hub, now = self._hub, time.monotonic_ns()
+        if self._stopped():
+            raise Stopped
+        here = hub.runner.tick == tick
+        if here and (now - self._looked > _LOOK_NS or self._again > AGAIN):
+            self._looked = now
+            self._overdue(now - self._commands.put_ns)
+        if self._due:
+            hub.put_step(tick)
+            self.again += 1
+            self._again = min(self._again * 2.0, 0.5) if here else AGAIN
+        return here
 
     def _pass_over(self) -> None:
         """Read commands when no controller is due: answers to repeated steps, or from controllers without admission."""
@@ -96,14 +136,41 @@ class Lockstep:
         self._hub.serve_scene()
         self._hub.session.flush()
         self._housekeeper.notice()
-        if waited_ns >= EVICTED * 1e9:
-            present = self._hub.watch.present
-            for name in sorted(name for name in self._due if ("controller", name) in present):
+        present = self._hub.watch.present
+        for name in sorted(self._due):
+            if ("controller", name) in present:
+                if waited_ns < EVICTED * 1e9:
+                    continue
                 self._evicted.add(name)
-                text = (
-                    f"controller {name} did not answer for {EVICTED:g} s and is evicted at tick {self._hub.runner.tick}"
-                )
+                tick = self._hub.runner.tick
+                text = f"controller {name} did not answer for {EVICTED:g} s and is evicted at tick {tick}"
                 self._housekeeper.faults.append(text)
                 self._hub.experiment.journal.note("evicted", text, controller=name)
-        self.look()
-        self._due.intersection_update(name for name, _ in self._partners)
+            self._due.discard(name)
+            del self._partners[name]
+
+
+class Partner(ControllerInProcess):
+    """A controller in another process, which the plant asks like one in its own: the answer comes from `lockstep`."""
+
+    def __init__(self, name: str, lockstep: Lockstep, hub: Hub) -> None:
+        self._take_place(name, hub.experiment)
+        self._lockstep, self.columns = lockstep, []
+        self.due = -(-hub.runner.tick // self.queue.period) * self.queue.period
+
+    def ask(self, tick: int) -> Values:
+        """See `ControllerInProcess.ask`. An answer that the compiled loop cannot put into force is kept in `given`."""
+        values = self._lockstep.answer(self.name, tick)
+        if values is None:
+            if self._runner.tick < tick:
+                return ()  # it is asked again when the loop has ended
+            values = ()  # it has left, or is evicted
+        self.due, self.given = tick + self.queue.period, values
+        return values if isfinite(sum(values)) else ()
+
+    def native(self) -> None:
+        """See `ControllerInProcess.native`."""
+        return
+
+    def catch_up(self, tick: int, send: bool = False) -> None:
+        """See `ControllerInProcess.catch_up`: a controller in another process is asked at each of its ticks."""

@@ -10,7 +10,7 @@ A frame of a paced run            A frame in lockstep
 
 In lockstep plant and controllers work one after the other, so that a tick takes the time of all that both do for it.
 Therefore the plant looks at operators, presence of processes and events only when the protocol has something to do,
-after an event, and every `LOOK_NS`.
+after an event, and every `LOOK_NS`. Meanwhile the compiled loop asks the controllers (rig.bench.lockstep).
 
 If a controller dies, its last command is held, then its actuators take their safe values; the plant continues. If the
 integration must stop, an event states where and why, and the recording is kept.
@@ -30,7 +30,7 @@ from rig.bench import pace
 from rig.bench.experiment import BEGIN
 from rig.bench.finalise import finalise, timing_verdict
 from rig.bench.job import Job, called
-from rig.bench.lockstep import Lockstep
+from rig.bench.lockstep import Lockstep, Stopped
 from rig.bench.plant_parts import PlantParts
 from rig.bench.prepared_rigs import PreparedRigs
 from rig.bench.rebuild import Rebuild
@@ -137,8 +137,8 @@ class Plant(PlantParts):
             spent = processor()
             hub.commands.receive()
             received = clock()
-            hub.put_step()
-            hub.gather()
+            hub.put_step(self.runner.tick)
+            hub.gather(self.runner.tick)
             sent = clock()
             if not experiment.begin() or self._ends(pacer):
                 rows.rows.append((begin, late, pacer.waited, 0, 0, 0, 0, spent))
@@ -170,15 +170,15 @@ class Plant(PlantParts):
             in_plant.carry_on(min(end, experiment.until(), hub.state_due) if frames > 1 else end)
             if runner.tick >= end:
                 return True
-            hub.gather_state()
+            hub.gather_state(runner.tick)
             if not experiment.begin():
                 return False
 
     def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
         hub, operator, experiment = self.hub, self.operator, self.experiment
         housekeeper, rows = self.housekeeper, self.timing
-        lockstep = Lockstep(hub, housekeeper, lambda: bool(self._stopping()))
-        runner, events = self.runner, experiment.journal.events
+        lockstep, runner = Lockstep(hub, housekeeper, lambda: bool(self._stopping())), self.runner
+        events, ahead = experiment.journal.events, 1
         lag = self._lag(show) if pacer is None else None
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
@@ -187,22 +187,31 @@ class Plant(PlantParts):
             if pacer is not None:
                 begin, late = pacer.wait(frames)
                 spent = processor()
-            hub.gather()
+            hub.gather(runner.tick)
             if not experiment.begin() or self._ends(pacer):
                 return
             operator.poll()
             self.in_plant.poll()
-            lockstep.look()
-            until = self._quiet(frames, pacer)
-            noted, end = len(events), clock() + LOOK_NS
-            while True:
-                lockstep.exchange()
-                answered = clock()
-                goes_on = self._carry(frames)
-                if not goes_on or runner.tick >= until or len(events) > noted or runner.limited or answered >= end:
-                    break
-                hub.gather()
+            self.in_plant.partners = lockstep.look()
+            first, begun, noted = runner.tick, clock(), len(events)
+            quiet = self._quiet(pacer)
+            until = min(experiment.until(), hub.checkpoint_due, first + ahead) if quiet else first + frames
+            goes_on = True
+            try:
+                while True:
+                    lockstep.exchange(runner.tick)
+                    answered = clock()
+                    if quiet and lockstep.asks_each_tick:
+                        self.in_plant.carry_on(until)
+                    else:
+                        goes_on = self._carry(frames)
+                    if not goes_on or runner.tick >= until or runner.limited or len(events) > noted:
+                        break
+            except Stopped:
+                self._ends(pacer)
+                return
             done = clock()
+            ahead = max((runner.tick - first) * LOOK_NS // (done - begun), 1)
             if frames > 1:
                 hub.put_applied()
             hub.put_events()
@@ -217,14 +226,9 @@ class Plant(PlantParts):
             if not goes_on:
                 return
 
-    def _quiet(self, frames: int, pacer: pace.Pacer | None) -> int:
-        """The first later tick at which a plant in lockstep looks at everything again.
-
-        This is the next one if a clock, an operator or a controller in the plant process may act at it.
-        """
-        if pacer is not None or self.operator.paused or self.in_plant.at_work:
-            return self.runner.tick + frames
-        return self.experiment.until()
+    def _quiet(self, pacer: pace.Pacer | None) -> bool:
+        """Whether neither a clock nor an operator nor a controller in the plant process has to act at each tick."""
+        return pacer is None and not self.operator.paused and not self.in_plant.at_work
 
     def _status(self) -> dict[str, Any]:
         """How the run goes: the timing verdict if it ended now, its reasons, the step of the protocol, pause and pace.

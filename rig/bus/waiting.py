@@ -14,6 +14,7 @@ _SLICE_S = 0.1
 """Longest delay of a signal [s]. # chosen"""
 _MASK: Any = getattr(_signal, "pthread_sigmask", None)
 """The function of the operating system: that of the module signal turns numbers into enums, which takes 10 us."""
+_MAIN = threading.main_thread().ident
 _SIGNALS = tuple(int(getattr(signal, s)) for s in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if hasattr(signal, s))
 _BLOCK, _RESTORE = (int(getattr(signal, name, 0)) for name in ("SIG_BLOCK", "SIG_SETMASK"))
 
@@ -28,7 +29,7 @@ def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
     """
     if waiting.qsize():
         return waiting.get_nowait()
-    if _MASK is None or threading.get_ident() != threading.main_thread().ident:
+    if _MASK is None or threading.get_ident() != _MAIN:
         return waiting.get(True, timeout)
     deadline, left = time.monotonic() + timeout, timeout
     while True:

@@ -97,30 +97,29 @@ class Worker(Service):
 
     def answer_step(self, step: Any) -> None:
         """Answer one step: with an update if it is new and due; a repeated step gets the same answer."""
-        if step.tick == self.tick and self.answered:
-            self.act.put(self.answered, step.t_ns)
-        if step.tick <= self.tick:
+        tick, t_ns, loop = step.tick, step.t_ns, self.loop
+        if tick <= self.tick:
+            if tick == self.tick and self.answered:
+                self.act.put(self.answered, t_ns)
             return
-        self.tick, self.t_ns, self.answered = step.tick, step.t_ns, b""
+        self.tick, self.t_ns, self.answered = tick, t_ns, b""
         if self._begins_with:
-            self.changed(self._begins_with, step.tick - 1)
+            self.changed(self._begins_with, tick - 1)
             self._begins_with = None
-        if self.loop.due(step.t_ns):
-            values = (
-                self._new_samples(step) if self.loop.every_sample else tuple([step.values[i] for i in self.columns])
-            )
-            first, finite, begin = self.loop.held == 0, not self.loop.refused, time.perf_counter_ns()
-            self.answered = encode.act(step.tick, step.t_ns, self.loop.answer(step.t_ns, values))
-            self.act.put(self.answered, step.t_ns)
-            if finite and self.loop.refused:
+        if loop.due(t_ns):
+            values = self._new_samples(step) if loop.every_sample else tuple(map(step.values.__getitem__, self.columns))
+            held, refused, begin = loop.held, loop.refused, time.perf_counter_ns()
+            self.answered = encode.act(tick, t_ns, loop.answer(t_ns, values))
+            self.act.put(self.answered, t_ns)
+            if loop.refused and not refused:
                 self.publish("not finite", NOT_FINITE.format(self.session.name), {})
             if self._speaks:
-                for text in self.loop.controller.take_messages():  # type: ignore[attr-defined]
+                for text in loop.controller.take_messages():  # type: ignore[attr-defined]
                     self.publish("log", text, {})
             self._long = self._long + 1 if time.perf_counter_ns() - begin > LONG_NS else 0
             if self._long == LONG_ANSWERS:
                 anywhere()
-            if first and self.loop.held:
+            if loop.held and not held:
                 self.held()
 
     def _new_samples(self, step: Any) -> Samples:

@@ -1,0 +1,153 @@
+"""Lockstep over the twin of the bus: what the compiled loop asks of controllers in other processes."""
+
+import math
+import threading
+
+import numpy as np
+from plant_in_thread import SCENE, Bench, samples
+
+from rig import scenes
+from rig.bench.simulate import simulate
+from rig.bus import encode, messages
+
+
+class Played:
+    """A controller nf that answers the step of each tick with `values(tick)`; it is silent for None."""
+
+    def __init__(self, bench, values):
+        self.session = bench.twin.open("controller", "nf")
+        self.steps, self.act = self.session.subscribe("step"), self.session.publisher("act/nf")
+        self.values, self.gone = values, threading.Event()
+        self.seen = []
+        self.session.announce()
+        bench.thread(self.answer)
+
+    def answer(self):
+        while not self.gone.is_set():
+            message = self.steps.get(0.02)
+            if message is None:
+                continue
+            step = messages.decode("step", message.payload)
+            self.seen.append(step.tick)
+            if (values := self.values(step.tick)) is not None:
+                self.act.put(encode.act(step.tick, step.t_ns, values), step.t_ns)
+        self.session.close()
+
+
+def played(scene, values, duration=0.4):
+    """The bench after a run in lockstep with such a controller, and what was heard."""
+    with Bench(scene, pace=None, duration=duration, expect=(("controller", "nf"),)) as bench:
+        controller = Played(bench, values)
+        plant = bench.begin()
+        plant.join(20.0)
+        controller.gone.set()
+        return bench, bench.finish()
+
+
+def test_the_states_of_all_ticks_are_those_of_a_run_in_one_process(scene):
+    with Bench(scene, pace=None, duration=0.5, expect=(("controller", "nf"),)) as bench:
+        bench.controller()
+        bench.begin()
+        heard = bench.finish()
+    run = simulate(scene, duration_ns=5 * 10**8)
+    kind = messages.state_type(bench.plant.runner.outputs)
+    states = [kind.FromString(payload) for payload in heard["state"]]
+    assert [state.tick for state in states] == list(range(0, 501, 5))
+    each = scene.frame_ns // scene.step_ns
+    for name in ("displacement", "velocity"):
+        assert [getattr(state, name) for state in states] == run.signals[name][:: 5 * each].tolist()
+    assert [messages.decode("step", payload).tick for payload in heard["step"]] == list(range(500))
+
+
+def test_a_controller_that_is_due_at_every_third_tick_gives_the_bits_of_a_run_in_one_process(scene):
+    slow = scenes.load(SCENE, {"controllers.nf.period": "3 ms", "controllers.nf.enable_at": "0 s"})
+    with Bench(slow, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
+        bench.controller()
+        bench.begin()
+        heard = bench.finish()
+    run = simulate(slow, duration_ns=3 * 10**8)
+    assert samples(heard, "vibrometer").tobytes() == run.measurements["vibrometer"].v.tobytes()
+    assert [messages.decode("step", payload).tick for payload in heard["step"]] == list(range(300))
+    assert [messages.decode("applied/nf", payload).tick for payload in heard["applied/nf"]] == list(range(0, 300, 3))
+
+
+def test_every_message_has_the_time_of_its_tick(scene, monkeypatch):
+    monkeypatch.setattr("rig.bus.batch.WAITS_NS", 0)  # batches are sent while the compiled loop asks
+    with Bench(scene, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
+        told = {name: bench.me.subscribe(name) for name in ("applied/nf", "state", "step")}
+        bench.controller()
+        bench.begin()
+        bench.finish()
+        times = {name: [message.t_ns // scene.frame_ns for message in heard.drain()] for name, heard in told.items()}
+    assert times == {"applied/nf": [*range(1, 301)], "state": [*range(0, 301, 5)], "step": [*range(300)]}
+
+
+def test_unusual_answers_are_handled_at_their_ticks(scene):
+    odd = {100: (math.nan,), 150: (), 160: (1.0, 2.0), 170: (1e9,), 171: (-math.inf,)}
+    bench, heard = played(scene, lambda tick: odd.get(tick, (20.0 + tick % 5,)))
+    applied = {a.tick: a for a in (messages.decode("applied/nf", payload) for payload in heard["applied/nf"])}
+    highest = bench.plant.runner.inputs["load.force"].high
+    assert applied.keys() == {*range(400)} - {150, 160}
+    expected = [20.0 + tick % 5 for tick in range(400)]
+    expected[100], expected[170], expected[171] = expected[99], highest, highest
+    assert [list(a.values) for a in applied.values()] == [[expected[tick]] for tick in applied]
+    assert [tick for tick, a in applied.items() if a.status] == [170]
+    counts = bench.summary["loop"]["nf"]
+    assert (counts["not_finite"], counts["refused"], counts["clamped"], counts["held"]) == (2, 1, 1, 2)
+    assert {event.tick for event in bench.events(heard) if event.kind == "refused"} == {160}
+
+
+def test_a_controller_that_leaves_is_missed_from_that_tick_on(scene):
+    with Bench(scene, pace=None, duration=0.5, expect=(("controller", "nf"),)) as bench:
+
+        def values(tick):
+            if tick == 303:
+                controller.gone.set()
+                return None
+            return (20.0,)
+
+        controller = Played(bench, values)
+        bench.begin().join(20.0)
+        heard = bench.finish()
+    events = {event.kind: event.tick for event in bench.events(heard)}
+    assert events["left"] == 303
+    assert events["safe"] == 302 + 1 + scene.clock.hold_frames
+    assert bench.summary["ticks"] == 500
+
+
+def test_a_run_that_is_stopped_does_not_wait_for_an_answer(scene):
+    with Bench(scene, pace=None, duration=5.0, expect=(("controller", "nf"),)) as bench:
+
+        def values(tick):
+            if tick == 303:
+                bench.stopped = "stopped by the test"
+                return None
+            return (20.0,)
+
+        controller = Played(bench, values)
+        bench.begin().join(20.0)
+        controller.gone.set()
+        heard = bench.finish()
+    assert bench.summary["ended"] == "stopped by the test"
+    assert bench.summary["ticks"] == 303
+    assert bench.summary["loop"]["nf"]["held"] == 0
+    assert np.concatenate([messages.decode("meas/vibrometer", p).v for p in heard["meas/vibrometer"]]).size == 304
+
+
+def test_an_operator_is_heard_while_controllers_answer(scene):
+    with Bench(scene, pace=None, expect=(("controller", "nf"),)) as bench:
+        bench.controller()
+        bench.begin()
+
+        def ask(do, **more):
+            return bench.me.ask("cmd/plant", {"do": do, **more}, 2.0)["tick"]
+
+        while ask("status") < 50:
+            pass
+        knocked, paused = ask("knock", impulse=0.1), ask("pause")
+        still = ask("status")
+        assert ask("status") == still <= paused + 1
+        ask("stop")
+        heard = bench.finish()
+    ticks = {event.kind: event.tick for event in bench.events(heard)}
+    assert (ticks["knock"], ticks["paused"], ticks["stop"]) == (knocked, paused, still)
