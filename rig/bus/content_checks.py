@@ -41,10 +41,11 @@ def content_checks(sensors: int | None) -> dict[str, ContentCheck]:
 def _check_step(sensors: int | None, topic: str, step: Any, counts: dict[str, Count], count: Count, now: float) -> None:
     if step.tick != count.tick + 1 and not count.plausible(step.tick - count.tick, now):
         raise Refused("implausible tick", f"tick {step.tick} after tick {count.tick}")
-    values, fresh = len(step.values), step.fresh
+    values = len(step.values)
     if sensors not in (None, values):
         raise Refused("wrong length", f"a Step of {values} values for {sensors} sensors")
     if step.heard:
+        fresh = step.fresh
         if any(not 0 <= place < min(values, len(fresh)) for place in step.heard):
             raise Refused("wrong length", "a Step contains samples of a sensor that does not exist")
         brought = [fresh[place] for place in step.heard]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -84,6 +84,7 @@ class MotionMemory:
         """Continue with another system, which `rig.motion.ready` has prepared; the state stays as it is."""
         self.system, self._outputs, self.mode_sets, self.work = made.system, made.outputs, made.mode_sets, made.work
         self.plan, self._event_text, self._now, self._carry = made.plan, made.event_text, made.now, made.carry
+        self._evaluate: Callable[..., None] | None = None
 
     def _make_room(self, rows: int, ticks: int) -> None:
         """Make room for rows of states, and for the events that a block of `ticks` may have."""

@@ -299,7 +299,9 @@ class Motion(MotionMemory):
         states, mode_sets, values = self._now
         states[0] = self.state.x
         mode_sets[0] = self.mode_sets.tables.mode_set_of[self.state.ic[KEY]]
-        evaluate_outputs(self.mode_sets.handle, self.loan, states, mode_sets, values)
+        if self._evaluate is None:
+            self._evaluate = entry(evaluate_outputs, self.mode_sets.handle, self.loan, states, mode_sets, values)
+        self._evaluate(self.mode_sets.handle, self.loan, states, mode_sets, values)
         return values[0]  # type: ignore[no-any-return]
 
     def terms(self) -> Array:
