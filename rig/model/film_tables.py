@@ -9,9 +9,10 @@ from rig.model import energy_forms
 from rig.model.film import Film, on
 from rig.model.system import System
 from rig.solve import expm
-from rig.solve.column_blocks import LANE, zeros
+from rig.solve.column_blocks import zeros
 from rig.solve.film_records import GROUP, FilmTables, SymmetryClass
 from rig.solve.film_sums import SUMS
+from rig.solve.lanes import LANE
 
 Array = NDArray[np.float64]
 

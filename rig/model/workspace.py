@@ -6,6 +6,8 @@ import numpy as np
 
 from rig.model.system import System
 from rig.solve import energy_balance
+from rig.solve.column_blocks import zeros
+from rig.solve.lanes import LANE
 from rig.solve.records import Workspace
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
 
@@ -42,6 +44,9 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         values=np.zeros((5, read)),
         nodes=energy_balance.NODES,
         weights=energy_balance.WEIGHTS,
-        nodes3=0.5 * (nodes + 1.0),
-        weights3=0.5 * weights,
+        x_at=zeros((n, LANE)),
+        T_at=zeros((system.inputs, LANE)),
+        quarters=np.minimum(0.25 * np.arange(LANE), 1.0),
+        nodes3=np.pad(0.5 * (nodes + 1.0), (0, LANE - 3), mode="edge"),
+        weights3=np.pad(0.5 * weights, (0, LANE - 3)),
     )

@@ -18,9 +18,12 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from rig.solve import lanes
+from rig.solve.lanes import LANE
+
 Array = NDArray[np.float64]
 BLOCK = 16
-LANE = 8
+_ZERO = ir.Constant(lanes.VECTOR, [0.0] * LANE)
 
 
 def zeros(shape: int | tuple[int, ...]) -> Array:
@@ -42,59 +45,14 @@ def blocks(rows: Array) -> Array:
     return np.ascontiguousarray(padded.reshape(count, BLOCK, n).transpose(0, 2, 1))
 
 
-class _Lanes:
-    """Vectors of LANE numbers in the code of an intrinsic: unaligned load and store, fused multiply-add."""
+def _whole(value: int) -> Any:
+    """An integer constant of the type of an index."""
+    return ir.Constant(ir.IntType(64), value)
 
-    def __init__(self, context: Any, builder: Any) -> None:
-        self._context, self._builder = context, builder
-        self._kind = ir.VectorType(ir.DoubleType(), LANE)
-        self.zero = ir.Constant(self._kind, [0.0] * LANE)
 
-    def whole(self, value: int) -> Any:
-        """An integer constant of the type of an index."""
-        return ir.Constant(self._context.get_value_type(types.intp), value)
-
-    def place(self) -> Any:
-        """Storage for one vector, which the compiler keeps in a register."""
-        return cgutils.alloca_once(self._builder, self._kind)  # type: ignore[no-untyped-call]
-
-    def _at(self, data: Any, offset: Any) -> Any:
-        return self._builder.bitcast(self._builder.gep(data, [offset]), self._kind.as_pointer())
-
-    def load(self, data: Any, offset: Any) -> Any:
-        """The vector that begins at data[offset]."""
-        found = self._builder.load(self._at(data, offset))
-        found.align = 8
-        return found
-
-    def store(self, lanes: Any, data: Any, offset: Any) -> None:
-        """Store a vector to data, beginning at data[offset]."""
-        self._builder.store(lanes, self._at(data, offset)).align = 8
-
-    def alike(self, number: Any) -> Any:
-        """A vector with the same number in all lanes."""
-        none, everywhere = ir.Constant(self._kind, ir.Undefined), ir.VectorType(ir.IntType(32), LANE)
-        alone = self._builder.insert_element(none, number, ir.Constant(ir.IntType(32), 0))
-        return self._builder.shuffle_vector(alone, none, ir.Constant(everywhere, [0] * LANE))
-
-    def sum(self, lanes: Any) -> Any:
-        """The sum of all lanes: the upper half is added to the lower half until one number is left."""
-        size = LANE
-        while size > 1:
-            size //= 2
-            kind = ir.VectorType(ir.IntType(32), size)
-            none = ir.Constant(lanes.type, ir.Undefined)
-            low, high = (
-                self._builder.shuffle_vector(lanes, none, ir.Constant(kind, list(range(first, first + size))))
-                for first in (0, size)
-            )
-            lanes = self._builder.fadd(low, high)
-        return self._builder.extract_element(lanes, ir.Constant(ir.IntType(32), 0))
-
-    def more(self, a: Any, b: Any, total: Any) -> Any:
-        """The vector a b + total."""
-        product = self._builder.fmul(a, b, flags=("contract",))
-        return self._builder.fadd(product, total, flags=("contract",))
+def _place(builder: Any) -> Any:
+    """Storage for one vector, which the compiler keeps in a register."""
+    return cgutils.alloca_once(builder, lanes.VECTOR)  # type: ignore[no-untyped-call]
 
 
 def _arrays(context: Any, builder: Any, signature: Any, arguments: Any) -> list[Any]:
@@ -110,31 +68,31 @@ def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any)
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         table, x, first, count, out = _arrays(context, builder, signature, arguments)
-        lanes, of_block = _Lanes(context, builder), BLOCK // LANE
+        of_block = BLOCK // LANE
         length = builder.extract_value(x.shape, 0)
-        size = builder.mul(length, lanes.whole(BLOCK))
+        size = builder.mul(length, _whole(BLOCK))
 
         def several(block: Any, blocks: int) -> None:
-            sums = [lanes.place() for _ in range(blocks * of_block)]
+            sums = [_place(builder) for _ in range(blocks * of_block)]
             for total in sums:
-                builder.store(lanes.zero, total)
+                builder.store(_ZERO, total)
             begin = builder.mul(builder.add(first, block), size)
             with cgutils.for_range(builder, length) as loop:  # type: ignore[no-untyped-call]
-                factor = lanes.alike(builder.load(builder.gep(x.data, [loop.index])))
-                row = builder.add(begin, builder.mul(loop.index, lanes.whole(BLOCK)))
+                factor = lanes.spread(builder, builder.load(builder.gep(x.data, [loop.index])))
+                row = builder.add(begin, builder.mul(loop.index, _whole(BLOCK)))
                 for k, total in enumerate(sums):
-                    other = builder.add(row, builder.mul(size, lanes.whole(k // of_block)))
-                    values = lanes.load(table.data, builder.add(other, lanes.whole(LANE * (k % of_block))))
-                    builder.store(lanes.more(factor, values, builder.load(total)), total)
-            begin = builder.mul(block, lanes.whole(BLOCK))
+                    other = builder.add(row, builder.mul(size, _whole(k // of_block)))
+                    values = lanes.load(builder, table.data, builder.add(other, _whole(LANE * (k % of_block))))
+                    builder.store(lanes.add_product(builder, factor, values, builder.load(total)), total)
+            begin = builder.mul(block, _whole(BLOCK))
             for k, total in enumerate(sums):
-                lanes.store(builder.load(total), out.data, builder.add(begin, lanes.whole(LANE * k)))
+                lanes.store(builder, builder.load(total), out.data, builder.add(begin, _whole(LANE * k)))
 
-        pairs = builder.lshr(count, lanes.whole(1))
+        pairs = builder.lshr(count, _whole(1))
         with cgutils.for_range(builder, pairs) as loop:  # type: ignore[no-untyped-call]
-            several(builder.mul(loop.index, lanes.whole(2)), 2)
-        with builder.if_then(builder.icmp_unsigned("!=", builder.and_(count, lanes.whole(1)), lanes.whole(0))):
-            several(builder.sub(count, lanes.whole(1)), 1)
+            several(builder.mul(loop.index, _whole(2)), 2)
+        with builder.if_then(builder.icmp_unsigned("!=", builder.and_(count, _whole(1)), _whole(0))):
+            several(builder.sub(count, _whole(1)), 1)
         return context.get_dummy_value()
 
     return types.none(table, x, types.intp, types.intp, out), codegen
@@ -148,19 +106,23 @@ def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         total, x, weight = _arrays(context, builder, signature, arguments)
-        lanes = _Lanes(context, builder)
         rows, width = (builder.extract_value(total.shape, axis) for axis in range(2))
-        with cgutils.for_range(builder, builder.udiv(width, lanes.whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
-            begin = builder.mul(block.index, lanes.whole(BLOCK))
-            places = [builder.add(begin, lanes.whole(LANE * k)) for k in range(BLOCK // LANE)]
-            columns = [lanes.load(x.data, at) for at in places]
+        with cgutils.for_range(builder, builder.udiv(width, _whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
+            begin = builder.mul(block.index, _whole(BLOCK))
+            places = [builder.add(begin, _whole(LANE * k)) for k in range(BLOCK // LANE)]
+            columns = [lanes.load(builder, x.data, at) for at in places]
             with cgutils.for_range(builder, rows) as row:  # type: ignore[no-untyped-call]
                 own = builder.load(builder.gep(x.data, [row.index]))
-                factor = lanes.alike(builder.fmul(weight, own))
+                factor = lanes.spread(builder, builder.fmul(weight, own))
                 first = builder.mul(row.index, width)
                 for at, column in zip(places, columns):
                     place = builder.add(first, at)
-                    lanes.store(lanes.more(factor, column, lanes.load(total.data, place)), total.data, place)
+                    lanes.store(
+                        builder,
+                        lanes.add_product(builder, factor, column, lanes.load(builder, total.data, place)),
+                        total.data,
+                        place,
+                    )
         return context.get_dummy_value()
 
     return types.none(total, x, types.float64), codegen
@@ -177,26 +139,27 @@ def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: 
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         low, rise, share, x, now, out = _arrays(context, builder, signature, arguments)
-        lanes = _Lanes(context, builder)
         count, width = (builder.extract_value(low.shape, axis) for axis in range(2))
-        part = lanes.alike(share)
+        part = lanes.spread(builder, share)
 
         def several(first: Any, vectors: int) -> None:
-            sums = [lanes.place() for _ in range(vectors)]
+            sums = [_place(builder) for _ in range(vectors)]
             for total in sums:
-                builder.store(lanes.zero, total)
+                builder.store(_ZERO, total)
             with cgutils.for_range(builder, count) as row:  # type: ignore[no-untyped-call]
-                factor = lanes.alike(builder.load(builder.gep(x.data, [row.index])))
+                factor = lanes.spread(builder, builder.load(builder.gep(x.data, [row.index])))
                 begin = builder.add(first, builder.mul(row.index, width))
                 for k, total in enumerate(sums):
-                    at = builder.add(begin, lanes.whole(LANE * k))
-                    value = lanes.more(part, lanes.load(rise.data, at), lanes.load(low.data, at))
-                    lanes.store(value, now.data, at)
-                    builder.store(lanes.more(factor, value, builder.load(total)), total)
+                    at = builder.add(begin, _whole(LANE * k))
+                    value = lanes.add_product(
+                        builder, part, lanes.load(builder, rise.data, at), lanes.load(builder, low.data, at)
+                    )
+                    lanes.store(builder, value, now.data, at)
+                    builder.store(lanes.add_product(builder, factor, value, builder.load(total)), total)
             for k, total in enumerate(sums):
-                lanes.store(builder.load(total), out.data, builder.add(first, lanes.whole(LANE * k)))
+                lanes.store(builder, builder.load(total), out.data, builder.add(first, _whole(LANE * k)))
 
-        _in_blocks(builder, lanes, width, several)
+        _in_blocks(builder, width, several)
         return context.get_dummy_value()
 
     return types.none(low, rise, types.float64, x, now, out), codegen
@@ -205,15 +168,15 @@ def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: 
 blend: Any = intrinsic(_blend)
 
 
-def _in_blocks(builder: Any, lanes: _Lanes, width: Any, several: Callable[[Any, int], None]) -> None:
+def _in_blocks(builder: Any, width: Any, several: Callable[[Any, int], None]) -> None:
     """Emit the code of `several(first, vectors)` for all lanes: whole blocks first, then the vector that is left.
 
     `several` handles `vectors` vectors beginning at lane `first`.
     """
-    blocks = builder.udiv(width, lanes.whole(BLOCK))
+    blocks = builder.udiv(width, _whole(BLOCK))
     with cgutils.for_range(builder, blocks) as block:  # type: ignore[no-untyped-call]
-        several(builder.mul(block.index, lanes.whole(BLOCK)), BLOCK // LANE)
-    done = builder.mul(blocks, lanes.whole(BLOCK))
+        several(builder.mul(block.index, _whole(BLOCK)), BLOCK // LANE)
+    done = builder.mul(blocks, _whole(BLOCK))
     with builder.if_then(builder.icmp_unsigned("!=", done, width)):
         several(done, 1)
 
@@ -226,35 +189,36 @@ def _across(typing: Any, table: Any, weights: Any, out: Any) -> Any:
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         table, weights, out = _arrays(context, builder, signature, arguments)
-        lanes = _Lanes(context, builder)
         count, width = (builder.extract_value(table.shape, axis) for axis in range(2))
 
         def rows(first: Any, together: int) -> None:
-            sums = [[lanes.place() for _ in range(BLOCK // LANE)] for _ in range(together)]
+            sums = [[_place(builder) for _ in range(BLOCK // LANE)] for _ in range(together)]
             for total in (one for row in sums for one in row):
-                builder.store(lanes.zero, total)
-            begins = [builder.mul(builder.add(first, lanes.whole(i)), width) for i in range(together)]
+                builder.store(_ZERO, total)
+            begins = [builder.mul(builder.add(first, _whole(i)), width) for i in range(together)]
 
             def several(lane: Any, vectors: int) -> None:
                 for k in range(vectors):
-                    at = builder.add(lane, lanes.whole(LANE * k))
-                    weight = lanes.load(weights.data, at)
+                    at = builder.add(lane, _whole(LANE * k))
+                    weight = lanes.load(builder, weights.data, at)
                     for begin, row in zip(begins, sums):
-                        value = lanes.load(table.data, builder.add(begin, at))
-                        builder.store(lanes.more(weight, value, builder.load(row[k])), row[k])
+                        value = lanes.load(builder, table.data, builder.add(begin, at))
+                        builder.store(lanes.add_product(builder, weight, value, builder.load(row[k])), row[k])
 
-            _in_blocks(builder, lanes, width, several)
+            _in_blocks(builder, width, several)
             for i, row in enumerate(sums):
                 whole = builder.load(row[0])
                 for total in row[1:]:
                     whole = builder.fadd(whole, builder.load(total))
-                builder.store(lanes.sum(whole), builder.gep(out.data, [builder.add(first, lanes.whole(i))]))
+                builder.store(
+                    lanes.sum_by_halves(builder, whole), builder.gep(out.data, [builder.add(first, _whole(i))])
+                )
 
-        pairs = builder.lshr(count, lanes.whole(1))
+        pairs = builder.lshr(count, _whole(1))
         with cgutils.for_range(builder, pairs) as pair:  # type: ignore[no-untyped-call]
-            rows(builder.mul(pair.index, lanes.whole(2)), 2)
-        with builder.if_then(builder.icmp_unsigned("!=", builder.and_(count, lanes.whole(1)), lanes.whole(0))):
-            rows(builder.sub(count, lanes.whole(1)), 1)
+            rows(builder.mul(pair.index, _whole(2)), 2)
+        with builder.if_then(builder.icmp_unsigned("!=", builder.and_(count, _whole(1)), _whole(0))):
+            rows(builder.sub(count, _whole(1)), 1)
         return context.get_dummy_value()
 
     return types.none(table, weights, out), codegen

@@ -18,13 +18,14 @@ from rig.kernel import inlined, inner
 from rig.lent_records import lent
 from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.dense_output import evaluate_quartic, first_event, free_of_events, quartic_of_step
-from rig.solve.forces import derivative, refill_inputs, right_hand_side
-from rig.solve.instant_readings import add_power
+from rig.solve.forces import derivative, right_hand_side
+from rig.solve.lanes import lanes
+from rig.solve.places import add_powers, inputs_at, states_at, write_output_quartics
 from rig.solve.records import KEY, NEXT_LENGTH, PLACE, REACHED, STEP_LENGTH, SUGGESTED_LENGTH, TICK, TRIAL_LIMIT, TRIALS
 from rig.solve.rows import dot
 from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, patch_friction, stage
-from rig.solve.segment_output import close_segment, nearly_full, part_of_quartic, quartic_of_output
-from rig.solve.specialised import any_shape, call, local, state_count
+from rig.solve.segment_output import close_segment, nearly_full, part_of_quartic
+from rig.solve.specialised import call, local, state_count
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # share of the largest coordinate or speed
@@ -126,12 +127,11 @@ def raise_small_scales(rates, count, step, size):
 
 
 @inlined
-def add_step_energy(shape, t, w, f, theta, h, energy):
+def add_step_energy(w, f, theta, h, energy):
     """Add the energy terms up to `theta` of the step, by Gauss-Legendre quadrature."""
-    for q in range(w.nodes3.shape[0]):
-        evaluate_quartic(shape, w.derivatives, w.nodes3[q] * theta, w.y2)
-        refill_inputs(f, w.y2)
-        add_power(t, f.mode_set, w.T, w.y2, w.weights3[q] * theta * h, energy)
+    states_at(w.derivatives, theta * lanes(w.nodes3), w.x_at)
+    inputs_at(f, w.x_at, w.T_at, w.y2)
+    add_powers(f, w.x_at, w.T_at, w.weights3, theta * h, energy)
 
 
 @inner
@@ -151,15 +151,9 @@ def emit_segment(t, w, f, from_theta, to_theta, h, start, seg):
             coef[c] = dot(t.signals[mode_set, s], w.derivatives[c])
         part_of_quartic(coef, from_theta, width)
     if asked:
-        for q in range(5):
-            evaluate_quartic(any_shape(w.y2.shape[0]), w.derivatives, from_theta + 0.25 * q * width, w.y2)
-            refill_inputs(f, w.y2)
-            for s in range(seg.coef.shape[1]):
-                if t.output_needs_inputs[mode_set, s]:
-                    w.values[q, s] = dot(t.signals[mode_set, s], w.y2) + dot(t.signals_t[mode_set, s], w.T)
-        for s in range(seg.coef.shape[1]):
-            if t.output_needs_inputs[mode_set, s]:
-                quartic_of_output(w.values, s, seg.coef[at_once, s])
+        states_at(w.derivatives, from_theta + lanes(w.quarters) * width, w.x_at)
+        inputs_at(f, w.x_at, w.T_at, w.y2)
+        write_output_quartics(f, w.x_at, w.T_at, seg.coef[at_once])
     close_segment(start, width * h, seg)
 
 
@@ -309,7 +303,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 continue
             end = theta if crossed >= 0 else 1.0
         if plan.with_energy:
-            add_step_energy(shape, t, w, f, end, h, state.energy)
+            add_step_energy(w, f, end, h, state.energy)
         done, share = 0.0, tick_length / h
         while tick < ticks:  # ticks that end inside the step
             to = end_of_tick(tick, place, done, share, ticks, crossed < 0 and h == left)

@@ -67,8 +67,11 @@ class Workspace(NamedTuple):
     values: Array  # [5, output] outputs that sensors read, at five places of a segment
     nodes: Array  # [node] quadrature nodes in [0, 1] of the energy terms in a linear mode set
     weights: Array  # [node] weights of `nodes`
-    nodes3: Array  # [3] Gauss-Legendre nodes in [0, 1] of the energy terms of dopri5
-    weights3: Array  # [3] weights of `nodes3`
+    x_at: Array  # [n, LANE] states at several places of a step, in lanes (rig.solve.places)
+    T_at: Array  # [inputs, LANE] inputs there
+    quarters: Array  # [LANE] 0, 1/4, 1/2, 3/4, 1, 1 ...
+    nodes3: Array  # [LANE] three Gauss-Legendre nodes in [0, 1] of the energy terms of dopri5; the last one is repeated
+    weights3: Array  # [LANE] weights of `nodes3`, then 0
 
 
 class MotionLog(NamedTuple):

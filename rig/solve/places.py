@@ -1,0 +1,113 @@
+"""State, inputs and readings at several places of a step at once: one lane for each place.
+
+Energy terms and outputs need them at three and five places of every step. Evaluated one after the other they took half
+of the time of a run with sensors.
+"""
+
+from __future__ import annotations
+
+from rig.kernel import inlined, inner
+from rig.solve.energy_balance import RESISTOR
+from rig.solve.exponential import exponential_factors, exponential_factors_of_lanes, has_lane_factors
+from rig.solve.forces import refill_inputs
+from rig.solve.friction_coefficient import STRIBECK, coefficient
+from rig.solve.lanes import LANE, alike, lane, lanes, total, write
+from rig.solve.segment_output import quartic_coefficients
+
+
+@inlined
+def row_times(row, X):
+    """The products row . x in each lane, summed in index order; X [length of the row, LANE]."""
+    s = alike(0.0)
+    for j in range(row.shape[0]):
+        s = s + row[j] * lanes(X[j])
+    return s
+
+
+@inlined
+def states_at(d, places, X):
+    """Write the states at `places` (lanes) of the quartic d to X [n, LANE]."""
+    for i in range(X.shape[0]):
+        write(d[0, i] + places * (d[1, i] + places * (d[2, i] + places * (d[3, i] + places * d[4, i]))), X[i])
+
+
+@inlined
+def friction_forces_at(f, p, X, forces):
+    """Write the friction forces of patch p at the states X to `forces` [LANE]; as rig.solve.forces.friction_force.
+
+    For a patch whose load depends on the state alone.
+    """
+    if f.sigma[p] == 0.0 or f.code[p] == 0:
+        write(alike(0.0), forces)
+        return
+    last = X.shape[0] - 1
+    N = alike(0.0)
+    for j in range(last, -1, -1):
+        N = N + f.law_load[p, j] * lanes(X[j])
+    if f.code[p] == STRIBECK:
+        u = (-(f.numbers[p, 2] * f.law_speed[p, last])) * lanes(X[last])
+        for j in range(last):
+            u = u - (f.numbers[p, 2] * f.law_speed[p, j]) * lanes(X[j])
+        if has_lane_factors(u):
+            coarse, fine = exponential_factors_of_lanes(u)
+            write(N * f.numbers[p, 0] + ((N * f.numbers[p, 1]) * coarse) * fine, forces)
+        else:
+            for q in range(LANE):
+                one, other = exponential_factors(lane(u, q))
+                forces[q] = lane(N, q) * f.numbers[p, 0] + ((lane(N, q) * f.numbers[p, 1]) * one) * other
+    else:
+        w = alike(0.0)
+        for j in range(last, -1, -1):
+            w = w + f.law_speed[p, j] * lanes(X[j])
+        for q in range(LANE):
+            forces[q] = coefficient(f.code[p], f.numbers[p], lane(w, q)) * lane(N, q)
+
+
+@inner
+def inputs_at(f, X, T, x):
+    """Write the inputs at the states X [n, LANE] to T [inputs, LANE]; `x` [n] is scratch."""
+    patches = f.sigma.shape[0]
+    if f.coupled or T.shape[0] > patches:
+        for q in range(LANE):
+            for i in range(X.shape[0]):
+                x[i] = X[i, q]
+            refill_inputs(f, x)
+            for k in range(T.shape[0]):
+                T[k, q] = f.T[k]
+    else:
+        for p in range(patches):
+            friction_forces_at(f, p, X, T[p])
+
+
+@inner
+def write_output_quartics(f, X, T, coef):
+    """Write the quartics through the first five lanes of the outputs that need inputs to `coef` [output, degree]."""
+    t, mode_set = f.t, f.mode_set
+    for s in range(coef.shape[0]):
+        if t.output_needs_inputs[mode_set, s]:
+            y = row_times(t.signals[mode_set, s], X) + row_times(t.signals_t[mode_set, s], T)
+            coef[s, 0], coef[s, 1], coef[s, 2], coef[s, 3], coef[s, 4] = quartic_coefficients(
+                lane(y, 0), lane(y, 1), lane(y, 2), lane(y, 3), lane(y, 4)
+            )
+
+
+@inner
+def add_powers(f, X, T, weights, scale, energy):
+    """Add the powers at the states X, weighted by `scale` times `weights` [LANE], to the energy terms."""
+    t, mode_set = f.t, f.mode_set
+    nq, patches = t.damping.shape[1], t.slip.shape[0]
+    share = lanes(weights) * scale
+    for p in range(patches):
+        force = share * (row_times(t.friction[mode_set, p], X) + row_times(t.friction_t[mode_set, p], T))
+        energy[0] += total(force * row_times(t.surface[p], X))
+        energy[1] += total(force * row_times(t.slip[p], X))
+    for i in range(nq):
+        v = share * lanes(X[nq + i])
+        energy[2] += total(v * row_times(t.damping[mode_set, i], X[nq : 2 * nq]))
+        energy[3] += total(v * (row_times(t.force[i], X) + row_times(t.force_t[i], T[patches:])))
+    for k in range(t.lift.shape[0]):
+        press = row_times(t.press[mode_set, k], X) + row_times(t.press_t[mode_set, k], T)
+        energy[4] += total((share * press) * row_times(t.lift[k], X))
+    for r in range(t.conductance.shape[0]):
+        loss = row_times(t.loss[mode_set, r], X)
+        energy[RESISTOR] += total((share * t.conductance[r]) * (loss * loss))
