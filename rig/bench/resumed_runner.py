@@ -29,13 +29,13 @@ class Resumption(NamedTuple):
 
 
 class ResumedRunner(PlantRunner):
-    """The plant of `scene`, which is simulated from a checkpoint on.
+    """The plant of `scene`, which is simulated from a checkpoint on, in a run of `frames` frames.
 
     Raises ValueError or KeyError at the checkpoint if it is one of another rig, LogError if it cannot be read.
     """
 
-    def __init__(self, scene: Scene, resumption: Resumption) -> None:
-        super().__init__(scene, truthful=True)
+    def __init__(self, scene: Scene, resumption: Resumption, frames: int) -> None:
+        super().__init__(scene, truthful=True, piece=frames)
         self._resumption = resumption
         self._recorded = [resumption.measurements[name] for name in self.bank.names]
         self.state_samples.begin(resumption.tick, resumption.tick * self.frame_ns * 1e-9)

@@ -19,9 +19,10 @@ from rig.errors import UsageError
 class PlantRunner(CommandedPlant):
     """Plant and sensors of a scene at tick `tick` [frames]. Raises rig.errors.NumericsError if it must stop.
 
-    `truthful`: keep all outputs at every sample step (`truth`) and all measurements (`measurements`). Otherwise
-    `piece`: number of frames computed at once, for which memory is allocated from the start. It steps
-    (rig.bench.stepped_plant), takes commands (rig.bench.commanded_plant), and can return to a state that was kept.
+    `truthful`: keep all outputs at every sample step (`truth`) and all measurements (`measurements`). `piece`: number
+    of frames computed at once, or of all frames of a truthful run; memory is allocated for them from the start. It
+    steps (rig.bench.stepped_plant), takes commands (rig.bench.commanded_plant), and can return to a state that was
+    kept.
     """
 
     def checkpoint(self) -> bytes:

@@ -170,7 +170,7 @@ def begun(
 
     experiment = Experiment(
         scene,
-        _runner(scene, recorded),
+        _runner(scene, recorded, (duration_ns or 0) // scene.frame_ns),
         duration_ns,
         retune,
         exchange=Exchange if recorded is None else Playback,
@@ -200,10 +200,10 @@ def _welcome(experiment: Experiment, guests: Mapping[str, Guest]) -> None:
     experiment.journal.note(BEGIN, f"begins with {', '.join(guests)}", here=[*experiment.exchange.queues])
 
 
-def _runner(scene: Scene, recorded: Recorded | None) -> PlantRunner:
+def _runner(scene: Scene, recorded: Recorded | None, frames: int) -> PlantRunner:
     if recorded is None or recorded.resumption is None:
-        return PlantRunner(scene, truthful=True)
-    return ResumedRunner(scene, recorded.resumption)
+        return PlantRunner(scene, truthful=True, piece=frames)
+    return ResumedRunner(scene, recorded.resumption, frames)
 
 
 def carry_on(

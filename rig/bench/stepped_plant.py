@@ -61,7 +61,7 @@ class SteppedPlant:
             if all(isfinite(one.number) for one in errors):
                 faults.append('clock.unstable = "run" runs it nevertheless, up to clock.limit')
             raise SceneError(scene.name, faults)
-        self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
+        self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed, *((8192,) if truthful else ()))
         broken = {name: one for name, one in scene.faults.items() if isinstance(one, SensorFault)}
         self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
         self.controllers = _room(scene)
@@ -88,7 +88,7 @@ class SteppedPlant:
         """Actuators that have no command state even when somebody drives them: each value needs its own matrices."""
         self._look = True
         self.state_samples = StateSamples(scene, self.values)
-        self._needs, self._truthful = len(needs), truthful
+        self._needs, self._truthful, self._piece = len(needs), truthful, piece
         self.variants = RigVariants(scene, self.motion, self.outputs)
         self.keep_samples: Callable[[], object] = lambda: None
         """Called before the bank forgets samples."""
@@ -108,8 +108,10 @@ class SteppedPlant:
         self.bank.start(motion.outputs_now()[: self._needs].copy())
         if self._faulty_sensors is not None:
             self._faulty_sensors.apply()
-        self.truth = Truth(motion.outputs_now(), motion.key, self.step_ns) if self._truthful else None
-        self.measurements = Measurements(self.bank) if self._truthful else None
+        self.truth = (
+            Truth(motion.outputs_now(), motion.key, self.step_ns, self._piece * self.steps) if self._truthful else None
+        )
+        self.measurements = Measurements(self.bank, self._piece * self.frame_ns) if self._truthful else None
         self._connect()
         if self.measurements is not None:
             self.keep_samples = self.measurements.take
@@ -193,11 +195,8 @@ class SteppedPlant:
 
     def hand_over(self, truth: Truth) -> None:
         """Give `truth` the steps that the motion has kept, as outputs computed with the present matrices."""
-        motion = self.motion
-        mode_sets = motion.log.modes[: motion.kept]
-        keys = np.array([modes.key for modes in motion.mode_sets.sets], dtype=np.int64)
-        truth.keep(motion.outputs_at(motion.log.out[: motion.kept], mode_sets), keys[mode_sets])
-        motion.kept = 0
+        truth.keep(self.motion)
+        self.motion.kept = 0
 
     @property
     def limited(self) -> bool:

@@ -290,9 +290,13 @@ class Motion(MotionMemory):
 
         `mode_sets` [state]: index of the mode set in which each is evaluated.
         """
-        values = np.zeros((len(states), len(self._outputs)))
-        evaluate_outputs(self.mode_sets.handle, self.loan, states, mode_sets, values)
-        return values
+        values = np.empty((len(self._outputs), len(states)))
+        self.write_outputs(states, mode_sets, values, 0)
+        return values.T
+
+    def write_outputs(self, states: Array, mode_sets: NDArray[np.int64], values: Array, first: int) -> None:
+        """Write every output at `states` [state, n] to `values` [output, any number of states], from `first` on."""
+        evaluate_outputs(self.mode_sets.handle, self.loan, states, mode_sets, values, first)
 
     def outputs_now(self) -> Array:
         """Every output [output] at this instant (a view, overwritten by the next call)."""
@@ -300,9 +304,9 @@ class Motion(MotionMemory):
         states[0] = self.state.x
         mode_sets[0] = self.mode_sets.tables.mode_set_of[self.state.ic[KEY]]
         if self._evaluate is None:
-            self._evaluate = entry(evaluate_outputs, self.mode_sets.handle, self.loan, states, mode_sets, values)
-        self._evaluate(self.mode_sets.handle, self.loan, states, mode_sets, values)
-        return values[0]  # type: ignore[no-any-return]
+            self._evaluate = entry(evaluate_outputs, self.mode_sets.handle, self.loan, states, mode_sets, values, 0)
+        self._evaluate(self.mode_sets.handle, self.loan, states, mode_sets, values, 0)
+        return values[:, 0]
 
     def terms(self) -> Array:
         """The terms of the energy balance so far [J], in the order of rig.solve.energy_balance.NAMES."""

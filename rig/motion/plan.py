@@ -88,7 +88,7 @@ def plan(
         block = tables, loan, types.boolean, ticks, ticks
         return [
             (advance_frames, (*block, ticks, *map(numba.typeof, loans))) if loans else (advance, block),
-            (evaluate_outputs, (tables, loan, matrix, types.Array(types.int64, 1, "C"), matrix)),
+            (evaluate_outputs, (tables, loan, matrix, types.Array(types.int64, 1, "C"), matrix, ticks)),
             (expm.ladder, (matrix, types.float64)),
         ]
 

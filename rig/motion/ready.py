@@ -75,7 +75,7 @@ def prepared(system: System, outputs: list[dict[str, float]], integration: Integ
             integration.loans,
         ),
         cache(system.event_text),
-        (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(outputs)))),
+        (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((len(outputs), 1))),
         None,
     )
 

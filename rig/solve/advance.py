@@ -19,6 +19,8 @@ from rig.solve.contact_state import (
     sector_weight,
 )
 from rig.solve.forces import inputs
+from rig.solve.lanes import LANE
+from rig.solve.places import write_outputs
 from rig.solve.records import BEYOND, EVENTS, EVENTS_BEFORE, KEY, PENDING, PLACE, REACHED, REPEAT, TICK
 from rig.solve.rows import dot
 from rig.solve.segment_output import nearly_full
@@ -141,21 +143,37 @@ def output_beyond_bound(t, mode_set, x, w, watched, bound):
 
 
 @kernel
-def evaluate_outputs(tables, loan, states, mode_sets, values):
-    """Write every output of the rig at states[i] in mode set mode_sets[i] to values[i, output]."""
-    t, w = tables, loan.work
-    for i in range(states.shape[0]):
-        s, x = np.int32(mode_sets[i]), states[i]  # the type of mode sets everywhere else
+def evaluate_outputs(tables, loan, states, mode_sets, values, first):
+    """Write every output of the rig at states[i] in mode set mode_sets[i] to values[output, first + i]."""
+    t, w, count, i = tables, loan.work, states.shape[0], 0
+    while i < count:
+        alike = 1
+        while alike < LANE and i + alike < count and mode_sets[i + alike] == mode_sets[i]:
+            alike += 1
+        s = np.int32(mode_sets[i])  # the type of mode sets everywhere else
         if t.film.begins.shape[0]:
-            film_steps.film_outputs(t.film, x, values[i])
-            continue
-        needed = False
-        for k in range(values.shape[1]):
-            needed = needed or t.output_needs_inputs[s, k] != 0
-        if needed:
-            inputs(t, s, x, w.T, w.scratch)
-        if loan.plan.many_states:
-            multiply(t.many_states.output[s], x, 0, t.many_states.output.shape[1], t.many_states.product)
-        for k in range(values.shape[1]):
-            value = t.many_states.product[k] if loan.plan.many_states else dot(t.signals[s, k], x)
-            values[i, k] = value + dot(t.signals_t[s, k], w.T) if t.output_needs_inputs[s, k] else value
+            film_steps.film_outputs(t.film, states[i], values[:, first + i])
+            i += 1
+        elif alike == LANE and not loan.plan.many_states:
+            write_outputs(t, s, w, states[i : i + LANE], values, first + i)
+            i += LANE
+        else:
+            write_outputs_at_one(t, s, w, states[i], loan.plan.many_states, values, first + i)
+            i += 1
+
+
+@inner
+def write_outputs_at_one(t, mode_set, w, x, many_states, values, at):
+    """Write every output at x to values[output, at]."""
+    needed = False
+    for k in range(values.shape[0]):
+        needed = needed or t.output_needs_inputs[mode_set, k] != 0
+    if needed:
+        inputs(t, mode_set, x, w.T, w.scratch)
+    if many_states:
+        multiply(t.many_states.output[mode_set], x, 0, t.many_states.output.shape[1], t.many_states.product)
+    for k in range(values.shape[0]):
+        value = t.many_states.product[k] if many_states else dot(t.signals[mode_set, k], x)
+        if t.output_needs_inputs[mode_set, k]:
+            value += dot(t.signals_t[mode_set, k], w.T)
+        values[k, at] = value

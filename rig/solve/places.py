@@ -7,9 +7,10 @@ of the time of a run with sensors.
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
+from rig.lent_records import lent
 from rig.solve.energy_balance import RESISTOR
 from rig.solve.exponential import exponential_factors, exponential_factors_of_lanes, has_lane_factors
-from rig.solve.forces import refill_inputs
+from rig.solve.forces import refill_inputs, right_hand_side
 from rig.solve.friction_coefficient import STRIBECK, coefficient
 from rig.solve.lanes import LANE, alike, lane, lanes, total, write
 from rig.solve.segment_output import quartic_coefficients
@@ -89,6 +90,24 @@ def write_output_quartics(f, X, T, coef):
             coef[s, 0], coef[s, 1], coef[s, 2], coef[s, 3], coef[s, 4] = quartic_coefficients(
                 lane(y, 0), lane(y, 1), lane(y, 2), lane(y, 3), lane(y, 4)
             )
+
+
+@inner
+def write_outputs(t, mode_set, w, states, values, first):
+    """Write every output at `states` [LANE, n] of one mode set to values[output, first ...]."""
+    X, needed = w.x_at, False
+    for j in range(X.shape[0]):
+        for q in range(LANE):
+            X[j, q] = states[q, j]
+    for k in range(values.shape[0]):
+        needed = needed or t.output_needs_inputs[mode_set, k] != 0
+    if needed:
+        inputs_at(lent(right_hand_side(t, mode_set, w.T, w.scratch)), X, w.T_at, w.y2)
+    for k in range(values.shape[0]):
+        y = row_times(t.signals[mode_set, k], X)
+        if t.output_needs_inputs[mode_set, k]:
+            y = y + row_times(t.signals_t[mode_set, k], w.T_at)
+        write(y, values[k, first : first + LANE])
 
 
 @inner

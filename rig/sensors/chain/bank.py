@@ -22,7 +22,7 @@ from rig.solve.pole_response import COLUMNS, POLE, RESIDUE, STATE
 from rig.solve.sampling import INSTRUMENT, NOW, SHORT, InstrumentTables, advance_instruments, prepare_poles
 from rig.solve.segments import DEGREE, Segments
 
-_CHUNK = 1024  # least number of random numbers drawn and of samples stored at a time
+_CHUNK = 1024  # least number of random numbers drawn and of samples stored at a time, unless a caller names another
 _FRAMES = 64  # least number of frames for which they suffice
 KEPT_NS = 250_000_000
 """Shortest time for which samples are stored. # chosen: a plant then copies those that are not sent yet rarely"""
@@ -37,7 +37,14 @@ class Bank:
     filled before the next frame. Raises SceneError for instruments that read an unknown output or one of another unit.
     """
 
-    def __init__(self, sensors: Mapping[str, Instrument], columns: Sequence[str], frame_ns: int, seed: int) -> None:
+    def __init__(
+        self,
+        sensors: Mapping[str, Instrument],
+        columns: Sequence[str],
+        frame_ns: int,
+        seed: int,
+        chunk: int = _CHUNK,
+    ) -> None:
         self.names = tuple(sensors)
         self.units = tuple(s.unit for s in sensors.values())
         self.instants = tuple(s.instants for s in sensors.values())
@@ -53,7 +60,7 @@ class Bank:
         n = len(self.names)
         most = [int(frame_ns // one.period_ns) + 1 + (not one.even) for one in self.instants]
         wait = max((int(end.delay_ns // end.period_ns) + m + 1 for end, m in zip(self._ends, most)), default=1)
-        room = max(_CHUNK, _FRAMES * max(most, default=1))
+        room = max(chunk, _FRAMES * max(most, default=1))
         self.latest = np.full(n, np.nan)
         self.fresh = np.zeros(n, dtype=np.int64)
         stored = max(room, *(int(KEPT_NS // one.period_ns) for one in self.instants), 0)
