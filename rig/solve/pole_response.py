@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.kernel import inner
+from rig.kernel import fused, inner
 from rig.solve.segments import DEGREE
 
 WIDTH = DEGREE + 2  # e^x and the weights h w_0 .. h w_8
@@ -59,25 +59,35 @@ def pole_weights(poles: Any, p: int, at: int, h: float) -> None:
             poles[p, at + k] = h * w
 
 
-@inner
-def state_after(poles: Any, p: int, at: int, coef: Any, j: int, column: int, a: float) -> complex:
+QUARTIC = 4
+
+
+@fused
+def degree_of(coef: Any, j: int, column: int) -> int:
+    """The degree up to which terms of segment j count: most segments are quartics."""
+    for k in range(QUARTIC + 1, DEGREE + 1):
+        if coef[j, column, k] != 0.0:
+            return DEGREE
+    return QUARTIC
+
+
+@fused
+def state_after(poles: Any, p: int, at: int, coef: Any, j: int, column: int, degree: int, a: float) -> complex:
     """The state of pole p after the first share `a` of segment j of `coef`.
 
-    `at`: column where the weights for that length begin; `column`: the output.
+    `at`: column where the weights for that length begin; `column`: the output; `degree`: see `degree_of`.
     """
     z = poles[p, at] * poles[p, STATE]
-    if a == 1.0:
-        for k in range(DEGREE + 1):
-            z += poles[p, at + 1 + k] * coef[j, column, k]
-    else:
-        power = 1.0
-        for k in range(DEGREE + 1):
-            z += poles[p, at + 1 + k] * (power * coef[j, column, k])
-            power *= a
-    return z  # type: ignore[no-any-return]
+    re, im, power = z.real, z.imag, 1.0
+    for k in range(degree + 1):
+        weight, c = poles[p, at + 1 + k], power * coef[j, column, k]
+        re += weight.real * c
+        im += weight.imag * c
+        power *= a
+    return complex(re, im)
 
 
-@inner
+@fused
 def polynomial(coef: Any, j: int, column: int, a: float) -> float:
     """The value of an output at the share `a` of segment j."""
     y = coef[j, column, DEGREE]

@@ -7,8 +7,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inner, kernel
-from rig.solve.pole_response import PART, PEEK, RESIDUE, STATE, STEP, pole_weights, polynomial, state_after
+from rig.kernel import fused, inner, kernel
+from rig.solve.pole_response import (
+    PART,
+    PEEK,
+    RESIDUE,
+    STATE,
+    STEP,
+    degree_of,
+    pole_weights,
+    polynomial,
+    state_after,
+)
 
 # One instrument: its properties, then its state. Sample n is published at `sample_instant` n and taken `delay` earlier.
 INSTRUMENT = np.dtype(
@@ -79,11 +89,15 @@ class InstrumentTables(NamedTuple):
     step: float  # s, length of a full segment
 
 
-@inner
+@fused
 def sample_instant(s: Any, k: int) -> int:
     """The instant at which sample k of instrument s is published [ns]: k periods, rounded half to even."""
-    if s.rest == 0:
-        return k * s.period  # type: ignore[no-any-return]
+    return k * s.period if s.rest == 0 else uneven_instant(s, k)  # type: ignore[no-any-return]
+
+
+@inner
+def uneven_instant(s: Any, k: int) -> int:
+    """The same for a period that is not a whole number of nanoseconds."""
     cycles = k // s.samples
     k -= cycles * s.samples
     more = k * s.rest // s.samples
@@ -102,9 +116,9 @@ def period_share(s: Any) -> float:
     return s.mean / (sample_instant(s, s.taken) - sample_instant(s, s.taken - 1))  # type: ignore[no-any-return]
 
 
-@inner
-def take_sample(s: Any, x: float, t: int, r: Any, i: int) -> float:
-    """The sample that instrument s (row i) makes of the filtered output x at t [ns]; counts faults."""
+@fused
+def take_sample(s: Any, x: float, t: int, r: Any, i: int) -> None:
+    """Put the sample that instrument s (row i) makes of the filtered output x at t [ns] in its queue; counts faults."""
     noise, gaps, past = r.noise, r.gaps, r.past
     x *= s.gain
     if s.echo < s.silence:
@@ -143,7 +157,8 @@ def take_sample(s: Any, x: float, t: int, r: Any, i: int) -> float:
             y = s.previous if s.holds else 0.0
             s.dropped_out += 1
     s.previous = y
-    return y  # type: ignore[no-any-return]
+    r.queue[i, s.taken % r.queue.shape[1]] = y
+    s.taken += 1
 
 
 @kernel
@@ -176,25 +191,11 @@ def run_instruments(r: Any, segments: Any) -> None:
         due = sample_instant(s, s.taken) - s.delay
         tau = 1e-9 * (due - now)
         for j in range(last + 1):
-            begin = start[j]
             h = length[j]
-            end = begin + h
+            end = start[j] + h
             base = 0.0  # for a running mean: the integral at the last sample
-            while tau < end - snap and due <= end_ns:  # samples inside the segment
-                part = tau - begin
-                if abs(part - s.peek) > same:
-                    s.peek = part
-                    for p in range(s.first, s.last):
-                        pole_weights(poles, p, PEEK, part)
-                x = 0.0
-                for p in range(s.first, s.last):
-                    x += (poles[p, RESIDUE] * state_after(poles, p, PEEK, coef, j, column, part / h)).real
-                if s.averages:
-                    x, base = (x - base) * period_share(s), x
-                if s.direct != 0.0:
-                    x += s.direct * polynomial(coef, j, column, part / h)
-                queue[i, s.taken % queue.shape[1]] = take_sample(s, x, due, r, i)
-                s.taken += 1
+            if tau < end - snap and due <= end_ns:
+                base = take_samples_inside(r, segments, i, j)
                 due = sample_instant(s, s.taken) - s.delay
                 tau = 1e-9 * (due - now)
             at = STEP
@@ -205,8 +206,11 @@ def run_instruments(r: Any, segments: Any) -> None:
                     for p in range(s.first, s.last):
                         pole_weights(poles, p, PART, h)
             x = -base
+            degree = degree_of(coef, j, column)
             for p in range(s.first, s.last):
-                z = state_after(poles, p, at, coef, j, column, 1.0)
+                z = state_after(poles, p, at, coef, j, column, degree, 1.0)
+                if abs(z.real) + abs(z.imag) < 1e-250:  # denormal numbers would cost 100 times as much
+                    z = 0j
                 poles[p, STATE] = z
                 x += (poles[p, RESIDUE] * z).real
             if due <= end_ns and (tau <= end + snap or j == last):  # a sample at the end of the segment
@@ -215,8 +219,7 @@ def run_instruments(r: Any, segments: Any) -> None:
                     x *= period_share(s)
                 if s.direct != 0.0:
                     x += s.direct * polynomial(coef, j, column, 1.0)
-                queue[i, s.taken % queue.shape[1]] = take_sample(s, x, due, r, i)
-                s.taken += 1
+                take_sample(s, x, due, r, i)
                 due = sample_instant(s, s.taken) - s.delay
                 tau = 1e-9 * (due - now)
             if s.averages:
@@ -228,10 +231,6 @@ def run_instruments(r: Any, segments: Any) -> None:
             s.published += 1
             s.kept += 1
         r.fresh[i] = s.published - before
-        for p in range(s.first, s.last):
-            z = poles[p, STATE]
-            if abs(z.real) + abs(z.imag) < 1e-250:  # a decayed state must not become denormal: it would cost 100 times
-                poles[p, STATE] = 0j
         if s.noise > 0.0 and s.drawn + s.most > r.noise.shape[1]:
             short = True
         if s.dropouts and r.gaps[i, r.gaps.shape[1] - 1, 0] <= end_ns + frame:
@@ -240,3 +239,30 @@ def run_instruments(r: Any, segments: Any) -> None:
             short = True
     r.clock[NOW] = end_ns
     r.clock[SHORT] = short
+
+
+@inner
+def take_samples_inside(r: Any, segments: Any, i: int, j: int) -> float:
+    """Take the samples of instrument i that are due inside segment j; the integral of a running mean at the last."""
+    now, s, poles, coef = r.clock[NOW], r.instruments[i], r.poles, segments.coef
+    begin, h, column = segments.start[j], segments.length[j], s.column
+    end = begin + h - 1e-12 * (1e-9 * r.frame)
+    same = 4e-15 * (1e-9 * r.frame)
+    base, degree = 0.0, degree_of(coef, j, column)
+    due = sample_instant(s, s.taken) - s.delay
+    while 1e-9 * (due - now) < end and due <= now + r.frame:
+        part = 1e-9 * (due - now) - begin
+        if abs(part - s.peek) > same:
+            s.peek = part
+            for p in range(s.first, s.last):
+                pole_weights(poles, p, PEEK, part)
+        x = 0.0
+        for p in range(s.first, s.last):
+            x += (poles[p, RESIDUE] * state_after(poles, p, PEEK, coef, j, column, degree, part / h)).real
+        if s.averages:
+            x, base = (x - base) * period_share(s), x
+        if s.direct != 0.0:
+            x += s.direct * polynomial(coef, j, column, part / h)
+        take_sample(s, x, due, r, i)
+        due = sample_instant(s, s.taken) - s.delay
+    return base
