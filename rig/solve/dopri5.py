@@ -21,7 +21,17 @@ from rig.solve.dense_output import evaluate_quartic, first_event, free_of_events
 from rig.solve.forces import derivative, right_hand_side
 from rig.solve.lanes import lanes
 from rig.solve.places import add_powers, inputs_at, states_at, write_output_quartics
-from rig.solve.records import KEY, NEXT_LENGTH, PLACE, REACHED, STEP_LENGTH, SUGGESTED_LENGTH, TICK, TRIAL_LIMIT, TRIALS
+from rig.solve.records import (
+    KEY,
+    NEXT_LENGTH,
+    PLACE,
+    REACHED,
+    STEP_LENGTH,
+    SUGGESTED_LENGTH,
+    TICK,
+    TRIAL_LIMIT,
+    TRIALS,
+)
 from rig.solve.rows import dot
 from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, patch_friction, stage
 from rig.solve.segment_output import close_segment, nearly_full, part_of_quartic
@@ -113,11 +123,14 @@ def step_factor(e):
 
 
 @inlined
-def raise_small_scales(rates, count, step, size):
-    """Raise the scale of very small coordinates, and speeds, to a share `_LEAST` of the largest one.
+def raise_scales(x, rates, count, step, size):
+    """Raise the scale of each state to its value, and that of very small coordinates, and speeds, to a share `_LEAST`
+    of the largest one.
 
     A state that is moved by rounding alone, such as a mode of a plate in equilibrium, has an error as large as itself.
     """
+    for i in range(x.shape[0]):
+        size[i] = max(size[i], abs(x[i]))
     for first in (0, count):
         top = 0.0
         for i in range(first, first + count):
@@ -127,21 +140,21 @@ def raise_small_scales(rates, count, step, size):
 
 
 @inlined
-def add_step_energy(w, f, theta, h, energy):
+def add_step_energy(t, mode_set, w, theta, h, energy):
     """Add the energy terms up to `theta` of the step, by Gauss-Legendre quadrature."""
     states_at(w.derivatives, theta * lanes(w.nodes3), w.x_at)
-    inputs_at(f, w.x_at, w.T_at, w.y2)
-    add_powers(f, w.x_at, w.T_at, w.weights3, theta * h, energy)
+    inputs_at(t, mode_set, w)
+    add_powers(t, mode_set, w.x_at, w.T_at, w.weights3, theta * h, energy)
 
 
 @inner
-def emit_segment(t, w, f, from_theta, to_theta, h, start, seg):
+def emit_segment(t, mode_set, w, from_theta, to_theta, h, start, seg):
     """Write one segment of the outputs between two places in the step.
 
     An output that depends on no input is a row over the quartic of the state. Any other is a quartic through five
     points.
     """
-    mode_set, at_once, width, asked = f.mode_set, seg.count[0], to_theta - from_theta, False
+    at_once, width, asked = seg.count[0], to_theta - from_theta, False
     for s in range(seg.coef.shape[1]):
         if t.output_needs_inputs[mode_set, s]:
             asked = True
@@ -152,8 +165,8 @@ def emit_segment(t, w, f, from_theta, to_theta, h, start, seg):
         part_of_quartic(coef, from_theta, width)
     if asked:
         states_at(w.derivatives, from_theta + lanes(w.quarters) * width, w.x_at)
-        inputs_at(f, w.x_at, w.T_at, w.y2)
-        write_output_quartics(f, w.x_at, w.T_at, seg.coef[at_once])
+        inputs_at(t, mode_set, w)
+        write_output_quartics(t, mode_set, w.x_at, w.T_at, seg.coef[at_once])
     close_segment(start, width * h, seg)
 
 
@@ -206,11 +219,11 @@ def end_of_tick(tick, place, done, share, ticks, last):
 def take_steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks, or to a step that `stretch` must handle.
 
-    A specialised kernel (rig.solve.specialised). The derivative at state.x must be in w.k[0]. Returns ENDED; UNDECIDED;
-    EVENT_FREE, if the step is proved free of events; or FAILED, if no step is short enough. With UNDECIDED and
-    EVENT_FREE the length of the step is in fc[STEP_LENGTH], its end in w.y, its stages in w.k and its dense output in
-    w.derivatives; state, tick and place are those at its begin. Working arrays are only passed to inlined functions, so
-    they stay in registers.
+    A specialised kernel (rig.solve.specialised). The derivative at state.x must be in w.k[0], except at the begin of a
+    stretch, where fc[SUGGESTED_LENGTH] is 0. Returns ENDED; UNDECIDED; EVENT_FREE, if the step is proved free of
+    events; or FAILED, if no step is short enough. With UNDECIDED and EVENT_FREE the length of the step is in
+    fc[STEP_LENGTH], its end in w.y, its stages in w.k and its dense output in w.derivatives; state, tick and place are
+    those at its begin. Working arrays are only passed to inlined functions, so they stay in registers.
     """
     n, tick_length, looked = state_count(shape), t.step[0], plan.with_energy or plan.emitting
     ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
@@ -222,6 +235,11 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
     for i in range(n):
         here[i] = x[i]
         k[0, i] = w.k[0, i]
+    if hoped == 0.0:
+        derivative(shape, f, True, here, k[0])
+        for i in range(n):
+            w.k[0, i] = k[0, i]
+        raise_scales(x, w.k[0], t.damping.shape[1], tick_length, size)
     ends = ENDED
     while tick < ticks:
         left = ((ticks - tick) - place) * tick_length
@@ -275,13 +293,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
     Returns the guard, -1 at the end of the ticks, -2 if no step is short enough.
     """
-    ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
+    ic, fc, x, mode_set = state.ic, state.fc, state.x, t.mode_set_of[state.ic[KEY]]
     tick_length, origin, n = t.step[0], ic[REACHED], x.shape[0]
-    path, f = w.derivatives, lent(right_hand_side(t, mode_set, w.T, w.scratch))
-    for i in range(n):
-        size[i] = max(size[i], abs(x[i]))
-    derivative(shape, f, True, x, w.k[0])
-    raise_small_scales(w.k[0], t.damping.shape[1], tick_length, size)
+    path = w.derivatives
     ic[TRIAL_LIMIT] = ic[TRIALS] + _MOST * (ticks - ic[TICK])
     fc[SUGGESTED_LENGTH] = 0.0
     crossed = -1
@@ -297,13 +311,14 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
         if ends == UNDECIDED:
+            f = lent(right_hand_side(t, mode_set, w.T, w.scratch))
             theta, crossed, doubtful = first_event(t, mode_set, w, f)
             if doubtful and h > 1e-12 * tick_length:
                 fc[NEXT_LENGTH], crossed = _SHRINK * h, -1
                 continue
             end = theta if crossed >= 0 else 1.0
         if plan.with_energy:
-            add_step_energy(w, f, end, h, state.energy)
+            add_step_energy(t, mode_set, w, end, h, state.energy)
         done, share = 0.0, tick_length / h
         while tick < ticks:  # ticks that end inside the step
             to = end_of_tick(tick, place, done, share, ticks, crossed < 0 and h == left)
@@ -311,14 +326,14 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 break
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit_segment(t, w, f, done, to, h, since, seg)
+                emit_segment(t, mode_set, w, done, to, h, since, seg)
             evaluate_quartic(shape, path, to, log.out[tick])
             log.modes[tick] = mode_set
             tick, place, done = tick + 1, 0.0, to
         if done < end:
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit_segment(t, w, f, done, end, h, since, seg)
+                emit_segment(t, mode_set, w, done, end, h, since, seg)
             place += (end - done) * h / tick_length
         if crossed >= 0:
             evaluate_quartic(shape, path, end, x)

@@ -7,10 +7,9 @@ of the time of a run with sensors.
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
-from rig.lent_records import lent
 from rig.solve.energy_balance import RESISTOR
 from rig.solve.exponential import exponential_factors, exponential_factors_of_lanes, has_lane_factors
-from rig.solve.forces import refill_inputs, right_hand_side
+from rig.solve.forces import inputs
 from rig.solve.friction_coefficient import STRIBECK, coefficient
 from rig.solve.lanes import LANE, alike, lane, lanes, total, write
 from rig.solve.segment_output import quartic_coefficients
@@ -33,57 +32,57 @@ def states_at(d, places, X):
 
 
 @inlined
-def friction_forces_at(f, p, X, forces):
+def friction_forces_at(t, mode_set, p, X, forces):
     """Write the friction forces of patch p at the states X to `forces` [LANE]; as rig.solve.forces.friction_force.
 
     For a patch whose load depends on the state alone.
     """
-    if f.sigma[p] == 0.0 or f.code[p] == 0:
+    code, numbers, last = t.code[mode_set, p], t.numbers[mode_set, p], X.shape[0] - 1
+    speed, load = t.law_speed[mode_set, p], t.law_load[mode_set, p]
+    if t.sigma[mode_set, p] == 0.0 or code == 0:
         write(alike(0.0), forces)
         return
-    last = X.shape[0] - 1
     N = alike(0.0)
     for j in range(last, -1, -1):
-        N = N + f.law_load[p, j] * lanes(X[j])
-    if f.code[p] == STRIBECK:
-        u = (-(f.numbers[p, 2] * f.law_speed[p, last])) * lanes(X[last])
+        N = N + load[j] * lanes(X[j])
+    if code == STRIBECK:
+        u = (-(numbers[2] * speed[last])) * lanes(X[last])
         for j in range(last):
-            u = u - (f.numbers[p, 2] * f.law_speed[p, j]) * lanes(X[j])
+            u = u - (numbers[2] * speed[j]) * lanes(X[j])
         if has_lane_factors(u):
             coarse, fine = exponential_factors_of_lanes(u)
-            write(N * f.numbers[p, 0] + ((N * f.numbers[p, 1]) * coarse) * fine, forces)
+            write(N * numbers[0] + ((N * numbers[1]) * coarse) * fine, forces)
         else:
             for q in range(LANE):
                 one, other = exponential_factors(lane(u, q))
-                forces[q] = lane(N, q) * f.numbers[p, 0] + ((lane(N, q) * f.numbers[p, 1]) * one) * other
+                forces[q] = lane(N, q) * numbers[0] + ((lane(N, q) * numbers[1]) * one) * other
     else:
         w = alike(0.0)
         for j in range(last, -1, -1):
-            w = w + f.law_speed[p, j] * lanes(X[j])
+            w = w + speed[j] * lanes(X[j])
         for q in range(LANE):
-            forces[q] = coefficient(f.code[p], f.numbers[p], lane(w, q)) * lane(N, q)
+            forces[q] = coefficient(code, numbers, lane(w, q)) * lane(N, q)
 
 
 @inner
-def inputs_at(f, X, T, x):
-    """Write the inputs at the states X [n, LANE] to T [inputs, LANE]; `x` [n] is scratch."""
-    patches = f.sigma.shape[0]
-    if f.coupled or T.shape[0] > patches:
+def inputs_at(t, mode_set, w):
+    """Write the inputs at the states w.x_at to w.T_at; w.y2, w.T and w.scratch are overwritten."""
+    X, T, patches = w.x_at, w.T_at, t.sigma.shape[1]
+    if t.coupled[mode_set] or T.shape[0] > patches:
         for q in range(LANE):
             for i in range(X.shape[0]):
-                x[i] = X[i, q]
-            refill_inputs(f, x)
+                w.y2[i] = X[i, q]
+            inputs(t, mode_set, w.y2, w.T, w.scratch)
             for k in range(T.shape[0]):
-                T[k, q] = f.T[k]
+                T[k, q] = w.T[k]
     else:
         for p in range(patches):
-            friction_forces_at(f, p, X, T[p])
+            friction_forces_at(t, mode_set, p, X, T[p])
 
 
 @inner
-def write_output_quartics(f, X, T, coef):
+def write_output_quartics(t, mode_set, X, T, coef):
     """Write the quartics through the first five lanes of the outputs that need inputs to `coef` [output, degree]."""
-    t, mode_set = f.t, f.mode_set
     for s in range(coef.shape[0]):
         if t.output_needs_inputs[mode_set, s]:
             y = row_times(t.signals[mode_set, s], X) + row_times(t.signals_t[mode_set, s], T)
@@ -102,7 +101,7 @@ def write_outputs(t, mode_set, w, states, values, first):
     for k in range(values.shape[0]):
         needed = needed or t.output_needs_inputs[mode_set, k] != 0
     if needed:
-        inputs_at(lent(right_hand_side(t, mode_set, w.T, w.scratch)), X, w.T_at, w.y2)
+        inputs_at(t, mode_set, w)
     for k in range(values.shape[0]):
         y = row_times(t.signals[mode_set, k], X)
         if t.output_needs_inputs[mode_set, k]:
@@ -111,9 +110,8 @@ def write_outputs(t, mode_set, w, states, values, first):
 
 
 @inner
-def add_powers(f, X, T, weights, scale, energy):
+def add_powers(t, mode_set, X, T, weights, scale, energy):
     """Add the powers at the states X, weighted by `scale` times `weights` [LANE], to the energy terms."""
-    t, mode_set = f.t, f.mode_set
     nq, patches = t.damping.shape[1], t.slip.shape[0]
     share = lanes(weights) * scale
     for p in range(patches):
