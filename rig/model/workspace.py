@@ -46,7 +46,8 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         weights=energy_balance.WEIGHTS,
         x_at=zeros((n, LANE)),
         T_at=zeros((system.inputs, LANE)),
-        quarters=np.minimum(0.25 * np.arange(LANE), 1.0),
-        nodes3=np.pad(0.5 * (nodes + 1.0), (0, LANE - 3), mode="edge"),
-        weights3=np.pad(0.5 * weights, (0, LANE - 3)),
+        in_part=np.repeat([1.0, 0.0], [5, 3]),
+        quarters=np.pad(np.linspace(0.0, 1.0, 5), (0, 3)),
+        nodes3=np.pad(0.5 * (nodes + 1.0), (5, 0)),
+        weights3=np.pad(0.5 * weights, (5, 0)),
     )

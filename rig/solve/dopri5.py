@@ -139,17 +139,22 @@ def raise_scales(x, rates, count, step, size):
             size[i] = max(size[i], _LEAST * top)
 
 
-@inlined
-def add_step_energy(t, mode_set, w, theta, h, energy):
-    """Add the energy terms up to `theta` of the step, by Gauss-Legendre quadrature."""
-    states_at(w.derivatives, theta * lanes(w.nodes3), w.x_at)
+@inner
+def look_inside(t, mode_set, w, from_theta, to_theta, end, h, energy):
+    """Evaluate states and inputs at the quarters between two places in the step (lanes 0 to 4 of w.x_at and w.T_at).
+
+    In the same pass the energy terms up to the place `end` are added, by Gauss-Legendre quadrature; 0: none.
+    """
+    quarters = from_theta * lanes(w.in_part) + (to_theta - from_theta) * lanes(w.quarters)
+    states_at(w.derivatives, quarters + end * lanes(w.nodes3), w.x_at)
     inputs_at(t, mode_set, w)
-    add_powers(t, mode_set, w.x_at, w.T_at, w.weights3, theta * h, energy)
+    if end > 0.0:
+        add_powers(t, mode_set, w.x_at, w.T_at, w.weights3, end * h, energy)
 
 
 @inner
-def emit_segment(t, mode_set, w, from_theta, to_theta, h, start, seg):
-    """Write one segment of the outputs between two places in the step.
+def emit_segment(t, mode_set, w, from_theta, to_theta, end, h, start, seg, energy):
+    """Write one segment of the outputs between two places in the step; `end`, `energy`: as in `look_inside`.
 
     An output that depends on no input is a row over the quartic of the state. Any other is a quartic through five
     points.
@@ -163,11 +168,17 @@ def emit_segment(t, mode_set, w, from_theta, to_theta, h, start, seg):
         for c in range(5):
             coef[c] = dot(t.signals[mode_set, s], w.derivatives[c])
         part_of_quartic(coef, from_theta, width)
+    if asked or end > 0.0:
+        look_inside(t, mode_set, w, from_theta, to_theta, end, h, energy)
     if asked:
-        states_at(w.derivatives, from_theta + lanes(w.quarters) * width, w.x_at)
-        inputs_at(t, mode_set, w)
         write_output_quartics(t, mode_set, w.x_at, w.T_at, seg.coef[at_once])
     close_segment(start, width * h, seg)
+
+
+@inner
+def event_of_step(t, mode_set, w):
+    """The first event along the dense output in w.derivatives, as `first_event`. A function of its own: it is rare."""
+    return first_event(t, mode_set, w, lent(right_hand_side(t, mode_set, w.T, w.scratch)))
 
 
 @inlined
@@ -311,30 +322,31 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
         if ends == UNDECIDED:
-            f = lent(right_hand_side(t, mode_set, w.T, w.scratch))
-            theta, crossed, doubtful = first_event(t, mode_set, w, f)
+            theta, crossed, doubtful = event_of_step(t, mode_set, w)
             if doubtful and h > 1e-12 * tick_length:
                 fc[NEXT_LENGTH], crossed = _SHRINK * h, -1
                 continue
             end = theta if crossed >= 0 else 1.0
-        if plan.with_energy:
-            add_step_energy(t, mode_set, w, end, h, state.energy)
-        done, share = 0.0, tick_length / h
+        done, share, spent = 0.0, tick_length / h, end if plan.with_energy else 0.0
         while tick < ticks:  # ticks that end inside the step
             to = end_of_tick(tick, place, done, share, ticks, crossed < 0 and h == left)
             if to > end or (crossed >= 0 and to >= end):
                 break
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit_segment(t, mode_set, w, done, to, h, since, seg)
+                emit_segment(t, mode_set, w, done, to, spent, h, since, seg, state.energy)
+                spent = 0.0
             evaluate_quartic(shape, path, to, log.out[tick])
             log.modes[tick] = mode_set
             tick, place, done = tick + 1, 0.0, to
         if done < end:
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit_segment(t, mode_set, w, done, end, h, since, seg)
+                emit_segment(t, mode_set, w, done, end, spent, h, since, seg, state.energy)
+                spent = 0.0
             place += (end - done) * h / tick_length
+        if spent > 0.0:
+            look_inside(t, mode_set, w, 0.0, 0.0, spent, h, state.energy)
         if crossed >= 0:
             evaluate_quartic(shape, path, end, x)
         else:

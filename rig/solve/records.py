@@ -69,9 +69,10 @@ class Workspace(NamedTuple):
     weights: Array  # [node] weights of `nodes`
     x_at: Array  # [n, LANE] states at several places of a step, in lanes (rig.solve.places)
     T_at: Array  # [inputs, LANE] inputs there
-    quarters: Array  # [LANE] 0, 1/4, 1/2, 3/4, 1, 1 ...
-    nodes3: Array  # [LANE] three Gauss-Legendre nodes in [0, 1] of the energy terms of dopri5; the last one is repeated
-    weights3: Array  # [LANE] weights of `nodes3`, then 0
+    in_part: Array  # [LANE] five times 1, then 0
+    quarters: Array  # [LANE] 0, 1/4, 1/2, 3/4, 1, then 0
+    nodes3: Array  # [LANE] five times 0, then three Gauss-Legendre nodes in [0, 1] of the energy terms of dopri5
+    weights3: Array  # [LANE] weights of `nodes3`
 
 
 class MotionLog(NamedTuple):

@@ -29,6 +29,15 @@ def nearly_full(t, mode_set, seg, ticks):
     return seg.count[0] + ticks + 2 ** t.depth[mode_set] + 4 > seg.start.shape[0]
 
 
+@inlined
+def is_moving(term):
+    """Whether a term of a Taylor series, and with it those that follow, may differ from zero."""
+    for i in range(term.shape[0]):
+        if term[i] != 0.0:
+            return True
+    return False
+
+
 @inner
 def emit_linear(t, mode_set, x, start, length, seg, derivatives):
     """Write segments of the outputs over [start, start + length] s from the state x at the start."""
@@ -39,20 +48,26 @@ def emit_linear(t, mode_set, x, start, length, seg, derivatives):
     for i in range(n):
         derivatives[0, i] = x[i]
     for p in range(pieces):
-        at = seg.count[0]
-        for k in range(1, DEGREE + 1):
-            f = piece / k
+        at, top = seg.count[0], 0
+        while top < DEGREE and is_moving(derivatives[top]):  # a uniform motion has only two terms
+            top += 1
+            f = piece / top
             for i in range(n):
                 s = 0.0
                 for j in range(n):
-                    s += t.A[mode_set, i, j] * derivatives[k - 1, j]
-                derivatives[k, i] = f * s
+                    s += t.A[mode_set, i, j] * derivatives[top - 1, j]
+                derivatives[top, i] = f * s
+        for k in range(top + 1, DEGREE + 1):
+            for i in range(n):
+                derivatives[k, i] = 0.0
         for s in range(seg.coef.shape[1]):
-            for k in range(DEGREE + 1):
+            for k in range(top + 1):
                 c = 0.0
                 for i in range(n):
                     c += t.signals[mode_set, s, i] * derivatives[k, i]
                 seg.coef[at, s, k] = c
+            for k in range(top + 1, DEGREE + 1):
+                seg.coef[at, s, k] = 0.0
         seg.start[at], seg.length[at] = start + p * piece, piece
         seg.count[0] = at + 1
         if p + 1 < pieces:
