@@ -32,7 +32,7 @@ class Numbers:
     def fill(self) -> None:
         """Draw new numbers when all are used up."""
         if self.record.at[PLACE] >= 0 and self.record.at[DRAWN] == ROOM:
-            self.record.numbers[:] = self._stream.noise(ROOM)
+            self._stream.noise(self.record.numbers)
             self.record.at[DRAWN] = 0
 
     @property

@@ -108,17 +108,18 @@ def uneven_instant(s: Any, k: int) -> int:
     return cycles * s.cycle + t  # type: ignore[no-any-return]
 
 
-@inner
+@fused
 def period_share(s: Any) -> float:
     """The period over the time since the last sample: corrects a mean that was taken over an uneven interval."""
-    if s.rest == 0 or s.taken == 0:
-        return 1.0
-    return s.mean / (sample_instant(s, s.taken) - sample_instant(s, s.taken - 1))  # type: ignore[no-any-return]
+    share = 1.0
+    if s.rest != 0 and s.taken != 0:
+        share = s.mean / (uneven_instant(s, s.taken) - uneven_instant(s, s.taken - 1))
+    return share
 
 
 @fused
-def take_sample(s: Any, x: float, t: int, r: Any, i: int) -> None:
-    """Put the sample that instrument s (row i) makes of the filtered output x at t [ns] in its queue; counts faults."""
+def take_sample(s: Any, x: float, t: int, r: Any, i: int) -> float:
+    """The sample that instrument s (row i) makes of the filtered output x at t [ns]; counts faults."""
     noise, gaps, past = r.noise, r.gaps, r.past
     x *= s.gain
     if s.echo < s.silence:
@@ -157,8 +158,8 @@ def take_sample(s: Any, x: float, t: int, r: Any, i: int) -> None:
             y = s.previous if s.holds else 0.0
             s.dropped_out += 1
     s.previous = y
-    r.queue[i, s.taken % r.queue.shape[1]] = y
     s.taken += 1
+    return y  # type: ignore[no-any-return]
 
 
 @kernel
@@ -179,7 +180,7 @@ def run_instruments(r: Any, segments: Any) -> None:
     """Run all instruments over the frame (now, now + frame] [ns] that `segments` describes."""
     now, frame, step = r.clock[NOW], r.frame, r.step
     count, start, length, coef = segments.count, segments.start, segments.length, segments.coef
-    instruments, poles, queue = r.instruments, r.poles, r.queue
+    instruments, poles, queue, room = r.instruments, r.poles, r.queue, r.queue.shape[1]
     end_ns = now + frame
     snap = 1e-12 * (1e-9 * frame)  # a sample this close to the end of a segment is taken at its end
     same = 4e-15 * (1e-9 * frame)  # lengths this close differ by the rounding of start and length only
@@ -187,27 +188,29 @@ def run_instruments(r: Any, segments: Any) -> None:
     short = False
     for i in range(instruments.shape[0]):
         s = instruments[i]
-        column = s.column
-        due = sample_instant(s, s.taken) - s.delay
+        column, delay, first, behind = s.column, s.delay, s.first, s.last
+        due = sample_instant(s, s.taken) - delay
         tau = 1e-9 * (due - now)
+        place = s.taken % room
         for j in range(last + 1):
             h = length[j]
             end = start[j] + h
             base = 0.0  # for a running mean: the integral at the last sample
             if tau < end - snap and due <= end_ns:
                 base = take_samples_inside(r, segments, i, j)
-                due = sample_instant(s, s.taken) - s.delay
+                place = s.taken % room
+                due = sample_instant(s, s.taken) - delay
                 tau = 1e-9 * (due - now)
             at = STEP
             if abs(h - step) > same:
                 at = PART
                 if abs(h - s.part) > same:
                     s.part = h
-                    for p in range(s.first, s.last):
+                    for p in range(first, behind):
                         pole_weights(poles, p, PART, h)
             x = -base
             degree = degree_of(coef, j, column)
-            for p in range(s.first, s.last):
+            for p in range(first, behind):
                 z = state_after(poles, p, at, coef, j, column, degree, 1.0)
                 if abs(z.real) + abs(z.imag) < 1e-250:  # denormal numbers would cost 100 times as much
                     z = 0j
@@ -219,23 +222,28 @@ def run_instruments(r: Any, segments: Any) -> None:
                     x *= period_share(s)
                 if s.direct != 0.0:
                     x += s.direct * polynomial(coef, j, column, 1.0)
-                take_sample(s, x, due, r, i)
-                due = sample_instant(s, s.taken) - s.delay
+                queue[i, place] = take_sample(s, x, due, r, i)
+                place = place + 1 if place + 1 < room else 0
+                due = sample_instant(s, s.taken) - delay
                 tau = 1e-9 * (due - now)
             if s.averages:
-                poles[s.first, STATE] -= base / poles[s.first, RESIDUE]
-        before = s.published
-        while sample_instant(s, s.published) <= end_ns:
-            r.latest[i] = queue[i, s.published % queue.shape[1]]
-            r.samples[i, s.kept] = r.latest[i]
-            s.published += 1
-            s.kept += 1
-        r.fresh[i] = s.published - before
+                poles[first, STATE] -= base / poles[first, RESIDUE]
+        number, kept = s.published, s.kept
+        place -= s.taken - number
+        if place < 0:
+            place += room
+        while sample_instant(s, number) <= end_ns:
+            r.latest[i] = r.samples[i, kept] = queue[i, place]
+            place = place + 1 if place + 1 < room else 0
+            number += 1
+            kept += 1
+        r.fresh[i] = number - s.published
+        s.published, s.kept = number, kept
         if s.noise > 0.0 and s.drawn + s.most > r.noise.shape[1]:
             short = True
         if s.dropouts and r.gaps[i, r.gaps.shape[1] - 1, 0] <= end_ns + frame:
             short = True
-        if s.kept + s.most > r.samples.shape[1]:
+        if kept + s.most > r.samples.shape[1]:
             short = True
     r.clock[NOW] = end_ns
     r.clock[SHORT] = short
@@ -263,6 +271,7 @@ def take_samples_inside(r: Any, segments: Any, i: int, j: int) -> float:
             x, base = (x - base) * period_share(s), x
         if s.direct != 0.0:
             x += s.direct * polynomial(coef, j, column, part / h)
-        take_sample(s, x, due, r, i)
+        place = s.taken % r.queue.shape[1]
+        r.queue[i, place] = take_sample(s, x, due, r, i)
         due = sample_instant(s, s.taken) - s.delay
     return base

@@ -309,7 +309,7 @@ class Bank:
                 used = self._noise.shape[1] if everything else int(s["drawn"])
                 left = self._noise.shape[1] - used
                 self._noise[i, :left] = self._noise[i, used:].copy()
-                self._noise[i, left:] = stream.noise(used)
+                stream.noise(self._noise[i, left:])
                 s["drawn"] = 0
             if end.dropout_rate > 0.0:
                 used = self._gaps.shape[1] if everything else int(s["gap"])

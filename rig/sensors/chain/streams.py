@@ -22,10 +22,10 @@ class Stream:
         self.drawn = [0, 0]
         """How many numbers and how many drop-outs have been drawn."""
 
-    def noise(self, n: int) -> NDArray[np.float64]:
-        """The next n standard normal numbers."""
-        self.drawn[0] += n
-        return self._noise.standard_normal(n)
+    def noise(self, numbers: NDArray[np.float64]) -> None:
+        """Fill a row with the next standard normal numbers."""
+        self.drawn[0] += len(numbers)
+        self._noise.standard_normal(out=numbers)
 
     def gaps(self, n: int, rate: float, shortest: float, longest: float) -> NDArray[np.int64]:
         """The next n drop-outs [n, 2], start and end [ns]: a Poisson process of `rate` [1/s], uniform lengths [s]."""
@@ -39,4 +39,4 @@ class Stream:
     def skip(self, numbers: int) -> None:
         """Draw and drop the next `numbers` standard normal numbers."""
         for begin in range(0, numbers, _PIECE):
-            self.noise(min(_PIECE, numbers - begin))
+            self.noise(np.empty(min(_PIECE, numbers - begin)))
