@@ -12,6 +12,7 @@ from rig.solve.exponential import exponential_factors, exponential_factors_of_la
 from rig.solve.forces import inputs
 from rig.solve.friction_coefficient import STRIBECK, coefficient
 from rig.solve.lanes import LANE, alike, lane, lanes, total, write
+from rig.solve.rows import is_zero
 from rig.solve.segment_output import quartic_coefficients
 
 
@@ -121,10 +122,12 @@ def add_powers(t, mode_set, X, T, weights, scale, energy):
     for i in range(nq):
         v = share * lanes(X[nq + i])
         energy[2] += total(v * row_times(t.damping[mode_set, i], X[nq : 2 * nq]))
-        energy[3] += total(v * (row_times(t.force[i], X) + row_times(t.force_t[i], T[patches:])))
+        if not (is_zero(t.force[i]) and is_zero(t.force_t[i])):
+            energy[3] += total(v * (row_times(t.force[i], X) + row_times(t.force_t[i], T[patches:])))
     for k in range(t.lift.shape[0]):
-        press = row_times(t.press[mode_set, k], X) + row_times(t.press_t[mode_set, k], T)
-        energy[4] += total((share * press) * row_times(t.lift[k], X))
+        if not is_zero(t.lift[k]):
+            press = row_times(t.press[mode_set, k], X) + row_times(t.press_t[mode_set, k], T)
+            energy[4] += total((share * press) * row_times(t.lift[k], X))
     for r in range(t.conductance.shape[0]):
         loss = row_times(t.loss[mode_set, r], X)
         energy[RESISTOR] += total((share * t.conductance[r]) * (loss * loss))

@@ -1,8 +1,8 @@
-"""Rows over the state: their product with it, and the rounding error of this product."""
+"""Rows over the state: their product with it, the rounding error of this product, and whether they are zero."""
 
 from __future__ import annotations
 
-from rig.kernel import inner
+from rig.kernel import fused, inner
 
 ROUND = 64.0 * 2.2e-16
 
@@ -23,3 +23,12 @@ def rounding(row, x):
     for j in range(row.shape[0]):
         s += abs(row[j] * x[j])
     return s * ROUND
+
+
+@fused
+def is_zero(row):
+    """Whether every entry of a row is zero."""
+    for j in range(row.shape[0]):
+        if row[j] != 0.0:
+            return False
+    return True

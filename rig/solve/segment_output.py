@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from rig.kernel import inlined, inner
+from rig.solve.rows import is_zero
 from rig.solve.segments import DEGREE, Segments
 
 
@@ -29,15 +30,6 @@ def nearly_full(t, mode_set, seg, ticks):
     return seg.count[0] + ticks + 2 ** t.depth[mode_set] + 4 > seg.start.shape[0]
 
 
-@inlined
-def is_moving(term):
-    """Whether a term of a Taylor series, and with it those that follow, may differ from zero."""
-    for i in range(term.shape[0]):
-        if term[i] != 0.0:
-            return True
-    return False
-
-
 @inner
 def emit_linear(t, mode_set, x, start, length, seg, derivatives):
     """Write segments of the outputs over [start, start + length] s from the state x at the start."""
@@ -49,7 +41,7 @@ def emit_linear(t, mode_set, x, start, length, seg, derivatives):
         derivatives[0, i] = x[i]
     for p in range(pieces):
         at, top = seg.count[0], 0
-        while top < DEGREE and is_moving(derivatives[top]):  # a uniform motion has only two terms
+        while top < DEGREE and not is_zero(derivatives[top]):  # a uniform motion has only two terms
             top += 1
             f = piece / top
             for i in range(n):
