@@ -22,7 +22,7 @@ def weigh(poles, p, at, h):
 
 @kernel
 def state_after(poles, p, at, coef, j, column, a):
-    return pole_response.state_after(poles, p, at, coef, j, column, a)
+    return pole_response.state_after(poles, p, at, coef, j, column, DEGREE, a)
 
 
 def table(pole):
