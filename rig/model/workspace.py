@@ -7,6 +7,7 @@ import numpy as np
 from rig.model.system import System
 from rig.solve import energy_balance
 from rig.solve.column_blocks import zeros
+from rig.solve.dopri5 import PART
 from rig.solve.lanes import LANE
 from rig.solve.records import Workspace
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
@@ -16,7 +17,7 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
     """Scratch for a system with `read` outputs for sensors and at most `guards` guards in a mode set."""
     n, P = system.n, len(system.patches)
     both = np.zeros(n + system.inputs)
-    nodes, weights = np.polynomial.legendre.leggauss(3)
+    nodes, weights = np.polynomial.legendre.leggauss(LANE - PART)
     return Workspace(
         k=np.zeros((7, n)),
         y=np.zeros(n),
@@ -46,8 +47,8 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         weights=energy_balance.WEIGHTS,
         x_at=zeros((n, LANE)),
         T_at=zeros((system.inputs, LANE)),
-        in_part=np.repeat([1.0, 0.0], [5, 3]),
-        quarters=np.pad(np.linspace(0.0, 1.0, 5), (0, 3)),
-        nodes3=np.pad(0.5 * (nodes + 1.0), (5, 0)),
-        weights3=np.pad(0.5 * weights, (5, 0)),
+        in_part=np.repeat([1.0, 0.0], [PART, LANE - PART]),
+        quarters=np.pad(np.linspace(0.0, 1.0, PART), (0, LANE - PART)),
+        nodes3=np.pad(0.5 * (nodes + 1.0), (PART, 0)),
+        weights3=np.pad(0.5 * weights, (PART, 0)),
     )

@@ -19,7 +19,7 @@ from rig.lent_records import lent
 from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.dense_output import evaluate_quartic, first_event, free_of_events, quartic_of_step
 from rig.solve.forces import derivative, right_hand_side
-from rig.solve.lanes import lanes
+from rig.solve.lanes import LANE, lanes
 from rig.solve.places import add_powers, inputs_at, states_at, write_output_quartics
 from rig.solve.records import (
     KEY,
@@ -41,6 +41,7 @@ _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # share of the largest coordinate or speed
 _MOST = 200_000  # trial steps for one tick
 ENDED, UNDECIDED, EVENT_FREE, FAILED = range(4)  # results of `take_steps`
+PART = 5  # places of a part of a step at which outputs are read, in the first lanes; energy terms have the others
 _SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
 
 
@@ -140,14 +141,15 @@ def raise_scales(x, rates, count, step, size):
 
 
 @inner
-def look_inside(t, mode_set, w, from_theta, to_theta, end, h, energy):
+def look_inside(t, mode_set, w, from_theta, to_theta, asked, end, h, energy):
     """Evaluate states and inputs at the quarters between two places in the step (lanes 0 to 4 of w.x_at and w.T_at).
 
-    In the same pass the energy terms up to the place `end` are added, by Gauss-Legendre quadrature; 0: none.
+    `asked`: whether they are needed. In the same pass the energy terms up to the place `end` are added, by
+    Gauss-Legendre quadrature; 0: none.
     """
     quarters = from_theta * lanes(w.in_part) + (to_theta - from_theta) * lanes(w.quarters)
     states_at(w.derivatives, quarters + end * lanes(w.nodes3), w.x_at)
-    inputs_at(t, mode_set, w)
+    inputs_at(t, mode_set, w, 0 if asked else PART, LANE if end > 0.0 else PART)
     if end > 0.0:
         add_powers(t, mode_set, w.x_at, w.T_at, w.weights3, end * h, energy)
 
@@ -169,7 +171,7 @@ def emit_segment(t, mode_set, w, from_theta, to_theta, end, h, start, seg, energ
             coef[c] = dot(t.signals[mode_set, s], w.derivatives[c])
         part_of_quartic(coef, from_theta, width)
     if asked or end > 0.0:
-        look_inside(t, mode_set, w, from_theta, to_theta, end, h, energy)
+        look_inside(t, mode_set, w, from_theta, to_theta, asked, end, h, energy)
     if asked:
         write_output_quartics(t, mode_set, w.x_at, w.T_at, seg.coef[at_once])
     close_segment(start, width * h, seg)
@@ -346,7 +348,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 spent = 0.0
             place += (end - done) * h / tick_length
         if spent > 0.0:
-            look_inside(t, mode_set, w, 0.0, 0.0, spent, h, state.energy)
+            look_inside(t, mode_set, w, 0.0, 0.0, False, spent, h, state.energy)
         if crossed >= 0:
             evaluate_quartic(shape, path, end, x)
         else:

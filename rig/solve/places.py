@@ -66,11 +66,14 @@ def friction_forces_at(t, mode_set, p, X, forces):
 
 
 @inner
-def inputs_at(t, mode_set, w):
-    """Write the inputs at the states w.x_at to w.T_at; w.y2, w.T and w.scratch are overwritten."""
+def inputs_at(t, mode_set, w, first, end):
+    """Write the inputs at the states w.x_at to w.T_at; w.y2, w.T and w.scratch are overwritten.
+
+    Only lanes `first` to `end` - 1 have to be right; evaluated one after the other, the others would cost time.
+    """
     X, T, patches = w.x_at, w.T_at, t.sigma.shape[1]
     if t.coupled[mode_set] or T.shape[0] > patches:
-        for q in range(LANE):
+        for q in range(first, end):
             for i in range(X.shape[0]):
                 w.y2[i] = X[i, q]
             inputs(t, mode_set, w.y2, w.T, w.scratch)
@@ -102,7 +105,7 @@ def write_outputs(t, mode_set, w, states, values, first):
     for k in range(values.shape[0]):
         needed = needed or t.output_needs_inputs[mode_set, k] != 0
     if needed:
-        inputs_at(t, mode_set, w)
+        inputs_at(t, mode_set, w, 0, LANE)
     for k in range(values.shape[0]):
         y = row_times(t.signals[mode_set, k], X)
         if t.output_needs_inputs[mode_set, k]:
