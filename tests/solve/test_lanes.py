@@ -1,0 +1,104 @@
+"""Eight instants at once: the same bits as one after the other, for every friction law and with products."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rig
+from rig.bench.runner import PlantRunner
+from rig.kernel import kernel
+from rig.model import friction_law
+from rig.motion.motion import Motion
+from rig.solve.exponential import (
+    exponential_factors,
+    exponential_factors_of_lanes,
+    has_lane_factors,
+)
+from rig.solve.lanes import LANE, alike, between, lane, lanes, total, write
+from tests.solve.conftest import oscillator
+
+LAWS = {
+    "coulomb": friction_law.coulomb(0.5, 0.3),
+    "stribeck": friction_law.stribeck(0.5, 0.2, 0.05),
+    "falling": friction_law.falling(0.5, 0.4, 0.1),
+    "seal": friction_law.seal(0.3, 2.0, 0.1, 0.01),
+    "table": friction_law.table(np.array([0.0, 0.1, 0.5]), np.array([0.4, 0.3, 0.2]), 0.5),
+    "smoothed": friction_law.smoothed(friction_law.stribeck(0.5, 0.2, 0.05), 1e-3),
+}
+
+
+@kernel
+def _formula(rows, out):
+    a, b = lanes(rows[0]), lanes(rows[1])
+    write(1.5 - a * b + (a - 2.0) * (b + a) - alike(3.0) * b, out[0])
+    for q in range(LANE):
+        u, v = rows[0, q], rows[1, q]
+        out[1, q] = 1.5 - u * v + (u - 2.0) * (v + u) - 3.0 * v
+        out[2, q] = lane(a, q)
+    return total(a), between(-1.0, b, 1.0)
+
+
+@kernel
+def _exponentials(u, out):
+    if has_lane_factors(lanes(u)):
+        coarse, fine = exponential_factors_of_lanes(lanes(u))
+        write(coarse * fine, out[0])
+    for q in range(LANE):
+        coarse_q, fine_q = exponential_factors(u[q])
+        out[1, q] = coarse_q * fine_q
+    return has_lane_factors(lanes(u))
+
+
+numbers = st.lists(st.floats(-1e3, 1e3), min_size=2 * LANE, max_size=2 * LANE)
+
+
+@settings(deadline=None)
+@given(numbers)
+def test_each_lane_is_rounded_like_a_number(values):
+    rows, out = np.array(values).reshape(2, LANE), np.zeros((3, LANE))
+    whole, inside = _formula(rows, out)
+    assert out[0].tobytes() == out[1].tobytes()
+    assert (out[2] == rows[0]).all()
+    assert whole == pytest.approx(rows[0].sum(), rel=1e-12, abs=1e-9)
+    assert inside == bool((np.abs(rows[1]) < 1.0).all())
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-47.9, 15.9), min_size=LANE, max_size=LANE))
+def test_exponentials_of_lanes_are_those_of_numbers(values):
+    out = np.zeros((2, LANE))
+    assert _exponentials(np.array(values), out)
+    assert out[0].tobytes() == out[1].tobytes()
+
+
+@pytest.mark.parametrize("outside", [-60.0, 30.0, np.nan, np.inf])
+def test_one_argument_outside_of_the_table_asks_for_the_library(outside):
+    assert not _exponentials(np.array([0.5] * (LANE - 1) + [outside]), np.zeros((2, LANE)))
+
+
+def _one_by_one(motion, states, mode_sets):
+    return np.concatenate([motion.outputs_at(x[None], s[None]) for x, s in zip(states, mode_sets)])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_outputs_of_many_states_are_those_of_each(name):
+    """The states reach far beyond the motion: there the exponential of the law leaves its table."""
+    rows = [{"x": 1.0}, {"T:contact": 1.0}, {"T:contact": 0.2, "x'": 3.0}]
+    motion = Motion(oscillator(law=LAWS[name]).system(), 1_000_000, "dopri5", outputs=rows, longest=600)
+    motion.advance(600)
+    states = np.concatenate([motion.states, motion.states * [1.0, 1e3, 1.0]])
+    mode_sets = np.concatenate([motion.mode_sets_of_states] * 2)
+    found = motion.outputs_at(states, mode_sets)
+    assert len(set(mode_sets.tolist())) > 1 or name == "smoothed", "stick and slip"
+    assert np.ascontiguousarray(found).tobytes() == _one_by_one(motion, states, mode_sets).tobytes()
+
+
+@pytest.mark.parametrize("name", ["four_dof", "lever", "disc_slider", "belt_shunt", "plate"])
+def test_outputs_of_rigs_with_several_contacts_or_products(name):
+    motion = PlantRunner(rig.load(name), piece=40).motion
+    motion.advance(min(40, len(motion.log.out)), keep=False)
+    states, mode_sets = motion.states, motion.mode_sets_of_states
+    found = np.ascontiguousarray(motion.outputs_at(states, mode_sets))
+    assert len(states) >= 2 * LANE
+    assert found.tobytes() == _one_by_one(motion, states, mode_sets).tobytes()
