@@ -36,7 +36,7 @@ class Truth:
         motion.write_outputs(states, mode_sets, *self._outputs.append(steps))
         keys, first = self._keys.append(steps)
         known = np.array([modes.key for modes in motion.mode_sets.sets], dtype=np.int64)
-        keys[0, first : first + steps] = known[mode_sets]
+        np.take(known, mode_sets, out=keys[0, first : first + steps], mode="clip")  # without a copy, unlike "raise"
 
     def happened(self, system: System, first: int, events: NDArray[np.int64], places: NDArray[np.float64]) -> None:
         """Append events of `system`, as `rig.motion.motion.Motion.met` returns them."""

@@ -264,11 +264,13 @@ def _run(
     units |= {f"meas/{name}": unit for name, unit in zip(runner.bank.names, runner.bank.units)}
     events = [event._asdict() for event in experiment.journal.events] + truth.events()
     statistics = runner.statistics()
+    time = np.arange(len(modes), dtype=np.float64)
+    time *= runner.step_ns * 1e-9
     return Run(
         scene=scene.to_json(),
         step_ns=runner.step_ns,
         frame_ns=runner.frame_ns,
-        time=np.arange(len(modes), dtype=np.float64) * (runner.step_ns * 1e-9),
+        time=time,
         signals=dict(zip(runner.outputs, outputs)),
         units=units,
         measurements=measurements.samples(),

@@ -16,6 +16,7 @@ from rig.model.workspace import workspace
 from rig.motion.compiled_parts import addresses
 from rig.solve import dopri5, exact, expm, film_steps, kick, rk4, runge_kutta_stage
 from rig.solve.advance import advance, advance_block, evaluate_outputs
+from rig.solve.contact_state import make_consistent
 from rig.solve.frames import advance_frames
 from rig.solve.records import MotionPlan, MotionRecords, MotionState, empty_log
 from rig.solve.segment_output import empty_segments
@@ -42,6 +43,7 @@ def plan(
     many_states, fixed_steps, nonlinear = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
     made = MotionPlan(
         advance_block=0,
+        make_consistent=0,
         linear_stretch=0,
         quiet_ticks=0,
         stretch=0,
@@ -56,7 +58,7 @@ def plan(
         emitting=int(emitting),
         limit=float(limit),
     )
-    wanted = {"advance_block": (advance_block, ANY)}
+    wanted = {"advance_block": (advance_block, ANY), "make_consistent": (make_consistent, ANY)}
     if not fixed_steps:
         wanted["linear_stretch"] = exact.stretch, ANY
         if not many_states:

@@ -14,7 +14,6 @@ from rig.solve.contact_state import (
     LOST,
     OVERFULL,
     READY,
-    make_consistent,
     mode_in_key,
     sector_weight,
 )
@@ -71,7 +70,7 @@ def advance_block(shape, t, w, state, log, seg, plan, ticks):
     ic, fc, x = state.ic, state.fc, state.x
     while True:
         if ic[PENDING] != READY:
-            status = make_consistent(t, w, state)
+            status = call(plan.make_consistent, shape, t, w, state, log, seg, plan, ticks)
             if status != DONE:
                 return status
         if ic[TICK] >= ticks:

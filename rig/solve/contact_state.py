@@ -234,8 +234,10 @@ def disagreement(t, mode_set, key, begun, x, size, T, slack):
 
 
 @inlined
-def make_consistent(t, w, state):
-    """Make the contact state of `state` consistent with its x. Returns DONE, NEED or JAM.
+def make_consistent(shape, t, w, state, log, seg, plan, ticks):
+    """Make the contact state of `state` consistent with its x; a part (rig.solve.specialised), since it is rare.
+
+    Returns DONE, NEED or JAM.
 
     A slip speed within the rounding error of the largest values of the states so far (w.size) counts as zero, also
     where belt and body have come to rest. If the same contact has just changed twice in one instant (ic[REPEAT]), the

@@ -111,6 +111,7 @@ class MotionPlan(NamedTuple):
     """How a motion is advanced: addresses of code (rig.solve.specialised; 0: not needed), flags (1: yes), settings."""
 
     advance_block: int  # the loop over stretches, each in one mode set
+    make_consistent: int  # the search for the contact state after an event or a command
     linear_stretch: int  # a stretch in a linear mode set, and
     quiet_ticks: int  # the specialised kernel for its quiet ticks
     stretch: int  # a stretch in any other mode set, and

@@ -138,7 +138,8 @@ def take_sample(s: Any, x: float, t: int, r: Any, i: int) -> float:
     seconds = max(t, 0) * 1e-9
     y += s.slope * seconds
     if s.warmth != 0.0:
-        y += s.warmth * (np.exp(-s.fade * seconds) - np.exp(-s.rise * seconds))
+        left = np.exp(-s.fade * seconds) if s.fade != 0.0 else 1.0
+        y += s.warmth * (left - np.exp(-s.rise * seconds))
     if s.noise > 0.0:
         y += s.noise * noise[i, s.drawn]
         s.drawn += 1
