@@ -213,10 +213,10 @@ def run_instruments(r: Any, segments: Any) -> None:
             degree = degree_of(coef, j, column)
             for p in range(first, behind):
                 z = state_after(poles, p, at, coef, j, column, degree, 1.0)
-                if abs(z.real) + abs(z.imag) < 1e-250:  # denormal numbers would cost 100 times as much
-                    z = 0j
-                poles[p, STATE] = z
                 x += (poles[p, RESIDUE] * z).real
+                poles[p, STATE] = z
+                if abs(z.real) + abs(z.imag) < 1e-250:  # denormal numbers would cost 100 times as much
+                    poles[p, STATE] = 0j
             if due <= end_ns and (tau <= end + snap or j == last):  # a sample at the end of the segment
                 base = x + base
                 if s.averages:
@@ -228,7 +228,7 @@ def run_instruments(r: Any, segments: Any) -> None:
                 due = sample_instant(s, s.taken) - delay
                 tau = 1e-9 * (due - now)
             if s.averages:
-                poles[first, STATE] -= base / poles[first, RESIDUE]
+                poles[first, STATE] -= base / poles[first, RESIDUE].real
         number, kept = s.published, s.kept
         place -= s.taken - number
         if place < 0:
