@@ -11,6 +11,7 @@ contact_state, state_codes   the contact state that agrees with the equations at
 forces                       right-hand side of a mode set; friction_coefficient, product_inputs, random_input
 energy_balance               each term of the energy balance; instant_readings: powers and outputs at an instant
 expm, exponential, roots     propagators, the exponential function, the first zero crossing of a guard
+places, lanes                state, inputs and outputs at eight places at once
 column_blocks, rows          sums in a fixed order
 segments, segment_output     outputs of a frame as piecewise polynomials
 specialised                  hot code compiled for a fixed number of states and called by address
