@@ -9,14 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from rig.kernel import inlined, inner
-from rig.solve.forces import refill_inputs
+from rig.solve.forces import inputs
+from rig.solve.lanes import lane, lanes
+from rig.solve.places import inputs_at, row_times, states_at
 from rig.solve.roots import NONE, first_crossing
-from rig.solve.rows import dot, rounding
+from rig.solve.rows import ROUND, dot, rounding
 from rig.solve.segment_output import quartic_coefficients
 from rig.solve.specialised import any_shape, state_count
 
 _EARLY = 0.5  # share of a step
-_PROBE = 0.9  # place in a step where the error of a quartic through the quarters is largest
+PROBE = 0.9  # place in a step where the error of a quartic through the quarters is largest
 _OFF = 4.0  # safety factor on the error found there: bounds it everywhere
 _FAINT = 0.03  # share of the rounding bound of a guard: its actual rounding error
 
@@ -53,32 +55,32 @@ def evaluate_quartic(shape, d, theta, x):
 
 
 @inner
-def guard_value(t, mode_set, w, f, g, theta):
+def guard_value(t, mode_set, w, g, theta):
     """The value of guard g, which depends on the inputs, at theta of the dense output."""
     evaluate_quartic(any_shape(w.y2.shape[0]), w.derivatives, theta, w.y2)
-    refill_inputs(f, w.y2)
+    inputs(t, mode_set, w.y2, w.T, w.scratch)
     return dot(t.G[mode_set, g], w.y2) + dot(t.GT[mode_set, g], w.T)
 
 
 @inlined
-def guard_zero(t, mode_set, w, f, g, theta, noise):
+def guard_zero(t, mode_set, w, g, theta, noise):
     """The place where guard g itself becomes zero, at most `noise` below zero; NONE if it has no zero.
 
     `theta`: zero of its fit. The state at the event has to agree with the event. A contact released only by the error
     of the fit would not move off; it would stick again at once.
     """
     low, high = theta, theta
-    above = below = guard_value(t, mode_set, w, f, g, theta)
+    above = below = guard_value(t, mode_set, w, g, theta)
     if above > 0.0:  # the fit was early: search up to its next node, where fit and guard agree
         if theta >= 1.0:
             return NONE
         high = min(0.25 * (np.floor(4.0 * theta) + 1.0), 1.0)
-        below = guard_value(t, mode_set, w, f, g, high)
+        below = guard_value(t, mode_set, w, g, high)
         if below > 0.0:
             return NONE
     elif theta > 0.0:
         low = 0.25 * (np.ceil(4.0 * theta) - 1.0)
-        above = guard_value(t, mode_set, w, f, g, low)
+        above = guard_value(t, mode_set, w, g, low)
     kept = 0  # the end kept by the last secant; its value is halved if it is kept twice (Illinois)
     while above > 0.0 and below < -noise:
         u = low + (high - low) * above / (above - below)
@@ -86,7 +88,7 @@ def guard_zero(t, mode_set, w, f, g, theta, noise):
             u = 0.5 * (low + high)
             if not low < u < high:
                 break
-        value = guard_value(t, mode_set, w, f, g, u)
+        value = guard_value(t, mode_set, w, g, u)
         if value > 0.0:
             low, above = u, value
             if kept == 1:
@@ -101,8 +103,8 @@ def guard_zero(t, mode_set, w, f, g, theta, noise):
 
 
 @inlined
-def sample_guards(t, mode_set, w, f):
-    """Evaluate the guards that depend on the inputs, at the quarters of the step and at `_PROBE`.
+def sample_guards(t, mode_set, w):
+    """Evaluate the guards that depend on the inputs, at the quarters of the step and at `PROBE`.
 
     w.fits[g, 0..5] = values; w.fits[g, 6] = bound on their rounding error.
     """
@@ -112,17 +114,21 @@ def sample_guards(t, mode_set, w, f):
             found = True
             fits[g, 6] = 0.0
     if found:
-        for q in range(6):
-            evaluate_quartic(any_shape(w.y2.shape[0]), w.derivatives, 0.25 * q if q < 5 else _PROBE, w.y2)
-            refill_inputs(f, w.y2)
-            for g in range(t.guards[mode_set]):
-                if t.guard_needs_inputs[mode_set, g]:
-                    fits[g, q] = dot(t.G[mode_set, g], w.y2) + dot(t.GT[mode_set, g], w.T)
-                    fits[g, 6] = max(fits[g, 6], rounding(t.GT[mode_set, g], w.T))
+        states_at(w.derivatives, lanes(w.probes), w.x_at)
+        inputs_at(t, mode_set, w, 0, 6)
+        for g in range(t.guards[mode_set]):
+            if t.guard_needs_inputs[mode_set, g]:
+                values = row_times(t.G[mode_set, g], w.x_at) + row_times(t.GT[mode_set, g], w.T_at)
+                for q in range(6):
+                    fits[g, q] = lane(values, q)
+                    error = 0.0
+                    for j in range(w.T_at.shape[0]):
+                        error += abs(t.GT[mode_set, g, j] * w.T_at[j, q])
+                    fits[g, 6] = max(fits[g, 6], error * ROUND)
 
 
 @inlined
-def first_event_of_fit(t, mode_set, w, f, g, noise):
+def first_event_of_fit(t, mode_set, w, g, noise):
     """The first event of guard g, which depends on the inputs, and whether the step is too long to be sure.
 
     Returns theta (or NONE) and a flag. The guard is fitted by a quartic through five points; a sixth point gives the
@@ -131,7 +137,7 @@ def first_event_of_fit(t, mode_set, w, f, g, noise):
     """
     fit, poly = w.guard_samples[g], w.poly
     poly[0], poly[1], poly[2], poly[3], poly[4] = quartic_coefficients(fit[0], fit[1], fit[2], fit[3], fit[4])
-    value = poly[0] + _PROBE * (poly[1] + _PROBE * (poly[2] + _PROBE * (poly[3] + _PROBE * poly[4])))
+    value = poly[0] + PROBE * (poly[1] + PROBE * (poly[2] + PROBE * (poly[3] + PROBE * poly[4])))
     off = _OFF * abs(value - fit[5])
     if off <= noise:
         off = 0.0
@@ -142,12 +148,12 @@ def first_event_of_fit(t, mode_set, w, f, g, noise):
         if off > 0.0:
             theta = first_crossing(poly, 4, noise, w.roots)
         if theta < NONE:
-            theta = guard_zero(t, mode_set, w, f, g, theta, _FAINT * noise)
+            theta = guard_zero(t, mode_set, w, g, theta, _FAINT * noise)
     return theta, int(4.0 * early) < int(4.0 * theta)
 
 
-@inlined
-def first_event(t, mode_set, w, f):
+@inner
+def first_event(t, mode_set, w):
     """The first event of any guard along the dense output in w.derivatives.
 
     Returns theta (or NONE), the guard, and whether the step is too long to be sure. The flag is also set if a guard
@@ -155,14 +161,14 @@ def first_event(t, mode_set, w, f):
     The guard is small there, but the error of the step is not, so the event may be nothing but this error.
     """
     first, guard, doubtful = NONE, -1, False
-    sample_guards(t, mode_set, w, f)
+    sample_guards(t, mode_set, w)
     poly = w.poly
     for g in range(t.guards[mode_set]):
         noise = rounding(t.G[mode_set, g], w.size)
         unseen = False
         if t.guard_needs_inputs[mode_set, g]:
             noise = max(noise, w.guard_samples[g, 6])
-            theta, unseen = first_event_of_fit(t, mode_set, w, f, g, noise)
+            theta, unseen = first_event_of_fit(t, mode_set, w, g, noise)
         else:
             for c in range(5):
                 poly[c] = dot(t.G[mode_set, g], w.derivatives[c])

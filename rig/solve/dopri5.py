@@ -177,12 +177,6 @@ def emit_segment(t, mode_set, w, from_theta, to_theta, end, h, start, seg, energ
     close_segment(start, width * h, seg)
 
 
-@inner
-def event_of_step(t, mode_set, w):
-    """The first event along the dense output in w.derivatives, as `first_event`. A function of its own: it is rare."""
-    return first_event(t, mode_set, w, lent(right_hand_side(t, mode_set, w.T, w.scratch)))
-
-
 @inlined
 def set_generators(shape, t, w, time, x):
     """Set the generators among the state variables to their exact values, `time` [s] after the block began.
@@ -324,7 +318,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
         if ends == UNDECIDED:
-            theta, crossed, doubtful = event_of_step(t, mode_set, w)
+            theta, crossed, doubtful = first_event(t, mode_set, w)
             if doubtful and h > 1e-12 * tick_length:
                 fc[NEXT_LENGTH], crossed = _SHRINK * h, -1
                 continue

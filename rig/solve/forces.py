@@ -98,35 +98,23 @@ def friction_force(f, p, x, others):
     return force
 
 
-@inlined
-def fill_inputs(f, x):
-    """f.T = the inputs at x: friction forces of patches that slip with a speed-dependent law (else 0), products.
+@inner
+def inputs(t, mode_set, x, T, scratch):
+    """T = the inputs at x: friction forces of patches that slip with a speed-dependent law (else 0), products.
 
     `coupled`: at least one load depends on a friction force.
     """
-    early_products(f.t, f.mode_set, x, f.T)
+    f = right_hand_side(t, mode_set, T, scratch)
+    early_products(t, mode_set, x, T)
     patches = f.sigma.shape[0]
     for p in range(patches):
         others = 0.0
-        for q in range(patches, f.T.shape[0]):
-            others += f.law_load_t[p, q] * f.T[q]
-        f.T[p] = friction_force(f, p, x, others)
+        for q in range(patches, T.shape[0]):
+            others += f.law_load_t[p, q] * T[q]
+        T[p] = friction_force(f, p, x, others)
     if f.coupled:
-        solve_coupled_friction(f.sigma, f.code, f.numbers, f.law_speed, f.law_load_t, x, f.T, f.scratch)
-    late_products(f.t, f.mode_set, x, f.T)
-
-
-@inner
-def inputs(t, mode_set, x, T, scratch):
-    """T = the inputs of a mode set at x."""
-    f = right_hand_side(t, mode_set, T, scratch)
-    fill_inputs(f, x)
-
-
-@inner
-def refill_inputs(f, x):
-    """f.T = the inputs at x, for a field that is already set up."""
-    fill_inputs(f, x)
+        solve_coupled_friction(f.sigma, f.code, f.numbers, f.law_speed, f.law_load_t, x, T, scratch)
+    late_products(t, mode_set, x, T)
 
 
 @inner
