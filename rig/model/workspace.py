@@ -8,8 +8,8 @@ from rig.model.system import System
 from rig.solve import energy_balance
 from rig.solve.column_blocks import zeros
 from rig.solve.dense_output import PROBE
-from rig.solve.dopri5 import PART
 from rig.solve.lanes import LANE
+from rig.solve.places import PART
 from rig.solve.records import Workspace
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
 
@@ -50,6 +50,7 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         T_at=zeros((system.inputs, LANE)),
         in_part=np.repeat([1.0, 0.0], [PART, LANE - PART]),
         quarters=np.pad(np.linspace(0.0, 1.0, PART), (0, LANE - PART)),
+        simpson=np.pad(np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0, (0, LANE - PART)),
         probes=np.pad([0.0, 0.25, 0.5, 0.75, 1.0, PROBE], (0, LANE - 6)),
         nodes3=np.pad(0.5 * (nodes + 1.0), (PART, 0)),
         weights3=np.pad(0.5 * weights, (PART, 0)),

@@ -9,9 +9,9 @@ dopri5, rk4                  Runge-Kutta methods; runge_kutta_stage is their com
 kick, film_steps             symplectic steps for contacts that open and close all the time, and for a film of points
 contact_state, state_codes   the contact state that agrees with the equations at an instant, and its codes
 forces                       right-hand side of a mode set; friction_coefficient, product_inputs, random_input
-energy_balance               each term of the energy balance; instant_readings: powers and outputs at an instant
+energy_balance               each term of the energy balance
 expm, exponential, roots     propagators, the exponential function, the first zero crossing of a guard
-places, lanes                state, inputs and outputs at eight places at once
+places, lanes                state, inputs, powers and outputs at eight places at once
 column_blocks, rows          sums in a fixed order
 segments, segment_output     outputs of a frame as piecewise polynomials
 specialised                  hot code compiled for a fixed number of states and called by address

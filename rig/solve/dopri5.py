@@ -20,7 +20,7 @@ from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.dense_output import evaluate_quartic, first_event, free_of_events, quartic_of_step
 from rig.solve.forces import derivative, right_hand_side
 from rig.solve.lanes import LANE, lanes
-from rig.solve.places import add_powers, inputs_at, states_at, write_output_quartics
+from rig.solve.places import PART, add_powers, inputs_at, states_at, write_output_quartic
 from rig.solve.records import (
     KEY,
     NEXT_LENGTH,
@@ -41,7 +41,6 @@ _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # share of the largest coordinate or speed
 _MOST = 200_000  # trial steps for one tick
 ENDED, UNDECIDED, EVENT_FREE, FAILED = range(4)  # results of `take_steps`
-PART = 5  # places of a part of a step at which outputs are read, in the first lanes; energy terms have the others
 _SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
 
 
@@ -173,7 +172,9 @@ def emit_segment(t, mode_set, w, from_theta, to_theta, end, h, start, seg, energ
     if asked or end > 0.0:
         look_inside(t, mode_set, w, from_theta, to_theta, asked, end, h, energy)
     if asked:
-        write_output_quartics(t, mode_set, w.x_at, w.T_at, seg.coef[at_once])
+        for s in range(seg.coef.shape[1]):
+            if t.output_needs_inputs[mode_set, s]:
+                write_output_quartic(t, mode_set, s, w.x_at, w.T_at, seg.coef[at_once, s])
     close_segment(start, width * h, seg)
 
 

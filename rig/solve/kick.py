@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 from rig.kernel import inlined, inner
 from rig.solve.column_blocks import gather, multiply
 from rig.solve.contact_state import apply_event
-from rig.solve.instant_readings import outputs_at
 from rig.solve.records import KEY, PLACE, REACHED, TICK
-from rig.solve.rows import ROUND, rounding
+from rig.solve.rows import ROUND, dot, rounding
 from rig.solve.segment_output import emit_chord, nearly_full
 
 Array = NDArray[np.float64]
@@ -136,7 +135,8 @@ def write_outputs(own, t, mode_set, T, x, values):
         T[p] = 0.0
     for k in range(own.force.shape[0]):
         T[patches + k] = own.force[k]
-    outputs_at(t, mode_set, T, x, values)
+    for s in range(values.shape[0]):
+        values[s] = dot(t.signals[mode_set, s], x) + dot(t.signals_t[mode_set, s], T)
 
 
 @inner

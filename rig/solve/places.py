@@ -15,6 +15,9 @@ from rig.solve.lanes import LANE, alike, lane, lanes, total, write
 from rig.solve.rows import is_zero
 from rig.solve.segment_output import quartic_coefficients
 
+PART = 5
+"""Number of places of a step, or of a part of it, at which outputs are read: the first lanes."""
+
 
 @inlined
 def row_times(row, X):
@@ -85,14 +88,12 @@ def inputs_at(t, mode_set, w, first, end):
 
 
 @inner
-def write_output_quartics(t, mode_set, X, T, coef):
-    """Write the quartics through the first five lanes of the outputs that need inputs to `coef` [output, degree]."""
-    for s in range(coef.shape[0]):
-        if t.output_needs_inputs[mode_set, s]:
-            y = row_times(t.signals[mode_set, s], X) + row_times(t.signals_t[mode_set, s], T)
-            coef[s, 0], coef[s, 1], coef[s, 2], coef[s, 3], coef[s, 4] = quartic_coefficients(
-                lane(y, 0), lane(y, 1), lane(y, 2), lane(y, 3), lane(y, 4)
-            )
+def write_output_quartic(t, mode_set, s, X, T, coef):
+    """Write the quartic through the first five lanes of output s to `coef` [degree]."""
+    y = row_times(t.signals[mode_set, s], X) + row_times(t.signals_t[mode_set, s], T)
+    coef[0], coef[1], coef[2], coef[3], coef[4] = quartic_coefficients(
+        lane(y, 0), lane(y, 1), lane(y, 2), lane(y, 3), lane(y, 4)
+    )
 
 
 @inner

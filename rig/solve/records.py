@@ -71,6 +71,7 @@ class Workspace(NamedTuple):
     T_at: Array  # [inputs, LANE] inputs there
     in_part: Array  # [LANE] five times 1, then 0
     quarters: Array  # [LANE] 0, 1/4, 1/2, 3/4, 1, then 0
+    simpson: Array  # [LANE] weights of Simpson's rule at the quarters, for the energy terms of rk4
     probes: Array  # [LANE] the quarters and another place, at which guards that depend on inputs are evaluated
     nodes3: Array  # [LANE] five times 0, then three Gauss-Legendre nodes in [0, 1] of the energy terms of dopri5
     weights3: Array  # [LANE] weights of `nodes3`

@@ -10,12 +10,13 @@ from __future__ import annotations
 from rig.kernel import inlined, inner
 from rig.lent_records import lent
 from rig.solve.contact_state import apply_event, project_stick
-from rig.solve.forces import derivative, guard_at, inputs, right_hand_side
-from rig.solve.instant_readings import add_power, outputs_at
+from rig.solve.forces import derivative, guard_at, right_hand_side
+from rig.solve.lanes import lanes, write
+from rig.solve.places import PART, add_powers, inputs_at, write_output_quartic
 from rig.solve.records import CROSSED, KEY, PLACE, REACHED, STEP_LENGTH, TICK
 from rig.solve.rows import rounding
-from rig.solve.segment_output import emit_quartic, nearly_full
-from rig.solve.specialised import call, is_nonlinear, local, state_count
+from rig.solve.segment_output import close_segment, nearly_full
+from rig.solve.specialised import any_shape, call, is_nonlinear, local, state_count
 
 ENDED, UNDECIDED = range(2)  # results of `take_steps`
 
@@ -82,30 +83,28 @@ def bisect(shape, f, nonlinear, x, h, w):
     return high, max(crossed_guard(shape, f, nonlinear, x, y), 0)
 
 
-@inlined
-def cubic_between(shape, k, x, y, h, u, z):
-    """Write the cubic through x and y with the slopes k[0] and k[1], at u in [0, 1], to z."""
+@inner
+def observe_step(t, mode_set, w, energy, seg, plan, h, start):
+    """Add the energy terms (Simpson's rule) and write the outputs along a step of length h from w.x0 to w.y.
+
+    The step is the cubic through both ends with the slopes there.
+    """
+    x, y, k = w.x0, w.y, w.k
+    f = right_hand_side(t, mode_set, w.T, w.scratch)
+    derivative(any_shape(x.shape[0]), f, plan.nonlinear, x, k[0])
+    derivative(any_shape(x.shape[0]), f, plan.nonlinear, y, k[1])
+    u = lanes(w.quarters)
     a, b = 2.0 * u * u * u - 3.0 * u * u + 1.0, u * u * u - 2.0 * u * u + u
     c, d = 1.0 - a, u * u * u - u * u
-    for i in range(state_count(shape)):
-        z[i] = a * x[i] + c * y[i] + h * (b * k[0, i] + d * k[1, i])
-
-
-@inlined
-def observe_step(shape, f, w, energy, seg, plan, h, start):
-    """Add the energy terms (Simpson's rule) and write the outputs along a step of length h from w.x0 to w.y."""
-    x, nonlinear, with_energy, emitting = w.x0, plan.nonlinear, plan.with_energy, plan.emitting
-    derivative(shape, f, nonlinear, x, w.k[0])
-    derivative(shape, f, nonlinear, w.y, w.k[1])
-    for q in range(5):
-        cubic_between(shape, w.k, x, w.y, h, 0.25 * q, w.y2)
-        inputs(f.t, f.mode_set, w.y2, w.T, w.scratch)
-        if with_energy and q % 2 == 0:
-            add_power(f.t, f.mode_set, w.T, w.y2, (4.0 if q == 2 else 1.0) * h / 6.0, energy)
-        if emitting:
-            outputs_at(f.t, f.mode_set, w.T, w.y2, w.values[q])
-    if emitting and h > 0.0:
-        emit_quartic(w.values, start, h, seg)
+    for i in range(x.shape[0]):
+        write(a * x[i] + c * y[i] + h * (b * k[0, i] + d * k[1, i]), w.x_at[i])
+    inputs_at(t, mode_set, w, 0, PART)
+    if plan.with_energy:
+        add_powers(t, mode_set, w.x_at, w.T_at, w.simpson, h, energy)
+    if plan.emitting and h > 0.0:
+        for s in range(seg.coef.shape[1]):
+            write_output_quartic(t, mode_set, s, w.x_at, w.T_at, seg.coef[seg.count[0], s])
+        close_segment(start, h, seg)
 
 
 @inlined
@@ -184,7 +183,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             start = (tick - origin + place) * t.step[0]
             for i in range(n):
                 w.x0[i] = x[i]
-            observe_step(shape, f, w, state.energy, seg, plan, length, start)
+            observe_step(t, mode_set, w, state.energy, seg, plan, length, start)
         for i in range(n):
             x[i] = w.y[i]
         if nonlinear and t.stuck[mode_set]:

@@ -71,22 +71,6 @@ def emit_linear(t, mode_set, x, start, length, seg, derivatives):
 
 
 @inner
-def emit_quartic(values, start, length, seg):
-    """Write one segment from output values at u = 0, 1/4, 1/2, 3/4, 1: `values` [5, output]."""
-    for s in range(values.shape[1]):
-        quartic_of_output(values, s, seg.coef[seg.count[0], s])
-    close_segment(start, length, seg)
-
-
-@inner
-def quartic_of_output(values, s, coef):
-    """Write the coefficients of the quartic through the values of output s to `coef`."""
-    coef[0], coef[1], coef[2], coef[3], coef[4] = quartic_coefficients(
-        values[0, s], values[1, s], values[2, s], values[3, s], values[4, s]
-    )
-
-
-@inner
 def part_of_quartic(coef, begin, width):
     """Replace the coefficients of a quartic by those over the part [begin, begin + width] of its interval."""
     if begin != 0.0:
