@@ -39,7 +39,7 @@ from rig.record.recorded_setup import head, setup_of
 from rig.record.replay_report import Divergence, Replayed, TimingError
 from rig.scenes.scene import Scene
 
-_PATIENCE_S = 5.0
+PATIENCE_S = 5.0
 """Longest wait for the answer to one step. # chosen"""
 _SHOWN_S = 0.1
 _SLICE_S = 0.02
@@ -266,7 +266,7 @@ class _Replay:
 
     def _tune(self, name: str, values: Mapping[str, object], which: str) -> None:
         try:
-            self._session.ask(f"param/{name}", {"set": dict(values)}, _PATIENCE_S)
+            self._session.ask(f"param/{name}", {"set": dict(values)}, PATIENCE_S)
         except BusError as fault:
             changes = ", ".join(f"{key} = {value}" for key, value in values.items())
             raise BusError(f"{name} did not make the change {which} ({changes}): {fault}") from None
@@ -291,9 +291,9 @@ class _Replay:
             where = f"tick {tick}, t = {tick * self._frame_ns * 1e-9:.9g} s"
             if gone := sorted(name for name in self._open if ("controller", name) not in self._watch.present):
                 raise BusError(f"{', '.join(gone)} left at {where}, without an answer to its step")
-            if time.monotonic() > begun + _PATIENCE_S:
+            if time.monotonic() > begun + PATIENCE_S:
                 raise BusError(
-                    f"{', '.join(sorted(self._open))} did not answer the step of {where} within {_PATIENCE_S:g} s: "
+                    f"{', '.join(sorted(self._open))} did not answer the step of {where} within {PATIENCE_S:g} s: "
                     "it hangs, or one update takes longer"
                 )
 

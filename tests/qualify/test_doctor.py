@@ -21,6 +21,7 @@ from rig.qualify import doctor as examination
 from rig.qualify import warmup
 from rig.qualify.doctor import ALONE, AMONG, Spread, doctor, judge
 from rig.qualify.frame_costs import LEAST, behind, costs
+from rig.scenes.protocol import STEPS
 from rig.scheduling import PLANT, Ahead
 from rig.solve.advance import advance
 
@@ -112,8 +113,9 @@ def test_short_frames_are_judged_by_the_pieces_that_they_are_carried_in():
 def test_a_controller_in_the_plants_process_is_part_of_its_frames(monkeypatch):
     update = NarrowBandFeedback.update
     monkeypatch.setattr(NarrowBandFeedback, "update", lambda *given: time.sleep(0.0005) or update(*given))
+    short = STEPS.validate_python([{"step": "hold", "time": "20 ms"}])
     there, here = (
-        np.median(costs(rig.load("brake_active", {"controllers.nb.where": where}), least=100))
+        np.median(costs(replace(rig.load("brake_active", {"controllers.nb.where": where}), protocol=short), least=100))
         for where in ("process", "plant")
     )
     assert here > 500_000 > there

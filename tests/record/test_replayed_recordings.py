@@ -47,8 +47,7 @@ class Threads:
 
     def start(self, name):
         if self.me is not None:
-            self.me.close()
-            self.started[-1].join(5.0)
+            self.me.close()  # its thread hears nothing any more, and ends with the plant
         self.me = self.twin.open("controller", name)
         self.started.append(threading.Thread(target=closing, args=(self.me, {})))
         self.started[-1].start()
