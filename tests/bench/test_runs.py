@@ -99,18 +99,18 @@ def test_in_lockstep_a_loop_at_20_khz_and_one_that_hears_every_sample_have_them_
 def test_a_loop_at_20_khz_runs_live(folder):
     """The squeal of the brake is damped at the pace of the wall clock, with the bits of a run in one process."""
     scene = scenes.load("brake_active")
-    outcome = Going(scene, duration=2.0, out=folder / "run.mcap").wait(100.0)
+    outcome = Going(scene, duration=1.0, out=folder / "run.mcap").wait(100.0)
     timing = outcome.summary["timing"]
-    assert (timing["each"], timing["frames"], timing["given_up"]) == (20, 2001, 0)
+    assert (timing["each"], timing["frames"], timing["given_up"]) == (20, 1001, 0)
     assert outcome.summary["lost"] == {}
     assert outcome.summary["faults"] == []
     log = rig.open(folder / "run.mcap")
-    assert log.commands["nb"].tick.tolist() == [*range(40_000)]
-    same_bits(log, simulate(scene, duration_ns=2 * 10**9))
+    assert log.commands["nb"].tick.tolist() == [*range(20_000)]
+    same_bits(log, simulate(scene, duration_ns=10**9))
     assert verify(folder / "run.mcap").identical
     assert np.abs(log.measurements["vibrometer"].v[-2000:]).max() < 1e-3
     sent = Counter(record.topic for record in Scan(folder / "run.mcap"))
-    assert sent["applied/nb"] <= 2001
+    assert sent["applied/nb"] <= 1001
     assert sent["act/nb"] == 0
     if timing["stolen_share"] > 0.02 and outcome.summary["verdict"] == "INVALID":
         pytest.skip(f"the host took {timing['stolen_share']:.1%} of the processors: the pace cannot be judged")
@@ -163,7 +163,7 @@ def picture(folder, monkeypatch):
 @pytest.mark.alone
 def test_a_paced_run_loses_nothing(folder, picture):
     scene = scenes.load(SCENE, {"sensors.vibrometer.rate": "10 kHz"})
-    going = Going(scene, duration=5.0, view=True, out=folder / "run.mcap")
+    going = Going(scene, duration=3.0, view=True, out=folder / "run.mcap")
     outcome = going.wait(100.0)
     assert outcome.summary["lost"] == {}, outcome.text()
     records = list(Scan(folder / "run.mcap"))
@@ -177,13 +177,13 @@ def test_a_paced_run_loses_nothing(folder, picture):
     assert picture.stat().st_size > 0
     assert outcome.died == ()
     assert outcome.summary["verdict"] in ("VALID", "DEGRADED", "INVALID")
-    assert outcome.summary["timing"]["frames"] == 5001
+    assert outcome.summary["timing"]["frames"] == 3001
     log = rig.open(folder / "run.mcap")
     assert not log.fault
-    assert len(log.measurements["vibrometer"].v) == 50_001
+    assert len(log.measurements["vibrometer"].v) == 30_001
     assert log.summary["verdict"] == outcome.summary["verdict"]
     assert log.summary["timing"] == outcome.summary["timing"]
-    again = simulate(scene, {}, 5 * 10**9, Recorded(log.commands))
+    again = simulate(scene, {}, 3 * 10**9, Recorded(log.commands))
     same_bits(log, again)
 
 
@@ -353,9 +353,9 @@ def test_a_recording_that_cannot_be_written_is_no_reason_to_begin_without_the_co
 
 def stalled(scene, path, who, seconds):
     """The outcome and the recording of a run in which one process was stopped for a while."""
-    going = Going(scene, duration=seconds + 4.0, out=path)
+    going = Going(scene, duration=seconds + 2.0, out=path)
     going.line("begin: ")
-    time.sleep(1.0)
+    time.sleep(0.5)
     process = going.process(who)
     process.suspend()
     time.sleep(seconds)
