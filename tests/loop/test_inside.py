@@ -231,7 +231,7 @@ signal.signal(signal.SIGPROF, strike)
 scene, struck, draw = rig.load("belt_normal_force"), 0, random.Random(1)
 rig.simulate(scene, 0.5)
 for _ in range(20):
-    due.append(draw.uniform(0.1, 0.2))
+    due.append(draw.uniform(0.02, 0.1))
     try:
         rig.simulate(scene, 1000.0)
     except KeyboardInterrupt:
