@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import rig
 from rig.errors import UsageError
-from rig.units import si
+from rig.units import parted, si
 
 
 @given(
@@ -31,6 +31,11 @@ def test_the_space_before_a_unit_may_be_left_out(number, unit):
 def test_an_exponent_is_no_unit(text):
     assert si(text, "1") == float(text)
     assert si(f"{text} s", "s") == float(text)
+
+
+def test_a_number_of_a_million_digits_is_read_at_once():
+    digits = "9" * 1_000_000  # in quadratic time it would take hours
+    assert parted(f"{digits}.{digits}") == (f"{digits}.{digits}", "")
 
 
 @pytest.mark.parametrize("text", ["1e3e3", "2m s", "0x10", "1,5s", "s", "10-20s"])
