@@ -145,8 +145,8 @@ class Hub:
             if not self.single:
                 publisher.put(encode.commands(frame_ns, *taken), now)
                 continue
-            for tick, payload in zip(taken[0], encode.each_applied(frame_ns, *taken)):
-                publisher.put_later(min((tick + 1) * frame_ns, now), bytes, payload)
+            times = [min((tick + 1) * frame_ns, now) for tick in taken[0]]
+            publisher.put_each(times, encode.each_applied(frame_ns, *taken))
 
     def carries(self, frames: int) -> None:
         """Set the length of the next piece [frames]."""

@@ -41,7 +41,7 @@ from rig.parts import foreign_fault
 
 Say = Callable[[str], object]
 Show = Callable[[dict[str, Any]], object]
-LOOK_NS = 5_000_000
+LOOK_NS = 10_000_000
 """Longest time [ns of the wall clock] between two looks at operators in lockstep. # chosen: nobody notices it"""
 
 

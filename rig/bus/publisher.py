@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rig.bus.arrivals import HEADER
@@ -25,6 +26,11 @@ class Publisher(ABC):
     def put_later(self, t_ns: int, encode: Callable[..., bytes], *given: Any) -> None:
         """Send `encode(*given)`; a publisher that waits before it sends calls it as late, in another thread."""
         self.put(encode(*given), t_ns)
+
+    def put_each(self, times: Sequence[int], payloads: Sequence[bytes]) -> None:
+        """Send many messages with their simulated times [ns]."""
+        for t_ns, payload in zip(times, payloads):
+            self.put(payload, t_ns)
 
     @abstractmethod
     def send(self, payload: bytes, header: bytes) -> None:
@@ -49,6 +55,12 @@ class Batched(Publisher):
         self.sent += 1
         if not len(rows) % EVERY:
             self._batch.flush_if_due()
+
+    def put_each(self, times: Sequence[int], payloads: Sequence[bytes]) -> None:
+        """See `Publisher.put_each`. They wait for the next batch, however many there are."""
+        rows = zip(itertools.count(self.sent), times, payloads)
+        self._batch.rows.extend([("plant", self.topic, (n, t_ns), bytes, (payload,)) for n, t_ns, payload in rows])
+        self.sent += len(payloads)
 
 
 class Copied(Publisher):

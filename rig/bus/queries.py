@@ -70,6 +70,9 @@ class Server(ABC):
         """The user whose query is being answered."""
         self._later: list[tuple[Request, dict[str, Any], Later]] = []
 
+    waiting: Callable[[], int]
+    """The number of queries that have arrived and are not read."""
+
     @abstractmethod
     def _next(self, timeout: float) -> Request | None: ...
 
@@ -78,6 +81,8 @@ class Server(ABC):
 
         A query that cannot be read or raises an exception is refused, and the refusal contains the reason.
         """
+        if not (self._later or self.waiting() or timeout):  # the usual case, in every frame
+            return 0
         if self._later:
             waiting, self._later = self._later, []
             for asked, body, later in waiting:

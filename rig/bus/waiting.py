@@ -50,6 +50,8 @@ class Inbox(Generic[T]):
     def __init__(self, depth: int) -> None:
         self._queue: queue.SimpleQueue[T] = queue.SimpleQueue()
         self._depth = depth
+        self.qsize = self._queue.qsize
+        """The number of items in the queue."""
 
     def put(self, one: T) -> None:
         """Add an item; drop the oldest one if there are more than `depth`."""
@@ -66,7 +68,3 @@ class Inbox(Generic[T]):
             return patiently(self._queue, timeout) if timeout > 0.0 else self._queue.get_nowait()
         except queue.Empty:
             return None
-
-    def qsize(self) -> int:
-        """Number of items in the queue."""
-        return self._queue.qsize()

@@ -182,6 +182,7 @@ class ZenohServer(Server):
         super().__init__(inbound, answer)
         self._key, self._topic = key, topic
         self._inbox = Inbox[zenoh.Query](WAITING)
+        self.waiting = self._inbox.qsize
         self.take = self._inbox.put  # Zenoh answers a dropped query for us: its asker learns that nobody answers
 
     def _next(self, timeout: float) -> Request | None:

@@ -143,6 +143,7 @@ class _Server(Server):
     def __init__(self, door: InboundCheck, answer: Answer) -> None:
         super().__init__(door, answer)
         self.queue = Inbox[Asked](WAITING)
+        self.waiting = self.queue.qsize
 
     def _next(self, timeout: float) -> Request | None:
         return self.queue.take(timeout)
