@@ -18,6 +18,7 @@ from hypothesis import HealthCheck, settings
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
+from rig import scenes
 from rig.cli import app
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a shell started the tests in the background
@@ -118,6 +119,12 @@ def rig(capsys):
         return left.value.code or 0, said.out, said.err
 
     return call
+
+
+@pytest.fixture(scope="session")
+def shipped():
+    """All shipped scenes, loaded once."""
+    return tuple(map(scenes.load, scenes.names()))
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ import pytest
 import rig
 from rig.picture import OnBelt
 from rig.plants import PLANTS
-from rig.scenes.shipped import names
 from rig.view import contact
 from rig.view.base import Scale, scale_of
 from rig.view.belt import Belt
@@ -207,16 +206,16 @@ def test_a_rig_that_declares_no_picture_gets_curves_and_a_strip_and_nothing_is_g
 
 
 @pytest.mark.parametrize("plant", PLANTS.shipped)
-def test_a_plant_declares_pictures_of_outputs_that_it_has(plant):
-    scenes = [scene for scene in map(rig.load, names()) if scene.plant == plant]
+def test_a_plant_declares_pictures_of_outputs_that_it_has(shipped, plant):
+    scenes = [scene for scene in shipped if scene.plant == plant]
     told = [set(outputs(scene)) for scene in scenes]
     for one in getattr(PLANTS[plant], "PICTURES", ()):
         assert any(found >= set(one.outputs) for found in told), one
 
 
 @pytest.mark.parametrize("plant", PLANTS.shipped)
-def test_a_batch_of_states_between_two_frames_of_the_picture_draws_nothing_of_it(plant):
-    scene = next(scene for scene in map(rig.load, names()) if scene.plant == plant)
+def test_a_batch_of_states_between_two_frames_of_the_picture_draws_nothing_of_it(shipped, plant):
+    scene = next(scene for scene in shipped if scene.plant == plant)
     units = outputs(scene)
     drawing = Drawing(scene.to_json(), units, {})
 

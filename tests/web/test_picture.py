@@ -8,7 +8,6 @@ import pytest
 import rig
 from rig.bus import messages
 from rig.plants import PLANTS
-from rig.scenes.shipped import names
 from rig.view import contact
 from rig.view.belt import Belt
 from rig.view.channels import Channels
@@ -44,8 +43,8 @@ def frames_of(scene):
 
 
 @pytest.mark.parametrize("plant", PLANTS.shipped)
-def test_every_rig_is_shown_before_a_run_and_moves_in_it(plant):
-    scene = next(scene for scene in map(rig.load, names()) if scene.plant == plant)
+def test_every_rig_is_shown_before_a_run_and_moves_in_it(shipped, plant):
+    scene = next(scene for scene in shipped if scene.plant == plant)
     still = picture(scene, scene.assemble())
     if not PLANTS[plant].__dict__.get("PICTURES"):
         assert still is None
