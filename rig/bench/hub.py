@@ -82,9 +82,10 @@ class Hub:
         runner = self.runner
         hearing = runner.hearing_at(tick) if runner.meas_links else runner.bank
         t_ns = tick * runner.frame_ns
-        self.commands.step_sent(tick)
         samples = {i: hearing.samples(i) for i in self._heard} if self._heard else None
-        self._step.put(encode.step(tick, t_ns, hearing.latest, hearing.fresh, samples), t_ns)
+        payload = encode.step(tick, t_ns, hearing.latest, hearing.fresh, samples)
+        self.commands.step_sent(tick)  # a round trip begins with the put, as a bare one does
+        self._step.put(payload, t_ns)
 
     def hear(self, sensors: Collection[str]) -> None:
         """From now on include all samples of these sensors in every step. Raises UsageError for an unknown sensor."""
