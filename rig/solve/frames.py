@@ -12,11 +12,14 @@ from typing import NamedTuple
 from rig.kernel import inlined, kernel
 from rig.solve.advance import begin_block
 from rig.solve.contact_state import DONE, LOOK
-from rig.solve.control_loop import NOW, ControllerTables, run_controllers
+from rig.solve.control_loop import COUNT, NOW, ControllerTables, run_controllers
 from rig.solve.random_input import RandomNumbers, used_up, write_next_number
 from rig.solve.records import BEYOND, EVENTS, REACHED
-from rig.solve.sampling import SHORT, InstrumentTables, run_instruments
+from rig.solve.sampling import GATHERED, SHORT, WAITING, InstrumentTables, gather_frame, run_instruments
 from rig.solve.specialised import any_shape, call
+
+_MANY = 64
+"""Segments that are not kept for a further frame: they would not stay in the processor's cache. # chosen"""
 
 
 class Surroundings(NamedTuple):
@@ -41,6 +44,16 @@ def collect(log, events):
     return done + events + log.event.shape[0] <= most
 
 
+@inlined
+def begin_frame(tables, work, state, seg, instruments, origin):
+    """Begin a frame at row `origin` of the log, behind the segments of frames that wait for the instruments."""
+    kept = seg.count[0] if instruments.clock[WAITING] else 0
+    begin_block(tables, work, state, seg, origin)
+    seg.count[0] = kept
+    if not kept:
+        instruments.begins[0] = 0
+
+
 @kernel
 def advance_frames(tables, loan, begin, first, last, steps, surroundings):
     """Advance plant and instruments from row `first` of the log to row `last`, `steps` rows per frame.
@@ -58,17 +71,23 @@ def advance_frames(tables, loan, begin, first, last, steps, surroundings):
                 return LOOK
             if last > first:
                 write_next_number(surroundings.random_numbers, state.x)
-            begin_block(tables, work, state, seg, origin)
+            begin_frame(tables, work, state, seg, instruments, origin)
         begin = True
         end = min(origin + steps, last)
         status = call(plan.advance_block, any_shape(state.x.shape[0]), tables, work, state, log, seg, plan, end)
         if status != DONE or end == origin:
+            if instruments.clock[WAITING]:
+                run_instruments(instruments, seg)
             return status
-        run_instruments(instruments, seg)
+        gather_frame(instruments, seg)
         origin = end
         controllers.clock[NOW] += 1
         full = ic[EVENTS] > 0 and not collect(log, ic[EVENTS])
-        if full or ic[BEYOND] >= 0 or instruments.clock[SHORT] or used_up(surroundings.random_numbers):
-            return LOOK
+        acts = full or ic[BEYOND] >= 0 or used_up(surroundings.random_numbers)
+        waits = instruments.clock[WAITING] < GATHERED and seg.count[0] < _MANY and controllers.clock[COUNT] == 0
+        if acts or origin == last or not waits:
+            run_instruments(instruments, seg)
+            if acts or instruments.clock[SHORT]:
+                return LOOK
         if origin == last:
             return DONE

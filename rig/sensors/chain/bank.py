@@ -19,7 +19,7 @@ from rig.sensors.chain.instants import SECOND, Integers, common_step
 from rig.sensors.chain.instrument import Instrument
 from rig.sensors.chain.streams import Stream
 from rig.solve.pole_response import COLUMNS, POLE, RESIDUE, STATE
-from rig.solve.sampling import INSTRUMENT, NOW, SHORT, InstrumentTables, advance_instruments, prepare_poles
+from rig.solve.sampling import GATHERED, INSTRUMENT, NOW, SHORT, InstrumentTables, advance_instruments, prepare_poles
 from rig.solve.segments import DEGREE, Segments
 
 _CHUNK = 1024  # least number of random numbers drawn and of samples stored at a time, unless a caller names another
@@ -77,7 +77,7 @@ class Bank:
         """Of each instrument the numbers of samples that are stored and that were published (views)."""
         self._poles = np.zeros((sum(max(len(e.poles), e.averages) for e in self._ends), COLUMNS), dtype=complex)
         self._most = most
-        self._clock = np.zeros(2, dtype=np.int64)
+        self._clock = np.zeros(3, dtype=np.int64)
         self.loan = Loan(
             InstrumentTables(
                 self._fronts,
@@ -91,6 +91,7 @@ class Bank:
                 self._past,
                 self._echoes,
                 self._clock,
+                np.zeros(GATHERED + 1, dtype=np.int64),
                 frame_ns,
                 1e-9 * self.step_ns,
             )
@@ -136,9 +137,9 @@ class Bank:
 
     @property
     def full(self) -> bool:
-        """Whether the samples of another frame may find no room: `fill` then drops those before them."""
+        """Whether the samples of the next frames may find no room: `fill` then drops those before them."""
         room = self._samples.shape[1]
-        return any(kept + most > room for kept, most in zip(self._numbers[0], self._most))
+        return any(kept + GATHERED * most > room for kept, most in zip(self._numbers[0], self._most))
 
     def samples(self, i: int) -> NDArray[np.float64]:
         """Samples [sample] that instrument i published in the last frame: a view, valid until the bank is filled."""
