@@ -14,6 +14,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models
 from numba.core.imputils import lower_getattr_generic
@@ -22,11 +23,14 @@ from numba.extending import NativeValue, infer_getattr, intrinsic, register_mode
 
 
 class Lent(types.Type):  # type: ignore[misc]
-    """The type of a pointer to a record, a named tuple of the type `content`."""
+    """The type of a pointer to a record, a named tuple of the type `content`.
 
-    def __init__(self, content: Any) -> None:
-        self.content = content
-        super().__init__(name=f"Lent({content})")
+    `inside`: lent by a kernel. The words of any other record do not change while a kernel runs, so it reads them once.
+    """
+
+    def __init__(self, content: Any, inside: bool = False) -> None:
+        self.content, self.inside = content, inside
+        super().__init__(name=f"Lent{'Inside' if inside else ''}({content})")
 
 
 register_model(Lent)(models.OpaqueModel)
@@ -106,7 +110,7 @@ def _lend(typing: Any, content: Any) -> Any:
         place = cgutils.alloca_once_value(builder, arguments[0])  # type: ignore[no-untyped-call]
         return builder.bitcast(place, cgutils.voidptr_t)
 
-    return Lent(content)(content), borrow
+    return Lent(content, inside=True)(content), borrow
 
 
 lent: Any = intrinsic(_lend)
@@ -121,7 +125,7 @@ class _Names(AttributeTemplate):  # type: ignore[misc]
         if name not in kind.content.fields:
             return None
         found = kind.content.types[kind.content.fields.index(name)]
-        return Lent(found) if isinstance(found, types.BaseNamedTuple) else found
+        return Lent(found, kind.inside) if isinstance(found, types.BaseNamedTuple) else found
 
 
 @lower_getattr_generic(Lent)  # type: ignore[no-untyped-call, untyped-decorator]
@@ -131,4 +135,17 @@ def _field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> An
     at = cgutils.gep_inbounds(builder, typed, 0, index)  # type: ignore[no-untyped-call]
     if isinstance(kind.content.types[index], types.BaseNamedTuple):
         return builder.bitcast(at, cgutils.voidptr_t)
-    return builder.load(at)
+    return builder.load(at) if kind.inside else _constant(builder, at)
+
+
+def _constant(builder: Any, at: Any) -> Any:
+    """Load a value that nothing changes, word by word: otherwise every store to an array might have changed it."""
+    kind = at.type.pointee
+    if not isinstance(kind, ir.LiteralStructType | ir.ArrayType):
+        found = builder.load(at)
+        found.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return found
+    whole = ir.Constant(kind, ir.Undefined)
+    for i in range(len(kind)):
+        whole = builder.insert_value(whole, _constant(builder, cgutils.gep_inbounds(builder, at, 0, i)), i)  # type: ignore[no-untyped-call]
+    return whole
