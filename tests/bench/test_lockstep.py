@@ -145,9 +145,9 @@ def test_an_operator_is_heard_while_controllers_answer(scene):
         while ask("status") < 50:
             pass
         knocked, paused = ask("knock", impulse=0.1), ask("pause")
-        still = ask("status")
-        assert ask("status") == still <= paused + 1
+        assert all(ask("status") - paused in (0, 1) for _ in range(5)), "only the frame that had begun is finished"
         ask("stop")
         heard = bench.finish()
     ticks = {event.kind: event.tick for event in bench.events(heard)}
-    assert (ticks["knock"], ticks["paused"], ticks["stop"]) == (knocked, paused, still)
+    assert (ticks["knock"], ticks["paused"]) == (knocked, paused)
+    assert ticks["stop"] - paused in (0, 1)
