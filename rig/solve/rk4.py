@@ -48,18 +48,17 @@ def crossed_guard(shape, f, nonlinear, x, y):
     """The first guard that is positive at x and not at y, or is clearly negative at y; -1 if there is none."""
     crossed = -1
     for g in range(f.G.shape[0]):
-        if crossed < 0 and guard_at(shape, f, nonlinear, g, y) <= 0.0:
-            before = guard_at(shape, f, nonlinear, g, x)
-            if before > guard_rounding(f.G[g], f.GT[g], f.guard_needs_inputs[g], x, f.T):
-                crossed = g
-            elif guard_at(shape, f, nonlinear, g, y) < -guard_rounding(
-                f.G[g], f.GT[g], f.guard_needs_inputs[g], y, f.T
-            ):
-                crossed = g
+        if crossed < 0:
+            row, row_t, needs = f.G[g], f.GT[g], f.guard_needs_inputs[g]
+            after = guard_at(shape, f, nonlinear, g, y)
+            if after <= 0.0:
+                below = after < -guard_rounding(row, row_t, needs, y, f.T)
+                if below or guard_at(shape, f, nonlinear, g, x) > guard_rounding(row, row_t, needs, x, f.T):
+                    crossed = g
     return crossed
 
 
-@inlined
+@inner
 def bisect(shape, f, nonlinear, x, h, w):
     """Shorten the step from x until the first guard is zero to rounding.
 
@@ -67,20 +66,23 @@ def bisect(shape, f, nonlinear, x, h, w):
     """
     k, y, z = local(shape, w.k), local(shape, w.y), local(shape, w.y2)
     derivative(shape, f, nonlinear, x, k[0])
-    low, high = 0.0, h
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if middle <= low or middle >= high:
+    low, high, crossed, ends = 0.0, h, -1, False
+    for halving in range(61):
+        length = 0.5 * (low + high)
+        ends = halving == 60 or length <= low or length >= high
+        if ends:
+            length = high
+        runge_kutta_step(shape, f, nonlinear, k, x, length, y, z)
+        crossed = crossed_guard(shape, f, nonlinear, x, y)
+        if ends:
             break
-        runge_kutta_step(shape, f, nonlinear, k, x, middle, y, z)
-        if crossed_guard(shape, f, nonlinear, x, y) >= 0:
-            high = middle
+        if crossed >= 0:
+            high = length
         else:
-            low = middle
-    runge_kutta_step(shape, f, nonlinear, k, x, high, y, z)
+            low = length
     for i in range(state_count(shape)):
         w.y[i] = y[i]
-    return high, max(crossed_guard(shape, f, nonlinear, x, y), 0)
+    return high, max(crossed, 0)
 
 
 @inner
@@ -91,8 +93,8 @@ def observe_step(t, mode_set, w, energy, seg, plan, h, start):
     """
     x, y, k = w.x0, w.y, w.k
     f = right_hand_side(t, mode_set, w.T, w.scratch)
-    derivative(any_shape(x.shape[0]), f, plan.nonlinear, x, k[0])
-    derivative(any_shape(x.shape[0]), f, plan.nonlinear, y, k[1])
+    for q in range(2):
+        derivative(any_shape(x.shape[0]), f, plan.nonlinear, y if q else x, k[q])
     u = lanes(w.quarters)
     a, b = 2.0 * u * u * u - 3.0 * u * u + 1.0, u * u * u - 2.0 * u * u + u
     c, d = 1.0 - a, u * u * u - u * u
