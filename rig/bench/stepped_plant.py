@@ -25,7 +25,7 @@ from rig.model.method import as_integrated, chosen
 from rig.motion.motion import Frames, Motion
 from rig.scenes.part_faults import SensorFault
 from rig.scenes.scene import Scene
-from rig.sensors.chain.bank import Bank
+from rig.sensors.chain.bank import CHUNK, Bank
 from rig.solve.control_loop import ControllerTables, controller_tables
 from rig.solve.frames import Surroundings
 
@@ -61,7 +61,7 @@ class SteppedPlant:
             if all(isfinite(one.number) for one in errors):
                 faults.append('clock.unstable = "run" runs it nevertheless, up to clock.limit')
             raise SceneError(scene.name, faults)
-        self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed, *((8192,) if truthful else ()))
+        self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed, 8 * CHUNK if truthful else CHUNK)
         broken = {name: one for name, one in scene.faults.items() if isinstance(one, SensorFault)}
         self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
         self.controllers = _room(scene)

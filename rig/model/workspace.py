@@ -43,7 +43,7 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         roots=np.zeros((WORK_ROWS, WORK_COLUMNS)),
         g=np.zeros(guards),
         guard_samples=np.zeros((guards, 7)),
-        values=np.zeros((5, read)),
+        values=np.zeros((2, read)),
         nodes=energy_balance.NODES,
         weights=energy_balance.WEIGHTS,
         x_at=zeros((n, LANE)),

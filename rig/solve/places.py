@@ -72,10 +72,13 @@ def friction_forces_at(t, mode_set, p, X, forces):
 def inputs_at(t, mode_set, w, first, end):
     """Write the inputs at the states w.x_at to w.T_at; w.y2, w.T and w.scratch are overwritten.
 
-    Only lanes `first` to `end` - 1 have to be right; evaluated one after the other, the others would cost time.
+    Only lanes `first` to `end` - 1 have to be right. Evaluated one after the other, the others would cost time: there
+    they are 0, since what an earlier call left may be no number, which a weight of 0 does not remove.
     """
     X, T, patches = w.x_at, w.T_at, t.sigma.shape[1]
     if t.coupled[mode_set] or T.shape[0] > patches:
+        for k in range(T.shape[0]):
+            write(alike(0.0), T[k])
         for q in range(first, end):
             for i in range(X.shape[0]):
                 w.y2[i] = X[i, q]

@@ -64,7 +64,7 @@ class Workspace(NamedTuple):
     guard_samples: (
         Array  # [guard, 7] guards that depend on inputs: values at six places of a step, bound on their rounding error
     )
-    values: Array  # [5, output] outputs that sensors read, at five places of a segment
+    values: Array  # [2, output] outputs that sensors read, at both ends of a segment
     nodes: Array  # [node] quadrature nodes in [0, 1] of the energy terms in a linear mode set
     weights: Array  # [node] weights of `nodes`
     x_at: Array  # [n, LANE] states at several places of a step, in lanes (rig.solve.places)

@@ -102,3 +102,11 @@ def test_outputs_of_rigs_with_several_contacts_or_products(name):
     found = np.ascontiguousarray(motion.outputs_at(states, mode_sets))
     assert len(states) >= 2 * LANE
     assert found.tobytes() == _one_by_one(motion, states, mode_sets).tobytes()
+
+
+def test_what_an_earlier_call_left_in_unused_lanes_does_not_reach_the_energy():
+    """A rig with products evaluates only the lanes that it needs; after a run that diverged the others hold no number."""
+    motion = PlantRunner(rig.load("disc_slider"), piece=40).motion
+    motion.work.T_at[:] = np.nan
+    motion.advance(40)
+    assert np.isfinite(motion.terms()).all()

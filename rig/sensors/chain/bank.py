@@ -22,7 +22,7 @@ from rig.solve.pole_response import COLUMNS, POLE, RESIDUE, STATE
 from rig.solve.sampling import GATHERED, INSTRUMENT, NOW, SHORT, InstrumentTables, advance_instruments, prepare_poles
 from rig.solve.segments import DEGREE, Segments
 
-_CHUNK = 1024  # least number of random numbers drawn and of samples stored at a time, unless a caller names another
+CHUNK = 1024  # least number of random numbers drawn and of samples stored at a time, unless a caller names another
 _FRAMES = 64  # least number of frames for which they suffice
 KEPT_NS = 250_000_000
 """Shortest time for which samples are stored. # chosen: a plant then copies those that are not sent yet rarely"""
@@ -43,7 +43,7 @@ class Bank:
         columns: Sequence[str],
         frame_ns: int,
         seed: int,
-        chunk: int = _CHUNK,
+        chunk: int = CHUNK,
     ) -> None:
         self.names = tuple(sensors)
         self.units = tuple(s.unit for s in sensors.values())
@@ -67,7 +67,7 @@ class Bank:
         self._samples, self._noise = np.zeros((n, stored)), np.zeros((n, room))
         self._memory = [row.data for row in self._samples]
         longest = max((max(end.period_ns, frame_ns) * end.dropout_rate * 1e-9 for end in self._ends), default=0.0)
-        self._gaps = np.zeros((n, _CHUNK + math.ceil(16 * longest), 2), dtype=np.int64)
+        self._gaps = np.zeros((n, CHUNK + math.ceil(16 * longest), 2), dtype=np.int64)
         lags = [[round(1e9 * later / end.period_ns) for _, later in end.echoes] for end in self._ends]
         self._past = np.zeros((n, 1 + max((lag for own in lags for lag in own), default=0)))
         shares = [share for end in self._ends for share, _ in end.echoes]
@@ -227,7 +227,7 @@ class Bank:
     @property
     def playable(self) -> int:
         """Number of frames that `play` can take at once."""
-        return min(((self._samples.shape[1] - 1) // most for most in self._most), default=_CHUNK)
+        return min(((self._samples.shape[1] - 1) // most for most in self._most), default=CHUNK)
 
     def resume(self, found: Mapping[str, NDArray[Any]], t_ns: int) -> None:
         """Continue from the `checkpoint` of a bank of the same instruments, at `t_ns`, up to which `play` has played.
