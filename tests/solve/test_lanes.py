@@ -105,7 +105,7 @@ def test_outputs_of_rigs_with_several_contacts_or_products(name):
 
 
 def test_what_an_earlier_call_left_in_unused_lanes_does_not_reach_the_energy():
-    """A rig with products evaluates only the lanes that it needs; after a run that diverged the others hold no number."""
+    """A rig with products evaluates only the lanes that it needs; others may hold no number, as after divergence."""
     motion = PlantRunner(rig.load("disc_slider"), piece=40).motion
     motion.work.T_at[:] = np.nan
     motion.advance(40)
