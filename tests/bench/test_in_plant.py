@@ -320,7 +320,8 @@ def test_one_in_its_own_process_is_asked_whenever_it_is_due(period):
     ran, run = Ran(scene, pace=None, duration=0.3), in_one_process(scene, 0.3)
     same_bits(ran, run)
     frames = 10 if period == 0.003 else 4
-    assert [step.tick for step in ran.heard["step"]] == [*range(0, 3000, frames)]
+    asked = dict.fromkeys(step.tick for step in ran.heard["step"])  # a busy machine makes the plant repeat a step
+    assert [*asked] == [*range(0, 3000, frames)]
 
 
 def test_where_all_are_in_their_own_processes_frames_are_carried_one_by_one():

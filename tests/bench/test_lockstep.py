@@ -2,6 +2,7 @@
 
 import math
 import threading
+from itertools import groupby
 
 import numpy as np
 from plant_in_thread import SCENE, Bench, samples
@@ -34,6 +35,16 @@ class Played:
         self.session.close()
 
 
+def once(ticks):
+    """`ticks` without those of repeated steps: a busy machine may take longer than 10 ms for an answer."""
+    return [tick for tick, _ in groupby(ticks)]
+
+
+def asked(heard):
+    """The ticks of the steps."""
+    return once(messages.decode("step", payload).tick for payload in heard["step"])
+
+
 def played(scene, values, duration=0.4):
     """The bench after a run in lockstep with such a controller, and what was heard."""
     with Bench(scene, pace=None, duration=duration, expect=(("controller", "nf"),)) as bench:
@@ -56,7 +67,7 @@ def test_the_states_of_all_ticks_are_those_of_a_run_in_one_process(scene):
     each = scene.frame_ns // scene.step_ns
     for name in ("displacement", "velocity"):
         assert [getattr(state, name) for state in states] == run.signals[name][:: 5 * each].tolist()
-    assert [messages.decode("step", payload).tick for payload in heard["step"]] == list(range(500))
+    assert asked(heard) == list(range(500))
 
 
 def test_a_controller_that_is_due_at_every_third_tick_gives_the_bits_of_a_run_in_one_process(scene):
@@ -67,7 +78,7 @@ def test_a_controller_that_is_due_at_every_third_tick_gives_the_bits_of_a_run_in
         heard = bench.finish()
     run = simulate(slow, duration_ns=3 * 10**8)
     assert samples(heard, "vibrometer").tobytes() == run.measurements["vibrometer"].v.tobytes()
-    assert [messages.decode("step", payload).tick for payload in heard["step"]] == list(range(300))
+    assert asked(heard) == list(range(300))
     assert [messages.decode("applied/nf", payload).tick for payload in heard["applied/nf"]] == list(range(0, 300, 3))
 
 
@@ -79,6 +90,7 @@ def test_every_message_has_the_time_of_its_tick(scene, monkeypatch):
         bench.begin()
         bench.finish()
         times = {name: [message.t_ns // scene.frame_ns for message in heard.drain()] for name, heard in told.items()}
+    times["step"] = once(times["step"])
     assert times == {"applied/nf": [*range(1, 301)], "state": [*range(0, 301, 5)], "step": [*range(300)]}
 
 
