@@ -19,7 +19,7 @@ from rig import file_locks
 from rig.analysis.pool import Store, carry_out, packed, unpacked
 from rig.analysis.pool.local import WorkerProcesses
 from rig.analysis.pool.schedule import Schedule
-from rig.errors import UsageError, WorkerError
+from rig.errors import ExitCode, UsageError, WorkerError
 
 SUPPORT = Path(__file__).parents[1] / "support"
 
@@ -94,6 +94,16 @@ def test_a_fault_ends_the_work_and_what_is_finished_stays(tmp_path):
         done(work, tmp_path, 1)
     assert kept.items() <= squares(Store.of(work, tmp_path).load()).items()
     assert all(kept[unit] == unit**2 for unit in kept)
+
+
+def test_what_is_finished_stays_when_a_worker_is_stopped_in_a_callback_of_a_library(tmp_path):
+    work = Trial(str(tmp_path), total=4, does={"2": "stop"})
+    store = Store.of(work, tmp_path)
+    with store.open(work):
+        worker = [sys.executable, "-m", "rig.analysis.pool.worker", str(store.folder)]
+        ended = subprocess.run(worker, input="[[0], [1], [2], [3]]\n", capture_output=True, text=True, timeout=60.0)
+    assert ended.returncode == ExitCode.INTERRUPTED
+    assert squares(store.load()) == {0: 0.0, 1: 1.0}
 
 
 def test_results_that_do_not_fit_on_the_disk_end_the_work_with_a_sentence(tmp_path):

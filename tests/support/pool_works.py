@@ -1,5 +1,6 @@
 """Works for the tests of the pool, whose units are trivial, slow, large, or end their process."""
 
+import ctypes
 import json
 import os
 import signal
@@ -16,7 +17,7 @@ from rig.errors import UsageError, WorkerError
 @dataclass(frozen=True)
 class Trial:
     """Squares of the numbers of its units. `does`: what a unit does besides ("kill", "once", "exit", "leave", "fault",
-    "talk", "read").
+    "talk", "read", "stop").
 
     Files in `folder` count how often a unit was computed. `size`: numbers in a result.
     """
@@ -52,6 +53,8 @@ class Trial:
             sys.stdout.write("half a line")
         if does == "read":
             assert sys.stdin.read() == ""
+        if does == "stop":  # in a callback of a C library, which swallows the exception
+            ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGTERM))()
         return {"square": np.full(self.size, float(unit**2 + sum(given))), "name": np.array(f"unit {unit}")}
 
     def failed(self, unit, why):

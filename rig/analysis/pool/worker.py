@@ -60,6 +60,16 @@ def _batch(work: Work, store: Store, batch: list[list[float]]) -> None:
     """Compute a batch and save it; after an interruption, what is finished of it."""
     found: dict[int, Arrays] = {}
     told = time.monotonic()
+    leave = sys.unraisablehook
+
+    def interrupted_in_a_callback(fault: sys.UnraisableHookArgs) -> None:  # `leave` ends the process, see as_process
+        try:
+            if found and isinstance(fault.exc_value, KeyboardInterrupt):
+                store.save(found)
+        finally:
+            leave(fault)
+
+    sys.unraisablehook = interrupted_in_a_callback
     try:
         for unit, *given in batch:
             found[int(unit)] = work.compute(int(unit), *given)
@@ -70,6 +80,8 @@ def _batch(work: Work, store: Store, batch: list[list[float]]) -> None:
         if found:
             store.save(found)
         raise
+    finally:
+        sys.unraisablehook = leave
     store.save(found)
 
 

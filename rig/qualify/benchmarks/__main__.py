@@ -119,11 +119,12 @@ def main() -> int:
             missed.append("loop over the bus")
             say(f"  {error}")
         else:
+            say(f"  bare round trip as in `rig doctor`: {b['bare']:.0f} us; back to back: {b['back_to_back']:.0f} us")
             for kind, what in (("lockstep", "a tick"), ("paced", "put to command, p50")):
-                ratio = b[f"{kind}_ratio"]
+                ratio = b["over_bare"][kind]
                 verdict = judged(f"{kind} over bare", ratio, kind, at_most=True)
-                say(f"  {kind}: {what} {b[kind]:.0f} us, bare round trip {b[f'{kind}_bare']:.0f} us: "
-                    f"ratio {ratio:.2f} {verdict}")  # fmt: skip
+                say(f"  {kind}: {what} {b[kind]:.0f} us, ratio {ratio:.2f} {verdict}")
+            say(f"  lockstep over back to back: ratio {b['over_bare']['lockstep_back_to_back']:.2f}")
             say(f"  publishing takes {b['publish']:.0f} us of a paced frame (mean)")
         say(f"\npaced, 1 kHz, vibrometer 10 kHz in blocks, controller, recorder, viewer bridge, {seconds:g} s")
         found["loop"] = paced = loop.paced(seconds)

@@ -3,7 +3,7 @@
 Plant at 1 kHz with the vibrometer at 10 kHz in blocks, one controller, recorder, viewer bridge. A paced run gives
 losses, the age of commands when they take effect, and the time from the plant's put to the command in its queue. A
 lockstep run gives the time of a tick. Both are compared with a bare round trip over the bus to a process that only
-answers, with the same scheduling. A bare round trip through a unix socket shows the share of the operating system.
+answers. A bare round trip through a unix socket shows the share of the operating system.
 """
 
 from __future__ import annotations
@@ -51,24 +51,32 @@ def beside_bare(rounds: int = ROUNDS, lockstep_s: float = 3.0, paced_s: float = 
     """Measure short runs in lockstep and paced, alternating with bare round trips over the bus; times in us.
 
     In each round, a tick in lockstep and the paced run's median from put to command are divided by the mean of the bare
-    medians before and after; `lockstep_ratio` and `paced_ratio` are the medians of these ratios. `publish`: mean
-    publishing time of a frame in the paced runs. Raises BusError if bare round trips cannot be measured.
+    medians before and after; the ratios `over_bare` are the medians over the rounds. `bare` is the round trip of
+    `rig doctor`, with a pause before each. `back_to_back` is one directly after the other, which finds warm caches: a
+    tick in lockstep is also compared with it. `publish`: mean publishing time of a frame in the paced runs. Raises
+    BusError if bare round trips cannot be measured.
     """
     rows: dict[str, list[float]] = {"lockstep": [], "paced": [], "publish": []}
-    bare: dict[str, list[float]] = {"lockstep": [_bare(paced=False)], "paced": [_bare(paced=True)]}
+    bare, back_to_back = [_bare()], [_bare(paced=False)]
     for _ in range(rounds):
         summary = _run(lockstep_s, pace=None)
         rows["lockstep"].append(1e6 * summary["wall_seconds"] / summary["ticks"])
-        bare["lockstep"].append(_bare(paced=False))
+        back_to_back.append(_bare(paced=False))
         summary = _run(paced_s, web=True)
         rows["paced"].append(summary["round_trip"]["p50"])
         rows["publish"].append(summary["timing"]["spans"]["publish"]["mean"])
-        bare["paced"].append(_bare(paced=True))
-    found: dict[str, Any] = {"rows": rows, "bare": bare, "publish": statistics.median(rows["publish"])}
-    for kind, around in bare.items():
-        found[f"{kind}_ratio"] = statistics.median(over_bare(rows[kind], around))
-        found[kind], found[f"{kind}_bare"] = statistics.median(rows[kind]), statistics.median(around)
-    return found
+        bare.append(_bare())
+    ratios = {
+        "lockstep": over_bare(rows["lockstep"], bare),
+        "lockstep_back_to_back": over_bare(rows["lockstep"], back_to_back),
+        "paced": over_bare(rows["paced"], bare),
+    }
+    times = rows | {"bare": bare, "back_to_back": back_to_back}
+    return {
+        "rows": times,
+        **{name: statistics.median(values) for name, values in times.items()},
+        "over_bare": {name: statistics.median(values) for name, values in ratios.items()},
+    }
 
 
 def over_bare(rows: list[float], around: list[float]) -> list[float]:
@@ -98,7 +106,7 @@ def _carried(name: str, changes: dict[str, Any], seconds: float | None, **how: A
     return dict(outcome.to_json())
 
 
-def _bare(*, paced: bool) -> float:
+def _bare(*, paced: bool = True) -> float:
     """Median of bare round trips over the bus [us]."""
     from rig.qualify.round_trip import round_trips
 
