@@ -202,6 +202,15 @@ def test_every_process_builds_the_same_bits_however_many_threads_its_libraries_h
     assert start(tmp_path / "models").communicate(timeout=120)[0].split() == [told, "False", "False"]
 
 
+def test_a_file_serves_only_processors_for_which_the_libraries_have_the_same_code(tmp_path, monkeypatch):
+    monkeypatch.setenv("RIG_MODELS", str(tmp_path))
+    for count, architecture in ((1, "one"), (2, "another"), (2, "one")):
+        info = [{"user_api": "openmp"}, {"user_api": "blas", "architecture": architecture}]
+        monkeypatch.setattr("rig.plants.structures.plate_model.threadpool_info", lambda info=info: info)
+        build(plate((3, 3, 1), modes=7), None, GRID, (0.01, 0.0))
+        assert len(list(tmp_path.iterdir())) == count
+
+
 @pytest.mark.parametrize(
     "harm", [lambda whole: b"", lambda whole: whole[:-1], lambda whole: whole.replace(b"1", b"2", 9)]
 )

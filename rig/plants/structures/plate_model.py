@@ -23,6 +23,7 @@ from typing import Any, Self
 
 import numpy as np
 import scipy
+from threadpoolctl import threadpool_info
 
 from rig.plants.structures import model_store, plate_elements
 from rig.plants.structures.plate_elements import Foam, Plate
@@ -156,10 +157,14 @@ def _given(plate: Plate, foam: Foam | None, grid: Grid) -> dict[str, Any]:
 
 
 def _key(given: dict[str, Any]) -> str:
-    """Hash of all that the surface depends on: numbers, sources, and the libraries that may round otherwise."""
+    """Hash of all that the surface depends on: numbers, sources, and the libraries that may round otherwise.
+
+    OpenBLAS chooses its code for the processor that it finds. A cache that two machines share has a file for each.
+    """
     built = {
         "sources": [sha256((_HERE / name).read_bytes()).hexdigest() for name in _SOURCES],
         "libraries": [np.__version__, scipy.__version__],
+        "processor": [one.get("architecture") for one in threadpool_info() if one["user_api"] == "blas"][:1],  # numpy's
     }
     return _hash(given | built)
 
