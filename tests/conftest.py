@@ -40,6 +40,7 @@ def pytest_collection():
         return (yield)
     finally:
         gc.freeze()
+        gc.set_threshold(100_000)  # new objects, as in the processes of a run: a twentieth of the time of all tests
         gc.enable()
 
 

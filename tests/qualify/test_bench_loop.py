@@ -8,7 +8,7 @@ def test_each_run_is_compared_with_the_round_trips_before_and_after_it():
 
 
 def test_a_round_is_a_run_of_each_kind_between_round_trips():
-    found = beside_bare(rounds=1, lockstep_s=0.2, paced_s=0.3)
+    found = beside_bare(rounds=1, lockstep_s=0.2, paced_s=0.3, bare_s=0.1)
     rows, ratios = found["rows"], found["over_bare"]
     for kind, run, bare in (
         ("lockstep", "lockstep", "bare"),

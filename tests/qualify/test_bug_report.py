@@ -3,6 +3,7 @@
 import getpass
 import platform
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from rig.bench import run_log
 from rig.bench.run_log import LONGEST, MOST, RunLog
 from rig.qualify.bug_report import anonymous
+from rig.qualify.doctor import doctor
 
 
 @pytest.fixture
@@ -25,6 +27,7 @@ def state(tmp_path, monkeypatch):
 def test_a_bundle_has_versions_doctor_and_the_last_run_and_no_name_of_the_user(rig, state, monkeypatch):
     monkeypatch.setenv("RIG_KERNELS_OF_MINE", "/home/kroeger/kernels")
     monkeypatch.setenv("SECRET", "my password")
+    monkeypatch.setattr("rig.qualify.doctor.doctor", partial(doctor, 0.2))
     log = RunLog(lambda text: None, {"secret_pad": "SCENE"})
     for line in (
         "run secret_pad-20261123-190238",

@@ -47,7 +47,9 @@ def paced(seconds: float = 60.0) -> dict[str, Any]:
     return summary
 
 
-def beside_bare(rounds: int = ROUNDS, lockstep_s: float = 3.0, paced_s: float = 6.0) -> dict[str, Any]:
+def beside_bare(
+    rounds: int = ROUNDS, lockstep_s: float = 3.0, paced_s: float = 6.0, bare_s: float = 1.0
+) -> dict[str, Any]:
     """Measure short runs in lockstep and paced, alternating with bare round trips over the bus; times in us.
 
     In each round, a tick in lockstep and the paced run's median from put to command are divided by the mean of the bare
@@ -57,15 +59,15 @@ def beside_bare(rounds: int = ROUNDS, lockstep_s: float = 3.0, paced_s: float = 
     BusError if bare round trips cannot be measured.
     """
     rows: dict[str, list[float]] = {"lockstep": [], "paced": [], "publish": []}
-    bare, back_to_back = [_bare()], [_bare(paced=False)]
+    bare, back_to_back = [_bare(bare_s)], [_bare(bare_s, paced=False)]
     for _ in range(rounds):
         summary = _run(lockstep_s, pace=None)
         rows["lockstep"].append(1e6 * summary["wall_seconds"] / summary["ticks"])
-        back_to_back.append(_bare(paced=False))
+        back_to_back.append(_bare(bare_s, paced=False))
         summary = _run(paced_s, web=True)
         rows["paced"].append(summary["round_trip"]["p50"])
         rows["publish"].append(summary["timing"]["spans"]["publish"]["mean"])
-        bare.append(_bare())
+        bare.append(_bare(bare_s))
     ratios = {
         "lockstep": over_bare(rows["lockstep"], bare),
         "lockstep_back_to_back": over_bare(rows["lockstep"], back_to_back),
@@ -106,11 +108,11 @@ def _carried(name: str, changes: dict[str, Any], seconds: float | None, **how: A
     return dict(outcome.to_json())
 
 
-def _bare(*, paced: bool = True) -> float:
+def _bare(seconds: float, *, paced: bool = True) -> float:
     """Median of bare round trips over the bus [us]."""
     from rig.qualify.round_trip import round_trips
 
-    trips, _, fault = round_trips(1.0, paced=paced)
+    trips, _, fault = round_trips(seconds, paced=paced)
     if fault:
         raise BusError(fault)
     return float(np.median(trips)) / 1e3
