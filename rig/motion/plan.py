@@ -46,6 +46,7 @@ def plan(
         make_consistent=0,
         linear_stretch=0,
         quiet_ticks=0,
+        certified_cell=0,
         stretch=0,
         take_steps=0,
         whole_derivative=0,
@@ -61,8 +62,10 @@ def plan(
     wanted = {"advance_block": (advance_block, ANY), "make_consistent": (make_consistent, ANY)}
     if not fixed_steps:
         wanted["linear_stretch"] = exact.stretch, ANY
+        shape = KernelShape(0 if many_states else system.n, products=False, nonlinear=False)
+        wanted["certified_cell"] = exact.certified_cell, shape
         if not many_states:
-            wanted["quiet_ticks"] = exact.quiet_ticks, KernelShape(system.n, products=False, nonlinear=False)
+            wanted["quiet_ticks"] = exact.quiet_ticks, shape
     if fixed_steps or nonlinear:
         code = {"kick": kick if system.film is None else film_steps, "rk4": rk4}.get(method, dopri5)
         if method != "kick":

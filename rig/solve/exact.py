@@ -35,7 +35,7 @@ def quiet_ticks(shape, t, w, state, log, seg, plan, ticks):
     """
     mode_set, first = t.mode_set_of[state.ic[KEY]], state.ic[TICK]
     n, count = state_count(shape), t.guards[mode_set]
-    E, G, B, g, x, out = t.E[mode_set, 0], t.G[mode_set], t.B[mode_set], w.g, state.x, log.out
+    E, G, B, g, x, out = t.E[mode_set, 0], t.G[mode_set], t.B[mode_set], w.g, state.x, log.out[first:]
     here, y = local(shape, x), local(shape, x)
     for i in range(n):
         here[i] = x[i]
@@ -60,10 +60,46 @@ def quiet_ticks(shape, t, w, state, log, seg, plan, ticks):
             done = tick
             break
         for i in range(n):
-            out[first + tick, i] = here[i] = y[i]
+            out[tick, i] = here[i] = y[i]
     for i in range(n):
         x[i] = here[i]
     return done
+
+
+@inner
+def certified_cell(shape, t, w, state, log, seg, plan, level):
+    """Whether it is proved that no guard has an event in the cell of step / 2^level from state.x; its end is in w.y.
+
+    A specialised kernel.
+    """
+    mode_set, n, width = t.mode_set_of[state.ic[KEY]], state_count(shape), 1.0 / (1 << level)
+    shrink = width * width
+    E, G, GA, B, BA = t.E[mode_set, level], t.G[mode_set], t.GA[mode_set], t.B[mode_set], t.BA[mode_set]
+    x, y = state.x, w.y
+    for i in range(n):
+        s = 0.0
+        for j in range(n):
+            s += E[i, j] * x[j]
+        y[i] = x[i] + s
+    for k in range(t.guards[mode_set]):
+        before, after, bound = 0.0, 0.0, 0.0
+        for j in range(n):
+            before += G[k, j] * x[j]
+            after += G[k, j] * y[j]
+            bound += B[k, j] * abs(x[j])
+        if before > bound * shrink and after > bound * shrink:
+            continue
+        begins, ends, slope_bound = 0.0, 0.0, 0.0
+        for j in range(n):
+            begins += GA[k, j] * x[j]
+            ends += GA[k, j] * y[j]
+            slope_bound += BA[k, j] * abs(x[j])
+        steepest = slope_bound * shrink
+        if begins > steepest and ends > steepest and before >= -rounding(G[k], x):
+            continue
+        if not (begins < -steepest and ends < -steepest and after > 0.0):
+            return 0
+    return 1
 
 
 @inlined
@@ -86,28 +122,6 @@ def evaluate_series(derivatives, terms, u, x):
         for k in range(terms - 1, -1, -1):
             s = s * u + derivatives[k, i]
         x[i] = s
-
-
-@inlined
-def is_certified(t, mode_set, x, y, shrink):
-    """Whether it is proved that no guard has an event between x and y, the ends of a cell; `shrink` = 4^-level."""
-    G, B, BA = t.G[mode_set], t.B[mode_set], t.BA[mode_set]
-    for k in range(t.guards[mode_set]):
-        before, after, bound, slope_bound = 0.0, 0.0, 0.0, 0.0
-        for j in range(x.shape[0]):
-            before += G[k, j] * x[j]
-            after += G[k, j] * y[j]
-            bound += B[k, j] * abs(x[j])
-            slope_bound += BA[k, j] * abs(x[j])
-        if before > bound * shrink and after > bound * shrink:
-            continue
-        begins, ends = dot(t.GA[mode_set, k], x), dot(t.GA[mode_set, k], y)
-        steepest = slope_bound * shrink
-        if begins > steepest and ends > steepest and before >= -rounding(G[k], x):
-            continue
-        if not (begins < -steepest and ends < -steepest and after > 0.0):
-            return False
-    return True
 
 
 @inlined
@@ -156,7 +170,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         ic[TICK] += done
         if done == block:
             return -1
-    guard = subdivide(t, w, state, seg, plan, mode_set)
+    guard = subdivide(shape, t, w, state, log, seg, plan, mode_set)
     if guard < 0:
         for i in range(n):
             log.out[ic[TICK], i] = x[i]
@@ -166,7 +180,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
 
 @inlined
-def subdivide(t, w, state, seg, plan, mode_set):
+def subdivide(shape, t, w, state, log, seg, plan, mode_set):
     """Subdivide one tick, or the rest of it, and advance the state to its end or to the first event.
 
     Returns the guard of the event, or -1 at the end of the tick.
@@ -188,25 +202,23 @@ def subdivide(t, w, state, seg, plan, mode_set):
     while u < 1.0:
         position = u * cells
         whole = int(position)
-        level = depth
+        level, width = depth, 1.0 / cells
         partial = position != whole
         if not partial:
-            while level > 0 and whole % 2 == 0 and u + 2.0 / 2.0**level <= 1.0:
+            while level > 0 and whole % 2 == 0 and u + 2.0 * width <= 1.0:
                 whole //= 2
                 level -= 1
+                width *= 2.0
             found = False
             while not many_states or depth > 0:  # of a rig with many states, the whole tick was tried before
-                E = t.E[mode_set, level]
-                for i in range(n):
-                    y[i] = x[i] + dot(E[i], x)
-                if is_certified(t, mode_set, x, y, 1.0 / 4.0**level):
+                if call(plan.certified_cell, shape, t, w, state, log, seg, plan, level):
                     found = True
                     break
                 if level == depth:
                     break
                 level += 1
+                width *= 0.5
             if found:
-                width = 1.0 / 2.0**level
                 if plan.emitting:
                     if many_states:
                         emit_cells(t, mode_set, x, width * cells, begin + u * h, width * h, seg)

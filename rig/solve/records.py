@@ -115,7 +115,8 @@ class MotionPlan(NamedTuple):
     advance_block: int  # the loop over stretches, each in one mode set
     make_consistent: int  # the search for the contact state after an event or a command
     linear_stretch: int  # a stretch in a linear mode set, and
-    quiet_ticks: int  # the specialised kernel for its quiet ticks
+    quiet_ticks: int  # the specialised kernels for its quiet ticks
+    certified_cell: int  # and for a cell of a subdivided tick
     stretch: int  # a stretch in any other mode set, and
     take_steps: int  # the specialised kernel for its steps
     whole_derivative: int  # the derivative, for rigs with more than one patch or with products
