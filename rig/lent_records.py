@@ -39,20 +39,16 @@ register_model(Lent)(models.OpaqueModel)
 class Loan:
     """A record for kernels: a named tuple of arrays (in C order), integers, floats and further records.
 
-    The arrays are shared with the kernel; the numbers are copied when the Loan is made. `content`: the record.
+    The arrays are shared with the kernel; the numbers are copied when the Loan is made. `content`: the record. `like`:
+    a Loan of a record of the same type, which then need not be found again. The type is known before a kernel is
+    called: numba ignores what is raised while it asks for a type, and a Ctrl-C was lost there.
     """
 
-    def __init__(self, content: Any) -> None:
+    def __init__(self, content: Any, like: Loan | None = None) -> None:
         self.content = content
         self._words = np.frombuffer(b"".join(_words(content)), dtype=np.int64)
         self.address = self._words.ctypes.data
-        self._kind: Lent | None = None
-
-    @property
-    def _numba_type_(self) -> Lent:
-        if self._kind is None:
-            self._kind = lent_type(self.content)
-        return self._kind
+        self._numba_type_: Lent = lent_type(content) if like is None else like._numba_type_
 
 
 def lent_type(content: Any) -> Lent:

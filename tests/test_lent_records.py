@@ -37,3 +37,15 @@ def test_a_loan_is_read_as_it_was_laid_down():
     assert told(loan) == (2.5, 3.0, -7.0, 9.0, 11)
     inside.row[:] = 2.0  # shared, not copied
     assert told(loan)[1] == 6.0
+
+
+def test_no_python_code_finds_the_type_of_a_record_while_a_kernel_is_called(monkeypatch):
+    """Numba ignores what is raised there: a Ctrl-C would be lost."""
+    record = Record(2.5, Inside(np.arange(3.0), -7), np.arange(6.0).reshape(2, 3), 11)
+    loan = Loan(record)
+
+    def interrupted(*_):
+        raise AssertionError("the type of a record is found again")
+
+    monkeypatch.setattr("rig.lent_records.lent_type", interrupted)
+    assert told(loan) == told(Loan(record, loan)) == (2.5, 3.0, -7.0, 9.0, 11)

@@ -152,7 +152,7 @@ class ModeSets:
             own = kick_tables.tables(system, modes, forms, self.step / self._kicks, g)
             stacked["kick"] = t.kick._replace(**{name: _put(getattr(t.kick, name), at, own[name]) for name in own})
         self.tables = t._replace(mode_set_of=mode_set_of, **stacked)
-        self.handle = Loan(self.tables)
+        self.handle = Loan(self.tables, self.handle)
         self.sets.append(modes)
         self.sticks.append(all(mode == STICK for mode in patch_modes))
         return modes
@@ -169,7 +169,7 @@ class ModeSets:
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
         stacked["film"] = film_tables.tables(self.system, self.step / self._kicks, rows, self.read)
         self.tables = t._replace(**stacked)
-        self.handle = Loan(self.tables)
+        self.handle = Loan(self.tables, self.handle)
         self.sets.append(modes)
         self.sticks.append(False)
         return modes
