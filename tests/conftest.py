@@ -84,14 +84,6 @@ def _one_worker():
         yield
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _frozen():
-    """What is frozen stays so: a run thaws everything at its end, and the collection before the next one takes 1 s."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gc, "unfreeze", lambda: None)
-        yield
-
-
 @pytest.fixture(scope="session")
 def _figures():
     """Faults of the figures that tests save, until the test that drew them has read them."""

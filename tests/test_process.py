@@ -1,5 +1,6 @@
 """How a process ends: at once, with its code, and with all it had to say."""
 
+import gc
 import os
 import queue
 import signal
@@ -10,6 +11,7 @@ import threading
 import pytest
 
 from rig.bus.waiting import patiently
+from rig.process import no_garbage
 
 CODE = """
 import atexit, sys, threading, time
@@ -154,3 +156,28 @@ as_process(main)
     assert process.wait(10.0) == 130
     process.stdout.close()
     assert not (tmp_path / "file").exists()
+
+
+def test_no_garbage_is_collected_during_a_run_and_what_is_frozen_stays_so():
+    found, threshold, frozen = [], gc.get_threshold(), gc.get_freeze_count()
+
+    def note(phase, _):
+        found.append(phase)
+
+    def discard():
+        for _ in range(1000):
+            one = []
+            one.append(one)
+
+    gc.set_threshold(100)
+    try:
+        with no_garbage():
+            gc.callbacks.append(note)
+            discard()
+            during = len(found)
+        discard()
+    finally:
+        gc.callbacks.remove(note)
+        gc.set_threshold(*threshold)
+    assert during == 0 < len(found)
+    assert gc.get_freeze_count() == frozen

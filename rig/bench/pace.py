@@ -17,12 +17,9 @@ the time and reports it, because a burst of thousands of frames is no meaningful
 from __future__ import annotations
 
 import ctypes
-import gc
 import os
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
@@ -220,21 +217,6 @@ def sharpen_timers() -> bool:
     if sys.platform != "linux":
         return False
     return bool(ctypes.CDLL(None).prctl(_TIMER_SLACK, ctypes.c_ulong(1), 0, 0, 0) == 0)
-
-
-@contextmanager
-def no_garbage() -> Iterator[None]:
-    """Collect garbage once, then not until the end of the block: a collection during a run costs milliseconds."""
-    enabled = gc.isenabled()
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        if enabled:
-            gc.enable()
 
 
 def stolen_ns() -> int:

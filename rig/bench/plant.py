@@ -38,6 +38,7 @@ from rig.bench.recorder_lag import RecorderLag
 from rig.bus.port import Session
 from rig.errors import NumericsError
 from rig.parts import foreign_fault
+from rig.process import no_garbage
 
 Say = Callable[[str], object]
 Show = Callable[[dict[str, Any]], object]
@@ -102,7 +103,7 @@ class Plant(PlantParts):
                 self.experiment.builds.apart = True
             stack.enter_context(self.timing.interruptions.watched())
             # before real-time scheduling: a garbage collection after compiling takes 0.2 s or more
-            stack.enter_context(pace.no_garbage())
+            stack.enter_context(no_garbage())
             stack.callback(sys.setswitchinterval, sys.getswitchinterval())
             sys.setswitchinterval(1e-4)  # a thread waits a tenth of a frame for the interpreter, instead of five frames
             own, of_bus = self.cores

@@ -30,6 +30,7 @@ from rig.analysis import kernel_shapes
 from rig.bench import pace
 from rig.bench.frame_batches import length
 from rig.errors import RigError, SceneError, UsageError
+from rig.process import no_garbage
 from rig.qualify.frame_costs import Clock, Costs, behind, costs
 from rig.qualify.round_trip import round_trips
 from rig.scenes.scene import Scene
@@ -159,7 +160,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     say("frames of every scene, over its whole protocol")
     clock = time.thread_time_ns if alone else time.perf_counter_ns
     ready = kernel_shapes.ready()
-    with pace.no_garbage():
+    with no_garbage():
         fit = [_fitness(scene, ready, clock, late, put) for scene in loaded]
     return Report(
         machine=_machine(),
@@ -225,7 +226,7 @@ def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.
     spin = waiting.spin_ns or int(min(1.5 * waiting.sleep_p95, FRAME_NS / 5))
     sleep, hybrid = pace.WallClock(), pace.WallClock(spin)
     slept, spun = [], []
-    with pace.no_garbage():
+    with no_garbage():
         for _ in range(max(int(seconds * 1e9 / FRAME_NS / 200), 1)):
             slept.append(pace.lateness(sleep, FRAME_NS, 100))
             spun.append(pace.lateness(hybrid, FRAME_NS, 100))

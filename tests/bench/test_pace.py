@@ -1,6 +1,5 @@
 """Pacing, on a clock that obeys the test."""
 
-import gc
 import subprocess
 import sys
 import time
@@ -13,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.bench import pace
-from rig.bench.pace import Pacer, ProcessorTime, WallClock, judge, no_garbage, sharpen_timers, stolen_ns
+from rig.bench.pace import Pacer, ProcessorTime, WallClock, judge, sharpen_timers, stolen_ns
 
 MS = 1_000_000
 
@@ -200,22 +199,6 @@ def test_the_wall_clock_waits_for_its_deadline(spin_ns):
     deadline = clock.now() + 2 * MS
     assert deadline <= clock.until(deadline) < deadline + 500 * MS
     assert clock.until(deadline) >= deadline
-
-
-def test_no_garbage_is_collected_during_a_run():
-    found = []
-
-    def note(phase, _):
-        found.append(phase)
-
-    with no_garbage():
-        gc.callbacks.append(note)
-        for _ in range(5000):
-            one = []
-            one.append(one)
-        gc.callbacks.remove(note)
-    assert gc.isenabled()
-    assert not found
 
 
 def test_a_frame_costs_the_pacer_little(best):

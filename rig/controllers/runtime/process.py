@@ -12,7 +12,6 @@ reads and drives; the plant refuses actuators that another controller drives.
 from __future__ import annotations
 
 import argparse
-import gc
 import math
 import sys
 import time
@@ -33,7 +32,7 @@ from rig.errors import BusError, RigError, UsageError
 from rig.parts import foreign_fault, is_file, trust_scene
 from rig.pinned_memory import locked
 from rig.placement import anywhere, placed
-from rig.process import as_process, stopping
+from rig.process import as_process, no_garbage, stopping
 from rig.scheduling import CONTROLLER, ahead, come_first
 
 LONG_NS, LONG_ANSWERS = 300_000, 20
@@ -192,11 +191,9 @@ def run(
         worker = Worker(session, described, made(described, name, file, table), changes)
         drives, reads = ", ".join(worker.loop.controller.drives), ", ".join(worker.loop.controller.reads)
         say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")
-        gc.collect()
-        gc.freeze()
-        gc.disable()
         try:
             with ExitStack() as stack:
+                stack.enter_context(no_garbage())
                 stop = stack.enter_context(stopping())
                 stack.enter_context(placed(described.core, described.core))
                 if described.paced:
@@ -208,9 +205,6 @@ def run(
         except Exception as error:  # of the user's own code
             where = foreign_fault(error) or traceback.format_exc()
             raise UsageError(f"{name} failed at tick {worker.tick}: {where}") from error
-        finally:
-            gc.enable()
-            gc.unfreeze()
         counted = ", ".join(f"{count} {what}" for what, count in worker.loop.counters().items())
         say(f"{name} has left {session.run}: {counted}")
 

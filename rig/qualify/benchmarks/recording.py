@@ -19,6 +19,7 @@ from rig.bench.sample_blocks import AllSamples
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 from rig.errors import BusError
+from rig.process import no_garbage
 from rig.sensors.chain.bank import KEPT_NS
 from rig.sensors.chain.instants import Instants
 
@@ -116,7 +117,7 @@ def _publish(session: Any, seconds: float) -> Any:
     values, full = np.zeros(SCALARS), instruments.drop()
     spent = np.zeros(round(seconds * 1000))
     with ExitStack() as stack:
-        stack.enter_context(pace.no_garbage())
+        stack.enter_context(no_garbage())
         stack.enter_context(placement.placed(*placement.choose()))
         stack.enter_context(scheduling.ahead(scheduling.PLANT))
         pacer = pace.Pacer(_FRAME_NS, 1.0, "catch-up", pace.WallClock(pace.choose(_FRAME_NS).spin_ns))

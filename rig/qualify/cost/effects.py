@@ -25,8 +25,8 @@ import numpy as np
 
 from rig.analysis.motion_measures.problem import held, problem
 from rig.analysis.motion_measures.settings import of
-from rig.bench import pace
 from rig.errors import NumericsError, RigError
+from rig.process import no_garbage
 from rig.qualify.cost.changes import Change, changed
 from rig.qualify.cost.timing import Contender, Spread, spread
 from rig.scenes.effects import declared
@@ -217,7 +217,7 @@ def timed(
     """Time [ns] of a step of each contender, by round; the first, named "", is timed a second time as `_AGAIN`."""
     turns = {**contenders, _AGAIN: contenders[""]}
     ticks: dict[str, list[float]] = {name: [] for name in turns}
-    with pace.no_garbage():
+    with no_garbage():
         for turn in range(_BATCHES * rounds):
             for name in itertools.chain(turns) if turn % 2 else reversed(turns):
                 ticks[name].append(turns[name].run() / turns[name].ticks * 1e9)

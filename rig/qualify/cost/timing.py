@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from rig.analysis.motion_measures.problem import Problem
 from rig.analysis.motion_measures.settings import Setting
 from rig.analysis.orbit import in_frames
-from rig.bench import pace
 from rig.errors import NumericsError
 from rig.motion.motion import Motion
+from rig.process import no_garbage
 
 Array = NDArray[np.float64]
 ROUNDS = 7
@@ -134,7 +134,7 @@ def measured(contenders: Sequence[Contender], rounds: int, report: Callable[[], 
     """Return the cost of each, interleaved; for one that has to stop, the reason."""
     found: list[list[tuple[Array, float]]] = [[] for _ in contenders]
     faults = [""] * len(contenders)
-    with pace.no_garbage():
+    with no_garbage():
         for _ in range(rounds):
             for i, one in enumerate(contenders):
                 try:
