@@ -84,6 +84,12 @@ def _one_worker():
         yield
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _frozen():
+    """What earlier modules left behind is not searched again: each run begins with a collection of garbage."""
+    gc.freeze()
+
+
 @pytest.fixture(scope="session")
 def _figures():
     """Faults of the figures that tests save, until the test that drew them has read them."""
