@@ -43,9 +43,9 @@ class RigEnv(gymnasium.Env[Array, Array]):
         return np.array(self.episode.reset(used)), {"t": 0.0, "seed": used}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """One step: see `Episode.step`."""
-        found = self.episode.step(action.tolist())
-        return np.array(found.observation), found.reward, found.terminated, found.truncated, found.info
+        """One step: see `Episode.step`. Raises UsageError for an action of another shape or with NaN."""
+        stepped = self.episode.step(self.episode.commands(action).tolist())
+        return np.array(stepped.observation), stepped.reward, stepped.terminated, stepped.truncated, stepped.info
 
 
 def make(

@@ -10,17 +10,23 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isfinite, nan
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.bench.compiled_controllers import CompiledControllers
 from rig.bench.restartable import RestartableRig
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import carry_on
 from rig.errors import NumericsError, UsageError
-from rig.quantities import finite, nanoseconds
+from rig.quantities import finite, nanoseconds, whole
 from rig.scenes.scene import Scene
+from rig.units import brief
 
 Ranges = Mapping[str, tuple[Any, Any]]
 """Sensor or actuator -> its least and largest value: numbers in SI, or texts with a unit."""
 AGENT = "agent"
+MOST_FRAMES = 1_000_000
+"""Largest number of frames in a step. # chosen"""
 
 
 class Now(NamedTuple):
@@ -61,13 +67,17 @@ class Episode:
     ) -> None:
         assembly = scene.assemble()
         faults = [*_unknown("observe", observe, scene.sensors), *_unknown("act", act, assembly.inputs)]
-        faults += [f"frames = {frames}: a step has at least one frame"] if frames < 1 else []
         faults += [f"the scene already has a controller {AGENT}; rename it"] if AGENT in scene.controllers else []
         length, wrong = _length(scene, duration)
+        try:
+            self._frames = whole("frames", frames, 1, MOST_FRAMES)
+        except UsageError as fault:
+            faults.append(str(fault))
         if faults := [*faults, *wrong]:
             raise UsageError("\n".join(faults))
         self.sensors, self.actuators = tuple(observe), tuple(act)
-        self._reward, self._frames, self._length_ns = reward, frames, length
+        self._reward, self._length_ns = reward, length
+        self._begun, self._ended = False, True
         self._rig = RestartableRig(scene, self.actuators)
         bank, inputs = self.runner.bank, self.runner.inputs
         units = dict(zip(bank.names, bank.units))
@@ -100,18 +110,20 @@ class Episode:
         self.working = self._rig.working
         self._inside = CompiledControllers(experiment) if self._frames > 1 or self.working else None
         self._heard = [nan] * len(self._columns)
-        self._ended = False
+        self._begun, self._ended = True, False
         return self.observation()
 
     def step(self, command: Sequence[float]) -> Stepped:
         """Carry the rig on by one step with this command [SI], which is limited to the range of each actuator.
 
+        `command`: one finite number per actuator, as `commands` returns them.
         `terminated`: a limit of the scene was exceeded or the integration had to stop, `info["why"]` says which.
-        `truncated`: the episode has its full length. Raises UsageError after the end of an episode.
+        `truncated`: the episode has its full length. Raises UsageError before the first reset and after the end.
         """
         if self._ended:
-            raise UsageError("the episode has ended; call reset")
+            raise UsageError("the episode has ended; call reset" if self._begun else "no episode has begun; call reset")
         runner, experiment = self._rig.runner, self._experiment
+        self.check(command)
         given = tuple([low if u < low else high if u > high else u for u, (low, high) in zip(command, self.driven)])
         end, first, why = runner.tick + self._frames, True, ""
         try:
@@ -132,6 +144,31 @@ class Episode:
         now = Now(t, dict(zip(self.sensors, observation)), dict(zip(self.actuators, given)), runner.output)
         info = {"t": t, "why": why} if why else {"t": t}
         return Stepped(observation, float(self._reward(now)), bool(why), truncated, info)
+
+    def commands(self, action: Any, rigs: int | None = None) -> NDArray[np.float64]:
+        """An action of an agent as an array of commands [SI]: [actuator], or for several rigs [rig, actuator].
+
+        Raises UsageError for anything but real numbers in this shape.
+        """
+        try:
+            given = np.asarray(action)
+        except ValueError:  # rows of different lengths
+            given = np.asarray(None)
+        shape = (len(self.actuators),) if rigs is None else (rigs, len(self.actuators))
+        if given.dtype.kind not in "fiu" or given.shape != shape:
+            what = f"numbers of shape {given.shape}" if given.dtype.kind in "fiu" else brief(action)
+            raise UsageError(
+                f"the action is {what}; state numbers of shape {shape}, a row of {', '.join(self.actuators)}"
+                f"{'' if rigs is None else ' for each rig'}"
+            )
+        return given.astype(np.float64, copy=False)
+
+    def check(self, command: Sequence[float], whose: str = "") -> None:
+        """Raise UsageError for a command that is not finite; `whose`: whose it is, in words."""
+        if not isfinite(sum(command)) and not all(map(isfinite, command)):
+            values = ", ".join(f"{name} = {u:g}" for name, u in zip(self.actuators, command) if not isfinite(u))
+            t = self.runner.t_ns * 1e-9
+            raise UsageError(f"the action{whose} at t = {t:.9g} s has {values}; a command is a finite number")
 
     def observation(self) -> list[float]:
         """The latest measurements within their ranges; where there is none, the last one."""

@@ -14,12 +14,17 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from rig.errors import UsageError
 from rig.gym.environment import SEEDS, box
 from rig.gym.episode import Episode, Ranges, Reward
+from rig.quantities import whole
 from rig.scenes import load
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
+MOST_RIGS = 10_000
+"""Largest number of rigs in one environment. # chosen"""
+LARGEST_SEED = 2**63 - 1
 
 
 class RigVectorEnv(VectorEnv[Array, Array, Any]):
@@ -38,15 +43,21 @@ class RigVectorEnv(VectorEnv[Array, Array, Any]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode of each rig; a seed n gives them the seeds n, n + 1, ..."""
-        super().reset(seed=seed if isinstance(seed, int) else None)
-        given: Sequence[int | None] = [None] * self.num_envs if seed is None else []
-        if isinstance(seed, int):
-            given = [seed + i for i in range(self.num_envs)]
+        """Begin an episode of each rig; a seed n gives them the seeds n, n + 1, ...
+
+        Raises UsageError for what is no seed, and for a list that has not one seed for each rig.
+        """
+        given: Sequence[int | None] = [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            first = whole("seed", seed, 0, LARGEST_SEED - self.num_envs)
+            super().reset(seed=first)
+            given = [first + i for i in range(self.num_envs)]
         elif seed is not None:
             given = seed
-        seeds = [self._drawn() if one is None else one for one in given]
-        observations = [episode.reset(one) for episode, one in zip(self.episodes, seeds, strict=True)]
+        if len(given) != self.num_envs:
+            raise UsageError(f"{len(given)} seeds for {self.num_envs} rigs: state one for each, or one number")
+        seeds = [self._drawn() if n is None else whole("seed", n, 0, LARGEST_SEED) for n in given]
+        observations = [episode.reset(n) for episode, n in zip(self.episodes, seeds)]
         self._ended[:] = False
         everywhere = np.ones(self.num_envs, dtype=bool)
         return np.array(observations), {
@@ -57,23 +68,34 @@ class RigVectorEnv(VectorEnv[Array, Array, Any]):
         return int(self.np_random.integers(SEEDS))
 
     def step(self, actions: Array) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """One step of each rig: see `Episode.step`."""
-        observations, ended = [], self._ended
+        """One step of each rig: see `Episode.step`.
+
+        `info["seed"]`: the seed of each rig that this step has reset; `info["_seed"]` says which. Raises UsageError
+        for actions of another shape or with NaN.
+        """
         n = self.num_envs
-        rewards, times = np.zeros(n), np.zeros(n)
+        commands = self.episodes[0].commands(actions, n).tolist()
+        observations, ended = [], self._ended
+        for i, (episode, command) in enumerate(zip(self.episodes, commands)):
+            if not ended[i]:
+                episode.check(command, f" of rig {i}")  # before any rig moves: they stay together
+        rewards, times, seeds = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64)
         terminated, truncated = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         why: dict[int, str] = {}
-        for i, (episode, action) in enumerate(zip(self.episodes, actions.tolist())):
+        for i, (episode, command) in enumerate(zip(self.episodes, commands)):
             if ended[i]:
-                observations.append(episode.reset(self._drawn()))
+                seeds[i] = self._drawn()
+                observations.append(episode.reset(int(seeds[i])))
                 continue
-            found = episode.step(action)
-            observations.append(found.observation)
-            rewards[i], terminated[i], truncated[i] = found.reward, found.terminated, found.truncated
-            times[i] = found.info["t"]
-            if "why" in found.info:
-                why[i] = found.info["why"]
-        info: dict[str, Any] = {"t": times, "_t": ~ended}
+            stepped = episode.step(command)
+            observations.append(stepped.observation)
+            rewards[i], terminated[i], truncated[i] = stepped.reward, stepped.terminated, stepped.truncated
+            times[i] = stepped.info["t"]
+            if "why" in stepped.info:
+                why[i] = stepped.info["why"]
+        info: dict[str, Any] = {"t": times, "_t": np.ones(n, dtype=bool)}
+        if ended.any():
+            info |= {"seed": seeds, "_seed": ended}
         if why:
             info |= {"why": np.array([why.get(i, "") for i in range(n)], dtype=object),
                      "_why": np.array([i in why for i in range(n)])}  # fmt: skip
@@ -91,6 +113,10 @@ def make_vec(
     frames: int = 1,
     duration: Any = None,
 ) -> RigVectorEnv:
-    """`count` rigs of a scene as one vectorised environment; for the other arguments see `rig.gym.make`."""
+    """`count` rigs of a scene as one vectorised environment; for the other arguments see `rig.gym.make`.
+
+    Raises rig.errors.UsageError for a count that is not 1 to `MOST_RIGS`, and with all faults of the others.
+    """
+    count = whole("count", count, 1, MOST_RIGS)
     loaded = load(scene) if isinstance(scene, str | Path) else scene
-    return RigVectorEnv([Episode(loaded, observe, act, reward, frames, duration) for _ in range(max(count, 1))])
+    return RigVectorEnv([Episode(loaded, observe, act, reward, frames, duration) for _ in range(count)])

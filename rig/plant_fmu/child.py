@@ -46,7 +46,9 @@ class Plant:
         self._experiment: Experiment | None = None
 
     def start(self, seed: int, start: float) -> None:
-        """Begin at tick 0, which is time `start` [s] of the other program."""
+        """Begin at tick 0, which is time `start` [s] of the other program. Raises UsageError if that is no number."""
+        if not isfinite(start):
+            raise UsageError(f"the start time is {start:g} s; it must be a finite number")
         self._experiment = experiment = self.rig.begin(seed, LONGEST)
         self._start, self._admitted = start, set[int]()
         self._heard = np.zeros(len(self.rig.runner.bank.names))
@@ -58,6 +60,8 @@ class Plant:
         experiment, runner = self._experiment, self.rig.runner
         if experiment is None:
             raise UsageError("the rig has not been initialised")
+        if not (isfinite(t) and isfinite(h)):
+            raise UsageError(f"a step of {h:g} s from t = {t:g} s is not possible: both must be finite numbers")
         frame = runner.frame_ns * 1e-9
         ticks, at = round(h / frame), (t - self._start) / frame
         if ticks < 1 or abs(h / frame - ticks) > _ROUNDING * ticks:

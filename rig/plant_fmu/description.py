@@ -84,7 +84,9 @@ def _variables(interface: Interface, python: str, seed: int) -> Iterator[str]:
         yield _variable(name, count, "output", "continuous", "calculated", kind, f"<Real{_unit(unit)}/>")
         count += 1
     about = "longest time that the rig may take to start, and for a step"
-    yield _variable("timeout", count, "parameter", "fixed", "exact", about, f'<Real start="60" min="0"{_unit("s")}/>')
+    yield _variable(
+        "timeout", count, "parameter", "fixed", "exact", about, f'<Real start="60" min="0" max="1e6"{_unit("s")}/>'
+    )
     about = "seed of all noise"
     yield _variable("seed", 0, "parameter", "fixed", "exact", about, f'<Integer start="{seed}" min="0"/>')
     about = "a Python with friction-rig: its path, or its name on PATH"

@@ -75,6 +75,7 @@ def _compiled(compiler: str, path: Path, guid: str, interface: Interface, seed: 
     """Compile the shim. Raises UsageError with the message of the compiler."""
     quoted = python.replace("\\", "\\\\").replace('"', '\\"')
     given = {"GUID": f'"{guid}"', "PYTHON": f'"{quoted}"', "SEED": seed}
+    given |= {"NAMES": "".join(f'"{name}",' for name in interface.inputs)}
     given |= {"INPUTS": len(interface.inputs), "OUTPUTS": len(interface.results)}
     options = [f"-D{name}={value}" for name, value in given.items()]
     command = [compiler, "-O2", "-shared", "-fPIC", *options, str(_SHIM), "-o", str(path)]

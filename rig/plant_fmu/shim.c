@@ -1,6 +1,6 @@
 /* An FMU for co-simulation (FMI 2.0) whose model is a rig in a child process; compiled by `rig fmu` with
  *
- *     -DGUID="..." -DINPUTS=2 -DOUTPUTS=12 -DSEED=0 -DPYTHON="..."
+ *     -DGUID="..." -DINPUTS=2 -DOUTPUTS=12 -DSEED=0 -DPYTHON="..." -DNAMES='"load.force",'
  *
  * The child is `PYTHON -P -m rig.plant_fmu.child resources/scene.json`, at the other end of a socket. A request is the kind
  * (0 start, 1 step), the time or seed, the step, and the inputs, as doubles; an answer is a status (0: well), the outputs,
@@ -25,6 +25,9 @@
 #define CHILD_END 3 /* descriptor of the socket in the child */
 #define LEAVE_MS 2000
 #define TIMEOUT (INPUTS + OUTPUTS) /* value reference */
+#define LONGEST_S 1e6              /* longest timeout */
+
+static const char *const NAMES_OF_INPUTS[] = {NAMES ""};
 
 extern char **environ;
 
@@ -281,10 +284,16 @@ Status fmi2GetReal(Component c, const Reference at[], size_t n, double value[])
 Status fmi2SetReal(Component c, const Reference at[], size_t n, const double value[])
 {
     Model *m = c;
+    char text[TEXT];
     for (size_t i = 0; i < n; i++) {
-        if (at[i] == TIMEOUT && value[i] > 0.0) m->timeout = value[i];
+        if (at[i] < INPUTS && !isfinite(value[i])) {
+            snprintf(text, sizeof text, "the input %s was set to %g; a command is a finite number. The value before it stays",
+                     NAMES_OF_INPUTS[at[i]], value[i]);
+            return say(m, ERROR, text);
+        }
+        if (at[i] == TIMEOUT && value[i] > 0.0 && value[i] <= LONGEST_S) m->timeout = value[i];
         else if (at[i] < INPUTS) m->input[at[i]] = value[i];
-        else return say(m, ERROR, "only inputs and parameters can be set; the timeout is above 0 s");
+        else return say(m, ERROR, "only inputs and parameters can be set; the timeout is above 0 s, at most 1e6 s");
     }
     return OK;
 }

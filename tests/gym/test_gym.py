@@ -177,7 +177,47 @@ def test_several_rigs_are_stepped_together_and_each_has_the_bits_of_one_alone():
     assert reward.tolist() == [0.0] * 3
     assert not truncated.any()
     assert rigs.observation_space.contains(begun)
-    assert not info["_t"].any()
+    assert info["_t"].all()
+    again = rig.gym.make_vec("belt", 3, observe=OBSERVE, act=ACT, reward=squared, duration=0.02)
+    assert info["_seed"].all()
+    assert again.reset(seed=info["seed"].tolist())[0].tobytes() == begun.tobytes()
+    assert "seed" not in rigs.step(action)[4]
+
+
+@pytest.mark.parametrize(
+    "action", [[], [20.0, 1.0], 20.0, [[20.0]], "20", ["20"], None, {"load.force": 20.0}, [[1.0], [1.0, 2.0]],
+               [1j], [np.nan], [np.inf]],
+)  # fmt: skip
+def test_an_action_that_is_no_finite_number_for_each_actuator_is_refused_and_nothing_moves(action):
+    env = make()
+    env.reset(seed=1)
+    with pytest.raises(UsageError, match=r"the action.*load\.force"):
+        env.step(action)
+    rigs = rig.gym.make_vec("belt", 2, observe=OBSERVE, act=ACT, reward=squared, duration=0.2)
+    rigs.reset(seed=1)
+    for both in (action, [[20.0], action]):
+        with pytest.raises(UsageError, match=r"the action.*load\.force"):
+            rigs.step(both)
+    assert {episode.runner.tick for episode in (env.episode, *rigs.episodes)} == {0}
+    assert env.step([20])[0].tobytes() == rigs.step(np.full((2, 1), 20.0, dtype=np.float32))[0][0].tobytes()
+
+
+@pytest.mark.parametrize("count", [0, -3, 1.5, True, "2"])
+def test_a_number_of_rigs_or_of_frames_that_cannot_be_is_refused(count):
+    with pytest.raises(UsageError, match=r"count = .*whole number from 1"):
+        rig.gym.make_vec("belt", count, observe=OBSERVE, act=ACT, reward=squared)
+    with pytest.raises(UsageError, match=r"frames = .*whole number from 1"):
+        make(frames=count)
+
+
+@pytest.mark.parametrize("seeds", [[1], [1, 2, 3], [1, -2], ["a", 1], [1, 2.5], -1])
+def test_seeds_of_several_rigs_that_cannot_be_are_refused(seeds):
+    rigs = rig.gym.make_vec("belt", 2, observe=OBSERVE, act=ACT, reward=squared, duration=0.2)
+    with pytest.raises(UsageError, match="no episode has begun; call reset"):
+        rigs.step(np.zeros((2, 1)))
+    with pytest.raises(UsageError, match="seed"):
+        rigs.reset(seed=seeds)
+    assert rigs.reset(seed=np.int64(4))[1]["seed"].tolist() == [4, 5]
 
 
 def test_a_step_of_a_frame_is_fast():

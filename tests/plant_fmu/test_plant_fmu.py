@@ -185,11 +185,31 @@ def test_steps_that_the_rig_cannot_make_are_errors_that_say_why(plant):
     plant.unit.reset()
     plant.begin()
     for t, h, told in ((0.0, 0.0007, "a step of 0.0007 s is not a whole number of frames of 0.001 s"),
+                       (0.0, float("nan"), "a step of nan s from t = 0 s is not possible"),
+                       (float("inf"), 0.001, "from t = inf s is not possible"),
                        (0.5, 0.001, "the step begins at t = 0.5 s, but the rig is at t = 0 s")):  # fmt: skip
         with pytest.raises(FMICallException, match=r"status 3 \(error\)"):
             plant.unit.doStep(t, h)
         assert told in plant.said[-1]
     plant.unit.doStep(0.0, 0.001)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_an_input_that_is_not_finite_is_an_error_and_the_value_before_it_stays(plant, value):
+    plant.unit.reset()
+    plant.begin()
+    plant["load.force"] = 25.0
+    for name, told in (
+        ("load.force", f"the input load.force was set to {value:g}"),
+        ("timeout", "the timeout is above"),
+    ):
+        before = plant[name]
+        with pytest.raises(FMICallException, match=r"status 3 \(error\)"):
+            plant[name] = value
+        assert told in plant.said[-1]
+        assert plant[name] == before
+    plant.unit.doStep(0.0, 1e-3)
+    assert plant["outputs.normal_force"] == pytest.approx(25.0)
 
 
 def fake(folder, path, fault):
