@@ -76,6 +76,11 @@ def parted(text: str) -> tuple[str, str]:
     return number, unit.strip()
 
 
+def converts(value: Any, unit: str) -> bool:
+    """Whether `value` is a text in another unit than `unit`: to read it, `si` loads all units, which takes 0.3 s."""
+    return isinstance(value, str) and parted(value)[1] not in ("", unit)
+
+
 def with_units(values: Sequence[str]) -> list[str]:
     """Return the values of a list with units: one without a unit takes that of the others ("10", "20 kN").
 

@@ -22,6 +22,7 @@ from rig.bus.publisher import Batched, Copied, InOrder, Publisher
 from rig.bus.queries import Answer, Server
 from rig.bus.receivers import Receiver, Watch
 from rig.errors import BusError
+from rig.units import converts
 
 
 class Session(ABC):
@@ -143,10 +144,13 @@ class Session(ABC):
     def ask(self, topic: str, body: dict[str, Any], timeout: float = 1.0, *, patient: bool = False) -> Any:
         """Send the query `body` on `topic` and return the answer.
 
-        With `patient` repeat it until a process answers, at most `timeout` seconds. Raises BusError for a refusal, an
+        With `patient` repeat it until a process answers, at most `timeout` seconds. Values to set that have a unit are
+        converted here, because the process that is asked has no time for it. Raises BusError for a refusal, an
         unreadable answer, or none.
         """
         topics.of(topic)
+        if topic.startswith("param/") and isinstance(changes := body.get("set"), dict):
+            body = {**body, "set": self._in_si(topic, changes, timeout)}
         text, deadline = json.dumps(body).encode(), time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0.0:
             found = self._ask(topic, text, left)
@@ -163,6 +167,28 @@ class Session(ABC):
             time.sleep(0.02)
         waited = f" within {timeout:g} s" if time.monotonic() >= deadline else ""  # else there is none to wait for
         raise BusError(f"no process answered {topic} in run {self.run}{waited}")
+
+    def _in_si(self, topic: str, changes: dict[str, Any], timeout: float) -> dict[str, Any]:
+        """`changes` with numbers in place of texts in other units than those that the owner of `topic` lists."""
+        if not any(converts(value, "") for value in changes.values()):
+            return changes
+        from rig.quantities import finite  # with pydantic, which most processes of a run do not need
+
+        try:
+            units = self.ask(topic, {"list": True}, timeout)["units"]
+            found = [(key, value, units.get(key)) for key, value in changes.items()]
+        except (BusError, AttributeError, LookupError, TypeError):  # the owner refuses the change itself
+            return changes
+        faults, numbers = [], dict(changes)
+        for key, value, unit in found:
+            if unit and converts(value, unit):
+                try:
+                    numbers[key] = finite(value, unit)
+                except ValueError as fault:
+                    faults.append(f"{key}: {fault}")
+        if faults:
+            raise BusError(f"{topic} of run {self.run} refused: " + "\n".join(faults))
+        return numbers
 
     def totals(self) -> bytes:
         """Encode a Totals message: numbers of messages sent, received and lost by this session so far."""

@@ -185,6 +185,12 @@ class LinearController:
             if not low <= level <= high:
                 raise UsageError(f"nominal: is {level:g} for {drive}, outside {low:g} to {high:g}")
 
+    @property
+    def parameter_units(self) -> dict[str, str]:
+        """See `base.tunable`: the unit of the levels, if that of all actuators is known and the same."""
+        known = {*self.numbers.get("unit", ())}
+        return dict.fromkeys(("nominal", "lowest", "highest"), *known) if len(known) == 1 else {}
+
     def _levels(self, key: str, units: Sequence[str | None], default: Sequence[float]) -> Values:
         """One level for each actuator, in its unit."""
         given = getattr(self.section, key)

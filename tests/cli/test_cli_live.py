@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from going import Going
 
 from rig import open as opened
+from rig import scenes
 from rig.bench.verify import verify
 from rig.errors import UsageError
 
@@ -147,8 +149,8 @@ def test_a_negative_value_is_tuned_as_it_stands(rig, mine):
         code, out, err = rig("tune", *said)
         assert (code, out) == (0, "mine.swing = -0.8\n"), err
         assert mine == {"swing": -0.8}
-    code, out, err = rig("tune", "mine.swing", "-5 N/h", "--run", "tried", "--json")
-    assert (code, mine) == (0, {"swing": "-5 N/h"}), err
+    code, out, err = rig("tune", "mine.swing", "-5 mN", "--run", "tried", "--json")
+    assert (code, mine) == (0, {"swing": -0.005}), err
     assert "Show or change a value" in rig("tune", "-h")[1]
     assert rig("tune", "mine.swing", "-x")[0] == 2
 
@@ -237,3 +239,70 @@ def test_a_controller_that_has_left_is_disconnected(rig, runs, script, tmp_path)
     assert [one["kind"] for one in told] == ["disconnected", "connected", "disconnected"]
     assert all((one["data"]["by"], one["data"]["controller"]) == ("operator", NAME) for one in told)
     assert verify(log).passed
+
+
+WATCHER = """
+import sys
+from rig.controllers.blocks.base import Gain, Section
+
+NAMES = []
+sys.addaudithook(lambda event, given: NAMES.append(given[0]) if event == "import" else None)
+
+class Parameters(Section):
+    gain: Gain = 1.0
+
+class Controller:
+    reads, drives, period_ns = ("vibrometer",), (), 1_000_000
+
+    def __init__(self, section, numbers):
+        self.section = section
+
+    def start(self):
+        return ()
+
+    def update(self, state, t_ns, values):
+        if t_ns < 10_000_000:  # the rehearsal, and what loading this file needs
+            NAMES.clear()
+        return state, ()
+
+    def take_messages(self):
+        told = [f"imports {name}" for name in NAMES]
+        NAMES.clear()
+        return told
+"""
+
+
+def test_no_command_of_an_operator_makes_a_running_loop_import_anything(rig, runs):
+    (runs / "watcher.py").write_text(WATCHER)
+    kind = str(runs / "watcher.py")
+    changes = {"controllers.outside.kind": kind, "controllers.inside.kind": kind, "controllers.inside.where": "plant"}
+    going = Going(scenes.load("belt_normal_force", changes), duration=60.0, out=runs / "run.mcap")
+    going.line("begin: begins with")
+    for arguments, fault in (
+        ("tune", ""),
+        ("tune friction.mu_static", ""),
+        ("tune friction.mu_static 45%", ""),
+        ("tune body.mass 4900g", ""),
+        ("tune drive.speed 61mm/s", ""),
+        ("tune load.force 15.5kp", "load.force: is '15.5kp'"),
+        *((f"tune {name}.gain 0.2V*s/mm", "") for name in ("outside", "controllers.inside")),
+        *((f"tune {name}.gain 5kg", "gain: is '5kg'; expected a unit") for name in ("outside", "inside", "nf")),
+        *((f"tune {name}.period 2ms", "is fixed") for name in ("outside", "inside")),
+        ("tune outside.gian 1V", "no such parameter; near: gain"),
+        ("tune nf.gain 0.15N*s/mm", ""),
+        ("knock 20N*ms", ""),
+        ("pause", ""),
+        ("step --frames 3", ""),
+        ("resume", ""),
+        ("disconnect nf", ""),
+        ("connect nf", ""),
+        ("connect nobody", "no controller is called nobody"),
+        ("stop --emergency", ""),
+    ):
+        code, _, err = rig(*arguments.split())
+        assert (code, fault in err) == (2 if fault else 0, True), (arguments, err)
+    going.wait(60.0)
+    run = opened(runs / "run.mcap")
+    assert [event["text"] for event in run.events if event["kind"] == "log"] == []
+    tuned = [event["data"]["set"] for event in run.events if event["kind"] == "parameter"]
+    assert {"gain": pytest.approx(200.0)} in tuned

@@ -136,7 +136,7 @@ def test_parameters_are_read_and_set_while_it_works():
         assert list(plant.answer().values) == pytest.approx([5.0])
         event = plant.event()
         assert (event.kind, event.source, event.tick) == ("parameter", "feedback", 7)
-        assert json.loads(event.data)["set"] == {"gain": "0.3 N*s/mm", "lowest": "1 N"}
+        assert json.loads(event.data)["set"] == {"gain": pytest.approx(300.0), "lowest": "1 N"}
 
 
 def test_what_it_begins_with_is_told_at_its_first_step_once():

@@ -98,10 +98,11 @@ def retune(controller: C, changes: Mapping[str, object]) -> C:
     fixed: frozenset[str] = getattr(section, "fixed", frozenset())
     faults = [f"{key:.80}: no such parameter{_near(key, known)}" for key in changes if key not in known]
     faults += [f"{key}: is fixed while the rig runs" for key in changes if key in fixed]
+    possible = {key: value for key, value in changes.items() if key in known and key not in fixed}
     try:
-        changed = type(section).model_validate({**section.model_dump(), **changes})
+        changed = type(section).model_validate({**section.model_dump(), **possible})
     except ValidationError as error:
-        faults += [line for line in explain(error) if line.partition(":")[0] not in changes.keys() - known.keys()]
+        faults += explain(error)
     if faults:
         raise UsageError("\n".join(faults))
     return type(controller)(changed, getattr(controller, "numbers", {}))  # type: ignore[call-arg]
@@ -119,12 +120,13 @@ def parameters(controller: Controller) -> dict[str, Any]:
 
 
 def tunable(controller: Controller) -> dict[str, str]:
-    """Parameters that `retune` can change -> their units."""
+    """Parameters that `retune` can change -> their units; `parameter_units` of a controller adds to those declared."""
     section = getattr(controller, "section", None)
     if not isinstance(section, Section):
         return {}
     fixed: frozenset[str] = getattr(section, "fixed", frozenset())
-    return {key: unit_of(type(section), key) for key in type(section).model_fields if key not in fixed}
+    units = {key: unit_of(type(section), key) for key in type(section).model_fields if key not in fixed}
+    return units | getattr(controller, "parameter_units", {})
 
 
 def explain(error: ValidationError) -> list[str]:
