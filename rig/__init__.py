@@ -393,7 +393,11 @@ def report(path: str | Path, out: str | Path | None = None, trust: bool = False)
 
 
 def __getattr__(name: str) -> object:
-    """`rig.gym` is imported where it is used: it needs gymnasium."""
+    """`rig.gym` is imported where it is used: it needs gymnasium. `__version__` is that of the installed package."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("friction-rig")
     if name != "gym":
         raise AttributeError(f"module 'rig' has no attribute {name!r}")
     from importlib import import_module

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
+from rig.errors import UsageError
+
 SIZES: dict[str, tuple[float, float]] = {
     "1": (1e-15, 1e9),
     "kg": (1e-9, 1e6),
@@ -70,9 +72,28 @@ def _factor(text: str, unit: str) -> tuple[float, float]:
     return float(one - zero), float(zero)
 
 
+_PASTED = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\xa0\u2007\u2009\u202f"), " ")
+"""Characters of typeset numbers: the minus sign, and spaces of fixed width."""
+_COMMA = re.compile(r"([-+]?(\d++)),(\d++)(?![.,])([^,]*)")
+
+
+def with_point(text: str, name: str) -> str:
+    """The typed value `name` with its decimal comma as a point: "15,5 N" becomes "15.5 N"; other texts are unchanged.
+
+    Raises UsageError for "1,500", which some read as 1.5 and others as 1500.
+    """
+    match = _COMMA.fullmatch(text.strip().translate(_PASTED))
+    if match is None:
+        return text
+    number, whole, decimals, rest = match.groups()
+    if len(decimals) == 3 and len(whole) <= 3 and whole[0] != "0":
+        raise UsageError(f"{name} {text} may be {number}.{decimals} or {number}{decimals}; write one of these")
+    return f"{number}.{decimals}{rest}"
+
+
 def parted(text: str) -> tuple[str, str]:
     """Return the number and the unit of a value, "2 rpm" or "2rpm", as texts; "" for a unit that is missing."""
-    number, _, unit = _GLUED.sub(r"\1 ", text.strip(), count=1).partition(" ")
+    number, _, unit = _GLUED.sub(r"\1 ", text.strip().translate(_PASTED), count=1).partition(" ")
     return number, unit.strip()
 
 
@@ -115,7 +136,8 @@ def si(value: Any, unit: str) -> float:
         magnitude = float(number)
     except ValueError:
         what = "a number" if unit == "1" else f"a number and a unit in {unit}"
-        raise ValueError(f"is {brief(value)}; expected {what}") from None
+        comma = " with a decimal point, not a comma" if _COMMA.fullmatch(value.strip()) else ""
+        raise ValueError(f"is {brief(value)}; expected {what}{comma}") from None
     if rest == unit or (not rest and unit == "1"):
         return magnitude
     if not rest:

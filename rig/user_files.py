@@ -107,6 +107,14 @@ def contents(path: Path, most: int = TEXT) -> bytes:
     return found
 
 
+def recording_name(path: Path) -> None:
+    """Raise UsageError for a name that does not end in .mcap, unless it is a device such as /dev/null."""
+    if path.suffix.lower() != ".mcap" and not path.is_char_device():
+        raise UsageError(
+            f"{path}: a recording is an MCAP file, and its name ends in .mcap; rig export writes other formats from it"
+        )
+
+
 def figure_format(path: Path) -> str:
     """Return the format of a figure from its suffix. Raises UsageError for a suffix that is not among `FIGURES`."""
     suffix = path.suffix.lower()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import rig
 from rig.errors import UsageError
-from rig.units import parted, si
+from rig.units import parted, si, with_point
 
 
 @given(
@@ -55,3 +55,33 @@ def test_a_run_of_an_impossible_length_is_refused(duration):
     for call in calls:
         with pytest.raises(UsageError, match=r"the duration (of .* s must be|is '3')"):
             call()
+
+
+@pytest.mark.parametrize("text", ["\u22123.5\xa0mm", "-3.5\u202fmm", "\u2212.35e1\u2009mm", "-3.5\u2007mm"])
+def test_characters_of_a_typeset_page_are_read(text):
+    assert si(text, "m") == pytest.approx(-3.5e-3, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("typed", "read"),
+    [
+        ("15,5 N", "15.5 N"),
+        ("\u22120,25", "-0.25"),
+        ("0,125 m", "0.125 m"),
+        ("1234,567 N", "1234.567 N"),
+        ("1,5e-3m", "1.5e-3m"),
+        *((text, text) for text in ("10, 20 N", "[0,1]", "1,2,3", "1,5.csv", "coulomb")),
+    ],
+)
+def test_a_typed_decimal_comma_is_a_point(typed, read):
+    assert with_point(typed, "x") == read
+
+
+def test_a_comma_that_may_part_thousands_is_refused():
+    with pytest.raises(UsageError, match=r"load 1,500 N may be 1\.500 or 1500"):
+        with_point("1,500 N", "load")
+
+
+def test_a_decimal_comma_in_a_file_is_named():
+    with pytest.raises(ValueError, match="with a decimal point, not a comma"):
+        si("15,5 N", "N")

@@ -21,7 +21,7 @@ from rig.bench.rig_variant import with_values
 from rig.errors import SceneError
 from rig.scenes.faults import near, shortened, shown, unit_of
 from rig.scenes.scene import Scene
-from rig.units import parted, si
+from rig.units import parted, si, with_point
 
 Array = NDArray[np.float64]
 MOST, POINTS = 100_000, 10_000_000
@@ -47,7 +47,7 @@ class Axis:
     def parse(cls, text: str, scene: Scene, controller: str = "") -> Self:
         """Parse `text` as an axis of `scene`, or of its `controller`. Raises SceneError with every fault."""
         key, equals, rest = text.partition("=")
-        key, parts = key.strip(), [part.strip() for part in rest.split(":")]
+        key, parts = key.strip(), [with_point(part.strip(), key) for part in rest.split(":")]
         if not equals or not key or len(parts) != 3 or not all(parts):
             raise SceneError(shortened(text), [FORM])
         known = _numbers(scene, controller)

@@ -81,7 +81,10 @@ def placed(scene: Scene, given: Mapping[str, Any]) -> tuple[Scene, dict[str, Gue
 
 
 def _linear(system: Any, kept: Mapping[str, Any]) -> LTI:
-    if getattr(system, "dt", None) == 0 and not isinstance(system.dt, bool):
+    import control
+
+    linear = isinstance(system, control.StateSpace | control.TransferFunction)
+    if linear and system.dt == 0 and not isinstance(system.dt, bool):
         raise ValueError(
             "is continuous; control.c2d(system, period, method) discretises it, for example at 1e-3 s by 'tustin'"
         )

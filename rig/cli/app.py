@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
@@ -49,6 +49,22 @@ _app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        import rig
+
+        printing.line(str(rig.__version__))
+        raise typer.Exit
+
+
+@_app.callback()
+def _program(
+    version: Annotated[bool, typer.Option("--version", is_eager=True, callback=_version, help="Print it.")] = False,
+) -> None: ...
+
+
 PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
     "Run a scene": {**runs.COMMANDS, **simulate.COMMANDS, **web.COMMANDS},
     "Look at scenes": {**scenes.COMMANDS, **explain.COMMANDS, **fmu.COMMANDS},

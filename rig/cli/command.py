@@ -7,6 +7,8 @@ from typing import Any
 from typer import BadParameter
 from typer.core import TyperCommand, TyperGroup
 
+from rig.errors import UsageError
+
 
 class _Flags:
     """Removes the type `<bool>` behind flags in the help, which would invite a value: `--view true`."""
@@ -50,3 +52,14 @@ class Command(_Flags, TyperCommand):
 
 class Group(_Flags, TyperGroup):
     """A command with commands below it."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that the first argument names. Raises UsageError, which names those that are like it."""
+        if args and self.get_command(ctx, args[0]) is None and not ctx.resilient_parsing:
+            from rig.scenes.faults import near
+
+            known = self.list_commands(ctx)
+            longer = [name for name in known if name.startswith(args[0])]
+            hint = f"did you mean {' or '.join(longer)}?" if longer else near(args[0], known, f"{ctx.command_path} -h")
+            raise UsageError(f"{ctx.command_path} has no command {args[0]!r:.60}: {hint}")
+        return super().resolve_command(ctx, args)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Trust, changes, pace, plain, renamed, seconds
+from rig.cli.options import Force, Json, Trust, changes, pace, paired, plain, renamed, seconds
 from rig.cli.outputs import named, new, reads
 from rig.errors import ExitCode, LogError, UsageError
 
@@ -91,7 +91,10 @@ def replay(
     p: Annotated[
         list[str] | None,
         typer.Option(
-            "-p", metavar="KEY=VALUE", help="Change a value of a controller of --into: -p controllers.nf.gain=300."
+            "-p",
+            metavar="KEY=VALUE",
+            callback=paired,
+            help="Change a value of a controller of --into: -p controllers.nf.gain=300.",
         ),
     ] = None,
     trust: Trust = False,
@@ -149,9 +152,11 @@ def recover(
     unknown).
     """
     from rig.record.recover import recover as save
+    from rig.user_files import recording_name
 
     if out is not None:
         named("--out", out)
+        recording_name(out)
     found = save(log, out, force)
     if as_json:
         printing.report({**vars(found), "complete": found.complete})

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.outputs import new, reads
+from rig.cli.outputs import new_recording, reads
 from rig.errors import UsageError
+from rig.units import with_point
 
 if TYPE_CHECKING:
     from rig.record.trigger import Trigger
@@ -31,10 +32,25 @@ SceneName = Annotated[
         metavar="SCENE", help="Name of a shipped scene (see rig list), or a TOML file.", callback=scene_file
     ),
 ]
+
+
+def paired(context: typer.Context, given: list[str] | None) -> list[str] | None:
+    """Check that each `-p` has a key and a value; before the arguments are counted, where -p KEY VALUE has one more."""
+    for text in given or []:
+        key, equals, _ = text.partition("=")
+        if not equals or not key.strip():
+            context.close()  # see `rig.cli.outputs.new`
+            raise UsageError(f'-p {text}: expected KEY=VALUE with "=" between them, e.g. -p drive.speed="2 rpm"')
+    return given
+
+
 Changes = Annotated[
     list[str] | None,
     typer.Option(
-        "-p", metavar="KEY=VALUE", help='Change a value: -p drive.speed="2 rpm". "none" removes it. Repeatable.'
+        "-p",
+        metavar="KEY=VALUE",
+        callback=paired,
+        help='Change a value: -p drive.speed="2 rpm". "none" removes it. Repeatable.',
     ),
 ]
 Controllers = Annotated[
@@ -61,7 +77,9 @@ Duration = Annotated[
 Out = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE", callback=new, help="Recording to write (MCAP). Default: a new file in recordings/runs."
+        metavar="FILE",
+        callback=new_recording,
+        help="Recording to write (MCAP). Default: a new file in recordings/runs.",
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", is_eager=True, help="Overwrite existing files.")]
@@ -144,13 +162,8 @@ def renamed(former: str, given: str, name: str, value: str) -> str:
 
 def changes(given: list[str] | None) -> dict[str, str]:
     """Dotted key -> value as text, of all `-p`."""
-    found: dict[str, str] = {}
-    for one in given or []:
-        key, equals, value = one.partition("=")
-        if not equals or not key.strip():
-            raise UsageError(f'-p {one}: expected KEY=VALUE, e.g. -p drive.speed="2 rpm"')
-        found[key.strip()] = value.strip()
-    return found
+    pairs = (text.partition("=") for text in given or [])
+    return {key.strip(): with_point(value.strip(), f"-p {key.strip()} =") for key, _, value in pairs}
 
 
 def added(given: list[str] | None) -> dict[str, object]:
@@ -222,6 +235,7 @@ def number(given: str, option: str, unit: str, low: float, high: float, also: st
     """A number from `low` to `high`, plain or with a unit. Raises UsageError; `also`: what else may be said."""
     from rig.units import brief, si
 
+    given = with_point(given, option)
     try:
         found = float(given)
     except ValueError:

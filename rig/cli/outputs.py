@@ -12,7 +12,7 @@ from pathlib import Path
 import typer
 
 from rig.errors import UsageError
-from rig.user_files import figure_format, takes, unused
+from rig.user_files import figure_format, recording_name, takes, unused
 
 _TAKEN = "rig.cli.outputs"
 _READ = "what is read"
@@ -32,6 +32,18 @@ def new(context: typer.Context, option: typer.CallbackParam, path: Path | None) 
         except UsageError:
             context.close()  # what the options before it made goes again: nobody enters a context that is not complete
             raise
+    return path
+
+
+def new_recording(context: typer.Context, option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Like `new`, for a recording."""
+    new(context, option, path)
+    try:
+        if path is not None:
+            recording_name(path)
+    except UsageError as fault:
+        context.close()
+        raise UsageError(f"{option.opts[0]} {fault}") from None
     return path
 
 
@@ -81,13 +93,32 @@ def hold(context: typer.Context, option: str, path: Path) -> None:
 
 @contextmanager
 def held(option: str, path: Path, force: bool) -> Iterator[None]:
-    """Make an empty file at `path`; it and new folders go again if nothing has been written to it in the end.
+    """Make an empty file at `path`; it goes again if nothing has been written to it in the end.
 
-    Raises UsageError for a file with something in it, unless `force`, for a file that another process is writing, and
-    for a place that cannot be written.
+    Raises UsageError for a file with something in it, unless `force`, for a file that another process is writing, for
+    a folder that does not exist (it may be a slip of the keyboard), and for a place that cannot be written.
     """
-    with parents(path), _made(option, path, force):
+    made = False
+    try:
+        if path.is_dir():
+            raise UsageError(f"{option} {path} is a folder; name a file")
+        takes(path)
+        if path.exists() and path.stat().st_size and not force:
+            raise UsageError(f"{option} {path} exists; name another file, or add --force to replace it")
+        if not path.parent.exists():
+            raise UsageError(f"{option} {path}: there is no folder {path.parent}; make it, or name another one")
+        with suppress(FileExistsError):
+            path.open("xb").close()
+            made = True
+        unused(path)
+    except OSError as fault:
+        raise UsageError(f"{option} {path} cannot be written: {fault.strerror}") from None
+    try:
         yield
+    finally:
+        with suppress(OSError):
+            if made and not path.stat().st_size:
+                path.unlink()
 
 
 @contextmanager
@@ -103,30 +134,6 @@ def parents(path: Path) -> Iterator[None]:
         for folder in new:
             with suppress(OSError):  # something is in it
                 folder.rmdir()
-
-
-@contextmanager
-def _made(option: str, path: Path, force: bool) -> Iterator[None]:
-    made = False
-    try:
-        if path.is_dir():
-            raise UsageError(f"{option} {path} is a folder; name a file")
-        takes(path)
-        if path.exists() and path.stat().st_size and not force:
-            raise UsageError(f"{option} {path} exists; name another file, or add --force to replace it")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileExistsError):
-            path.open("xb").close()
-            made = True
-        unused(path)
-    except OSError as fault:
-        raise UsageError(f"{option} {path} cannot be written: {fault.strerror}") from None
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            if made and not path.stat().st_size:
-                path.unlink()
 
 
 def refuse(folder: Path, names: Iterable[str], force: bool) -> None:

@@ -32,7 +32,7 @@ from rig.cli.options import (
     seconds,
     the_scene,
 )
-from rig.cli.outputs import new
+from rig.cli.outputs import new_recording
 from rig.cli.runs import Figure, configured
 from rig.errors import ExitCode, UsageError
 from rig.process import told_to_stop
@@ -55,7 +55,8 @@ def _start(context: typer.Context, text: str | None) -> str | None:
 
 
 Written = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", callback=new, help="Recording to write (MCAP). Default: none.")
+    Path | None,
+    typer.Option("--out", metavar="FILE", callback=new_recording, help="Recording to write (MCAP). Default: none."),
 ]
 Repeat = Annotated[
     int | None,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.record.run_data import Commands, Integers, Reals, RunData, Samples
+from rig.user_files import recording_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,9 +53,13 @@ class Run(RunData):
         return figure
 
     def save(self, path: Path | str) -> None:
-        """Write the run as a recording (MCAP), over an existing file. Raises rig.errors.OutputError if that fails."""
+        """Write the run as a recording (NAME.mcap), over an existing file.
+
+        Raises rig.errors.UsageError for another suffix, OutputError if the file cannot be written.
+        """
         from rig.record.save_run import save
 
+        recording_name(Path(path))
         save(self, Path(path))
 
     def __repr__(self) -> str:

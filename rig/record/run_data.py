@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import LogError
+from rig.scenes.faults import close
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -20,6 +21,17 @@ class Samples(NamedTuple):
 
     t_ns: Integers
     v: Reals
+
+
+class Channels(dict[str, Any]):
+    """Entries by name. An unknown name raises KeyError with the names that are like it."""
+
+    def __missing__(self, name: object) -> Any:
+        known = sorted(self)
+        inside = [key for key in known if isinstance(name, str) and name in key]
+        likely = inside[:3] or close(str(name), known)
+        hint = f"did you mean {' or '.join(likely)}? " if likely else ""
+        raise KeyError(f"{name!r:.60} is not in this run; {hint}known: {', '.join(known) or 'none'}")
 
 
 class Commands(NamedTuple):
@@ -81,6 +93,10 @@ class RunData:
     """Frame -> state of plant and instruments at its begin, where a run can be continued (rig.bench.checkpoint)."""
     sealed: bool = True
     """Whether checksums prove every byte of the recording; those of older versions have no digest."""
+
+    def __post_init__(self) -> None:
+        self.signals, self.units = Channels(self.signals), Channels(self.units)
+        self.measurements, self.commands = Channels(self.measurements), Channels(self.commands)
 
     def scene_text(self) -> str:
         """Return the scene as JSON; raises rig.errors.LogError if damage to the recording removed it."""

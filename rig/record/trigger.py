@@ -14,6 +14,7 @@ from rig.bus import messages
 from rig.errors import UsageError
 from rig.quantities import finite
 from rig.record.names import MEASURED, TRUE, unknown
+from rig.units import with_point
 
 _FORM = re.compile(r"(?P<bars>\|?)\s*(?P<name>[\w.\-/]+)\s*(?P<end>\|?)\s*(?P<sense>[<>])\s*(?P<level>[^<>|]+)")
 MEMORY = 64 << 20
@@ -56,7 +57,12 @@ class Condition:
                 f"--trigger {text}: expected NAME > VALUE or NAME < VALUE with a unit, such as "
                 '"vibrometer > 0.1 m/s"; |NAME| compares the absolute value'
             )
-        return cls(found["name"], bool(found["bars"]), found["sense"] == ">", found["level"].strip())
+        return cls(
+            found["name"],
+            bool(found["bars"]),
+            found["sense"] == ">",
+            with_point(found["level"].strip(), f"--trigger {text}: the level"),
+        )
 
     def __str__(self) -> str:
         name = f"|{self.name}|" if self.size else self.name

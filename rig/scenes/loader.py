@@ -34,7 +34,8 @@ from rig.sensors.chain.instants import common_step
 S = TypeVar("S", bound=Section)
 PARTS = 100
 """Largest number of sensors of a scene, and of controllers."""
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+"""A name of a table; longer ones cannot be topics on the bus."""
 
 
 def load(
@@ -250,7 +251,7 @@ class _Reading:
 
     def _one(self, key: str, name: str, raw: Any, kinds: Mapping[str, type[Any]]) -> Any:
         if not _NAME.fullmatch(name):
-            self._fault(key, f"{key}: a name is letters, digits and _, and begins with a letter")
+            self._fault(key, f"{key}: a name is at most 64 letters, digits and _, and begins with a letter")
             return None
         if not isinstance(raw, dict):
             self._fault(key, f"{key} = {faults.shown(raw)}: expected a table with kind = ...")

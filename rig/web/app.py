@@ -123,7 +123,7 @@ class Bench:
         scene = self.catalogue.scene(body.get("scene"), changes)
         pace, length = timing(scene, body.get("pace"), body.get("duration"))
         self._call(self.broadcast.forget, "setup", "values", "status")
-        texts = {key: as_text(value) for key, value in changes.items()}
+        texts = {key: as_text(value, key) for key, value in changes.items()}
         return self.control.start(scene, str(body["scene"]), texts, pace, length)
 
     def follow(self, body: dict[str, Any]) -> Any:

@@ -16,6 +16,7 @@ from rig.scenes import load, migration, names
 from rig.scenes.places import Place
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import card, cards
+from rig.units import with_point
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _PAGE = Place("on the page", 0)
@@ -46,7 +47,7 @@ class Catalogue:
             raise UsageError(f"no scene is called {name!r:.80}; choose one of the list")
         if not isinstance(changes or {}, dict) or not all(isinstance(key, str) for key in changes or {}):
             raise UsageError(f'"changes" is {changes!r:.80}; expected values by their keys')
-        texts = {key: as_text(value) for key, value in (changes or {}).items()}
+        texts = {key: as_text(value, key) for key, value in (changes or {}).items()}
         return load(name, texts, dict.fromkeys(texts, _PAGE))
 
     def save(self, file: Any, based_on: str, changes: Mapping[str, Any]) -> Path:
@@ -102,15 +103,17 @@ def _toml(value: Any) -> str:
     return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def as_text(value: Any) -> str:
-    """A value of the page as the command line would give it."""
+def as_text(value: Any, key: str) -> str:
+    """The value of `key` on the page as the command line would give it. Raises UsageError for what is no value."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
         return repr(value)
-    if isinstance(value, str | int):
+    if isinstance(value, str):
+        return with_point(value, key)
+    if isinstance(value, int):
         return str(value)
-    raise UsageError(f"{value!r:.80} is not a value; expected a number, a truth value or a text such as '2 rpm'")
+    raise UsageError(f"{key} {value!r:.80} is not a value; expected a number, a truth value or a text such as '2 rpm'")
 
 
 def timing(scene: Scene, pace: Any, duration: Any) -> tuple[float | None, float | None]:

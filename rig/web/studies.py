@@ -60,7 +60,7 @@ class Studies:
         if what not in WORK:
             raise UsageError(f"{what!r:.80}: expected {', '.join(WORK)}")
         scene = self._catalogue.scene(given, body.get("changes"))
-        options = [f"-p{key}={as_text(value)}" for key, value in (body.get("changes") or {}).items()]
+        options = [f"-p{key}={as_text(value, key)}" for key, value in (body.get("changes") or {}).items()]
         if what == "modes":
             return self._jobs.start(f"eigenvalues of {scene.name}", ["modes", *options, "--", str(given)])
         title = f"cost of {scene.name}"

@@ -150,6 +150,11 @@ NAMED = {"inputs": "vibrometer", "outputs": "load_force"}
         ({"x": Pressing()}, UsageError, "load.force: is driven by nf already"),
         ({"nf": "./nf.json"}, UsageError, "nf: ./nf.json is a file, and the scene is loaded already"),
         ({"nf": control.tf([1.0], [1.0, 1.0], **NAMED)}, UsageError, r"nf: is continuous; control.c2d\(system, period"),
+        (
+            {"nf": control.frd([1.0, 2.0], [1.0, 2.0])},
+            UsageError,
+            "nf: a FrequencyResponseData of python-control is not a linear",
+        ),
         ({"nf": control.ss(0.5, 1.0, 1.0, 0.0, 1e-3)}, UsageError, "does not name its 1 inputs; drives: is missing"),
         ({"nf": control.ss(0.5, 1.0, 1.0, 0.0, True, **NAMED)}, UsageError, "state the sample period"),
         ({"nf": control.ss(0.5, 1.0, 1.0, 0.0, 1.5e-3, **NAMED)}, SceneError, "not a whole number of frames"),

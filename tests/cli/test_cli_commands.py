@@ -116,7 +116,7 @@ def test_explain_shows_effects_and_origins(rig):
         (("report", "recordings/golden/belt.mcap", "--out", "x.pdf"), "--out x.pdf: the name of a page ends in .html"),
         (("run", "belt", "--pace", "fast"), "--pace is 'fast'; expected a number, or \"max\""),
         (("explain",), "Missing argument"),
-        (("no-such-command",), "No such command"),
+        (("no-such-command",), "has no command 'no-such-command'"),
     ],
 )
 def test_a_mistake_ends_with_words_and_code_2(rig, arguments, told):

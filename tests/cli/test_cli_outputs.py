@@ -78,7 +78,9 @@ FILES = [
 
 def suffix(command):
     """That of the file that the command writes, or one that the command has no opinion about."""
-    return ".html" if command[0] == "report" else ".png"
+    if command[0] == "report":
+        return ".html"
+    return ".mcap" if command[-1] == "--out" and command[0] in ("simulate", "run", "record", "recover") else ".png"
 
 
 @pytest.mark.usefixtures("log")
@@ -129,7 +131,7 @@ def test_the_former_name_of_an_option_works_and_tells_the_new_one(rig, log, tmp_
 
 
 def test_force_replaces_and_a_name_that_is_free_needs_none(rig, log, tmp_path):
-    wav = tmp_path / "new" / "heard.wav"
+    wav = tmp_path / "heard.wav"
     assert rig("sound", log, "--signal", "s", "--out", wav)[0] == 0
     first = wav.read_bytes()
     assert rig("sound", log, "--signal", "s", "--out", wav)[0] == 2
@@ -159,12 +161,22 @@ def test_a_command_that_fails_leaves_no_empty_file(rig, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_command_that_fails_leaves_no_folder_of_its_own(rig, tmp_path):
-    (tmp_path / "there").mkdir()
-    for place in ("new/x/a.mcap", "there/x/a.mcap", f"new/x/{'a' * 300}"):
-        code, _ = rig("simulate", "no_such_scene", "--out", tmp_path / place, "--figure", tmp_path / "new" / "a.png")
+def test_no_folder_is_made_for_a_file(rig, tmp_path):
+    for option, name in (("--out", "new/x/a.mcap"), ("--figure", "new/a.png"), ("--out", f"new/{'a' * 200}.mcap")):
+        code, err = rig("simulate", "belt", option, tmp_path / name)
         assert code == 2
-        assert [path.name for path in tmp_path.rglob("*")] == ["there"]
+        assert f"{option} {tmp_path / name}: there is no folder" in err
+        assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", [("simulate", "belt"), ("run", "belt"), ("record",), ("recover", "log.mcap")])
+@pytest.mark.usefixtures("log")
+def test_a_recording_has_the_name_of_one(rig, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    code, err = rig(*command, "--out", "a.csv")
+    assert code == 2
+    assert "a.csv: a recording is an MCAP file, and its name ends in .mcap" in err
+    assert not (tmp_path / "a.csv").exists()
 
 
 def test_places_that_cannot_be_written_are_told_before_anything_is_computed(rig, tmp_path):
@@ -193,14 +205,14 @@ def test_a_figure_that_cannot_be_drawn_by_its_name_is_refused_at_once(rig, tmp_p
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_two_options_do_not_name_one_file(rig, tmp_path, there):
+def test_two_options_do_not_name_one_file(rig, log, tmp_path, there):
     if there:
         (tmp_path / "a.png").write_text("mine")
         (tmp_path / "b.png").symlink_to("a.png")
     for other in ("a.png", "x/../a.png") + (("b.png",) if there else ()):
         (tmp_path / "x").mkdir(exist_ok=True)
         files = ("--out", tmp_path / "a.png", "--figure", tmp_path / other)
-        code, err = rig("simulate", "no_such_scene", *files, *(("--force",) if there else ()))
+        code, err = rig("sound", log, *files, *(("--force",) if there else ()))
         assert code == 2
         assert f"--figure {tmp_path / other}: is also the file of --out" in err
     assert (tmp_path / "a.png").exists() == there
@@ -210,9 +222,7 @@ def test_two_options_do_not_name_one_file(rig, tmp_path, there):
 READERS = [
     ("sound", "log.mcap", "--signal", "s", "--out", "log.mcap"),
     ("sound", "log.mcap", "--signal", "s", "--figure", "link.png"),
-    ("simulate", "belt.png", "--out", "belt.png"),
     ("simulate", "belt.png", "--figure", "belt.png"),
-    ("run", "belt.png", "--out", "belt.png"),
     ("run", "belt.png", "--figure", "belt.png"),
     ("modes", "belt.png", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "belt.png"),
     ("explain", "belt.png", "--measure", "--figure", "belt.png"),

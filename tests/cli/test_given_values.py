@@ -31,6 +31,33 @@ def test_an_option_is_named(rig, tmp_path, monkeypatch, options, told):
     assert told in err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("simulate", "belt", "-p", "drive.speed", "40"), '-p drive.speed: expected KEY=VALUE with "=" between them'),
+        (("simulate", "belt", "-p", "load.force=1,500 N"), "-p load.force = 1,500 N may be 1.500 or 1500"),
+        (("sim", "belt"), "has no command 'sim': did you mean simulate?"),
+        (("topic", "ech"), "topic has no command 'ech': did you mean echo?"),
+    ],
+)
+def test_a_slip_of_the_keyboard_is_named(rig, arguments, told):
+    code, _, err = rig(*arguments)
+    assert code == 2
+    assert told in err
+
+
+def test_a_decimal_comma_is_a_point_on_the_command_line(rig):
+    outputs = {text: rig("explain", "belt", "-p", f"load.force={text}") for text in ("15,5 N", "15.5 N")}
+    assert outputs["15,5 N"][:2] == outputs["15.5 N"][:2]
+    assert outputs["15,5 N"][0] == 0
+    lines = [rig("modes", "belt", "--sweep", f"load.force=10{point}5 N:12 N:2")[1] for point in ",."]
+    assert lines[0] == lines[1]
+
+
+def test_the_version_is_printed(rig):
+    assert rig("--version")[:2] == (0, f"{package.__version__}\n")
+
+
 def test_a_study_names_its_lines(rig, tmp_path):
     file = tmp_path / "study.toml"
     file.write_text(f'\ufeffscene = "belt"\nmeasure = "cycle.amplitude"\nover = {{ "load.force" = "10, 20 N" }}\n{SET}')

@@ -72,6 +72,14 @@ def test_data_are_analysed_without(rig, log):
     assert "geophone" in out
 
 
+def test_what_is_not_known_without_the_code_is_told(rig, log):
+    """The comparison lacks a measure; which channel is a vibration is only asked where there are several."""
+    code, out, _ = rig("diff", log, log)
+    assert code == 0
+    assert out.count("the stick share is missing: this needs to run code") == 2
+    assert "stick share" not in rig("diff", log, log, "--trust")[1]
+
+
 def test_recordings_whose_parts_have_another_source_differ_in_it(log, folder):
     """Here in a comment, so that no value and no sample differs; no code runs for it."""
     with (folder / "example_plant.py").open("a") as file:

@@ -77,6 +77,8 @@ def test_a_plain_scene_loads(tmp_path):
         ('"5 kg"', '["5 kg", "papr"]', 'body.mass: origin = "papr": unknown; did you mean paper? known: '),
         ('"5 kg"', '"0 kg"', 'body.mass = "0 kg": must be greater than 0 kg'),
         ("[load]", "[lod]", "lod: unknown key; did you mean load?"),
+        ("sensors.vibrometer", f"sensors.{'v' * 65}", f"sensors.{'v' * 65}: a name is at most 64 letters"),
+        ("controllers.nf", f"controllers.{'n' * 65}", f"controllers.{'n' * 65}: a name is at most 64 letters"),
         ('plant = "belt"', 'plant = "blet"', 'plant = "blet": unknown; did you mean belt? known: belt, '),
         ('plant = "belt"', "", 'plant: is missing, and so is based_on = "SCENE"; known: belt, '),
         ('plant = "belt"', 'plant = "belt"\nseed = -1', "seed = -1: expected a whole number, at least 0"),

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.analysis.amplitude import growth, index
 from rig.analysis.text_table import columns
@@ -187,7 +188,7 @@ def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, 
         tuple(_actions(first, second)),
         compare_signals(first, second, begin, end),
         tuple(_measures(first, second, low, high)),
-        tuple(f"{which}: {note}" for which, run in (("A", first), ("B", second)) for note in run.notes),
+        tuple(f"{which}: {note}" for which, run in (("A", first), ("B", second)) for note in _notes(run)),
     )
 
 
@@ -279,11 +280,24 @@ def _of(found: Series) -> dict[str, tuple[str, float]]:
 _MEASURES = {"mean": "{}", _RMS: "{}", "amplitude": "{}", "period": "s", _GROWTH: "1/s"}
 
 
-def _stick(run: Run, begin: float, end: float) -> float:
-    """The share of the recorded contact states in which a loaded contact sticks; NaN without contact states."""
+def _notes(run: Run) -> Iterator[str]:
+    """The warnings of the run, and why its share of stick is missing."""
+    yield from run.notes
     try:
-        sticks = stuck(run) if run.scene else None
-    except RigError:  # code that is not trusted, or a scene that this version cannot assemble
+        _stuck(run)
+    except RigError as fault:  # code that is not trusted, or a scene that this version cannot assemble
+        yield f"the stick share is missing: {fault}"
+
+
+def _stuck(run: Run) -> NDArray[np.bool_] | None:
+    return stuck(run) if run.scene else None
+
+
+def _stick(run: Run, begin: float, end: float) -> float:
+    """The share of the recorded contact states in which a loaded contact sticks; NaN where `_notes` says why."""
+    try:
+        sticks = _stuck(run)
+    except RigError:
         return math.nan
     here = (run.time >= begin) & (run.time <= end)
     return math.nan if sticks is None or not here.any() else float(np.mean(sticks[here]))

@@ -5,7 +5,7 @@ Samples that were lost or dropped out are NaN and counted.
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,17 +80,23 @@ def known(run: Run) -> dict[str, str]:
 
 
 def vibration(run: Run) -> str:
-    """Return the default signal: a sensor of a vibration if there is one, else an output. Raises UsageError without
-    any.
+    """Return the default signal: a sensor of a vibration if there is one, else an output.
+
+    Raises UsageError without any, and Untrusted where only code of the recording tells which of several it is.
     """
-    driven = []
-    with suppress(Untrusted):
+    untrusted = ""
+    driven: Sequence[str] = ()
+    try:
         driven = drives(run)
+    except Untrusted as fault:
+        untrusted = str(fault)
     others = {*driven, *(name for name, reads in _reads(run).items() if reads in driven)}
     for prefix, names in ((MEASURED, run.measurements), (TRUE, run.signals)):
         units = {name: run.units.get(name if prefix == TRUE else prefix + name, "") for name in names}
         for unit in _VIBRATION:
             fitting = [name for name in units if units[name] == unit and name not in others]
+            if untrusted and len(fitting) > 1:
+                raise Untrusted(f"which of {', '.join(fitting)} is the vibration? Name it, or: {untrusted}")
             if fitting:
                 return prefix + fitting[0]
     raise UsageError(f"no channel of this recording is a vibration ({', '.join(_VIBRATION)}); name one: {_listed(run)}")

@@ -10,6 +10,7 @@ from rig.analysis.studies.measures import Measure
 from rig.errors import UsageError
 from rig.quantities import finite
 from rig.scenes.faults import near
+from rig.units import with_point
 
 _FORM = re.compile(r"\s*(?P<name>[^<>]+?)\s*(?P<sense>[<>])\s*(?P<level>[^<>]+?)\s*")
 
@@ -38,7 +39,7 @@ def condition(text: str, measures: Sequence[Measure]) -> Condition:
         raise UsageError(f"keep {text}: {found['name']} is not a measure of this study; {near(found['name'], names)}")
     number = names.index(found["name"])
     unit = measures[number].unit or "1"
-    level: float | str = found["level"]
+    level: float | str = with_point(found["level"], f"keep {text}: the level")
     try:
         level = float(level)
     except ValueError:
