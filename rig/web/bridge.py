@@ -2,7 +2,7 @@
 
 Every client has a session of its own on the bus and, once it is admitted as a controller, a seat of its own: the plant
 checks what it sends like everything else, and knows when it has gone. A client that does not read loses messages, which
-are counted, and is disconnected when it takes nothing for seconds.
+are counted, and is disconnected when it answers no ping for ten seconds.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import logging
 import secrets
 import socket
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -45,6 +46,9 @@ class Bridge:
     def __init__(self, run: str, port: int = 0) -> None:
         self.run = run
         self.clients: set[Client] = set()
+        self._seats: dict[Any, bool] = {}
+        """Connections that count against `CLIENTS`; whether each has a thread that serves it."""
+        self._seating = threading.Lock()
         self._stopped = threading.Event()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -88,20 +92,40 @@ class Bridge:
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
         once = len(hosts) == 1 and len(origins) < 2
         if once and self._gate.local(*hosts, *origins) and self._gate.in_query(urlsplit(request.path).query):
-            if len(self.clients) < CLIENTS:
+            if self._seated(connection):
                 return None
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, f"{CLIENTS} clients are connected already\n")
         return connection.respond(HTTPStatus.FORBIDDEN, FORBIDDEN)
 
+    def _seated(self, connection: Any) -> bool:
+        """Give a connection one of the seats, if one is free; many connections may ask at once."""
+        over = needed("websockets.protocol", "web").CLOSED
+        with self._seating:
+            for other in [c for c, served in self._seats.items() if not served and c.protocol.state is over]:
+                del self._seats[other]  # it broke off its handshake
+            if len(self._seats) >= CLIENTS:
+                return False
+            self._seats[connection] = False
+            return True
+
     def _serve(self, connection: Any) -> None:
         """Serve one client, in a thread of its own."""
+        with self._seating:
+            self._seats[connection] = True
+        try:
+            self._serve_seated(connection)
+        finally:
+            with self._seating:
+                del self._seats[connection]
+
+    def _serve_seated(self, connection: Any) -> None:
         closed = needed("websockets", "web").ConnectionClosed
         # a client that takes nothing must not hold its seat: sending fails after some seconds
         connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", SEND_S, 0))
         connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, LARGEST)
         connection.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
-            client = Client(self.run, connection.send)
+            client = Client(self.run, connection.send, connection.ping)
         except BusError as fault:
             with suppress(closed, OSError):
                 connection.send(json.dumps({"error": str(fault)}))
@@ -114,7 +138,7 @@ class Bridge:
                 except TimeoutError:
                     pass
                 if client.ended:
-                    client.say(ended=self.run)
+                    client.say_end()
                     break
                 if self._stopped.is_set():
                     client.say(error="the bridge was ended by its user")
@@ -129,6 +153,7 @@ class Bridge:
 def serve(run: str | None, port: int = 0, say: Callable[[Bridge], object] = print) -> None:
     """Serve a live run (the newest by default) until it ends, or until Ctrl-C. Raises RigError."""
     found = address.find(run)
+    sys.setswitchinterval(1e-4)  # a step waits a tenth of a frame for the interpreter, instead of five frames
     stopped = threading.Event()
 
     def stop(_: str) -> None:  # set from another thread: the main thread may hold the lock of the event

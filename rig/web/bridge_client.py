@@ -1,11 +1,20 @@
-"""A client of the bridge: its messages in JSON, its session on the bus, and its seat as a controller."""
+"""A client of the bridge: its messages in JSON, its session on the bus, and its seat as a controller.
+
+Messages of topics must not stand in the way of steps: what waits in the buffers of a connection makes every command
+old. So few of them are on their way at a time, and fewer while a step is unanswered. An answer to a step shows
+that the client has read what was sent before; without steps, its answer to a ping does. In a paced run a step waits
+until the client has answered the one before, and is replaced by a newer one.
+"""
 
 from __future__ import annotations
 
 import base64
 import json
 import math
+import queue
+import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from typing import Any
@@ -14,15 +23,22 @@ from rig import bus
 from rig.bus import encode, run_setup
 from rig.bus.json_text import read_json
 from rig.bus.port import Session
+from rig.bus.receivers import Receiver
 from rig.bus.run_setup import Setup
 from rig.errors import BusError, RigError, UsageError
 from rig.extras import needed
 
 DEPTH = 1024
 """Most messages that wait for a client."""
+AHEAD, BESIDE = 8, 1
+"""Most messages of topics that a client has not read yet, as far as known; while a step is unanswered. # chosen"""
+SHORTEST_S, LONGEST_S = 0.02, 2.0
+"""Limits of the time after which a step that is not answered is followed by the newest one [s]. # chosen"""
+REQUESTS = 64
+"""Most requests of a client that wait."""
 LOOK_S = 0.2
 """Longest time for which a client notices nothing of its end or that of the run [s]."""
-_ASK_S = 60.0
+_ASK_S, _END_S = 60.0, 1.0
 
 
 def plain(value: Any) -> Any:
@@ -33,19 +49,31 @@ def plain(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if isinstance(value, bytes):
         return base64.b64encode(value).decode()
-    return value if isinstance(value, int | str) else [plain(one) for one in value]
+    if isinstance(value, int | str):
+        return value
+    values = list(value)
+    if values and isinstance(values[0], int | float) and math.isfinite(sum(values)):
+        return values
+    return [plain(one) for one in values]
 
 
 class Client:
-    """One client of the bridge. `send` takes the text of a message; `answer` gets those that the client sends."""
+    """One client of the bridge. `answer` gets the messages that it sends.
 
-    def __init__(self, run: str, send: Callable[[str], object]) -> None:
-        self._send, self._stack, self._gone = send, ExitStack(), threading.Event()
+    `send` takes the text of a message for it; `ping` returns an event that its answer to a ping sets.
+    """
+
+    def __init__(self, run: str, send: Callable[[str], object], ping: Callable[[], threading.Event]) -> None:
+        self._send, self._ping, self._stack, self._gone = send, ping, ExitStack(), threading.Event()
         self._operator = self._stack.enter_context(bus.join(run, role="operator", name="bridge"))
         self._setup: Setup | None = None
         self._controller: _Admitted | None = None
-        self._subscribed = False
-        self._does = {"subscribe": self._subscribe, "admit": self._admit, "act": self._act, "ask": self._ask}
+        self._topics: Receiver | None = None
+        self._unread, self._idle, self._lost, self._deadline_s = 0, threading.Event(), 0, math.inf
+        self._idle.set()
+        self._does = {"subscribe": self._subscribe, "admit": self._admit, "ask": self._ask}
+        self._requests: queue.Queue[tuple[str, dict[str, Any], dict[str, Any]]] = queue.Queue(REQUESTS)
+        self._start(self._carry_out)
 
     @property
     def ended(self) -> bool:
@@ -63,24 +91,47 @@ class Client:
         """Send a message to the client."""
         self._send(json.dumps(content, allow_nan=False))
 
+    def say_end(self) -> None:
+        """Tell the client that the run has ended, after what waits for it, and how much it did not get."""
+        self._deadline_s = time.monotonic() + _END_S
+        self._idle.wait(_END_S + LOOK_S)
+        left_out = 0 if self._controller is None else self._controller.left_out
+        missing = {"left_out": left_out, "lost": self._lost}
+        self.say(ended=self._operator.run, **{name: count for name, count in missing.items() if count})
+
     def answer(self, text: str | bytes) -> None:
-        """Carry out a message of the client and answer it, except for commands."""
+        """Take a message of the client: commands at once, requests in their order, each of which is answered."""
         identity: dict[str, Any] = {}
         try:
             body = read_json(text.encode() if isinstance(text, str) else text)
             identity = {"id": body.pop("id")} if "id" in body else {}
             what = str(body.pop("do", None))
-            if what not in self._does:
-                raise UsageError(f'"do" is {what!r:.80}; it can be {", ".join(self._does)}')
-            answer = self._does[what](body)
-        except TypeError:
-            self.say(
-                error=f"{what}: expected other keys than {', '.join(body) or 'none'}; see docs/wire.md", **identity
-            )
+            if what == "act":
+                self._act(body)
+            elif what not in self._does:
+                raise UsageError(f'"do" is {what!r:.80}; it can be act, {", ".join(self._does)}')
+            else:
+                self._requests.put_nowait((what, body, identity))
+        except queue.Full:
+            self.say(error=f"{REQUESTS} requests wait already; wait for their answers", **identity)
         except (RigError, ValueError) as fault:
             self.say(error=str(fault), **identity)
-        else:
-            if answer is not None:
+
+    def _carry_out(self) -> None:
+        """Carry out requests, which may take a minute; meanwhile commands pass."""
+        while not self._gone.is_set():
+            try:
+                what, body, identity = self._requests.get(timeout=LOOK_S)
+            except queue.Empty:
+                continue
+            try:
+                answer = self._does[what](body)
+            except TypeError:
+                keys = ", ".join(body) or "none"
+                self.say(error=f"{what}: expected other keys than {keys}; see docs/wire.md", **identity)
+            except (RigError, ValueError) as fault:
+                self.say(error=str(fault), **identity)
+            else:
                 self.say(answer=answer, **identity)
 
     def _described(self) -> Setup:
@@ -92,20 +143,49 @@ class Client:
         topics = body.get("topics")
         if not (isinstance(topics, list) and topics and all(isinstance(one, str) for one in topics)):
             raise UsageError(f'"topics" is {topics!r:.80}; expected a list of patterns, e.g. ["meas/*", "state"]')
-        if self._subscribed:
+        if self._topics is not None:
             raise UsageError("subscribed already; a client subscribes once, to several patterns")
         self._described()  # from here on the session can decode the states
-        self._subscribed = True
-        receiver = self._operator.subscribe(*topics, depth=DEPTH)
-
-        def pump() -> None:
-            while not self._gone.is_set():
-                if (message := receiver.get(LOOK_S)) is not None:
-                    place = {"topic": message.topic, "seq": message.seq, "t_ns": message.t_ns}
-                    self.say(**place, message=plain(message.said), lost=receiver.lost)
-
-        self._start(pump)
+        self._topics = self._operator.subscribe(*topics, depth=DEPTH)
+        self._start(self._pass_on)
         return {}
+
+    def _pass_on(self) -> None:
+        """Pass on the messages of topics until the client has left, or did not take them in time at the end."""
+        receiver = self._topics
+        assert receiver is not None
+        while not self._gone.is_set():
+            if (message := receiver.get(0.0)) is None:
+                self._idle.set()
+                message = receiver.get(LOOK_S)
+                self._idle.clear()
+            self._lost = receiver.lost
+            if message is None:
+                continue
+            if not self._has_read():
+                self._lost += 1 + len(receiver.drain())
+                break
+            place = {"topic": message.topic, "seq": message.seq, "t_ns": message.t_ns}
+            self.say(**place, message=plain(message.said), lost=self._lost)
+        self._idle.set()
+
+    def _has_read(self) -> bool:
+        """Wait until the client has read enough to get one more message; False when it is too late."""
+        pong: threading.Event | None = None
+        while not self._gone.is_set() and time.monotonic() < self._deadline_s:
+            controller = self._controller
+            waits = controller is not None and controller.waits
+            if self._unread < (BESIDE if waits else AHEAD):
+                self._unread += 1
+                return True
+            if waits:
+                assert controller is not None
+                controller.wait_for_answer(LOOK_S)
+                continue
+            pong = pong or self._ping()
+            if pong.wait(LOOK_S):
+                self._unread, pong = 0, None
+        return False
 
     def _admit(self, body: dict[str, Any]) -> dict[str, Any]:
         if self._controller is not None:
@@ -123,6 +203,7 @@ class Client:
         if self._controller is None:
             raise UsageError('no controller is admitted on this connection; send {"do": "admit", ...} first')
         self._controller.act(body.get("tick"), body.get("values"))
+        self._unread = 0
 
     def _ask(self, body: dict[str, Any]) -> Any:
         topic, asked = body.get("topic"), body.get("body", {})
@@ -139,12 +220,16 @@ class Client:
 
 
 class _Admitted:
-    """A controller of a client: its seat, the steps that it gets, and its last command, for repeated steps."""
+    """A controller of a client: its seat, the steps that it gets, and its last command, for repeated steps.
+
+    `left_out`: steps of a paced run that it did not get, because a newer one had come before it answered.
+    """
 
     def __init__(self, run: str, name: str, body: dict[str, Any], setup: Setup, say: Callable[..., None]) -> None:
-        self.name, self._say = name, say
+        self.name, self._say, self._paced = name, say, setup.paced
         self._session: Session = bus.join(run, role="controller", name=name)
-        self._left, self._lock = threading.Event(), threading.Lock()
+        self._left, self._lock, self.left_out = threading.Event(), threading.Lock(), 0
+        self._answer = threading.Condition(self._lock)
         try:
             self.granted: dict[str, Any] = self._session.ask("cmd/plant", {"do": "admit", **body}, _ASK_S)
             self._reads = [(one, list(setup.sensors).index(one)) for one in body.get("reads", [])]
@@ -152,34 +237,61 @@ class _Admitted:
             self._steps = self._session.subscribe("step")
             self._publisher = self._session.publisher(f"act/{name}")
             self._tick, self._t_ns, self._frame_ns, self._command = -1, 0, setup.frame_ns, b""
+            self._answered, self._sent_s, self._patience_s = -1, 0.0, SHORTEST_S
             self._session.announce()
         except BaseException:
             self._session.close()
             raise
 
+    @property
+    def waits(self) -> bool:
+        """Whether the client has not answered the last step, but still has time for it."""
+        return self._tick > self._answered and time.monotonic() < self._sent_s + self._patience_s
+
+    def wait_for_answer(self, timeout: float) -> None:
+        """Wait at most `timeout` seconds while `waits`."""
+        left = min(self._sent_s + self._patience_s - time.monotonic(), timeout)
+        with self._answer:
+            self._answer.wait_for(lambda: self._tick <= self._answered or self._left.is_set(), left)
+
     def pump(self) -> None:
         """Pass on the steps that are due until it has left; answer a repeated step with the same command."""
         while not self._left.is_set():
             message = self._steps.get(LOOK_S)
-            if message is None:
+            if message is None or not self._due(step := message.said):
                 continue
-            step = message.said
+            if self._paced:
+                step = self._newest(step)
             with self._lock:
-                if step.tick <= self._tick:
-                    if step.tick == self._tick and self._command:
-                        self._publisher.put(self._command, self._t_ns)
-                    continue
-                if step.t_ns % self._period:
-                    continue
                 self._tick, self._t_ns, self._command = step.tick, step.t_ns, b""
+                self._sent_s = time.monotonic()
             values = {name: plain(step.values[place]) for name, place in self._reads}
-            self._say(step={"tick": step.tick, "t_ns": step.t_ns, "values": values})
+            self._say(step={"tick": step.tick, "t_ns": step.t_ns, "values": values, "left_out": self.left_out})
+
+    def _due(self, step: Any) -> bool:
+        with self._lock:
+            if step.tick == self._tick and self._command:
+                self._publisher.put(self._command, self._t_ns)
+            return bool(step.tick > self._tick and not step.t_ns % self._period)
+
+    def _newest(self, step: Any) -> Any:
+        """The step that is the newest one when the client has answered the last, or has had time enough for that."""
+        while self.waits and not self._left.is_set():
+            self.wait_for_answer(LOOK_S)
+        if self._tick > self._answered:
+            self._patience_s = min(2.0 * self._patience_s, LONGEST_S)
+        for message in self._steps.drain():
+            if self._due(message.said):
+                step = message.said
+                self.left_out += 1
+        return step
 
     def act(self, tick: Any, values: Any) -> None:
         """Send the command that answers the step of `tick`. Raises UsageError for one that is no command."""
         whole = isinstance(tick, int) and not isinstance(tick, bool)
         numbers = isinstance(values, list) and all(
-            isinstance(one, int | float) and not isinstance(one, bool) for one in values
+            isinstance(one, int | float) and not isinstance(one, bool) and abs(one) <= sys.float_info.max
+            for one in values
         )
         if not (whole and numbers and len(values) in (0, self._count)):
             expected = f"[] or {self._count} numbers, one for each actuator"
@@ -190,12 +302,18 @@ class _Admitted:
             if not 0 <= tick <= self._tick:
                 raise UsageError(f"tick {tick} is that of no step; the last one had {self._tick}")
             command = encode.act(tick, tick * self._frame_ns, [float(one) for one in values])
-            self._command = command if tick == self._tick else self._command
             self._publisher.put(command, self._t_ns)
+            self._answered = max(tick, self._answered)
+            if tick == self._tick:
+                self._command = command
+                self._patience_s = min(max(2.0 * (time.monotonic() - self._sent_s), SHORTEST_S), LONGEST_S)
+                self._answer.notify_all()
 
     def leave(self) -> None:
         """Leave the run."""
         self._left.set()
+        with self._answer:
+            self._answer.notify_all()
         with suppress(BusError):
             self._session.publisher(f"total/{self.name}").put(self._session.totals(), self._t_ns)
         self._session.close()

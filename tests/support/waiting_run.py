@@ -14,10 +14,10 @@ RUN, SCENE, SECONDS = "wire", "belt", 0.3
 class WaitingRun:
     """The run of a plant in a thread. `summary`: what it ends with; `end()` stops it."""
 
-    def __init__(self, session, expected, seconds):
+    def __init__(self, session, expected, seconds, pace):
         self.session, self.summary, self._why = session, None, ""
         expect = (("controller", expected),) if expected else ()
-        job = Job(scenes.load(SCENE).to_json(), run=RUN, pace=None, duration=seconds, expect=expect, wait=20.0)
+        job = Job(scenes.load(SCENE).to_json(), run=RUN, pace=pace, duration=seconds, expect=expect, wait=20.0)
         self._plant = Plant(session, job, lambda: self._why)
         session.announce()
         self.thread = threading.Thread(target=self._go, daemon=True)
@@ -35,10 +35,10 @@ class WaitingRun:
 
 
 @contextmanager
-def waiting_run(expected, seconds=SECONDS):
-    """A run that waits for the controller `expected`."""
+def waiting_run(expected, seconds=SECONDS, pace=None):
+    """A run that waits for the controller `expected`; in lockstep without a `pace`."""
     with bus.host(RUN, scene=SCENE) as session:
-        run = WaitingRun(session, expected, seconds)
+        run = WaitingRun(session, expected, seconds, pace)
         try:
             yield run
         finally:

@@ -6,7 +6,8 @@ import socket
 import subprocess
 import threading
 import time
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from rig.errors import UsageError
-from rig.web import bridge
+from rig.web import bridge, bridge_client
 from rig.web.bridge import Bridge
 
 ROOT = Path(__file__).parents[2]
@@ -41,8 +42,8 @@ class Client:
 
 
 @contextmanager
-def bridged(expected="nobody", seconds=0.3):
-    with waiting_run(expected, seconds) as run, Bridge(RUN) as made:
+def bridged(expected="nobody", seconds=0.3, pace=None):
+    with waiting_run(expected, seconds, pace) as run, Bridge(RUN) as made:
         yield run, made
 
 
@@ -52,10 +53,10 @@ def client_of(made):
         yield Client(socket)
 
 
-def no_client(made, seconds=10.0):
-    """Wait until the bridge has no client any more."""
+def no_client(made, most=0, seconds=10.0):
+    """Wait until the bridge has no client any more, or `most`."""
     deadline = time.monotonic() + seconds
-    while made.clients:
+    while len(made.clients) > most:
         assert time.monotonic() < deadline
         time.sleep(0.01)
 
@@ -117,7 +118,7 @@ def test_only_who_has_the_token_and_comes_from_here_is_let_in(runs):
         (b"\xff", "not JSON"),
         ('{"do": "admit", "do": "act"}', "'do' is given twice"),
         ('{"do": "act", "values": [NaN]}', "not a finite number"),
-        ('{"do": "dance"}', "\"do\" is 'dance'; it can be subscribe, admit, act, ask"),
+        ('{"do": "dance"}', "\"do\" is 'dance'; it can be act, subscribe, admit, ask"),
         ("{}", "\"do\" is 'None'"),
         ('{"do": "act", "tick": 0, "values": [1.0]}', "no controller is admitted on this connection"),
         ('{"do": "subscribe", "topics": "state"}', "\"topics\" is 'state'; expected a list of patterns"),
@@ -179,6 +180,35 @@ def test_a_controller_sees_steps_and_a_viewer_messages(runs):
     assert heard["state"][-1]["lost"] == 0
 
 
+def test_steps_go_first_and_an_unanswered_one_is_replaced_by_the_newest_in_a_paced_run(runs):
+    asleep_s = 0.4
+    with bridged("it", seconds=1.5, pace=1.0) as (_, made), client_of(made) as it:
+        it.ask(do="subscribe", topics=["**"])
+        it.send(**ADMIT)
+        steps, others, kinds = [], [], []
+        while "ended" not in (message := it.get()):
+            kinds.append(message)
+            if (step := message.get("step")) is None:
+                others += [message] if "topic" in message else []
+                continue
+            steps.append(step)
+            if len(steps) == 1:
+                assert "1 numbers" in it.ask(do="act", tick=step["tick"], values=[10**400])["error"]
+                time.sleep(asleep_s)
+            it.send(do="act", tick=step["tick"], values=[20.0])
+    ticks = [step["tick"] for step in steps]
+    assert ticks == sorted(set(ticks))
+    assert ticks[-1] - ticks[0] + 1 == len(steps) + steps[-1]["left_out"]
+    # while it slept: few steps, at growing intervals, and few messages; then the newest step
+    late = next(k for k, tick in enumerate(ticks) if tick >= ticks[0] + 0.9e3 * asleep_s)
+    assert late <= 7
+    assert steps[late]["left_out"] > 0.8e3 * asleep_s
+    asleep = kinds[kinds.index({"step": steps[0]}) : kinds.index({"step": steps[late]})]
+    assert len(asleep) <= late + 7 * (bridge_client.AHEAD + 1)
+    assert {one["topic"] for one in others} >= {"meas/vibrometer", "state", "applied/it"}
+    assert sum(len(one["message"]["v"]) for one in others if one["topic"] == "meas/vibrometer") > 1000
+
+
 def test_a_client_that_dies_leaves_the_run_and_the_run_goes_on(runs):
     with bridged("it", seconds=0.5) as (run, made):
         with client_of(made) as it:
@@ -223,6 +253,24 @@ def test_too_many_clients_and_a_used_port_are_refused(runs, monkeypatch):
             with pytest.raises(InvalidStatus) as refused, client_of(made):
                 pass
             assert refused.value.response.status_code == 503
+    monkeypatch.setattr(bridge, "CLIENTS", 8)
+    with bridged() as (_, made), ExitStack() as stack:
+        together = threading.Barrier(14)
+
+        def come(_):
+            together.wait(10.0)
+            try:
+                return stack.enter_context(connect(made.address))
+            except InvalidStatus as refused:
+                return refused.response.status_code
+
+        with ThreadPoolExecutor(14) as pool:
+            came = list(pool.map(come, range(14)))
+        assert came.count(503) == 6
+        next(one for one in came if one != 503).close()
+        no_client(made, 7)
+        with connect(made.address):  # the seat is free again
+            pass
         with pytest.raises(UsageError, match=f"--port {made.port}: cannot be used"):
             Bridge(RUN, made.port)
 
