@@ -24,7 +24,7 @@ def reproduce(
 ) -> None:
     """Make a figure of a paper again from a scene, and compare its numbers with published or reference values.
 
-    Without FIGURE: list the figures. Exit code 1: a number does not agree.
+    Without FIGURE: list the figures. Exit code 1: a number does not agree that should.
     Other figures in the folder are kept.
     """
     from rig import papers as again
@@ -51,9 +51,10 @@ def reproduce(
     else:
         for result in results:
             numbers = [
-                (c.what, f"{c.ours:.7g}", f"{c.expected:.7g}", c.unit, c.source, c.bound, "" if c.agrees else "DIFFERS")
+                (c.what, f"{c.ours:.7g}", f"{c.expected:.7g}" if c.compared else "", c.unit, c.source, c.bound,
+                 "" if c.agrees else c.result)
                 for c in result.comparisons
-            ]
+            ]  # fmt: skip
             columns = ("number", "ours", "expected", "", "source", "bound", "")
             printing.table(f"{result.entry.name}: {result.entry.title} ({result.picture})", columns, numbers)
     if not all(result.agrees for result in results):

@@ -2,7 +2,8 @@
 
     v_b = v0 + a sin(2 pi f t_k)      for t_k <= t < t_k + period
 
-At 150 Hz and 1 kHz the held signal lags by half a period of the controller (27 degrees), loses 4 % of its amplitude,
+At 150 Hz and 1 kHz the held signal lags by half a period of the controller (27 degrees), loses 4 % of its amplitude
+(its samples just before each command lag by a whole period, 54 degrees, and lose nothing),
 contains images at 850 and 1150 Hz, and is distorted by every late command. The generator of the rig does not have these
 errors: see `dither`.
 """

@@ -5,8 +5,8 @@
 Every natural frequency varies by the share `depth`. In each of `sectors` equal sectors the value at the middle of the
 sector holds, so the equations are linear within a sector. An edge is an event; the change of stored energy at an edge
 is the term `edges` of the energy balance.
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, figure 29: 3.4 kHz +- 17 Hz with the period of
-the turn (depth derived).
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, figure 29: 3.4 kHz with a small variation
+in the period of the turn; the paper gives no value of it.
 """
 
 from __future__ import annotations

@@ -57,6 +57,7 @@ class Comparison:
     """One published number beside ours. `source`: printed in the paper, an independent computation, or a closed form.
 
     Ours agrees within `absolute` + `relative` times the expected number; a `floor` must be reached and may be exceeded.
+    `missed`: known to lie outside this bound, not reproduced. Without an expected number (NaN) ours is only shown.
     """
 
     what: str
@@ -67,6 +68,12 @@ class Comparison:
     relative: float = 0.0
     absolute: float = 0.0
     floor: bool = False
+    missed: bool = False
+
+    @property
+    def compared(self) -> bool:
+        """Whether there is a number to compare ours with."""
+        return not math.isnan(self.expected)
 
     @property
     def agrees(self) -> bool:
@@ -80,8 +87,23 @@ class Comparison:
         """The bound in words."""
         if self.floor:
             return "at least"
+        if not self.compared:
+            return ""
         parts = [f"{self.relative:.2g} relative"] if self.relative else []
         return " + ".join(parts + ([f"{self.absolute:.2g} {self.unit}".strip()] if self.absolute else [])) or "equal"
+
+    @property
+    def result(self) -> str:
+        """What the comparison shows, in words."""
+        if not self.compared:
+            return "no number in the paper"
+        return "agrees" if self.agrees else "not reproduced" if self.missed else "DIFFERS"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values, with `agrees`; what is no number is null."""
+        finite = {name: value if math.isfinite(value) else None for name, value in
+                  (("ours", self.ours), ("expected", self.expected))}  # fmt: skip
+        return vars(self) | {"agrees": self.agrees} | finite
 
 
 @dataclass(frozen=True)
@@ -109,8 +131,15 @@ class Result:
 
     @property
     def agrees(self) -> bool:
-        """Whether every number agrees."""
-        return all(one.agrees for one in self.comparisons)
+        """Whether every number agrees, except those that are known to differ."""
+        return all(one.agrees or one.missed or not one.compared for one in self.comparisons)
+
+    @property
+    def counted(self) -> str:
+        """How many of the compared numbers agree, in words."""
+        compared = [one for one in self.comparisons if one.compared]
+        agree = sum(one.agrees for one in compared)
+        return "all" if agree == len(compared) else f"{agree} of {len(compared)}"
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
@@ -123,10 +152,7 @@ class Result:
             "picture": str(self.picture),
             "seconds": self.seconds,
             "agrees": self.agrees,
-            "comparisons": [
-                vars(one) | {"agrees": one.agrees, "ours": one.ours if math.isfinite(one.ours) else None}
-                for one in self.comparisons
-            ],
+            "comparisons": [one.to_json() for one in self.comparisons],
         }
 
 

@@ -12,20 +12,20 @@ def page(results: Sequence[Result], machine: str) -> str:
     lines = [
         "# Figures of the papers, reproduced",
         "",
-        f"Made by `make docs` (`rig reproduce all`) on {machine}.",
+        f"Made by `make docs` (`rig reproduce all`), the last of them on {machine}.",
         "",
-        "A number agrees when it lies within the bound beside it. Sources: *paper*, printed there; *reference*, an",
-        "independent computation of the same equations with the same parameters; *theory*, a closed form.",
+        "A number agrees when it lies within the bound beside it. *Not reproduced*: it is known to lie outside.",
+        "Sources: *paper*, printed there; *reference*, an independent computation of the same equations with the same",
+        "parameters; *theory*, a closed form.",
         "",
         "| figure | what | scenes | numbers | agree |",
         "|---|---|---|---|---|",
     ]
     for one in results:
-        agree = sum(c.agrees for c in one.comparisons)
         scenes = ", ".join(f"`{scene}`" for scene in one.entry.scenes)
         lines.append(
             f"| [{one.entry.paper} {one.entry.number}](#{one.entry.name}) | {one.entry.title} | {scenes} "
-            f"| {len(one.comparisons)} | {'all' if one.agrees else f'{agree} of {len(one.comparisons)}'} |"
+            f"| {len(one.comparisons)} | {one.counted} |"
         )
     for paper, title in PAPERS.items():
         mine = [one for one in results if one.entry.paper == paper]
@@ -43,8 +43,8 @@ def page(results: Sequence[Result], machine: str) -> str:
             lines += [f"The figure as [SVG]({one.picture.with_suffix('.svg').name}).", ""]
             lines += ["| number | ours | expected | source | bound | |", "|---|---|---|---|---|---|"]
             lines += [
-                f"| {c.what} | {c.ours:.7g} {c.unit} | {c.expected:.7g} {c.unit} | {c.source} | {c.bound} "
-                f"| {'agrees' if c.agrees else 'DIFFERS'} |"
+                f"| {c.what} | {c.ours:.7g} {c.unit} | {f'{c.expected:.7g} {c.unit}' if c.compared else ''} "
+                f"| {c.source} | {c.bound} | {c.result} |"
                 for c in one.comparisons
             ]
     return "\n".join(lines) + "\n"

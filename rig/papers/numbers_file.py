@@ -48,4 +48,4 @@ def _kept(folder: Path) -> list[Result]:
 
 def _compared(raw: dict[str, Any]) -> Comparison:
     values = {field.name: raw[field.name] for field in fields(Comparison) if field.name in raw}
-    return Comparison(**values | {"ours": math.nan if raw["ours"] is None else raw["ours"]})
+    return Comparison(**values | {name: math.nan for name in ("ours", "expected") if raw[name] is None})

@@ -32,7 +32,7 @@ class Microphone(Instrument):
                 the nearest sample [calibrated]
     resonance, quality, highpass   23 kHz, 0.7, 4 Hz [public: 1/2 inch, 6.3 Hz to 20 kHz within 2 dB]
     noise       7.8e-7 Pa/sqrt(Hz): 15 dB(A) [calibrated, from memory]
-    background  0.03 Pa rms from 0 to half the sample rate: the motor [calibrated: 0.02 to 0.05 Pa in figure 29]
+    background  0.03 Pa rms from 0 to half the sample rate: the motor [calibrated: the text of the paper gives no value]
     span        +-400 Pa, 146 dB [calibrated, from memory]
     resolution  4.8e-5 Pa: 24 bit over the span [calibrated]
     """

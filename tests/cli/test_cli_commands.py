@@ -100,7 +100,7 @@ def test_explain_shows_effects_and_origins(rig):
     code, out, _ = rig("explain", "pendulum", "--json")
     told = json.loads(out)
     assert told["duration_s"] == 21.0
-    assert {value["key"]: value["origin"] for value in told["values"]}["load.force"] == "paper"
+    assert {value["key"]: value["origin"] for value in told["values"]}["load.force"] == "calibrated"
 
 
 @pytest.mark.parametrize(

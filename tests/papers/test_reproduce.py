@@ -17,6 +17,11 @@ def drawn(figure):
     yield Comparison("two", "s", 2.0, 1.0, "theory", absolute=0.5)
 
 
+def wrong(made):
+    """What differs, and what is said to differ but agrees."""
+    return [(one.what, one.ours, one.expected) for one in made.comparisons if one.compared and one.agrees == one.missed]
+
+
 def test_every_entry_names_shipped_scenes_and_has_a_name_of_its_own():
     entries = papers.pick("all")
     assert len({entry.name for entry in entries}) == len(entries) > 10
@@ -57,6 +62,21 @@ def test_a_floor_may_be_exceeded_but_not_missed():
     assert Comparison("x", "dB", 22.0, 20.0, "paper", floor=True).bound == "at least"
 
 
+def test_a_number_that_is_known_to_differ_or_that_the_paper_does_not_state_is_no_failure_and_no_agreement(tmp_path):
+    missed = Comparison("band", "ohm", 30.0, 50.0, "paper", relative=0.1, missed=True)
+    silent = Comparison("drop", "dB", 22.0, float("nan"), "paper")
+    assert (missed.agrees, missed.result) == (False, "not reproduced")
+    assert (silent.agrees, silent.result, silent.bound) == (False, "no number in the paper", "")
+    shown = Entry("kroeger-9", "kroeger", "Figure 9", "two", ("belt",), lambda _: iter([missed, silent]))
+    made = papers.make(shown, tmp_path)
+    assert made.agrees
+    papers.keep([made], tmp_path)
+    page = papers.page(papers.keep([], tmp_path), "this machine")
+    assert "| 2 | 0 of 1 |" in page
+    assert "| band | 30 ohm | 50 ohm | paper | 0.1 relative | not reproduced |" in page
+    assert "| drop | 22 dB |  | paper |  | no number in the paper |" in page
+
+
 def test_what_is_made_is_a_picture_and_a_page(tmp_path):
     entry = Entry("kroeger-x", "kroeger", "Figure x", "two numbers", ("belt",), drawn)
     made = papers.make(entry, tmp_path / "gallery")
@@ -90,13 +110,11 @@ def test_figures_that_worker_processes_make_are_the_same(tmp_path):
 )
 def test_figures_that_need_no_run_agree(name, tmp_path):
     [entry] = papers.pick(name)
-    wrong = [one.what for one in papers.make(entry, tmp_path).comparisons if not one.agrees]
-    assert wrong == []
+    assert wrong(papers.make(entry, tmp_path)) == []
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("entry", papers.pick("all"), ids=lambda entry: entry.name)
 def test_every_figure_agrees(entry, tmp_path):
-    wrong = [(one.what, one.ours, one.expected) for one in papers.make(entry, tmp_path).comparisons if not one.agrees]
-    assert wrong == []
+    assert wrong(papers.make(entry, tmp_path)) == []
