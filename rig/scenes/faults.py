@@ -169,11 +169,13 @@ def inner(annotation: Any, path: Iterable[str]) -> Any:
 
 
 def shared(first: type[BaseModel], second: type[BaseModel]) -> set[str]:
-    """Fields that two sections inherit from a common base, so that they mean the same in both."""
+    """Fields that mean the same in two sections: inherited from a common base, or declared with the same title."""
+    one, other = first.model_fields, second.model_fields
+    alike = {name for name in one.keys() & other.keys() if one[name].title and one[name].title == other[name].title}
     bases = [base for base in first.__mro__ if base in second.__mro__ and issubclass(base, BaseModel)]
     common = {name for base in bases for name in base.model_fields}
     own = [name for model in (first, second) for name in _declared(model, bases)]
-    return common.difference(own)
+    return common.difference(own) | alike
 
 
 def _declared(model: type[BaseModel], bases: Sequence[type]) -> Iterator[str]:

@@ -237,11 +237,11 @@ def test_overrides_refuse_what_they_cannot_change():
     ]
 
 
-def test_another_law_leaves_the_numbers_of_the_old_one_behind():
-    with pytest.raises(
-        SceneError, match=r"(?s)friction\.mu_static: is missing.*dropped mu_static, mu_dynamic, speed_scale"
-    ):
-        scenes.load("belt", {"friction.law": "coulomb", "friction.mu_kinetic": "0.25"})
+def test_another_law_keeps_the_numbers_that_it_shares_and_leaves_the_others_behind():
+    scene = scenes.load("belt", {"friction.law": "coulomb", "friction.mu_kinetic": "0.25"})
+    static = scenes.load("belt").parameters.friction.mu_static
+    assert scene.parameters.friction.model_dump() == {"law": "coulomb", "mu_static": static, "mu_kinetic": 0.25}
+    assert scene.notes == ("friction.law = coulomb: dropped mu_dynamic, speed_scale of stribeck; kept mu_static",)
     scene = scenes.load("belt", {"friction.mu_static": 0.5, "friction.law": "coulomb", "friction.mu_kinetic": "0.25"})
     assert scene.parameters.friction.model_dump() == {"law": "coulomb", "mu_static": 0.5, "mu_kinetic": 0.25}
     assert "friction.mu_dynamic" not in scene.origins
