@@ -6,20 +6,21 @@
     KINDS["/path/to/my_sensor.py"]                          a file that a scene names
 
 room    the parts of one kind, found by name        code    source text from elsewhere, run as a module if trusted
-binary  compiled parts: libraries and FMUs
+binary  compiled parts (libraries and FMUs) and data files
 
 A part from a file or from another package is called foreign. A recording holds its source text and the SHA-256 of that.
 """
 
 from __future__ import annotations
 
-from rig.parts.binary import Binary, is_binary
+from rig.parts.binary import Binary, DataFile, is_binary
 from rig.parts.code import Code, calling, code_of, file_of, foreign_fault, require, trust
 from rig.parts.room import Parts, Room, carried, is_file, named, one_class, package_of, trust_scene
 
 __all__ = [
     "Binary",
     "Code",
+    "DataFile",
     "Parts",
     "Room",
     "calling",

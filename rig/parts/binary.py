@@ -1,7 +1,7 @@
-"""Compiled parts (a library, an FMU): read from the file that a scene names; a recording contains their content.
+"""Files that a scene names and a recording contains: compiled parts (a library, an FMU) and data that a plant reads.
 
 Trust is a matter of the content, as with source text (rig.parts.code): a file that a user names is trusted, what comes
-with a recording or over the bus is trusted on the user's word.
+with a recording or over the bus is trusted on the user's word. Data are not run, and need no trust.
 """
 
 from __future__ import annotations
@@ -53,15 +53,19 @@ class Binary(str):
     @classmethod
     def read(cls, path: str | Path, describe: Callable[[Binary], dict[str, Any]]) -> Self:
         """The part in a file, which is then trusted. `describe` returns its `about`. Raises PartError."""
+        found = cls._in_file(Path(path))
+        trust_hashes([found.sha256])
+        found.about = describe(found)
+        return found
+
+    @classmethod
+    def _in_file(cls, path: Path) -> Self:
         try:
-            found = cls.of(Path(path).name, contents(Path(path), LARGEST))
+            return cls.of(path.name, contents(path, LARGEST))
         except FileNotFoundError:
             raise PartError(f"{path}: there is no such file") from None
         except OSError as error:
             raise PartError(f"{path}: cannot be read: {error.strerror}") from None
-        trust_hashes([found.sha256])
-        found.about = describe(found)
-        return found
 
     @cached_property
     def sha256(self) -> str:
@@ -89,7 +93,8 @@ class Binary(str):
 
         It is never the user's own file: that may be compiled again while it is in use.
         """
-        require([self])
+        if not self.trusted:
+            require([self])
         with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
             path = Path(folder) / self.file
             path.write_bytes(self.content)
@@ -117,15 +122,43 @@ class Binary(str):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        def read(value: Any) -> Binary:
-            if isinstance(value, Binary):
-                return value
-            if isinstance(value, Mapping):
-                return cls.from_json(value)
-            raise ValueError("expected the name of a file")
-
         to_json = core_schema.plain_serializer_function_ser_schema(cls.to_json, when_used="json")
-        return core_schema.no_info_plain_validator_function(read, serialization=to_json)
+        return core_schema.no_info_plain_validator_function(cls._from, serialization=to_json)
+
+    @classmethod
+    def _from(cls, value: Any) -> Self:
+        if isinstance(value, cls):
+            return value
+        if isinstance(value, Mapping):
+            return cls.from_json(value)
+        raise ValueError("expected the name of a file")
+
+
+class DataFile(Binary):
+    """A file of data that a plant of one's own reads, as the type of a value in its Parameters.
+
+        class Parameters(Section):
+            profile: DataFile                               # in the scene: profile = "./profile.csv"
+
+    A path in a scene file is relative to that file. The plant reads `content` [bytes], or the file that `unpacked()`
+    makes of it, never the path: so the recording, which contains the content, can be simulated again elsewhere.
+    """
+
+    @property
+    def trusted(self) -> bool:
+        """True: data are not run."""
+        return True
+
+    @classmethod
+    def _from(cls, value: Any) -> Self:
+        if not isinstance(value, str) or isinstance(value, cls):
+            return super()._from(value)
+        if not Path(value).is_absolute():  # `rig.scenes.rooms.anchor` has made one of "./NAME"
+            raise ValueError('expected the path of a file, relative to the scene: "./NAME"')
+        try:
+            return cls._in_file(Path(value))
+        except PartError as fault:
+            raise ValueError(str(fault)) from None
 
 
 def is_binary(value: Any) -> bool:

@@ -18,7 +18,7 @@ from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
 from rig.model.assembly import Assembly, Output
 from rig.picture import OnBelt, Plot
-from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
+from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonSecondPerMetre, NonNegativeNewtonPerMetre, Section
 
 PICTURES = (OnBelt(),)
 RAMPED = {"drive.speed": "ramped", "load.force": "ramped"}
@@ -28,7 +28,7 @@ class Body(Section):
     """The mass, its spring and its damper."""
 
     mass: Kilogram
-    stiffness: NewtonPerMetre
+    stiffness: NonNegativeNewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0
 
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from rig.about import Bound
 from rig.model.film_system import add_film_states
+from rig.parts import Binary
 from rig.quantities import ORIGINS, Section
 from rig.scenes.effects import about, optional
 from rig.scenes.part_faults import per_second
@@ -171,7 +172,7 @@ def _values(scene: Scene) -> Iterator[Value]:
             name = key.rpartition(".")[2]
             if name not in ("law", "kind", "effect", "on", "ideal", "enable"):
                 origin = scene.origins.get(key) or (_documented(type(section), name) if prefix else None)
-                if origin is not None or not isinstance(value, str):
+                if origin is not None or isinstance(value, Binary) or not isinstance(value, str):
                     yield Value(key, value, unit or rates.get(key, heights.get(key, "")), origin or DEFAULT)
     units = {**names.settable, **names.inputs, **names.sensors}
     for key, step in _steps(scene.protocol, "protocol"):

@@ -44,7 +44,7 @@ def name_of(text: str) -> str:
 
 
 def anchor(tables: dict[str, Any], folder: Path) -> None:
-    """Turn the files of parts that `tables` of a scene name, relative to `folder`, into absolute ones."""
+    """Turn the files that `tables` of a scene name, relative to `folder`, into absolute ones: parts and "./data"."""
     named = [(tables, "plant")]
     for key, table in tables.items():
         if isinstance(table, dict):
@@ -54,6 +54,16 @@ def anchor(tables: dict[str, Any], folder: Path) -> None:
     for table, key in named:
         if isinstance(text := table.get(key), str) and (is_file(text) or key == FILE):
             table[key] = os.path.abspath(folder / text)
+    tables |= {key: _anchored(table, folder) for key, table in tables.items() if isinstance(table, dict)}
+
+
+def _anchored(value: Any, folder: Path) -> Any:
+    if isinstance(value, dict):
+        return {key: inner if key in ("kind", EFFECT) else _anchored(inner, folder) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_anchored(inner, folder) for inner in value]
+    relative = isinstance(value, str) and value.startswith(("./", "../"))
+    return os.path.abspath(folder / value) if relative else value
 
 
 def parameters_of(plant: str, tables: Mapping[str, Any], parts: Parts) -> type[Section]:

@@ -3,6 +3,7 @@
 import inspect
 import json
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +45,32 @@ def test_a_scene_names_parts_from_files(folder):
     assert {"x", "b", "buffer", "load.command"} <= set(assembly.names)
     assert scene.values()["buffer.stiffness"] == (200.0, "N/m")
     assert scene.values()["controllers.two_levels.swing"] == (5.0, "N")
+
+
+def test_a_recording_contains_the_data_that_a_plant_reads(rig, folder, tmp_path, strangers):
+    """Named relative to the scene file. The recording is verified where the file is not."""
+    rewritten(
+        folder / "example_plant.py",
+        ("from rig.quantities import", "from rig.parts import DataFile\nfrom rig.quantities import"),
+        ("    drive: BeltDrive", "    measured: Measured\n    drive: BeltDrive"),
+        ("class Parameters(", "class Measured(Section):\n    spring: DataFile\n\n\nclass Parameters("),
+        (", p.block.stiffness\n", ", float(p.measured.spring.content)\n"),
+    )
+    rewritten(folder / "scene.toml", ("[block]", '[measured]\nspring = "./data/spring.txt"\n\n[block]'))
+    assert "measured.spring" in faults(folder)
+    assert "data/spring.txt: there is no such file (scene.toml, line " in faults(folder)
+    assert 'relative to the scene: "./NAME"' in faults(folder, {"measured.spring": "spring.txt"})
+    (folder / "data").mkdir()
+    (folder / "data" / "spring.txt").write_text("1600")
+    scene = lab.load(folder / "scene.toml")
+    assert np.array_equal(scene.assemble().system().stiffness[0], [1600.0, -1600.0])
+    log = tmp_path / "run.mcap"
+    lab.simulate(scene, 0.1).save(log)
+    assert "spring.txt" in rig("explain", folder / "scene.toml")[1]
+    shutil.rmtree(folder / "data")
+    strangers()
+    code, out, err = rig("verify", log, "--trust")
+    assert (code, err) == (0, ""), out
 
 
 def test_it_runs_and_the_run_is_the_sum_of_its_parts(folder):
