@@ -33,7 +33,7 @@ ROOMS = ("rig.kernel", *(room.replace("/", ".") for room in sources.ROOMS))
 def source_key() -> str:
     """Hash (16 hex digits) of numba's version and of everything that compiled code depends on (rig.sources)."""
     version = f"{numba.__version__} {platform.python_version()}"
-    return sources.key(_ROOT, kernel_store.root() / "sources.json", version)
+    return sources.key(_ROOT, kernel_store.root() / "sources.json", version, kernel_store.INSTEAD)
 
 
 FOLDER = kernel_store.Folder(source_key())

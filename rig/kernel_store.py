@@ -1,7 +1,8 @@
 """Stores compiled kernels in the user's cache, under the hash of their sources, as files with a checksum.
 
-A damaged file costs the compilation of one kernel, never a run. Every checkout with the same sources shares the
-kernels. When all kernels take more than `LIMIT`, those that were unused for longest are deleted.
+A damaged file, or one that another user can have written, costs the compilation of one kernel, never a run. Every
+checkout with the same sources shares the kernels. When all kernels take more than `LIMIT`, those that were unused for
+longest are deleted.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from rig import file_locks
 
 LIMIT = 1 << 30
 """Largest size of the kernels of all sources in bytes; those of the present sources are never deleted. # chosen"""
+INSTEAD = "RIG_KERNELS to another folder"
 _SUM = 4
 _SHOWN_S, _WORTH_S = 0.5, 2.0  # s between two progress messages; shortest total that is noted for the next start
 _ASK_S = 0.02  # s between two checks whether another process has finished
@@ -54,7 +56,10 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
         lost and two kernels would get the same file.
         """
         try:
-            with _alone(Path(self._cache_path)):
+            folder = Path(self._cache_path)
+            if not file_locks.trusted(folder, INSTEAD):
+                return
+            with _alone(folder):
                 super().save(key, data)  # type: ignore[no-untyped-call]
         except OSError as fault:
             if not CheckedFile.warned:
@@ -62,7 +67,7 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
                 _log.warning(
                     "compiled kernels cannot be stored in %s (%s): the next start compiles them again; "
                     "make room, or set RIG_KERNELS to another folder",
-                    Path(self._cache_path).parent,
+                    folder.parent,
                     fault.strerror,
                 )
 
@@ -85,6 +90,7 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
         yield content
         whole = content.getvalue()
         with super()._open_for_write(filepath) as file:  # a draft beside it, then renamed
+            file_locks.own_file(file.fileno())
             file.write(zlib.crc32(whole).to_bytes(_SUM) + whole)
 
 
@@ -135,7 +141,7 @@ def _link_runtime() -> None:
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
     """Hold the write lock of a folder of kernels."""
-    folder.mkdir(parents=True, exist_ok=True)
+    file_locks.own_folder(folder)
     with (folder / ".lock").open("wb") as lock:
         file_locks.take(lock, wait=True)
         yield
@@ -143,7 +149,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 def _whole(path: str) -> bytes:
     """The content of a file without its checksum. Raises OSError if the file is unreadable or damaged."""
-    found = Path(path).read_bytes()
+    found = file_locks.own_bytes(Path(path), INSTEAD)
     content = found[_SUM:]
     if len(found) <= _SUM or zlib.crc32(content).to_bytes(_SUM) != found[:_SUM]:
         raise OSError(f"{path} is damaged")
@@ -159,14 +165,18 @@ def root() -> Path:
 class Folder:
     """The kernels of one set of sources.
 
-    `keeps`: whether kernels can be stored there; stored ones are loaded in any case.
+    `keeps`: whether kernels can be stored there; stored ones are loaded in any case, unless another user can have
+    written them.
     """
 
     def __init__(self, key: str) -> None:
-        self.path = root() / key
+        self.root = root()
+        self.path = self.root / key
         self._pruned = False
+        if not all(file_locks.trusted(folder, INSTEAD) for folder in (self.root, self.path)):
+            self.path = Path(os.devnull) / key  # where nothing is, and nothing can be written
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
+            file_locks.own_folder(self.path)
             os.utime(self.path)
             self.keeps = os.access(self.path, os.W_OK)
         except OSError:  # compile in memory at every start; numba would store them beside the sources
@@ -271,12 +281,14 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
         atexit.register(self._done)
         if self._folder.keeps:
             last = ""
-            with suppress(OSError):
-                last = f"; the last time it took {self._notes.read_text()} s"
+            with suppress(OSError, ValueError):
+                seconds = float(file_locks.own_bytes(self._notes, INSTEAD))
+                last = f"; the last time it took {seconds:.0f} s"
             text = f"compiling kernels, once for each kind of rig{last or ': half a minute to a minute'}"
         else:
-            where = self._folder.path.parent
-            text = f"compiling kernels at every start, because {where} cannot be written: half a minute to a minute; "
+            where = self._folder.root
+            why = "cannot be written" if where == self._folder.path.parent else "is ignored"
+            text = f"compiling kernels at every start, because {where} {why}: half a minute to a minute; "
             text += "set RIG_KERNELS=/some/folder to store them elsewhere"
         sys.stderr.write(f"{text}\n")
         sys.stderr.flush()

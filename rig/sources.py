@@ -16,6 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from rig.file_locks import own_bytes, own_file, own_folder, trusted
+
 ROOMS = ("rig/solve",)
 """Folders whose kernels are stored for all processes as long as their sources do not change."""
 _DECORATORS = {"kernel", "inner", "inlined", "fused"}
@@ -32,14 +34,15 @@ class Module(NamedTuple):
     """Dotted names of the imported modules of this project."""
 
 
-def key(root: Path, kept: Path, version: str) -> str:
+def key(root: Path, kept: Path, version: str, instead: str) -> str:
     """Hash (16 hex digits) of `version` and of everything that the kernels of these sources depend on.
 
-    `root`: folder that contains the package `rig`; `kept`: file that stores the summaries.
+    `root`: folder that contains the package `rig`; `kept`: file that stores the summaries, unless another user can have
+    written it; `instead`: what the user can then set.
     """
     known: dict[str, Module] = {}
     with suppress(OSError, ValueError, TypeError):  # missing or damaged
-        known = {name: Module(*one) for name, one in json.loads(kept.read_text()).items()}
+        known = {name: Module(*one) for name, one in json.loads(own_bytes(kept, instead)).items()}
     found: dict[str, Module] = {}
 
     def read(name: str) -> Module:
@@ -61,12 +64,13 @@ def key(root: Path, kept: Path, version: str) -> str:
                 needed.add(name)
                 todo.append(name)
     read_here = {str(root / name): one for name, one in found.items()}
-    if any(known.get(path) != one for path, one in read_here.items()):
+    if any(known.get(path) != one for path, one in read_here.items()) and trusted(kept.parent, instead):
         others = {path: one for path, one in known.items() if Path(path).is_file()}  # summaries of other checkouts
         draft = kept.with_suffix(f".{os.getpid()}")
         with suppress(OSError):  # a folder that cannot be written costs only the time of parsing
-            kept.parent.mkdir(parents=True, exist_ok=True)
+            own_folder(kept.parent)
             draft.write_text(json.dumps(others | read_here))
+            own_file(draft)
             draft.replace(kept)
     text = "".join(f"{name} {found[name].digest}\n" for name in sorted(needed))
     return hashlib.sha256(f"{version}\n{text}".encode()).hexdigest()[:16]

@@ -1,10 +1,12 @@
 """Compiled code: where it is kept, what a start says about it."""
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
 import time
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -99,7 +101,7 @@ def test_kernels_in_a_place_that_cannot_be_written_are_loaded(tmp_path, monkeypa
     kept = tmp_path / "kept"
     monkeypatch.setattr(sys.modules[__name__], "CODE", f"from rig import kernel\nkernel.ROOMS = ({rooms!r},)\n{CODE}")
     assert run(tmp_path, RIG_KERNELS=str(kept)).stderr == TOLD
-    before = sorted(kept.rglob("*"))
+    before = {path for path in kept.rglob("*") if path.name != "seconds"}  # `run` removes it
     assert any(path.suffix == ".nbc" for path in before)
     (tmp_path / "sitecustomize.py").write_text(READ_ONLY.format(str(kept)))
     found = run(tmp_path, RIG_KERNELS=str(kept))
@@ -107,7 +109,7 @@ def test_kernels_in_a_place_that_cannot_be_written_are_loaded(tmp_path, monkeypa
     found = run(tmp_path, "1.0), twice(1", RIG_KERNELS=str(kept))
     assert found.stdout == "2.0 2\n"
     assert f"at every start, because {kept} cannot be written" in found.stderr
-    assert sorted(kept.rglob("*")) == before
+    assert {*kept.rglob("*")} == before
 
 
 PART = """
@@ -244,6 +246,60 @@ def test_a_damaged_kernel_is_compiled_again(compiled, tmp_path, how, suffix):
         assert (again.stderr, after.stderr) == (TOLD, "")
 
 
+class Poison:
+    """Makes a folder when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (self.path,)
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("what", ["the root", "the folder of the sources", "the folder of the module", "the file"])
+@pytest.mark.parametrize("how", [0o777, 0o775, "owner"])
+def test_a_kernel_that_another_user_can_have_written_is_never_unpickled(compiled, tmp_path, how, what, suffix):
+    if how != 0o777 and os.geteuid():
+        pytest.skip("only an administrator can give files to others")
+    kept = shutil.copytree(compiled / "kept", tmp_path / "kept")
+    for path in kept.rglob(f"*.{suffix}"):
+        poison = pickle.dumps(Poison(str(tmp_path / "executed")))
+        path.write_bytes(zlib.crc32(poison).to_bytes(4) + poison)
+        at = {"the root": kept, "the folder of the sources": path.parents[1], "the folder of the module": path.parent,
+              "the file": path}[what]  # fmt: skip
+    before = set(kept.rglob("*"))
+    os.chown(at, 12345 if how == "owner" else -1, 12345 if how == 0o775 else -1) if how != 0o777 else None
+    if how != "owner":
+        at.chmod(how)
+    found = run(compiled, RIG_KERNELS=str(kept))
+    assert found.stdout == "2.0\n", found.stderr
+    assert not (tmp_path / "executed").exists()
+    why = {0o777: "can be written by other users (mode 777)", 0o775: "can be written by other users (mode 775)",
+           "owner": "belongs to another user (number 12345)"}[how]  # fmt: skip
+    assert found.stderr.count(f"{at} {why}: it is ignored; remove it or its permission, or set RIG_KERNELS") == 1
+    assert "compiling kernels" in found.stderr
+    if what != "the file":
+        assert {path for path in set(kept.rglob("*")) - before if at in path.parents} == set()  # nothing is put there
+    else:
+        assert run(compiled, RIG_KERNELS=str(kept)).stderr == ""  # stored anew
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system has other permissions")
+@pytest.mark.parametrize("mask", [0o002, 0o000])
+def test_what_is_stored_no_other_user_can_write(compiled, tmp_path, mask):
+    before = os.umask(mask)
+    try:
+        folder = tmp_path / "new" / "kept"
+        for told in (TOLD, ""):
+            assert run(compiled, RIG_KERNELS=str(folder)).stderr == told
+    finally:
+        os.umask(before)
+    stored = [path for path in folder.rglob("*") if path.suffix in (".nbi", ".nbc", ".json") or path.is_dir()]
+    assert len(stored) >= 4
+    assert not [path for path in (folder.parent, folder, *stored) if path.stat().st_mode & 0o022]
+
+
 @pytest.mark.parametrize("text", ["", "[[3, fal", "5", "[1]", "{}", "\x00"])
 def test_damaged_notes_of_a_warm_up_count_as_none(tmp_path, monkeypatch, text):
     monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
@@ -266,7 +322,7 @@ def checkout(tmp_path_factory):
         shutil.copytree(ROOT / room, tmp_path / room, ignore=shutil.ignore_patterns("__pycache__"))
 
     def key():
-        return sources.key(tmp_path, tmp_path / "kept" / "sources.json", "0")
+        return sources.key(tmp_path, tmp_path / "kept" / "sources.json", "0", "")
 
     return tmp_path, key
 
@@ -315,7 +371,7 @@ def test_the_same_sources_elsewhere_find_the_same_kernels(checkout, tmp_path):
     (folder / "kept" / "sources.json").write_text("{damaged")
     (tmp_path / "file").write_text("")
     assert key() == before
-    assert sources.key(folder, tmp_path / "file" / "sources.json", "0") == before
+    assert sources.key(folder, tmp_path / "file" / "sources.json", "0", "") == before
 
 
 STEPS = "\n".join(f"        s = s * 0.5 + x / (s + {k}.5) - (s * x) / ({k}.25 + s * s)" for k in range(60))
@@ -356,12 +412,12 @@ def test_two_checkouts_do_not_parse_their_sources_in_turns(checkout, tmp_path, m
     shared, parsed = tmp_path / "kept" / "sources.json", []
     parse = sources.ast.parse
     for root in (folder, tmp_path):
-        sources.key(root, shared, "0")
+        sources.key(root, shared, "0", "")
     monkeypatch.setattr(sources.ast, "parse", lambda source: (parsed.append(source), parse(source))[1])
-    assert sources.key(folder, shared, "0") == sources.key(tmp_path, shared, "0")
+    assert sources.key(folder, shared, "0", "") == sources.key(tmp_path, shared, "0", "")
     assert not parsed
     (tmp_path / "rig" / "solve" / "carry.py").write_text("X = 1\n")
-    sources.key(tmp_path, shared, "0")
+    sources.key(tmp_path, shared, "0", "")
     assert len(parsed) == 1
 
 

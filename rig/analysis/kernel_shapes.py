@@ -24,6 +24,8 @@ from rig import kernel
 from rig.analysis.pool import Arrays, carry_out, temporary
 from rig.bench.runner import PlantRunner
 from rig.errors import NumericsError, WorkerError
+from rig.file_locks import own_bytes, own_file
+from rig.kernel_store import INSTEAD
 from rig.model.method import chosen, crowded
 from rig.model.system import System
 from rig.model.tables import UNROLLED
@@ -194,7 +196,7 @@ def run_briefly(scene: Scene) -> None:
 def ready() -> set[Shape]:
     """Return the shapes that have been compiled for these sources and this processor."""
     try:
-        return {Shape(*one) for one in json.loads(notes().read_text())}
+        return {Shape(*one) for one in json.loads(own_bytes(notes(), INSTEAD))}
     except (OSError, ValueError, TypeError):  # not there, or damaged: what is compiled is found all the same
         return set()
 
@@ -210,6 +212,7 @@ def note(one: Shape) -> None:
     draft = place.with_suffix(f".{os.getpid()}")
     try:
         draft.write_text(json.dumps(noted))
+        own_file(draft)
         draft.replace(place)
     except OSError:  # a read-only cache: the next start compiles again
         return

@@ -1,7 +1,7 @@
 """The store of reduced models of structures: a model takes seconds to build, is built once, and is part of a recording.
 
 A file contains one model. Its name is the hash of everything that the model depends on. The reader checks the content.
-The environment variable `RIG_MODELS` sets the folder.
+The environment variable `RIG_MODELS` sets the folder. A file that another user can have written is ignored.
 
 A re-simulation uses the model of the recording, whatever this machine would build: the recording offers the bytes
 (`offer`), and its scene names them by digest while the rig is assembled (`using`).
@@ -22,12 +22,15 @@ from typing import Any, ParamSpec, TypeVar
 
 import platformdirs
 
+from rig import file_locks
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
 LIMIT = 1 << 26
 """Largest size of all models together [bytes]; the least recently used ones are deleted beyond it [chosen]."""
 _CACHED = 4  # results, of each plant
+_INSTEAD = "RIG_MODELS to another folder"
 _log = logging.getLogger("rig")
 _reported: set[Path] = set()  # folders that this process has reported as not writable
 OFFERED: OrderedDict[str, bytes] = OrderedDict()  # digest -> model, the latest last
@@ -95,7 +98,7 @@ def stored_or_built(
         with suppress(ValueError):
             return _take(of, offered, read(offered))
     with suppress(OSError, ValueError):
-        content = path.read_bytes()
+        content = file_locks.own_bytes(path, _INSTEAD)
         found = read(content)
         with suppress(OSError):  # of a folder that cannot be written
             os.utime(path)
@@ -148,10 +151,13 @@ def _take(of: str, content: bytes, model: T) -> T:
 
 def _keep(path: Path, content: bytes) -> None:
     """Write a file atomically and delete the least recently used ones beyond `LIMIT`."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if not file_locks.trusted(path.parent, _INSTEAD):
+        return
+    file_locks.own_folder(path.parent)
     draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}")
     try:
         draft.write_bytes(content)
+        file_locks.own_file(draft)
         draft.replace(path)
     except OSError:
         with suppress(OSError):

@@ -21,6 +21,7 @@ from typing import Any
 import platformdirs
 
 from rig.errors import UsageError
+from rig.file_locks import own_folder, trusted
 from rig.qualify.benchmarks.one_version import CASES
 
 ROUNDS = 21
@@ -86,8 +87,10 @@ def unpacked(commit: str) -> Path:
     """Return a folder with the sources of `commit`. Raises UsageError if git does not know it."""
     name = _git("rev-parse", "--verify", "--end-of-options", f"{commit}^{{commit}}").decode().strip()
     place = platformdirs.user_cache_path("friction-rig") / "versions" / name
+    if not all(trusted(folder, "XDG_CACHE_HOME to another folder") for folder in (place.parent, place)):
+        raise UsageError(f"--against: another user can have written the sources in {place}")
     if not place.exists():
-        place.parent.mkdir(parents=True, exist_ok=True)
+        own_folder(place.parent)
         with (
             tempfile.TemporaryDirectory(dir=place.parent) as draft,
             tarfile.open(fileobj=BytesIO(_git("archive", name))) as archive,
