@@ -10,7 +10,9 @@
 #   make site       the documentation as a site, build/site/index.html (installs Sphinx into .venv the first time)
 #   make golden     recordings/golden, made again
 #   make proto      rig/bus/rig_pb2.py, made again from rig/bus/rig.proto (needs protoc: apt-get install protobuf-compiler)
-#   make lock       requirements.lock and requirements-site.lock, made again from pyproject.toml (needs uv)
+#   make lock       the three requirements files, made again from pyproject.toml (needs uv)
+#   make tools      what tests and checks need, and all optional libraries
+#   make uninstall  .venv and the caches of this user deleted; recordings stay
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -22,47 +24,56 @@ PROCESSES := $(addprefix tests/bench/test_,in_plant.py live_checkpoint.py pace.p
   tests/controllers/test_real_process.py tests/parts/test_live.py tests/test_child.py tests/view/test_bridge.py $(addprefix tests/web/test_,bridge.py recordings.py studies.py web_command.py web_runs.py)
 DAILY := not slow and not bench and not browser
 RUN := $(BIN)/python -m
-PACKAGES = $$(grep -c '^[a-z].*==' requirements.lock)
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := install
-.PHONY: install demo test test-slow test-browser check bench docs lessons site golden proto lock clean
+.PHONY: install tools demo test test-slow test-browser check bench docs lessons site golden proto lock uninstall clean
 
 install: $(VENV)/.installed
+tools: $(VENV)/.installed-tools
+
+# $(1): the lock file. What pip collects is counted, because nothing else would be seen for minutes.
+define installed
+@command -v $(PYTHON) >/dev/null || { echo "there is no '$(PYTHON)' here: install Python 3.11 or newer, or name it: make PYTHON=python3.12"; exit 1; }
+@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed; $(PYTHON) is $$($(PYTHON) -V 2>&1). Another one: make PYTHON=python3.12"; exit 1; }
+@echo "download and install: about $$(grep -c '^[a-z].*==' $(1)) packages into $(VENV), once; one to three minutes"
+@$(PYTHON) -m venv $(VENV) || { echo "Python's venv module is missing: install it (often a package named python3-venv)"; exit 1; }
+@{ $(RUN) pip install --disable-pip-version-check --progress-bar off --require-hashes -r $(1) 2>&1; echo "ended $$?"; } \
+  | awk -v whole=$$(grep -c '^[a-z].*==' $(1)) '/^(Collecting|Processing) /{ if (++n % 20 == 0) { print "  " n " of about " whole " packages"; fflush() } } \
+    /^Installing /{ print "  all there, installing"; fflush() } /^(ERROR|error)/{ print; fflush() } END{ exit $$2 }'
+@$(PIP) --no-deps --no-build-isolation -e .
+@touch $(VENV)/.installed
+endef
 
 $(VENV)/.installed: requirements.lock pyproject.toml
-	@command -v $(PYTHON) >/dev/null || { echo "there is no '$(PYTHON)' here: install Python 3.11 or newer, or name it: make PYTHON=python3.12"; exit 1; }
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed; $(PYTHON) is $$($(PYTHON) -V 2>&1). Another one: make PYTHON=python3.12"; exit 1; }
-	@echo "download and install: about $(PACKAGES) packages into $(VENV), once; one to three minutes"
-	@$(PYTHON) -m venv $(VENV) || { echo "Python's venv module is missing: install it (often a package named python3-venv)"; exit 1; }
-	@{ $(RUN) pip install --disable-pip-version-check --progress-bar off --require-hashes -r requirements.lock 2>&1; echo "ended $$?"; } \
-	  | awk -v whole=$(PACKAGES) '/^(Collecting|Processing) /{ if (++n % 20 == 0) { print "  " n " of about " whole " packages"; fflush() } } \
-	    /^Installing /{ print "  all there, installing"; fflush() } /^(ERROR|error)/{ print; fflush() } END{ exit $$2 }'
-	@$(PIP) --no-deps --no-build-isolation -e .
+	$(call installed,requirements.lock)
+
+$(VENV)/.installed-tools: requirements-dev.lock requirements.lock pyproject.toml
+	$(call installed,requirements-dev.lock)
 	@touch $@
 
 demo: install # a busy machine makes the timing invalid (3) and says so; the demonstration is none the worse
 	@$(BIN)/rig demo || [ $$? -eq 3 ]
 
 test: export PYTHONDONTWRITEBYTECODE = # or each of some hundred processes would compile rig anew
-test: install # what computes, one thread each; then processes, which mostly wait, three at a time; then what judges time, alone
+test: tools # what computes, one thread each; then processes, which mostly wait, three at a time; then what judges time, alone
 	@OPENBLAS_NUM_THREADS=1 $(RUN) pytest -n 2 --dist loadfile $(addprefix --ignore=,$(PROCESSES))
 	@$(RUN) pytest -n 3 --dist worksteal -m "$(DAILY) and not alone" $(PROCESSES)
 	@$(RUN) pytest -m "$(DAILY) and alone" $(PROCESSES)
 
-test-slow: install
+test-slow: tools
 	@$(RUN) pytest -m slow
 
-test-browser: install # RIG_SCREENSHOTS=FOLDER keeps pictures of the page
+test-browser: tools # RIG_SCREENSHOTS=FOLDER keeps pictures of the page
 	@$(RUN) pytest -m browser -rs tests/web/browser
 
-check: install
+check: tools
 	@$(RUN) ruff format --check .
 	@$(RUN) ruff check .
 	@$(BIN)/lint-imports
 	@$(RUN) mypy
 
-bench: install
+bench: tools
 	@$(RUN) rig.qualify.benchmarks $(if $(AGAINST),--against $(AGAINST)) $(if $(LOOP),--loop $(LOOP))
 
 docs: install
@@ -76,8 +87,8 @@ site: $(VENV)/.installed-site # every warning is an error: a link that leads now
 	@$(RUN) sphinx --quiet --fail-on-warning --keep-going --nitpicky -c docs/site docs build/site
 	@echo "open build/site/index.html"
 
-$(VENV)/.installed-site: $(VENV)/.installed requirements-site.lock
-	@echo "installing Sphinx into $(VENV), beside the packages of requirements.lock, which the pages need too (once)"
+$(VENV)/.installed-site: $(VENV)/.installed-tools requirements-site.lock
+	@echo "installing Sphinx into $(VENV), beside the packages of requirements-dev.lock, which the pages need too (once)"
 	@$(PIP) --require-hashes -r requirements-site.lock
 	@touch $@
 
@@ -90,11 +101,15 @@ golden: install # by the commands in the table of recordings/README.md
 proto:
 	protoc --proto_path=rig/bus --python_out=rig/bus rig.proto
 
+LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --fork-strategy fewest
 lock:
-	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	  --fork-strategy fewest --extra cluster --extra data --extra fmi --extra gym --extra web --group dev --group build pyproject.toml -o requirements.lock
-	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	  --fork-strategy fewest --constraint requirements.lock --group site -o requirements-site.lock
+	$(LOCK) --extra cluster --extra data --extra fmi --extra gym --extra view --extra web --group dev --group build pyproject.toml -o requirements-dev.lock
+	$(LOCK) --constraint requirements-dev.lock --extra view --extra web --group build pyproject.toml -o requirements.lock
+	$(LOCK) --constraint requirements-dev.lock --group site -o requirements-site.lock
+
+uninstall: # what this project has stored for this user, then what it has installed here; the recordings stay
+	@[ ! -x $(BIN)/rig ] || $(BIN)/rig clean
+	@rm -rf $(VENV)
 
 clean:
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist

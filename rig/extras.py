@@ -1,8 +1,13 @@
-"""Optional libraries: imported where they are used; a missing one is named with the line that installs it."""
+"""Optional libraries: imported where they are used; a missing one is named with the line that installs it.
+
+The project is in no package index: a package of its name there would be somebody else's. So the lines name its folder
+and its wheel.
+"""
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import sys
 from contextlib import redirect_stdout
 from typing import Any
@@ -20,6 +25,21 @@ def needed(name: str, extra: str) -> Any:
         with redirect_stdout(sys.stderr):
             return importlib.import_module(name)
     except ImportError as fault:
-        raise UsageError(
-            f"{name} cannot be loaded ({fault}); pip install 'friction-rig[{extra}]' installs it"
-        ) from None
+        raise UsageError(f"{name} cannot be loaded ({fault}); {installed_by(extra)}") from None
+
+
+def installed_by(extra: str) -> str:
+    """The words that say how the libraries of the extra `extra` are installed."""
+    return (
+        f"to install it: python -m pip install -e '.[{extra}]' in the project's folder, or "
+        f"python -m pip install './friction_rig-VERSION-py3-none-any.whl[{extra}]' beside its wheel"
+    )
+
+
+def check(name: str, extra: str, what: str) -> None:
+    """Raise UsageError if the library `name` of the extra `extra`, which `what` needs, is not installed.
+
+    It is not imported: this costs nothing at a start.
+    """
+    if importlib.util.find_spec(name) is None:
+        raise UsageError(f"{what} needs {name}, which is not installed; {installed_by(extra)}")

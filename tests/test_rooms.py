@@ -108,7 +108,7 @@ def _environment():
     return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
-@pytest.mark.parametrize("file", ["requirements.lock", "requirements-site.lock"])
+@pytest.mark.parametrize("file", ["requirements.lock", "requirements-dev.lock", "requirements-site.lock"])
 def test_no_file_names_a_host_of_packages(file):
     lock = (ROOT / file).read_text()
     assert "://" not in lock
@@ -129,13 +129,19 @@ def test_the_locks_pin_what_the_project_asks_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     groups = project["dependency-groups"]
     site = groups.pop("site")
-    wanted = [project["project"]["dependencies"], project["project"]["optional-dependencies"]["data"], *groups.values()]
-    assert _names(one for group in wanted for one in group) <= _pinned("requirements.lock").keys()
+    extras = project["project"]["optional-dependencies"]
+    peers = extras.pop("peers")  # rig cost --peers names the versions it measured
+    assert peers
+    used = [*project["project"]["dependencies"], *extras["view"], *extras["web"], *groups["build"]]
+    everything = [*used, *(one for group in (*extras.values(), *groups.values()) for one in group)]
+    assert _names(used) <= _pinned("requirements.lock").keys()
+    assert _names(everything) <= _pinned("requirements-dev.lock").keys()
+    assert _pinned("requirements.lock").items() <= _pinned("requirements-dev.lock").items()
     assert _names(site) <= _pinned("requirements-site.lock").keys()
 
 
 def test_the_site_changes_no_package_that_the_rig_uses():
-    ours, sites = _pinned("requirements.lock"), _pinned("requirements-site.lock")
+    ours, sites = _pinned("requirements-dev.lock"), _pinned("requirements-site.lock")
     both = ours.keys() & sites.keys()
     assert len(both) > 10
     assert {name: ours[name] for name in both} == {name: sites[name] for name in both}

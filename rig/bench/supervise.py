@@ -31,6 +31,7 @@ from rig.bus.port import Session
 from rig.bus.receivers import Receiver
 from rig.child_process import Child, end
 from rig.errors import BusError, ExitCode, Interrupted, LogError, RigError, UsageError
+from rig.extras import check
 from rig.process import told_to_stop
 from rig.record.recorded_setup import head, setup_of
 from rig.scenes import names
@@ -75,7 +76,9 @@ def run(
     address.directory()  # on a system without live runs this raises before anything starts
     expect = [("controller", controller) for controller in scene.controllers if controller not in scene.in_plant]
     expect += [RECORDER] if record else []
-    expect += [VIEWER] if view or web else []
+    if view or web:
+        check("rerun", "view", "the live view")
+        expect += [VIEWER]
     job = Job(
         scene.to_json(),
         run=name,

@@ -64,4 +64,28 @@ def warmup(
     )
 
 
-COMMANDS = {"doctor": (doctor, "rig doctor --bundle report.zip"), "warmup": (warmup, "rig warmup pendulum")}
+def clean() -> None:
+    """Delete what friction-rig has stored for this user: compiled kernels, models of plates, messages of the last run.
+
+    The next start compiles again. Recordings and scenes are not touched.
+    Folders that RIG_KERNELS and RIG_MODELS name are yours, and stay.
+    """
+    import shutil
+
+    import platformdirs
+
+    folders = {platformdirs.user_cache_path("friction-rig"), platformdirs.user_state_path("friction-rig")}
+    there = sorted(folder for folder in folders if folder.is_dir())
+    for folder in there:
+        size = sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
+        shutil.rmtree(folder)
+        printing.line(f"deleted {folder}: {size / 1e6:.1f} MB")
+    if not there:
+        printing.line("nothing is stored")
+
+
+COMMANDS = {
+    "clean": (clean, "rig clean"),
+    "doctor": (doctor, "rig doctor --bundle report.zip"),
+    "warmup": (warmup, "rig warmup pendulum"),
+}

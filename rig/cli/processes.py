@@ -33,6 +33,7 @@ from rig.cli.options import (
 )
 from rig.cli.outputs import new
 from rig.errors import ExitCode, UsageError
+from rig.extras import check
 from rig.printable import printable
 
 
@@ -145,6 +146,8 @@ def view(
         raise UsageError(f"--save {save}: is written in rerun's format, so its name must end in .rrd")
     if foxglove is not None and foxglove.suffix != ".json":
         raise UsageError(f"--foxglove {foxglove}: a layout is JSON, so its name must end in .json")
+    if foxglove is None:
+        check("rerun", "view", "rig view")
     if log is None:
         from rig.view.process import view as show
 

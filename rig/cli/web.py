@@ -9,7 +9,7 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Json, RunName
-from rig.errors import UsageError
+from rig.extras import check
 
 
 def web(
@@ -26,16 +26,9 @@ def web(
     from rig.bus.address import directory  # slow to import: only where a page is served
 
     directory()  # where no run can be live, the page would be of no use
-    try:
-        from rig.web.server import serve
-    except ModuleNotFoundError as fault:
-        lacking = (fault.name or "").partition(".")[0]
-        if lacking not in ("starlette", "uvicorn", "websockets", "anyio", "h11"):
-            raise
-        raise UsageError(
-            f"rig web needs {lacking}, which is not installed: pip install 'friction-rig[web]', "
-            "or in the project's folder: pip install -e '.[web]'"
-        ) from None
+    for name in ("starlette", "uvicorn", "websockets"):
+        check(name, "web", "rig web")
+    from rig.web.server import serve
 
     def say(text: str) -> None:
         printing.line(text)

@@ -329,3 +329,16 @@ def test_ctrl_c_at_the_very_start_of_a_command_shows_no_traceback():
     code = "import sys, os; before = set(sys.modules); import rig.cli; print(*sorted(set(sys.modules) - before))"
     found = subprocess.run([sys.executable, "-S", "-c", code], **given)
     assert found.stdout.split() == ["__future__", "rig", "rig.cli"]
+
+
+def test_clean_deletes_what_is_stored_for_the_user_and_nothing_else(rig, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    for name in ("cache/friction-rig/kernels/a/b", "state/friction-rig/last_run.log", "cache/others", "run.mcap"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(bytes(2_000_000))
+    code, out, _ = rig("clean")
+    assert code == 0
+    assert f"deleted {tmp_path / 'cache' / 'friction-rig'}: 2.0 MB" in out
+    assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {"others", "run.mcap"}
+    assert rig("clean")[1] == "nothing is stored\n"

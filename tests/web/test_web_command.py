@@ -83,11 +83,19 @@ def test_a_server_that_is_killed_leaves_no_process_and_a_recording(serving):
     assert package.open(log).time.size
 
 
-@pytest.mark.parametrize("lacking", ["starlette", "uvicorn", "websockets"])
-def test_without_its_packages_it_says_how_to_install_them(rig, monkeypatch, lacking):
+@pytest.mark.parametrize(
+    ("lacking", "extra", "command"),
+    [
+        *((name, "web", ("web", "--no-open")) for name in ("starlette", "uvicorn", "websockets")),
+        ("rerun", "view", ("view", ROOT / "recordings" / "golden" / "belt.mcap")),
+        ("rerun", "view", ("run", "belt", "--view", "--duration", "0.1")),
+    ],
+)
+def test_without_its_packages_it_says_how_to_install_them(rig, monkeypatch, lacking, extra, command):
+    """By the project's folder or wheel: there is no package of its name in an index."""
     for name in [name for name in sys.modules if name.partition(".")[0] == lacking or name.startswith("rig.web")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, lacking, None)
-    code, _, err = rig("web", "--no-open")
+    code, _, err = rig(*command)
     assert code == 2
-    assert f"rig web needs {lacking}, which is not installed: pip install 'friction-rig[web]'" in err
+    assert f"needs {lacking}, which is not installed; to install it: python -m pip install -e '.[{extra}]'" in err
