@@ -63,7 +63,7 @@ PICTURES = (Own("rig.view.brake:Brake", ("displacement", "velocity", "surface_sp
 
 
 class Structure(Section):
-    """Damping of all springs by their loss factor at a frequency; `scale` multiplies all natural frequencies."""
+    """Damping of all springs by their loss factor at a frequency; `scale` multiplies frequencies of rigid bodies."""
 
     loss_factor: Ratio
     frequency: Hertz
@@ -165,8 +165,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     elastic = p.structure.scale**2
     viscous = p.structure.scale * p.structure.loss_factor / (2.0 * math.pi * p.structure.frequency)
     for name, body in bodies.items():
-        for coordinate, (inertia, stiffness) in body.coordinates(name).items():
-            a.coordinate(coordinate, inertia, viscous * stiffness, elastic * stiffness)
+        for coordinate, (inertia, damping, stiffness) in body.coordinates(name).items():
+            a.coordinate(coordinate, inertia, damping, stiffness)
     for spring in p.springs.values():
         if not both_ends_act(bodies, spring):
             continue

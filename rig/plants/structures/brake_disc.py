@@ -24,10 +24,11 @@ class Bending(Body):
     disc: Disc
     radius: float
 
-    def coordinates(self, name: str) -> dict[str, tuple[float, float]]:
+    def coordinates(self, name: str) -> dict[str, tuple[float, float, float]]:
         """See `Body.coordinates`."""
-        modes = [(part, mode) for mode in free_modes(self.disc) for part in _names(name, mode)]
-        return {f"{name}.x": (self.mass, 0.0)} | {part: (1.0, mode.omega**2) for part, mode in modes}
+        modes = [(part, mode.omega) for mode in free_modes(self.disc) for part in _names(name, mode)]
+        bends = {part: (1.0, 2.0 * self.disc.damping_ratio * omega, omega**2) for part, omega in modes}
+        return {f"{name}.x": (self.mass, 0.0, 0.0)} | bends
 
     def row(self, name: str, a: float, b: float, direction: str) -> Row:
         """See `Body.row`."""

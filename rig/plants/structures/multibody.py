@@ -41,10 +41,10 @@ class Body(Section):
     inertia: KilogramSquareMetre
     points: dict[str, Point] = Field(default_factory=dict)
 
-    def coordinates(self, name: str) -> dict[str, tuple[float, float]]:
-        """The coordinates of the body `name` -> (inertia, additional stiffness)."""
+    def coordinates(self, name: str) -> dict[str, tuple[float, float, float]]:
+        """The coordinates of the body `name` -> (inertia, damping and stiffness of the body itself)."""
         parts = (("x", self.mass), ("z", self.mass), ("phi", self.inertia))
-        return {f"{name}.{axis}": (inertia, 0.0) for axis, inertia in parts}
+        return {f"{name}.{axis}": (inertia, 0.0, 0.0) for axis, inertia in parts}
 
     def row(self, name: str, a: float, b: float, direction: str) -> Row:
         """The motion of the point (a, b) [m] along a direction, as a row over the coordinates."""
