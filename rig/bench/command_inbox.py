@@ -8,7 +8,7 @@ import numpy as np
 
 from rig.bench.exchange import Exchange
 from rig.bench.timing import Spread
-from rig.bus.arrivals import Refused
+from rig.bus.arrivals import Count, Refused
 from rig.bus.port import Session
 from rig.bus.publisher import Publisher
 
@@ -36,6 +36,8 @@ class CommandInbox:
         """Admitted controller -> user whose commands count. A controller of the scene is the user of its name."""
         self._admitted: dict[str, float] = {}
         """Admitted controller that is not present yet -> time of its admission [s of the monotonic clock]."""
+        self._accepted: dict[str, Count] = {}
+        """Topic -> counts of the accepted commands: what a refused sender claims to have sent says nothing."""
         self._counted: dict[str, tuple[int, int]] = {}
         """Topic -> number of commands up to the last check, and of steps that were then not answered yet."""
         self._steps, self._ticks = 0, -1
@@ -65,6 +67,8 @@ class CommandInbox:
         while message is not None:
             act, name = message.said, message.topic[4:]
             if self.speaks_for(message.user, name):
+                if name in self._exchange.queues:
+                    self._count(message.topic, message.seq)
                 answered = act.tick
                 tick, put_at = self._put_at[answered % _REMEMBERED]
                 if tick == answered:
@@ -74,6 +78,15 @@ class CommandInbox:
             self._inbound.count(f"{message.user} on {message.topic}", Refused(why))
             message = self.acts.get()
         return None
+
+    def _count(self, topic: str, seq: int) -> None:
+        count = self._accepted.get(topic)
+        if count is None:
+            count = self._accepted[topic] = Count()
+        if seq == count.last + 1:
+            count.next(seq)
+        else:
+            count.see(seq, 0.0)
 
     def admit(self, name: str, user: str) -> None:
         """From now on accept commands of controller `name` from `user` only."""
@@ -109,7 +122,8 @@ class CommandInbox:
         ticks, self._ticks = self.last_step - self._ticks, self.last_step
         found = []
         for topic, count in self.acts.counts.items():
-            sent, queue = count.received + count.lost, self._exchange.queues.get(topic[4:])
+            lost = self._accepted[topic].lost if topic in self._accepted else 0
+            sent, queue = count.received + lost, self._exchange.queues.get(topic[4:])
             before, owed = self._counted.get(topic, (0, 0))
             new = sent - before
             if new > owed + 4 * steps + _TOO_MANY:
@@ -125,10 +139,10 @@ class CommandInbox:
 
     def unanswered(self, name: str) -> int:
         """Number of steps, since the first one, that a controller has not answered."""
-        queue, count = self._exchange.queues[name], self.acts.counts.get(f"act/{name}")
+        queue, count = self._exchange.queues[name], self._accepted.get(f"act/{name}")
         answers = count.received + count.lost if count is not None else 0
         return self.last_step // queue.period + 1 - answers
 
     def lost(self) -> dict[str, int]:
-        """Topic -> number of commands that were sent but did not arrive."""
-        return {topic: count.lost for topic, count in self.acts.counts.items() if count.lost}
+        """Topic -> number of commands of admitted controllers that were sent but did not arrive."""
+        return {topic: count.lost for topic, count in self._accepted.items() if count.lost}

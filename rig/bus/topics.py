@@ -94,6 +94,15 @@ def owner(topic: str) -> str:
     return "plant" if of(topic).sender == "plant" else topic.rpartition("/")[2]
 
 
+@lru_cache(4096)
+def of_plant(topic: str) -> bool:
+    """Whether the plant sends `topic`: only its simulated times are those of the run. False for unknown topics."""
+    try:
+        return owner(topic) == "plant"
+    except BusError:
+        return False
+
+
 def speaker(pattern: str) -> str:
     """Name of the only process that may publish on topics of `pattern`; "*" if several may."""
     first, _, name = pattern.partition("/")

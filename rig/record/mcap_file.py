@@ -95,9 +95,11 @@ class Writer:
         """Described for the first time in this chunk; the next chunk repeats it."""
         self.counts: dict[int, int] = {}
         """Channel -> number of its messages."""
-        self._messages = self._chunks = self._latest_ns = 0
+        self._messages = self._chunks = 0
+        self.reached_ns = 0
+        """Simulated time up to which the run has been added; the caller states it."""
         self._ends: list[tuple[int, int]] = []
-        """Ends of the chunks that the system may not have yet, and the latest publish time up to each."""
+        """Ends of the chunks that the system may not have yet, and the simulated time that each reaches."""
         self._first_ns, self._last_ns = (1 << 64) - 1, 0
         self._attached: list[AttachmentIndex] = []
         self._noted: list[MetadataIndex] = []
@@ -164,7 +166,6 @@ class Writer:
         self._hold(_MESSAGE.pack(Opcode.MESSAGE, 22 + len(payload), channel, seq, log_ns, t_ns) + payload)
         self._span = (min(self._span[0], log_ns), max(self._span[1], log_ns))
         self.counts[channel] += 1
-        self._latest_ns = max(self._latest_ns, t_ns)
         self._held += 1
         if self._size > self._chunk_size or self._held * SHARE > self._messages:
             self._end_chunk()
@@ -177,7 +178,7 @@ class Writer:
         start, (begin, end) = self._offset, self._span
         record = _packed(Chunk("zstd", packed, end, begin, zlib.crc32(content), len(content)))
         self._put(record)
-        self._ends.append((self._offset, self._latest_ns))
+        self._ends.append((self._offset, self.reached_ns))
         offsets, raw = bytearray(), bytearray()
         for channel, index in self._indexes.items():
             offsets += _OFFSET.pack(channel, self._offset + len(raw))
@@ -202,9 +203,7 @@ class Writer:
         self._ends = self._ends[-1:]
 
     def reached(self, size: int) -> int:
-        """Return the latest publish time in the chunks that are complete in the first `size` bytes; 0 if there
-        is none.
-        """
+        """Return the simulated time that the chunks complete in the first `size` bytes reach; 0 if there is none."""
         return next((t_ns for end, t_ns in reversed(self._ends) if end <= size), 0)
 
     def finish(self) -> None:

@@ -16,7 +16,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata, Schema, Statistics
 
 from rig.bus.messages import decode, times
-from rig.bus.topics import of
+from rig.bus.topics import of, of_plant
 from rig.errors import BusError, LogError
 from rig.record.byte_scan import Data, Found, Hole, Message, Messages, inside, walk
 from rig.record.foreign import why
@@ -74,6 +74,8 @@ class Scan:
         self.metadata: dict[str, dict[str, str]] = {}
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
+        self._of_plant: set[int] = set()
+        """Channels whose simulated times are those of the run."""
         self._of_blocks: set[int] = set()
         """Channels whose messages are blocks of samples."""
         self.whole = False
@@ -163,6 +165,8 @@ class Scan:
     def _describe(self, record: object) -> None:
         if isinstance(record, Channel):
             self.channels[record.id] = record
+            if of_plant(record.topic):
+                self._of_plant.add(record.id)
             with suppress(BusError):  # of a topic that is not in the table
                 if of(record.topic).message == "Block":
                     self._of_blocks.add(record.id)
@@ -189,7 +193,7 @@ class Scan:
 
     @property
     def last_ns(self) -> int:
-        """Simulated time [ns] of the last message or sample so far."""
+        """Simulated time [ns] of the plant's last message or sample so far."""
         found = [self._begun_ns]
         for channel, (chunk, place) in self._blocks.items():
             with suppress(BusError):  # not decodable: whoever reads the message reports it
@@ -199,9 +203,11 @@ class Scan:
     def _count(self, found: Messages) -> None:
         head = found.head
         self.count += head.size
-        self._begun_ns = max(self._begun_ns, int(head["time"].max()))
-        if not self.began_ns:
-            apart = head["log_time"].astype(np.int64) - head["time"].astype(np.int64)
+        timed = head[np.isin(head["channel"], list(self._of_plant))]  # others may state any time
+        if timed.size:
+            self._begun_ns = max(self._begun_ns, int(timed["time"].max()))
+        if timed.size and not self.began_ns:
+            apart = timed["log_time"].astype(np.int64) - timed["time"].astype(np.int64)
             self.began_ns = int(apart[np.argmax(apart != 0)])
         channels, numbers = head["channel"].tolist(), head["sequence"].tolist()
         first, last = dict(zip(reversed(channels), reversed(numbers))), dict(zip(channels, range(head.size)))

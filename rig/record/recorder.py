@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from rig import bus
-from rig.bus import messages, run_setup
+from rig.bus import messages, run_setup, topics
 from rig.bus.arrivals import Message
 from rig.bus.batch import WAITING
 from rig.bus.port import Session
@@ -51,10 +51,11 @@ class Recording:
     """Why the recording ended."""
     messages: int = 0
     seconds: float = 0.0
-    """Simulated time of the last message."""
+    """Simulated time of the plant's last message."""
     received: dict[str, int] = field(default_factory=dict)
     gaps: dict[str, int] = field(default_factory=dict)
-    """Messages missing between received ones, by topic; only topics with missing messages."""
+    """Messages missing between received ones, by topic; only topics with missing messages. What a sender claims that
+    the run neither expects nor has admitted counts nowhere."""
     tail: dict[str, int] = field(default_factory=dict)
     """Messages missing after the last one received, according to the totals that the senders state."""
     untold: list[str] = field(default_factory=list)
@@ -154,6 +155,8 @@ class RunRecorder:
     ) -> None:
         self._session, self._heard, self._plant, self._writer = session, heard, plant, writer
         self._lives = SenderLives()
+        self._admitted = {"plant", *session.inbound.reserved}
+        """Senders whose losses count."""
         self._totals = False
         self._paced = described.paced
         self._told_s, self._reached_ns = time.monotonic(), 0
@@ -188,7 +191,8 @@ class RunRecorder:
                 self._compare(message)
             elif message.topic.startswith("event/"):
                 self._look(message)
-            self._reached_ns, self._news = message.t_ns, True
+            if topics.of_plant(message.topic):
+                self._reached_ns, self._news = message.t_ns, True
         self._writer.flush_if_due()
         if (taken == TURN or (self._news and not self._paced)) and time.monotonic() > self._told_s + TELL_S:
             self._tell(self._reached_ns)
@@ -207,11 +211,20 @@ class RunRecorder:
 
     def _look(self, message: Message) -> None:
         event = message.said
-        if event.kind == "verdict" and message.topic == "event/plant":
+        if message.topic != "event/plant":
+            return
+        if event.kind == "admitted":
+            self._admitted.add(json.loads(event.data).get("controller", ""))
+        elif event.kind == "verdict":
             self._summary = {"verdict": event.text, **json.loads(event.data or "{}")}
 
     def _account(self, ended: str) -> Recording:
         counts = self._heard.counts
+        self._admitted |= {topic[8:] for topic in counts if topic.startswith("applied/")}  # before it began to listen
+
+        def of_admitted(found: dict[str, int]) -> dict[str, int]:
+            return {topic: n for topic, n in found.items() if n and topics.owner(topic) in self._admitted}
+
         return Recording(
             path=str(self._writer.path),
             run=self._session.run,
@@ -219,10 +232,10 @@ class RunRecorder:
             messages=self._writer.messages,
             seconds=self._writer.last_ns * 1e-9,
             received={topic: count.received for topic, count in counts.items()},
-            gaps={topic: count.lost for topic, count in counts.items() if count.lost},
-            tail=self._lives.tails(),
-            untold=sorted(self._lives.untold),
-            late={topic: count.first for topic, count in counts.items() if count.first},
+            gaps=of_admitted({topic: count.lost for topic, count in counts.items()}),
+            tail=of_admitted(self._lives.tails()),
+            untold=sorted(self._lives.untold & self._admitted),
+            late=of_admitted({topic: count.first for topic, count in counts.items()}),
             refused=self._session.inbound.refusals(),
             totals=self._totals,
             windows=self._writer.text() if isinstance(self._writer, Windows) else "",

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rig import controllers
-from rig.bus import messages
+from rig.bus import messages, topics
 from rig.bus.port import Session
 from rig.bus.queries import param_request
 from rig.bus.receivers import Receiver
@@ -201,13 +201,15 @@ class _Replay:
                 if not result.steps:
                     result.unknown_memory = tuple(name for name in self._into if self._worked_before(name, tick))
                 self._prepare(tick)
-            late = self._sleep_until(record.t_ns * 1e-9)
+            timed = topics.of_plant(record.topic)  # others may state any time
+            late = self._sleep_until(record.t_ns * 1e-9) if timed else 0.0
             if kind == "step":
                 self._late.append(late)
                 self._open = {name for name in self._starts if not record.t_ns % self._into[name].period_ns}
             self._session.publisher(record.topic).put(record.payload, record.t_ns)
             result.messages += 1
-            result.seconds = max(result.seconds, record.t_ns * 1e-9)
+            if timed:
+                result.seconds = max(result.seconds, record.t_ns * 1e-9)
             if kind == "step":
                 result.steps += 1
                 self._follow(tick)

@@ -100,7 +100,6 @@ class Windows:
         self.messages = 0
         """Number of messages written, in all recordings."""
         self.last_ns = 0
-        self._now_ns = 0
         """Simulated time of the latest message of the plant."""
         self.paths: list[Path] = []
         """The recordings that were begun."""
@@ -123,10 +122,9 @@ class Windows:
 
     def write(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
         """Take a message: write it if a window is open, else keep it for the next one."""
-        self.last_ns = max(self.last_ns, t_ns)
-        if topics.owner(topic) == "plant":  # nobody else moves a window
-            self._now_ns = max(self._now_ns, t_ns)
-        if self._writer is not None and self._now_ns > self._ends_ns + _SLACK_NS:
+        if topics.of_plant(topic):  # nobody else moves a window
+            self.last_ns = max(self.last_ns, t_ns)
+        if self._writer is not None and self.last_ns > self._ends_ns + _SLACK_NS:
             self._close("the window of the trigger ended", {})
         self._wait(_Waiting(topic, payload, t_ns, seq, log_ns))
         if topic == self._bound.topic:
@@ -140,7 +138,7 @@ class Windows:
             return
         self._waiting.append(one)
         self._size += len(one.payload) + _OVERHEAD
-        oldest = self._now_ns - self._before_ns - _SLACK_NS
+        oldest = self.last_ns - self._before_ns - _SLACK_NS
         while self._waiting and (self._waiting[0].t_ns < oldest or self._size > self.trigger.memory):
             gone = self._waiting.popleft()
             self._size -= len(gone.payload) + _OVERHEAD

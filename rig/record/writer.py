@@ -85,7 +85,7 @@ class Writer:
         self.path, self.setup, self._made, self._trigger = path, setup, made, trigger
         self.messages = 0
         self.last_ns = 0
-        """Simulated time of the latest message."""
+        """Simulated time of the plant's latest message: others may state any time."""
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._state = messages.state_type(list(setup.outputs))
@@ -166,7 +166,7 @@ class Writer:
         """Add a message unchanged; `seq`: its number on the topic, `log_ns`: time of reception."""
         with self._guarded():
             self._add(topic, payload, t_ns, seq, log_ns)
-            if not self._noted or t_ns >= self._noted[-1][0] + _NOTED_NS:
+            if topics.of_plant(topic) and (not self._noted or t_ns >= self._noted[-1][0] + _NOTED_NS):
                 self._noted.append((t_ns, self._log_ns))
             try:
                 if topic.startswith("event/"):
@@ -181,9 +181,10 @@ class Writer:
         if channel is None:
             channel = self._channels[topic] = self._channel(topic)
         self._log_ns = max(self._log_ns, log_ns)  # readers need it monotone, but clocks are sometimes set back
+        if t_ns > self.last_ns and topics.of_plant(topic):
+            self.last_ns = self._mcap.reached_ns = t_ns
         self._mcap.add(channel, self._log_ns, payload, t_ns, seq & 0xFFFFFFFF)
         self.messages += 1
-        self.last_ns = max(self.last_ns, t_ns)
 
     def _points(self, topic: str, payload: bytes, t_ns: int) -> Iterator[curves.Point]:
         """Points of curves that a message completes. A run on the bus sends outputs as states, a saved one as truth."""
@@ -226,6 +227,8 @@ class Writer:
 
     def _received(self, t_ns: int) -> int:
         """Time of reception that belongs to a simulated time, from the noted ones around it."""
+        if not self._noted:
+            return self._log_ns
         after, log_ns = self._noted[-1]
         if self._made == "saved" or t_ns >= after:
             return log_ns + (t_ns - after if self._made == "saved" else 0)

@@ -146,6 +146,8 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
         act = mine.publisher("act/mine")
         act.put(encode.act(0, 0, (0.5,)), 0)
         act.put(b"garbage", 0)
+        act.sent += 800  # so many it claims to have sent meanwhile
+        act.put(encode.act(1, 0, (0.5,)), 0)
         time.sleep(0.1)
         wanted = {"controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
         tick = mine.ask("cmd/plant", {"do": "admit", **wanted}, 20.0)["tick"]
@@ -157,7 +159,9 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
     kinds = [event.kind for event in bench.events(heard)]
     assert "refused" in kinds
     assert "admitted" in kinds
-    assert bench.summary["loop"]["refused"] == {"mine": 1}
+    assert bench.summary["loop"]["refused"] == {"mine": 2}
+    assert bench.summary["lost"] == {}
+    assert not [reason for reason in bench.summary["reasons"] if "act/mine" in reason]
     assert bench.summary["loop"]["mine"]["taken"] == 1
     assert bench.summary["loop"]["mine"]["refused"] == 1
     assert bench.summary["loop"]["mine"]["safe"] == 1

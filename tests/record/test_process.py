@@ -14,6 +14,7 @@ from rig.bus import encode, messages
 from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
 from rig.record import reader
+from rig.record.contents import contents
 from rig.record.curves import derived
 from rig.record.message_scan import Scan
 from rig.record.recorder import Recording
@@ -214,6 +215,37 @@ def test_the_total_of_a_sender_that_left_is_not_applied_to_the_next_one(plant, s
     assert account["received"]["act/mine"] == 47
     assert (account["tail"], account["lost"]) == ({}, 0)
     assert account["untold"] == []  # nobody came after the one that was killed
+
+
+def test_length_and_losses_come_from_the_plant_and_from_admitted_senders(plant, script, tmp_path):
+    path, claimed_ns = tmp_path / "run.mcap", 1000 * 10**9
+    recorder = script(RECORDER, path)
+    plant.wait_for_recorder()
+    for name in ("stranger", "mine"):
+        with bus.join("recorded", role="controller", name=name) as guest:
+            if name == "mine":
+                event = messages.event(0, 0, "plant", "admitted", "mine is admitted", {"controller": "mine"})
+                plant.put("event/plant", event, 0)
+                time.sleep(0.3)
+            own = guest.publisher(f"event/{name}")
+            for number in (0, 901):
+                own.sent = number
+                own.put(messages.event(claimed_ns, 1, name, "note", "hello"), claimed_ns)
+            totals = messages.TYPES["Totals"](process=name, sent_topic=[f"event/{name}"], sent=[912])
+            guest.publisher(f"total/{name}").put(totals.SerializeToString(), claimed_ns)
+            time.sleep(0.3)
+    plant.advance(50)
+    plant.finish()
+    account = json.loads(recorder.communicate(timeout=10)[0])
+    assert {topic: account["received"][topic] for topic in ("event/stranger", "event/mine")} == {
+        "event/stranger": 2, "event/mine": 2
+    }  # fmt: skip
+    assert (account["gaps"], account["tail"]) == ({"event/mine": 900}, {"event/mine": 10})
+    assert account["seconds"] == contents(path).seconds == 0.05
+    scan = Scan(path)
+    records = list(scan)
+    assert scan.last_ns == 50_000_000
+    assert {record.t_ns for record in records if record.topic == "event/stranger"} == {claimed_ns}  # as it was sent
 
 
 def accounted(*said):
