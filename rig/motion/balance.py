@@ -20,6 +20,8 @@ from rig.solve import energy_balance
 
 Array = NDArray[np.float64]
 
+_AT_REST = 1e-3  # share of the energy of balanced forces below which a motion counts as rest
+
 
 class CurrentState(NamedTuple):
     """A motion at one instant: its system, its state x [n], the key of its mode set, and the tables of its kernels."""
@@ -94,11 +96,14 @@ class Balance:
     def report(self, now: CurrentState, terms: Array, edges: float) -> dict[str, float]:
         """The terms by name [J], and `error`: the residual relative to the largest term or store.
 
-        `edges` [J]: energy supplied by changes of stiffness at the edges of sectors.
+        `edges` [J]: energy supplied by changes of stiffness at the edges of sectors. At rest all of these are rounding.
+        The scale is then a share of the work of the present forces from the unloaded place of the structure to here.
         """
         stored = now.stored() - self.first
         jumps = self.impulses + edges
-        largest = max(float(np.abs(terms).max()), abs(stored), abs(self.first), 1e-30)
+        x, system = np.abs(now.x), now.system
+        held = float(x[: len(system.coordinates)] @ np.abs(system.force) @ x)
+        largest = max(float(np.abs(terms).max()), abs(stored), abs(self.first), _AT_REST * held, 1e-30)
         out = energy_forms.by_name(now.system, terms)
         if now.system.varies:
             out["edges"] = edges

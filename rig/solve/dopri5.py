@@ -18,7 +18,7 @@ from rig.kernel import inlined, inner
 from rig.lent_records import lent
 from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.dense_output import evaluate_quartic, first_event, free_of_events, quartic_of_step
-from rig.solve.forces import derivative, right_hand_side
+from rig.solve.forces import derivative, inputs, right_hand_side
 from rig.solve.lanes import LANE, lanes
 from rig.solve.places import PART, add_powers, inputs_at, states_at, write_output_quartic
 from rig.solve.records import (
@@ -32,7 +32,7 @@ from rig.solve.records import (
     TRIAL_LIMIT,
     TRIALS,
 )
-from rig.solve.rows import dot
+from rig.solve.rows import dot, rounding
 from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, patch_friction, stage
 from rig.solve.segment_output import close_segment, nearly_full, part_of_quartic
 from rig.solve.specialised import call, local, state_count
@@ -137,6 +137,30 @@ def raise_scales(x, rates, count, step, size):
             top = max(top, size[i], step * abs(rates[i]))
         for i in range(first, first + count):
             size[i] = max(size[i], _LEAST * top)
+
+
+@inner
+def raise_to_rounding(t, mode_set, w, x, h, tolerance):
+    """Raise the scale of each state so far that `tolerance` times it is not below the rounding error of a step h.
+
+    Near an equilibrium large forces balance, and the largest value of a speed so far may itself be rounding. The terms
+    of the rates give an absolute scale: each rate has the rounding error r of its terms, and couplings pass it on,
+    (h + h^2 |A| / 2 + h^3 |A|^2 / 6 + ...) r, one term for each stage.
+    """
+    n, size, error, sources = x.shape[0], w.size, w.y, w.y2
+    inputs(t, mode_set, x, w.T, w.scratch)
+    for i in range(n):
+        sources[i] = h * (rounding(t.A[mode_set, i], x) + rounding(t.b[mode_set, i], w.T))
+        error[i] = 0.0
+    for order in range(w.k.shape[0], 0, -1):
+        for i in range(n):
+            w.at[i] = error[i]
+        for i in range(n):
+            error[i] = sources[i]
+            for j in range(n):
+                error[i] += h * abs(t.A[mode_set, i, j]) * w.at[j] / (order + 1.0)
+    for i in range(n):
+        size[i] = max(size[i], error[i] / tolerance)
 
 
 @inner
@@ -248,7 +272,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
         for i in range(n):
             w.k[0, i] = k[0, i]
         raise_scales(x, w.k[0], t.damping.shape[1], tick_length, size)
-    ends = ENDED
+    ends, refused = ENDED, 0
     while tick < ticks:
         left = ((ticks - tick) - place) * tick_length
         h = next_h if next_h < left - 1e-9 * tick_length else left
@@ -260,7 +284,13 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
             if next_h < 1e-14 * tick_length or ic[TRIALS] > most:
                 ends = FAILED
                 break
+            refused += 1
+            if refused > 1:  # the error does not fall as it does for a smooth motion
+                for i in range(n):
+                    x[i] = here[i]
+                raise_to_rounding(t, mode_set, w, x, h, plan.tolerance)
             continue
+        refused = 0
         grow = step_factor(e)
         if h >= next_h or grow < 1.0:  # the error is likely to go on growing
             next_h = h * max(_SHRINK, min(grow, (grow * grow) * (h / hoped)))

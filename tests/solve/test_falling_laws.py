@@ -8,6 +8,8 @@ import pytest
 from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.motion.motion import Motion
+from rig.scenes import load
+from rig.stability.linearisation import sliding_key, steady
 
 
 def pair(opens=False, inertia=0.0):
@@ -65,6 +67,31 @@ def test_a_step_too_long_to_tell_whether_slip_goes_on_does_not_end_it_at_its_beg
     found = run(lip.system(), 0.1, 2.0, "dopri5", tolerance=1e-2)
     assert "contact releases +" in found.what
     assert np.diff(found.times).min() > 1e-6
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-15, 1e-12, 1e-10])
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-11])
+@pytest.mark.parametrize("scene", ["pair", "lever", "disc_slider", "brake"])
+def test_a_motion_that_begins_at_rest_takes_the_steps_of_a_smooth_one(scene, tolerance, off):
+    """At rest speeds are rounding of the forces that balance: errors relative to them would need steps of any size."""
+    if scene == "pair":
+        system, method = pair(), "dopri5"
+    else:
+        scene = load(scene, {"drive.speed": "7 rpm"} if scene == "lever" else {})
+        system, method = scene.assemble().sliding(), "smooth" if scene.name == "brake" else "dopri5"
+    rest = steady(system, sliding_key(system))
+    assert rest.exists
+    speeds = slice(len(system.coordinates), 2 * len(system.coordinates))
+    begin = rest.x.copy()
+    begin[speeds] += off * np.abs(rest.speed).max() * np.cos(np.arange(len(system.coordinates)))
+    fastest = np.abs(rest.eigenvalues()).max()
+    motion = Motion(system, round(1e8 / fastest), method, tolerance=tolerance, longest=400)
+    motion.restart(begin)
+    motion.advance(400)
+    assert not motion.events()
+    assert motion.counts()["trial_steps"] < 4000  # ten for each tenth of a radian of the fastest vibration
+    assert np.abs((motion.x - begin)[speeds]).max() < (1e-10 + 1e3 * off) * np.abs(rest.speed).max()
+    assert abs(motion.energy()["error"]) < 1e-6
 
 
 def test_contacts_that_open_do_open(run):
