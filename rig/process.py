@@ -1,9 +1,13 @@
-"""Signals that ask a process to stop, a fast exit, and runs without garbage collection; for all processes of a run."""
+"""Signals that ask a process to stop, a fast exit, and runs without garbage collection; for all processes of a run.
+
+And what a process tells the one that started it (`rig.child_process.Child`), over a pipe of its own.
+"""
 
 from __future__ import annotations
 
 import atexit
 import gc
+import json
 import os
 import signal
 import sys
@@ -12,12 +16,32 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import NoReturn
+from typing import IO, NoReturn
 
 from rig.errors import ExitCode
 
+PARENT = "RIG_PARENT"
+"""Environment variable with the number of the pipe to the process that started this one."""
+_parent: list[IO[str]] = []
 _GARBAGE = 100_000  # new objects
+_COPY = b"os.fork() has made a copy of this process, which was ended; use subprocess, or end the copy with os._exit()\n"
 _PARENT_S = 0.2  # between two looks at the parent
+
+copies = [0]
+"""How often this process was copied by os.fork(), its ancestors included."""
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=lambda: copies.__setitem__(0, copies[0] + 1))
+
+
+def end_copy(before: int) -> None:
+    """End this process if a user's code has made it since `copies` was `before`, and returns here from both.
+
+    A copy has the sockets of the bus and the threads of none: two plants would write one recording.
+    """
+    if copies[0] != before:
+        with suppress(OSError):
+            os.write(2, _COPY)
+        os._exit(ExitCode.FAILED)
 
 
 @contextmanager
@@ -78,6 +102,35 @@ def with_parent(end: Callable[[], object]) -> None:
     threading.Thread(target=look, name="parent", daemon=True).start()
 
 
+def tell(kind: str, value: object = None) -> bool:
+    """Tell the process that started this one something (JSON); "fault": why this one ends.
+
+    Returns False if nobody listens: a user started this process.
+    """
+    if not _parent:
+        return False
+    with suppress(OSError):  # the other process has ended
+        _parent[0].write(f"{json.dumps([kind, value])}\n")
+        _parent[0].flush()
+    return True
+
+
+def _find_parent() -> None:
+    """Open the pipe to the parent. No process that this one or a user's code starts inherits it."""
+    number = os.environ.pop(PARENT, "")
+    if not number.isdecimal():
+        return
+    with suppress(OSError):
+        if sys.platform == "win32":
+            import msvcrt
+
+            descriptor = msvcrt.open_osfhandle(int(number), os.O_WRONLY)
+        else:
+            descriptor = int(number)
+            os.set_inheritable(descriptor, False)
+        _parent.append(open(descriptor, "w", encoding="utf-8"))
+
+
 def as_process(main: Callable[[], int | None]) -> NoReturn:
     """Run `main` as the whole process and end the process with its exit code.
 
@@ -87,6 +140,7 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
     takes a tenth of the start.
     """
     gc.set_threshold(_GARBAGE)
+    _find_parent()
     asked: list[int] = []
 
     def interrupt(number: int, _: object) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from rig.bench.rehearsal import visited
 from rig.bench.runner import PlantRunner
 from rig.bus import address
 from rig.errors import Interrupted, RigError
-from rig.process import as_process, told_to_stop
+from rig.process import as_process, tell, told_to_stop
 from rig.scenes.scene import Scene
 from rig.units import si
 
@@ -39,6 +38,7 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
         with bus.host(job.run, scene.name, job.endpoint, scene.controllers) as session:
             plant = Plant(session, job, lambda: f"stopped by {asked[0]}" if asked else "", sets)
             session.announce()
+            tell("run", session.run)
             say(f"run {session.run}")
             units = threading.Thread(target=si, args=("1 ms", "s"), name="units", daemon=True)
             units.start()  # loading units takes 0.3 s, which no frame has: an operator may send a value with a unit
@@ -60,20 +60,15 @@ def warm(scene: Scene) -> tuple[int, ...]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """`python -m rig.bench.plant_process JOB SUMMARY`, started by a supervisor."""
+    """`python -m rig.bench.plant_process JOB SUMMARY`, started by a supervisor, which is told status lines (say)."""
     parser = argparse.ArgumentParser(prog="rig.bench.plant_process", description=__doc__.partition("\n")[0])
     parser.add_argument("job", type=Path, help="file with the job as JSON")
     parser.add_argument(
         "summary", type=Path, help="file for the summary as JSON, or for the reason why there was no run"
     )
     given = parser.parse_args(arguments)
-
-    def say(text: str) -> None:
-        sys.stdout.write(f"{text}\n")
-        sys.stdout.flush()
-
     try:
-        summary = carry_out(Job.from_json(given.job.read_text()), say)
+        summary = carry_out(Job.from_json(given.job.read_text()), lambda text: tell("say", text))
     except RigError as error:
         summary = {"failed": str(error), "exit_code": error.exit_code}
     given.summary.write_text(json.dumps(summary))

@@ -32,6 +32,7 @@ from rig.bus.receivers import Receiver
 from rig.child_process import Child, end
 from rig.errors import BusError, ExitCode, Interrupted, LogError, RigError, UsageError
 from rig.extras import check
+from rig.printable import printable
 from rig.process import told_to_stop
 from rig.record.recorded_setup import head, setup_of
 from rig.scenes import names
@@ -46,6 +47,8 @@ WRITE_S = 120.0
 """Time [s] in which the recorder must finish its file. # chosen: a slow disk takes 100 MB in it"""
 TELL_S = 2.0
 """Time [s] after which it is told that the recorder is waited for."""
+PRINTED = 5
+"""Most lines that a process prints which are shown at a time, ten times a second; others are counted."""
 
 
 def run(
@@ -64,6 +67,7 @@ def run(
     say: Callable[[str], object] | None = None,
     command: Sequence[str] | None = None,
     interrupts: list[str] | None = None,
+    begun: Callable[[str], object] = lambda run: None,
 ) -> Outcome:
     """Run `scene` as processes; returns when all have ended.
 
@@ -71,7 +75,7 @@ def run(
     `trigger`: options of `rig record` for windows instead of the whole run.
     `say` gets lines; without it they go to standard error, under the live line. `command`: the command line that the
     recording states, by default that of this process. `interrupts`: a list that is looked at ten times a second; an
-    entry acts as Ctrl-C does, and is its name.
+    entry acts as Ctrl-C does, and is its name. `begun` gets the name of the run when it can be joined.
     """
     address.directory()  # on a system without live runs this raises before anything starts
     expect = [("controller", controller) for controller in scene.controllers if controller not in scene.in_plant]
@@ -94,7 +98,7 @@ def run(
     load = MachineLoad()
     log = RunLog(say or live.say, {} if scene.name in names() else {scene.name: "SCENE"})
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, told_to_stop(interrupts.append):
-        team = RunProcesses(Path(folder), job, out, replace, web, log.say, trigger)
+        team = RunProcesses(Path(folder), job, out, replace, web, log.say, trigger, begun)
         try:
             outcome = replace_fields(team.run(live, interrupts), machine=load.shares())
             log.add(outcome.text())
@@ -120,8 +124,9 @@ class RunProcesses:
         web: bool,
         say: Callable[[str], object],
         trigger: Sequence[str] = (),
+        begun: Callable[[str], object] = lambda run: None,
     ) -> None:
-        self._trigger = trigger
+        self._trigger, self._begun = trigger, begun
         self.job, self._out, self._replace, self._web, self._say = job, out, replace, web, say
         self._summary = folder / "summary.json"
         description = folder / "job.json"
@@ -132,6 +137,10 @@ class RunProcesses:
         self.died: list[str] = []
         self.name = ""
         self._recorder: Child | None = None
+        self._file = ""
+        """The file in which the recorder said that it records."""
+        self._recording: dict[str, Any] = {}
+        """What the recorder told of its finished recording (rig.record.recorder)."""
         self._asked = 0
         self._events = EventLines(say)
         self._health: dict[str, Any] = {}
@@ -208,21 +217,29 @@ class RunProcesses:
         return None
 
     def _hear(self) -> None:
-        """Show the output of the plant, which names its run, and of the viewer."""
-        for text in self.plant.new_lines():
-            word, _, rest = text.partition(" ")
-            if word == "run" and not self.name:
-                self.name = rest
-            self._say(text)
-        if (viewer := self.others.get(VIEWER)) is not None:
-            for text in viewer.new_lines():
-                self._say(text)
+        """Take in what the processes tell, and show what they print: that may be a user's code, and is only shown."""
+        printing = [child for child in self.children if child is not self._recorder]
+        for child in printing:
+            for line in child.new_lines(PRINTED):
+                self._say(f"{child.name.removeprefix('the ')}: {printable(line)}")
+        for kind, value in self.plant.new_words():
+            if kind == "run":
+                self.name = value
+                self._begun(value)
+            elif kind == "say":
+                self._say(value)
+        for kind, value in self._recorder.new_words() if self._recorder is not None else ():
+            if kind == "file":
+                self._file = value
+            elif kind == "recording":
+                self._recording = value
 
     def _look(self, session: Session) -> None:
         """Report processes that died before the end, and tell the plant not to wait for them."""
         for who, child in list(self.others.items()):
             if child.code is None or self._events.over:
                 continue
+            self._hear()
             del self.others[who]
             self.died.append(child.ending)
             self._say(f"{child.ending}; the plant continues")
@@ -264,10 +281,6 @@ class RunProcesses:
         return found
 
     def _outcome(self, summary: dict[str, Any]) -> Outcome:
-        recorder = self._recorder
-        last_line = recorder.tail[-1] if recorder is not None and recorder.tail else ""
-        found = (Path(last_line.partition(": ")[0]), self._out)
-        log = next((str(path) for path in found if path is not None and self._owns(path)), "")
         if not summary:
             if not self.name or (self.plant.code or 0) > 0:
                 raise UsageError(self.plant.ending)
@@ -276,14 +289,26 @@ class RunProcesses:
             fault = UsageError(summary["failed"])
             fault.exit_code = ExitCode(summary["exit_code"])
             raise fault
-        account = last_line if " messages, " in last_line else ""  # it tells it when it has finished its file
-        if recorder is None or not recorder.code:
-            outcome = Outcome(summary, log, last_line, tuple(self.died))
-            if "at the end" in account.rpartition(" messages, ")[2]:  # it does not know what was sent last
-                return outcome.without_recording("the recorder was told to stop before the run had ended")
-            return outcome
-        died = self.died if account or recorder.ending in self.died else [*self.died, recorder.ending]
-        return Outcome(summary, log, account, tuple(died)).without_recording(recorder.ending)
+        recorder, files = self._recorder, [Path(one) for one in self._recording.get("files", [self._file])]
+        log = next((str(path) for path in files if self._owns(path)), "")
+        account = self._recording.get("text", "")
+        if recorder is None or not (why := self._incomplete(recorder, files, summary["seconds"])):
+            return Outcome(summary, log, account, tuple(self.died))
+        died = self.died if account or why in self.died else [*self.died, why]
+        return Outcome(summary, log, account, tuple(died)).without_recording(why)
+
+    def _incomplete(self, recorder: Child, files: Sequence[Path], seconds: float) -> str:
+        """Why there is no complete recording of the run, which lasted `seconds`; "" if there is one."""
+        told = self._recording
+        if recorder.code or not told:
+            return recorder.ending
+        if not told["totals"]:  # it does not know what was sent last
+            return "the recorder was told to stop before the run had ended"
+        if gone := [path for path in files if not self._owns(path) and (path.is_file() or not path.exists())]:
+            return f"{gone[0]} was removed or replaced after it was written"
+        if not told["windows"] and told["seconds"] < seconds - 1e-6:
+            return f"it ends at t = {told['seconds']:.6g} s, the run at {seconds:.6g} s"
+        return ""
 
     def _owns(self, path: Path) -> bool:
         """Whether a file is a recording of this run, and not of another run."""

@@ -22,6 +22,7 @@ from types import ModuleType
 from typing import Any, Protocol
 
 from rig.errors import PartError, RigError, Untrusted
+from rig.process import copies, end_copy
 from rig.user_files import contents
 
 _TRUSTED = "RIG_TRUSTED"
@@ -115,6 +116,7 @@ class Code:
         module = ModuleType(self.called)
         module.__file__ = name
         sys.modules[self.called] = module  # pydantic looks for the names of a module there
+        before = copies[0]
         try:
             exec(compile(self.text, name, "exec", dont_inherit=True), vars(module))
         except (Exception, SystemExit) as error:
@@ -123,6 +125,8 @@ class Code:
         except BaseException:
             del sys.modules[self.called]
             raise
+        finally:
+            end_copy(before)
         MODULES[self.called] = self
         return module
 
@@ -153,6 +157,7 @@ def calling(module: ModuleType, *expected: type[Exception]) -> Iterator[None]:
     `expected`: what the caller handles.
     """
     passed: tuple[type[Exception], ...] = (RigError, *expected)
+    before = copies[0]
     try:
         yield
     except passed:
@@ -162,6 +167,8 @@ def calling(module: ModuleType, *expected: type[Exception]) -> Iterator[None]:
         if not text and code_of(module) is None:
             raise
         raise PartError(text or f"{file_of(module)}: {type(error).__name__}: {error}") from error
+    finally:
+        end_copy(before)
 
 
 def known_hashes() -> list[str]:

@@ -196,6 +196,11 @@ class Writer:
         for one in again:
             self._hold(_packed(one))
 
+    @property
+    def size(self) -> int:
+        """Size of the file [bytes] after a flush."""
+        return self._offset
+
     def flush(self) -> None:
         """Close the chunk and pass everything to the system."""
         self._end_chunk()

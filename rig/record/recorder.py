@@ -25,7 +25,7 @@ from rig.bus.port import Session
 from rig.bus.receivers import Receiver, Watch
 from rig.bus.run_setup import Setup
 from rig.errors import BusError, OutputError
-from rig.process import stopping
+from rig.process import stopping, tell
 from rig.record.sender_lives import SenderLives
 from rig.record.trigger import Trigger
 from rig.record.windows import Windows, path_of
@@ -133,6 +133,7 @@ def record(
             writer = Writer(base, described, "recorded", replace)
         else:
             writer = Windows(base, described, trigger, replace, say)
+        tell("file", str(base))
         try:
             session.announce()
             with stopping() as stop:
@@ -143,6 +144,8 @@ def record(
             raise
         finally:
             writer.abandon()
+    files = [str(one) for one in (writer.paths if isinstance(writer, Windows) else [base])]
+    tell("recording", {**asdict(recording), "complete": recording.complete, "text": recording.text(), "files": files})
     report(recording)
     return recording
 

@@ -11,6 +11,7 @@ import contextlib
 import errno
 import json
 import os
+import stat
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -48,7 +49,7 @@ def opened_new(path: Path, replace: bool) -> BinaryIO:
     Raises OSError if that fails, with the reason in `strerror`.
     """
     takes(path)
-    file = os.open(path, os.O_WRONLY | os.O_CREAT | _OWN, 0o666)
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | _OWN, 0o666)  # what is cut leaves no hole
     try:
         if not file_locks.free(file):
             raise OSError(errno.EBUSY, WRITTEN)
@@ -132,6 +133,17 @@ class Writer:
             kept_ns = self._kept_ns()
             kept = f"; recorded up to t = {kept_ns * 1e-9:.3f} s: rig recover saves this part" if kept_ns else ""
             raise OutputError(f"{self.path} cannot be written: {fault.strerror}{kept}") from None
+
+    def _check(self) -> None:
+        """Raise OutputError if the file, all of which is written, is not the one at its path, or was cut."""
+        opened = os.fstat(self._file.fileno())
+        try:
+            same = os.path.samestat(opened, self.path.stat())
+        except OSError:
+            same = False
+        if not same or (stat.S_ISREG(opened.st_mode) and opened.st_size != self._mcap.size):
+            what = "cut" if same else "removed or replaced"
+            raise OutputError(f"{self.path} was {what} while it was written: the recording is lost")
 
     def _kept_ns(self) -> int:
         """Simulated time of the latest message in the file: waiting messages and those of a cut chunk are lost."""
@@ -244,6 +256,7 @@ class Writer:
             self._flush_due = now + FLUSH_NS
             with self._guarded():
                 self._mcap.flush()
+                self._check()
 
     def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
         """Finish the file with an account of the recording and the summary of the run, and sync it to the disk."""
@@ -255,6 +268,7 @@ class Writer:
                 self._mcap.note(name, {key: json.dumps(value) for key, value in found.items()})
             self._mcap.finish()
             synced(self._file)
+            self._check()
             self._file.close()
 
     def abandon(self) -> None:

@@ -218,8 +218,9 @@ class RunControl:
     def _run(self, scene: Scene, pace: float | None, duration: float | None, command: list[str]) -> None:
         try:
             outcome = supervise.run(
-                scene, pace=pace, duration=duration, say=self._hear, command=command, interrupts=self._interrupts
-            )
+                scene, pace=pace, duration=duration, say=self._hear, command=command, interrupts=self._interrupts,
+                begun=self._begun,
+            )  # fmt: skip
             self._conclude(outcome)
         except RigError as fault:
             self._facts["fault"] = str(fault)
@@ -251,13 +252,14 @@ class RunControl:
         }
         self._facts["log"] = Path(outcome.log).name if outcome.log else ""
 
+    def _begun(self, run: str) -> None:
+        """The run can be joined; in the thread of the supervisor."""
+        self._facts["run"] = run
+        self._say(f"run {run}: {self._facts['command']}")
+        self._follow(run, trust=True)
+
     def _hear(self, line: str) -> None:
         """One line of the supervisor, in its thread."""
-        word, _, rest = line.partition(" ")
-        if word == "run" and not self._facts["run"]:
-            self._facts["run"] = rest
-            self._say(f"run {rest}: {self._facts['command']}")
-            self._follow(rest, trust=True)
         self._lines.append(line)
         self._changed()
 

@@ -1,6 +1,8 @@
 """What becomes of the recorder is part of what becomes of the run: dead, out of room, or unable to tell."""
 
+import os
 import resource
+import shutil
 import signal
 import time
 
@@ -140,6 +142,67 @@ def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(runs, scene, monkey
     assert outcome.summary["verdict"] != "VALID"
     assert "the recording is not complete: the recorder was told to stop" in outcome.text()
     assert "rig recover" not in outcome.text()  # the file is whole as far as it goes
+
+
+def removed(path):
+    shutil.rmtree(path.parent)
+
+
+def replaced(path):
+    path.rename(path.with_name("moved.mcap"))
+    path.write_bytes(b"")
+
+
+def cut(path):
+    os.truncate(path, 100)
+
+
+@pytest.mark.parametrize(
+    ("strikes", "told"), [(removed, "removed or replaced"), (replaced, "removed or replaced"), (cut, "cut")]
+)
+def test_a_recording_that_vanishes_in_mid_run_fails_the_run(runs, scene, monkeypatch, strikes, told):
+    path = runs / "folder" / "run.mcap"
+    path.parent.mkdir()
+
+    class Struck(Child):
+        def new_words(self):
+            words = super().new_words()
+            if ("file", str(path)) in words:
+                strikes(path)
+            return words
+
+    monkeypatch.setattr(supervise, "Child", Struck)
+    outcome = supervise.run(scene, duration=1.5, out=path, say=lambda _: None)
+    assert outcome.exit_code in (1, 3)
+    assert outcome.summary["verdict"] != "VALID"
+    assert "nothing lost" not in outcome.summary["reasons"]
+    assert f"{path} was {told} while it was written" in outcome.text()
+
+
+@pytest.mark.parametrize(
+    ("lies", "told"),
+    [
+        ({}, ""),
+        ({"seconds": 0.044}, "it ends at t = 0.044 s, the run at 0.2 s"),
+        ({"files": ["elsewhere.mcap"]}, "elsewhere.mcap was removed or replaced"),
+        ({"files": [__file__]}, "was removed or replaced"),
+        ({"files": [os.devnull]}, ""),
+        ({"totals": False}, "was told to stop before"),
+        (None, "recorder ended with code 0"),
+    ],
+)
+def test_file_and_account_of_the_recorder_are_compared_with_the_run(runs, scene, monkeypatch, lies, told):
+    class Liar(Child):
+        def new_words(self):
+            words = super().new_words()
+            return [(kind, value | (lies or {}) if kind == "recording" else value) for kind, value in words
+                    if kind != "recording" or lies is not None]  # fmt: skip
+
+    monkeypatch.setattr(supervise, "Child", Liar)
+    outcome = supervise.run(scene, pace=None, duration=0.2, out=runs / "run.mcap", say=lambda _: None)
+    assert outcome.exit_code == (1 if told else 0)
+    assert told in outcome.text()
+    assert bool(told) == any("recording is not complete" in reason for reason in outcome.summary["reasons"])
 
 
 def test_the_file_of_another_run_is_not_told_as_the_recording_of_this_one(runs, scene):

@@ -32,6 +32,46 @@ def test_a_live_run_with_parts_and_who_joins_it(rig, runs, folder, strangers, mo
     assert code == 0, out + err
 
 
+SPEAKS = """import os, sys
+print('run evil-1')
+print('evil.mcap: 5 messages, none lost', file=sys.stderr)
+{}
+print('start ', end='')
+"""
+
+
+def test_what_parts_print_is_shown_with_the_process_and_steers_nothing(rig, runs, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    for kind in ("plant", "effect", "sensor", "controller"):
+        file = folder / f"example_{kind}.py"
+        file.write_text(SPEAKS.format(file.read_text()))
+    file.write_text(file.read_text().replace("(v,) = values", "(v,) = values\n        print('.', end='')"))
+    begin = time.monotonic()
+    code, out, err = rig("run", "scene.toml", "--duration", "0.3", "--out", "log.mcap", "--lockstep", "--pace", "max")
+    assert code == 0, out + err
+    assert time.monotonic() - begin < 30.0
+    assert "log.mcap: " in out
+    assert "none lost, 0.300 s" in out
+    for who in ("plant", "controller two_levels"):
+        assert f"\n{who}: run evil-1\n{who}: evil.mcap: 5 messages, none lost\n" in f"\n{err}"
+    assert f"controller two_levels: start {'.' * 300}" in err
+
+
+@pytest.mark.parametrize("how", ["os.fork()", "os.fork() or sys.exit(0)"])
+def test_copies_of_a_process_do_not_take_part(rig, runs, folder, monkeypatch, how):
+    """A controller that forks: its rehearsal made a second plant, and its process a second controller."""
+    monkeypatch.chdir(folder)
+    file = folder / "example_controller.py"
+    text = file.read_text().replace("(v,) = values", f"(v,) = values\n        t_ns == 40_000_000 and ({how})")
+    file.write_text(f"import os, sys\n{text}")
+    code, out, err = rig("run", "scene.toml", "--duration", "0.3", "--out", "log.mcap")
+    assert code in (0, 3), out + err
+    assert "none lost, 0.300 s" in out
+    assert err.count("run scene-") == 1
+    assert "plant: os.fork() has made a copy of this process" in err
+    assert "controller two_levels: os.fork() has made a copy of this process" in err
+
+
 def test_a_plain_class_is_a_controller_of_a_scene(rig, folder):
     (folder / "plain.py").write_text(
         "class Controller:\n"

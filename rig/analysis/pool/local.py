@@ -15,7 +15,6 @@ from rig.child_process import Child, end
 from rig.errors import WorkerError
 
 SPAN = 2.0  # s of a batch: an interruption loses at most so much, and saving it (5 to 7 ms) costs little
-MARK = "\x01"  # before a message of a worker in a line of its output
 _WORKER = "rig.analysis.pool.worker"  # not imported here: Python warns of a module that is run and was imported before
 _LOOK = 0.1  # s between two reports of progress
 _PATIENCE = 1.0  # s for an idle worker to end
@@ -25,11 +24,10 @@ class _Member:
     """A worker process and the batch it computes. `at`: units of it that are finished."""
 
     def __init__(self, name: str, folder: Path, heard: threading.Event) -> None:
-        self.child = Child(name, [_WORKER, str(folder)], heard, fed=True, mark=MARK)
+        self.child = Child(name, [_WORKER, str(folder)], heard, fed=True)
         self.ready = False
         self.batch: list[int] = []
         self.at = 0
-        self.fault = ""
 
     def give(self, batch: list[int], units: Mapping[int, tuple[float, ...]]) -> None:
         """Let the worker compute a batch."""
@@ -37,21 +35,15 @@ class _Member:
         self.child.feed(json.dumps([[unit, *units[unit]] for unit in batch]))
 
     def hear(self, schedule: Schedule) -> None:
-        """Take in the worker's messages."""
-        for line in self.child.new_lines():
-            _, mark, text = line.rpartition(MARK)
-            what, _, value = text.partition(" ")
-            if not mark:
-                continue
+        """Take in what the worker has told."""
+        for what, value in self.child.new_words():
             if what == "ready":
                 self.ready = True
             elif what == "at":
-                self.at = int(value)
+                self.at = value
             elif what == "done":
-                schedule.done(self.batch, float(value))
+                schedule.done(self.batch, value)
                 self.batch, self.at = [], 0
-            elif what == "fault":
-                self.fault = json.loads(value)
 
 
 class WorkerProcesses:
@@ -107,8 +99,8 @@ class WorkerProcesses:
     def _lost(self, member: _Member, schedule: Schedule) -> None:
         """Send the batch of a worker that has ended out again. Raises WorkerError if this is of no use."""
         ending = member.child.ending
-        if member.fault or not member.ready:
-            what = f"{member.child.name}: {member.fault}" if member.fault else ending
+        if member.child.fault or not member.ready:
+            what = f"{member.child.name}: {member.child.fault}" if member.child.fault else ending
             raise WorkerError(f"{what}{self._store.kept}")
         for unit in schedule.lost(member.batch):
             self.failed[unit] = f"ended its worker twice: {ending}"

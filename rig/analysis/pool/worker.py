@@ -1,7 +1,7 @@
 """A worker process: `python -m rig.analysis.pool.worker FOLDER` computes the batches that it reads, and saves them.
 
-It reads a line for each batch on standard input, a list of [unit, value, ...], and ends when there are no more. Its
-messages on standard output are lines behind the character `MARK`; other output is that of the units.
+It reads a line for each batch on standard input, a list of [unit, value, ...], and ends when there are no more. What it
+tells (`rig.process.tell`):
 
 ready        waits for batches             at N   units of the batch that are finished
 done S       the batch is saved, S s       fault TEXT   the whole work has to end
@@ -17,11 +17,10 @@ import time
 from pathlib import Path
 from typing import IO
 
-from rig.analysis.pool.local import MARK
 from rig.analysis.pool.store import Store
 from rig.analysis.pool.work import Arrays, Work
 from rig.errors import ExitCode, RigError
-from rig.process import as_process, with_parent
+from rig.process import as_process, tell, with_parent
 
 _TELL = 0.1  # s between two messages on a batch
 
@@ -34,13 +33,13 @@ def main() -> int:
     batches = _batches()
     try:
         work = store.work()
-        _say("ready")
+        tell("ready")
         while line := batches.readline():
             begin = time.perf_counter()
             _batch(work, store, json.loads(line))
-            _say(f"done {time.perf_counter() - begin:.6f}")
+            tell("done", time.perf_counter() - begin)
     except RigError as fault:  # as a full disk
-        _say(f"fault {json.dumps(str(fault))}")
+        tell("fault", str(fault))
         return 1
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
@@ -75,7 +74,7 @@ def _batch(work: Work, store: Store, batch: list[list[float]]) -> None:
             found[int(unit)] = work.compute(int(unit), *given)
             if time.monotonic() - told >= _TELL:
                 told = time.monotonic()
-                _say(f"at {len(found)}")
+                tell("at", len(found))
     except BaseException:
         if found:
             store.save(found)
@@ -83,11 +82,6 @@ def _batch(work: Work, store: Store, batch: list[list[float]]) -> None:
     finally:
         sys.unraisablehook = leave
     store.save(found)
-
-
-def _say(text: str) -> None:
-    sys.stdout.write(f"{MARK}{text}\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from typing import Any
 from rig.controllers.blocks.base import Controller, State, Values, gets_every_sample, retune
 from rig.errors import PartError, UsageError
 from rig.parts import code_of
+from rig.process import copies, end_copy
 from rig.units import brief
 
 NOT_FINITE = "an answer of {} is not finite: it is not sent, and the controller starts again"
@@ -59,7 +60,11 @@ class Loop:
             self.held += 1
             return self.command
         controller = self.controller
-        answer = controller.update(self.state, t_ns, values)
+        before = copies[0]
+        try:
+            answer = controller.update(self.state, t_ns, values)
+        finally:
+            end_copy(before)
         try:
             state, command = answer
             if len(command) != len(controller.drives):

@@ -32,7 +32,7 @@ from rig.errors import BusError, RigError, UsageError
 from rig.parts import foreign_fault, is_file, trust_scene
 from rig.pinned_memory import locked
 from rig.placement import anywhere, placed
-from rig.process import as_process, no_garbage, stopping
+from rig.process import as_process, no_garbage, stopping, tell
 from rig.scheduling import CONTROLLER, ahead, come_first
 
 LONG_NS, LONG_ANSWERS = 300_000, 20
@@ -219,7 +219,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         run(given.what, given.run, wait=given.wait)
     except RigError as error:
-        sys.stderr.write(f"{error}\n")
+        if not tell("fault", str(error)):
+            sys.stderr.write(f"{error}\n")
         return error.exit_code
     return 0
 
