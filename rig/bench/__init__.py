@@ -20,6 +20,7 @@ rehearsal             simulates the protocol before a paced run, so that nothing
 frame_batches         the number of frames that are computed in one piece
 pace, timing          the pace of the wall clock; the timing verdict
 supervise             starts and ends the processes of one run; job: what the plant is to do; outcome: the result
-status                the progress line and the summary of a run; journal: its events; audit: its effects
+status                the progress line and the summary of a run; journal: its events; audit: its effects, with
+                      driving_states: what drove the rig
 replay, verify        plays a recording back on the bus; simulates it again; chaotic_runs compares two processors
 """

@@ -1,30 +1,37 @@
 """The audit of a run: which effects changed nothing in it, and which were missing, judged at states of the run.
 
-At up to two dozen states, spread over the run, the rig is assembled with and without an effect. Both rigs are compared
-at each state: accelerations a of the coordinates, rates r of the other state variables, contact forces T. The effect's
-share is
+At up to two dozen states, spread over the run, and at its end, the rig is assembled with and without an effect. Both
+rigs are compared at each state: accelerations a of the coordinates, rates r of the other state variables, contact
+forces T, and the largest friction S that a stuck contact can bear. The effect's share is
 
-    max( |M^1/2 (a - a')| / |M^1/2 |a||,  |r - r'| / ||r||,  |T - T'| / |T| )        norms over all these states
+    max( |M^1/2 (a - a')| / |M^1/2 |a||,  |r - r'| / ||r||,  |T - T'| / |T|,  |S - S'| / |S| )
 
-where |a| and |r| are the sums of the sizes of their terms, so that the denominator is not zero in steady sliding, where
-all forces balance. Two dozen states can miss what happens rarely, so the ticks that limiters were clamped and contacts
-were open are counted over the whole run, and a judgement of no influence says how many states it is based on. The share
-is not the error of the motion, which `rig explain SCENE --measure` measures by paired
-runs; but it needs no second run. An absent effect gets the values of a shipped scene of the same plant. Hardware
-(rig.about) is absent on purpose and not judged.
+with norms over all these states, where the denominator is the larger one of both rigs. |a| and |r| are the sums of the
+sizes of their terms, so that it is not zero in steady sliding, where all forces balance. An absent effect gets the
+values of a shipped scene of the same plant. States that it brings have the values in force: driving states (the speed
+behind a lag, the angle of a disc) follow from what drove the rig during the run (rig.bench.driving_states), structure
+and network are in equilibrium. Contacts are in the same mode set, except where one would leave it in the other rig.
+
+Two dozen states can miss what happens rarely, so the ticks that limiters were clamped, contacts were open, and contacts
+without lift-off pulled are counted over the whole run, and a judgement of no influence says how many states it is based
+on. The share is not the error of the motion, which `rig explain SCENE --measure` measures by paired runs; but it needs
+no second run. Hardware (rig.about) is absent on purpose and not judged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from math import hypot, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bench.driving_states import DrivingHistory, Variant, clamped
 from rig.errors import RigError
+from rig.model.assembly import Input
 from rig.model.formulation import ModeSet, assemble
 from rig.model.method import as_integrated
 from rig.model.system import System
@@ -32,8 +39,8 @@ from rig.motion.motion import Motion
 from rig.scenes.effects import declared, switches
 from rig.scenes.scene import Scene
 from rig.scenes.variants import SWITCHED, absent, added, dropped, without
-from rig.solve.state_codes import CLOSED, LINEAR, OPEN
-from rig.stability.jacobian import inputs, loads, own_law
+from rig.solve.state_codes import CLOSED, HIGH, LINEAR, LOW, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
+from rig.stability.jacobian import inputs, linearised, loads, own_law
 
 Array = NDArray[np.float64]
 Compared = dict[str, tuple[float, float, float]]
@@ -44,15 +51,28 @@ MOST = 24
 _SCATTER = 64
 """Frames by which they are earlier than evenly spaced ones, at most."""
 _ROUNDING = 1e-12
+_MARGIN = 1e-9
+"""Share by which a guard is beyond zero where a contact has left its mode."""
+_ROUNDS = 3
+"""Most times that contacts of another rig are looked at, and steps of Newton's method."""
 _GOLDEN = (sqrt(5.0) - 1.0) / 2.0
 
 
 class VisitedState(NamedTuple):
-    """A state of a run and its mode set."""
+    """A state of a run and its mode set, at tick `tick`; `scene`: of the rig there."""
 
     system: System
     key: int
     x: Array
+    scene: Scene
+    tick: int = 0
+
+
+class Pull:
+    """How often and how far a contact that cannot open would have had to: `count` of all ticks, `most` [N]."""
+
+    def __init__(self) -> None:
+        self.count, self.most = 0, 0.0
 
 
 class StateSamples:
@@ -60,8 +80,8 @@ class StateSamples:
 
     They are not quite evenly spaced: otherwise a dither of 250 Hz is zero at each of them.
 
-    `open`: switches of effects (`shunt.connected`) that have been open all the time. `since`: begin of the run
-    [s], or of the part of it that was simulated.
+    `history`: what drives the rig. `pulls`: contacts that pulled. `open`: switches of effects (`shunt.connected`) that
+    have been open all the time. `since`: begin of the run [s], or of the part of it that was simulated.
     """
 
     def __init__(self, scene: Scene, values: Mapping[str, float]) -> None:
@@ -70,6 +90,13 @@ class StateSamples:
         self.due = self._even = self._every = 1
         self.since = 0.0
         self.open = {key for key in switches(scene.parameters) if values.get(key, SWITCHED) < SWITCHED}
+        self.history = DrivingHistory()
+        about = declared(scene.parameters)
+        self._drives = any(not about[name].hardware for name in absent(scene))
+        self._drives = self._drives or any(name.endswith(" limits") for name in dropped(scene))
+        self.pulls: dict[str, Pull] = {}
+        self.ticks = 0
+        self._sums: tuple[System | None, dict[str, list[int]]] = (None, {})
 
     def begin(self, frame: int, time: float) -> None:
         """Keep states from frame `frame` at `time` [s] on."""
@@ -81,18 +108,74 @@ class StateSamples:
         if name in self.open and value >= SWITCHED:
             self.open.remove(name)
 
-    def look(self, motion: Motion, frame: int, steps: int) -> None:
+    def follow(self, motion: Motion, scene: Scene, outputs: Sequence[str]) -> None:
+        """Notice what is in the log of `motion`, with these outputs; `scene`: of the present rig."""
+        system = motion.system
+        if system.film is not None or not motion.kept:
+            return
+        if self._drives:
+            self.history.follow(motion, scene)
+        self.ticks += motion.kept
+        if self._sums[0] is not system:
+            self._sums = system, _readings(system, scene, outputs)
+        if not self._sums[1]:
+            return
+        values = motion.outputs_at(motion.log.out[: motion.kept], motion.log.modes[: motion.kept])
+        for name, columns in self._sums[1].items():
+            force = values[:, columns].sum(axis=1)
+            if pulling := int(np.count_nonzero(force < 0.0)):
+                pull = self.pulls.setdefault(name, Pull())
+                pull.count, pull.most = pull.count + pulling, max(pull.most, -float(force.min()))
+
+    def pulled(self, comparison: Comparison) -> dict[str, tuple[float, float]]:
+        """Contacts that pulled -> the share of the time in which they did, and their largest pull [N].
+
+        Where no output of the plant tells the normal force, the share is that of the kept states.
+        """
+        shares = {name: (pull.count / self.ticks, pull.most) for name, pull in self.pulls.items()}
+        for visited in self.kept:
+            modes = comparison.modes(visited.system, visited.key)
+            if modes is None or not (unread := _can_pull(visited.system) - self._sums[1].keys()):
+                continue
+            load = _forces(visited.system, modes, visited.x).load.tolist()
+            for patch, force in zip(visited.system.patches, load):
+                if patch.name in unread and force < 0.0:
+                    part, most = shares.get(patch.name, (0.0, 0.0))
+                    shares[patch.name] = part + 1.0 / len(self.kept), max(most, -force)
+        return shares
+
+    def look(self, motion: Motion, scene: Scene, frame: int, steps: int) -> None:
         """Keep the states that are due; `motion` is at the end of frame `frame`, and a frame has `steps` samples."""
         while self.due <= frame:
             row = motion.kept - 1 - (frame - self.due) * steps - _scattered(self.due, steps)
             if 0 <= row < motion.kept:
                 key = motion.mode_sets.sets[int(motion.log.modes[row])].key
-                self.kept.append(VisitedState(motion.system, key, motion.log.out[row].copy()))
+                tick = motion.tick - (motion.kept - 1 - row)
+                self.kept.append(VisitedState(motion.system, key, motion.log.out[row].copy(), scene, tick))
             if len(self.kept) == MOST:
                 self.kept = self.kept[1::2]
                 self._every *= 2
             self._even += self._every
             self.due = self._even - _scattered(self._even, min(self._every, _SCATTER))
+
+
+def _can_pull(system: System) -> set[str]:
+    """Contacts none of whose normal forces opens."""
+    closed, opening = ({system.patches[k.patch].name for k in system.normals if k.opens is on} for on in (False, True))
+    return closed - opening
+
+
+def _readings(system: System, scene: Scene, outputs: Sequence[str]) -> dict[str, list[int]]:
+    """Contacts that can pull -> the outputs that add up to their normal force, where there are such outputs."""
+    rows = {name: output.row for name, output in scene.assemble().outputs.items() if name in outputs}
+    found = {}
+    for patch in _can_pull(system):
+        parts = [f"N:{normal.name}" for normal in system.normals if system.patches[normal.patch].name == patch]
+        whole = [name for name, row in rows.items() if row == dict.fromkeys(parts, 1.0)][:1]
+        each = [name for part in parts for name in [n for n, row in rows.items() if row == {part: 1.0}][:1]]
+        if names := whole or each * (len(each) == len(parts)):
+            found[patch] = [list(outputs).index(name) for name in names]
+    return found
 
 
 def _scattered(number: int, room: int) -> int:
@@ -105,7 +188,8 @@ class JudgedEffect:
     """An effect and its `share`; `like`: for an absent effect, the scene from which its values are.
 
     `open`: for an effect whose switch was never closed in this run, the input that closes it. `states`: number of
-    states at which it was judged, `since`: from this time on [s].
+    states at which it was judged, `since`: from this time on [s]. `contact`: one that lifts off with the absent effect
+    and pulled without it, for the share `pulled` of the time and with up to `pull` [N].
     """
 
     effect: str
@@ -115,18 +199,23 @@ class JudgedEffect:
     since: float
     like: str = ""
     open: str = ""
+    contact: str = ""
+    pulled: float = 0.0
+    pull: float = 0.0
 
     @property
     def noted(self) -> bool:
         """Whether the user should know: the effect is active without influence, or missing."""
-        return self.on != (self.share >= LEAST)
+        return self.on != (self.share >= LEAST or self.pulled > 0.0)
 
     def text(self) -> str:
         """The judgement as a sentence."""
         name = f'Effect "{self.effect}"'
         if not self.on:
             like = f" as in {self.like}" if self.like else ""
-            return f"{name} is absent; with it{like} the forces of this run would differ by {self.share:.1%}"
+            pulls = f"{self.contact} pulled for {self.pulled:.2%} of the time, with up to {self.pull:.3g} N; "
+            differ = f"with it{like} the forces of this run would differ by {self.share:.1%}"
+            return f"{name} is absent; {pulls if self.contact else ''}{differ}"
         if self.open:
             return f"{name} stayed open in this run ({self.open} closes it)"
         if self.share > _ROUNDING:
@@ -149,32 +238,65 @@ def audit(scene: Scene, witness: StateSamples, motion: Motion) -> list[dict[str,
 
 
 def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[JudgedEffect]:
-    kept = witness.kept
-    if not kept:
+    if not witness.kept:
         return
-    own: dict[int, Compared] = {}
-    clamped, judged = _clamped(motion), (len(kept), witness.since)
+    kept = [*witness.kept, VisitedState(motion.system, motion.key, motion.x.copy(), scene, motion.tick)]
+    comparison, clamped, judged = Comparison(kept), _clamped(motion), (len(kept), witness.since)
+    pulls = witness.pulled(comparison)
 
-    def rig_of(variant: Scene) -> System:
-        return as_integrated(variant.assemble().system(), motion.integration.method, motion.integration.smoothing)
+    def rigs(change: Callable[[Scene], Scene]) -> Variant:
+        known: dict[int, tuple[System, Mapping[str, Input]]] = {}
+
+        def variant(of: Scene) -> tuple[System, Mapping[str, Input]]:
+            if id(of) not in known:
+                assembly = change(of).assemble()
+                integration = motion.integration
+                system = as_integrated(assembly.system(), integration.method, integration.smoothing)
+                known[id(of)] = system, assembly.inputs
+            return known[id(of)]
+
+        return variant
 
     for name, keys in dropped(scene).items():
+        variant = rigs(partial(without, keys=keys))
         try:
-            other = rig_of(without(scene, keys))
+            other, _ = variant(scene)
+            part = comparison.share(variant)
         except (RigError, ValueError):  # the plant needs it, or the method cannot integrate the rig without it
             continue
-        rare = clamped.get(name.removesuffix(" limits"), 0.0) if name.endswith(" limits") else _lifted(motion, other)
+        owner = name.removesuffix(" limits")
+        if owner == name:
+            rare = _lifted(motion, other)
+        else:
+            rare = clamped[owner] if owner in clamped else witness.history.at_limit(owner)
         switch = next((key for key in witness.open if key.partition(".")[0] == name), "")
-        yield JudgedEffect(name, True, max(share(kept, other, own), rare), *judged, open=switch)
+        yield JudgedEffect(name, True, max(part, rare), *judged, open=switch)
     about = declared(scene.parameters)
     for name, keys in absent(scene).items():
         if about[name].hardware:
             continue
         try:
-            more, like = added(scene, keys)
-            yield JudgedEffect(name, False, share(kept, rig_of(more), own), *judged, like)
+            _, like = added(scene, keys)
+            variant = rigs(lambda of, keys=keys: added(of, keys)[0])  # type: ignore[misc]
+            other, _ = variant(scene)
+            more = witness.history.added_states(motion.integration.step_ns * 1e-9, variant)
+            if more is None:
+                continue
+            part = comparison.share(variant, more)
         except (RigError, ValueError):  # no scene has values for it, or the method cannot integrate it
             continue
+        lifts = {
+            patch for patch in pulls if any(n.opens and other.patches[n.patch].name == patch for n in other.normals)
+        }
+        patch, pulled, most = _most([(patch, *pulls.pop(patch)) for patch in lifts])
+        yield JudgedEffect(name, False, part, *judged, like, "", patch, pulled, most)
+    for patch, (pulled, most) in pulls.items():
+        yield JudgedEffect(f"lift-off at {patch}", False, pulled, *judged, "", "", patch, pulled, most)
+
+
+def _most(pulls: Sequence[tuple[str, float, float]]) -> tuple[str, float, float]:
+    """The contact that pulled for the longest time: its name, share of the time, and largest pull [N]."""
+    return max(pulls, key=lambda pull: pull[1], default=("", 0.0, 0.0))
 
 
 def _clamped(motion: Motion) -> dict[str, float]:
@@ -199,69 +321,176 @@ def _lifted(motion: Motion, other: System) -> float:
     return float(lifted / max(sum(tally), 1))
 
 
-def share(kept: Sequence[VisitedState], other: System, own: dict[int, Compared]) -> float:
-    """Share by which another rig differs at the states of this one (see the head of this file).
+class _Forces(NamedTuple):
+    """The inputs T at a state, the friction force of each patch, each normal force, the load of each patch [N]."""
 
-    `own`: values of this rig, by the index of the state; filled here.
-    """
-    sums: dict[str, list[float]] = {}
-    met: dict[tuple[int, int], tuple[ModeSet, ModeSet] | None] = {}
-    for i, (system, key, x) in enumerate(kept):
-        pair = met.get((id(system), key), ())
-        if pair == ():
-            pair = met[id(system), key] = _pair(system, other, key)
-        if not pair:
-            continue
-        if i not in own:
-            own[i] = _compared_values(system, pair[0], x)
-        mine, theirs = own[i], _compared_values(other, pair[1], _carried(system, other, x))
-        for name in mine.keys() & theirs.keys():
-            group, (value, size, weight) = name.partition(" ")[0], mine[name]
-            total = sums.setdefault("a" if group == "a" else name, [0.0, 0.0])
-            total[0] = hypot(total[0], sqrt(weight) * (value - theirs[name][0]))
-            total[1] = hypot(total[1], sqrt(weight) * size)
-    return max((away / size for away, size in sums.values() if size > 0.0), default=0.0)
+    T: Array
+    friction: Array
+    normal: Array
+    load: Array
 
 
-def _pair(system: System, other: System, key: int) -> tuple[ModeSet, ModeSet] | None:
-    """The same mode set in both rigs, as far as the other one has its parts; None if it is singular."""
-    names = [[p.name for p in parts] for parts in _parts(system)]
-    modes = [dict(zip(n, m)) for n, m in zip(names, system.modes(key))]
-    at = [
-        [known.get(p.name, CLOSED if kind else 0) for p in parts]
-        for kind, (known, parts) in enumerate(zip(modes, _parts(other)))
+class Comparison:
+    """Compares the states `kept` of a run with the same states of other rigs. Mode sets are assembled once."""
+
+    def __init__(self, kept: Sequence[VisitedState]) -> None:
+        self._kept = kept
+        self._modes: dict[tuple[int, int], tuple[System, ModeSet | None]] = {}  # an id is unique as long as it is kept
+        self._own: dict[int, Compared] = {}
+
+    def share(self, variant: Variant, added_states: Callable[[int], Mapping[str, float]] = lambda _: {}) -> float:
+        """Share by which the rigs `variant` differ from those of the run at its states (see the head of this file).
+
+        `added_states`: values of driving states that the run does not have, at a tick.
+        """
+        sums: dict[str, list[float]] = {}
+        for i, visited in enumerate(self._kept):
+            modes = self.modes(visited.system, visited.key)
+            if modes is None:
+                continue
+            other = self._counterpart(visited, modes, *variant(visited.scene), added_states(visited.tick))
+            if other is None:
+                continue
+            if i not in self._own:
+                self._own[i] = _compared_values(visited.system, modes, visited.x)
+            mine, theirs = self._own[i], _compared_values(*other)
+            for name in mine.keys() & theirs.keys():
+                group, (value, size, weight) = name.partition(" ")[0], mine[name]
+                value_there, size_there, _ = theirs[name]
+                total = sums.setdefault("a" if group == "a" else name, [0.0, 0.0, 0.0])
+                for j, part in enumerate((value - value_there, size, size_there)):
+                    total[j] = hypot(total[j], sqrt(weight) * part)
+        return max((away / max(sizes) for away, *sizes in sums.values() if max(sizes) > 0.0), default=0.0)
+
+    def modes(self, system: System, key: int) -> ModeSet | None:
+        """The mode set `key` of `system`; None if it is singular."""
+        if (id(system), key) not in self._modes:
+            try:
+                self._modes[id(system), key] = system, assemble(system, key)
+            except np.linalg.LinAlgError:
+                self._modes[id(system), key] = system, None
+        return self._modes[id(system), key][1]
+
+    def _counterpart(
+        self,
+        visited: VisitedState,
+        modes: ModeSet,
+        other: System,
+        inputs: Mapping[str, Input],
+        more: Mapping[str, float],
+    ) -> tuple[System, ModeSet, Array] | None:
+        """The state of the other rig, its mode set and the rig: what both have is as visited, as far as it can be.
+
+        The other rig is in another mode set where a contact would leave its own, and where the visited rig does not.
+        Structure and network that only the other rig has are in equilibrium.
+        """
+        x = _carried(visited, other, inputs, more)
+        excused = {*_departures(visited.system, modes, visited.x)}
+        at = _same_mode_set(visited, other, x)
+        for _ in range(_ROUNDS):
+            there = self.modes(other, other.key(*at))
+            if there is None:
+                return None
+            x = _in_equilibrium(visited.system, other, there, x)
+            departures = {part: mode for part, mode in _departures(other, there, x).items() if part not in excused}
+            if not departures:
+                break
+            excused |= departures.keys()
+            for kind, parts in enumerate(_parts(other)):
+                at[kind] = [departures.get((kind, part.name), mode) for part, mode in zip(parts, at[kind])]
+        there = self.modes(other, other.key(*at))
+        return None if there is None else (other, there, x)
+
+
+def _same_mode_set(visited: VisitedState, other: System, x: Array) -> list[list[int]]:
+    """The modes of the parts of another rig at its state x: those visited, else as x has them."""
+    names = [[part.name for part in parts] for parts in _parts(visited.system)]
+    known = [dict(zip(n, modes)) for n, modes in zip(names, visited.system.modes(visited.key))]
+    patches, normals, limiters, sectors, switches = (
+        [(part, modes.get(part.name)) for part in parts] for modes, parts in zip(known, _parts(other))
+    )
+    values = [float(limiter.row @ x) for limiter, _ in limiters]
+    return [
+        [SLIP_PLUS if mode is None else mode for _, mode in patches],
+        [mode if mode is not None and normal.opens else CLOSED for normal, mode in normals],
+        [
+            mode if mode is not None else LOW if value < limiter.low else HIGH if value > limiter.high else LINEAR
+            for (limiter, mode), value in zip(limiters, values)
+        ],
+        *([part.at(x) if mode is None else mode for part, mode in parts] for parts in (sectors, switches)),
     ]
-    at[1] = [CLOSED if mode == OPEN and not n.opens else mode for mode, n in zip(at[1], other.normals)]
-    try:
-        return assemble(system, key), assemble(other, other.key(at[0], at[1], at[2], at[3], at[4]))
-    except np.linalg.LinAlgError:
-        return None
 
 
 def _parts(system: System) -> tuple[Sequence[Any], ...]:
     return system.patches, system.normals, system.limiters, system.sectors, system.switches
 
 
-def _carried(system: System, other: System, x: Array) -> Array:
-    """The state of the other rig: variables with the same name have the values of `x`, all others start values."""
-    known = dict(zip(system.names, x.tolist()))
+def _carried(visited: VisitedState, other: System, inputs: Mapping[str, Input], more: Mapping[str, float]) -> Array:
+    """The state of the other rig: as visited, commands within its ranges; else of `more`, else start values."""
+    known = dict(zip(visited.system.names, visited.x.tolist()))
+    known = {name: float(value) for name, value in clamped(known, inputs).items()} | dict(more)
     return np.array([known.get(name, start) for name, start in zip(other.names, other.start.tolist())])
+
+
+def _in_equilibrium(system: System, other: System, modes: ModeSet, x: Array) -> Array:
+    """`x` with those states of structure and network that `system` does not have at rest, in equilibrium."""
+    nq, one = len(other.coordinates), other.one
+    lacking = [i for i in range(one) if other.names[i] not in system.names]
+    if not lacking:
+        return x
+    x = x.copy()
+    rows = [i for i in lacking if i >= nq]
+    free = [i for i in lacking if i < nq or i >= 2 * nq]
+    x[[i for i in lacking if nq <= i < 2 * nq]] = 0.0
+    for _ in range(_ROUNDS):
+        A, T, _ = linearised(other, modes, x, own_law(other, modes))
+        rates = (modes.A @ x + modes.b @ T)[rows]
+        x[free] -= np.linalg.lstsq(A[np.ix_(rows, free)], rates, rcond=None)[0]
+    return x
+
+
+def _forces(system: System, modes: ModeSet, x: Array) -> _Forces:
+    T, _ = inputs(system, modes, x, own_law(system, modes))
+    load, load_t = loads(system, modes)
+    friction, normal = (modes.friction, modes.friction_t), (modes.normal, modes.normal_t)
+    return _Forces(T, *(over_x @ x + over_t @ T for over_x, over_t in (friction, normal, (load, load_t))))
+
+
+def _departures(system: System, modes: ModeSet, x: Array) -> dict[tuple[int, str], int]:
+    """Parts that cannot be in their mode at x -> the mode they take. A part: 0 and a patch, 1 and a normal force."""
+    patches, normals, _, sectors, _ = system.modes(modes.key)
+    _, friction, normal, load = _forces(system, modes, x)
+    speed, scale = system.slip_rows @ x, np.abs(system.slip_rows) @ np.abs(x)
+    found = {}
+    for p, (patch, mode) in enumerate(zip(system.patches, patches)):
+        most = system.law(p, sectors).static * load[p]
+        if mode == STICK and load[p] > 0.0 and abs(friction[p]) > (1.0 + _MARGIN) * most:
+            found[0, patch.name] = SLIP_PLUS if friction[p] > 0.0 else SLIP_MINUS
+        elif modes.sigma[p] * speed[p] < -_MARGIN * scale[p]:
+            found[0, patch.name] = SLIP_MINUS if mode == SLIP_PLUS else SLIP_PLUS
+    size = np.abs(modes.normal) @ np.abs(x)
+    for k, (contact, mode) in enumerate(zip(system.normals, normals)):
+        if contact.opens and mode == CLOSED and normal[k] < -_MARGIN * size[k]:
+            found[1, contact.name] = OPEN
+    return found
 
 
 def _compared_values(system: System, modes: ModeSet, x: Array) -> Compared:
     """(value, size of its terms, weight) of each acceleration, each other rate and each contact force."""
     nq = len(system.coordinates)
-    T, _ = inputs(system, modes, x, own_law(system, modes))
+    T, friction, _, load = _forces(system, modes, x)
     rates = modes.A @ x + modes.b @ T
     sizes = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
     found = {
         f"a {name}": (rates[nq + i], sizes[nq + i], system.mass[i, i]) for i, name in enumerate(system.coordinates)
     }
     found |= {f"r {system.names[i]}": (rates[i], sizes[i], 1.0) for i in range(2 * nq, system.n)}
-    friction = modes.friction @ x + modes.friction_t @ T
-    load, load_t = loads(system, modes)
-    pressed = load @ x + load_t @ T
-    for patch, force, normal in zip(system.patches, friction.tolist(), pressed.tolist()):
+    for patch, force, normal in zip(system.patches, friction.tolist(), load.tolist()):
         found[f"T {patch.name}"] = (force, force, 1.0)
         found[f"N {patch.name}"] = (normal, normal, 1.0)
+    patches, _, _, sectors, _ = system.modes(modes.key)
+    for p, (patch, mode) in enumerate(zip(system.patches, patches)):
+        if mode == STICK:
+            most = system.law(p, sectors).static * float(load[p])
+            found[f"S {patch.name}"] = (most, most, 1.0)
     return found

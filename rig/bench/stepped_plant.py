@@ -171,8 +171,10 @@ class SteppedPlant:
             self.tick = self.motion.tick // self.steps
         if faulty is not None:
             faulty.apply()
+        if self.truth is None:
+            self.state_samples.follow(self.motion, self.scene, self.outputs)
         if self.tick >= self.state_samples.due:
-            self.state_samples.look(self.motion, self.tick, self.steps)
+            self.state_samples.look(self.motion, self.scene, self.tick, self.steps)
 
     def read_samples(self) -> None:
         """Read what is needed of the samples that the bank is about to forget."""
@@ -196,6 +198,7 @@ class SteppedPlant:
     def hand_over(self, truth: Truth) -> None:
         """Give `truth` the steps that the motion has kept, as outputs computed with the present matrices."""
         truth.keep(self.motion)
+        self.state_samples.follow(self.motion, self.scene, self.outputs)
         self.motion.kept = 0
 
     @property

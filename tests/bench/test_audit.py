@@ -1,16 +1,23 @@
 """The audit of a run: what changed nothing in it, what is missing, judged on its own states."""
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import rig
-from rig.bench.audit import LEAST, MOST, VisitedState, share
+from rig.bench.audit import LEAST, MOST, Comparison, VisitedState
 from rig.bench.runner import PlantRunner
 from rig.cli import app
+from rig.errors import RigError
 from rig.model.formulation import assemble
 from rig.record.provenance import provenance
+from rig.scenes.effects import declared
 from rig.scenes.protocol import STEPS
+from rig.scenes.shipped import names
+from rig.scenes.variants import absent, added
 
 
 def judged(scene, seconds=3.0):
@@ -40,19 +47,20 @@ def test_a_rig_differs_from_itself_in_nothing():
         runner.frame()
     kept = runner.state_samples.kept
     assert MOST // 2 <= len(kept) <= MOST
-    assert share(kept, runner.motion.system, {}) == 0.0
+    assert Comparison(kept).share(lambda _: (runner.motion.system, {})) == 0.0
 
 
 def test_the_share_is_one_of_all_forces():
     """1 % more stiffness: 1 % of the spring's force, beside friction the only one on a mass that rests."""
-    system = rig.load("belt_c").assemble().system()
+    scene = rig.load("belt_c")
+    system = scene.assemble().system()
     other = rig.load("belt_c", {"body.stiffness": 1.01 * float(system.stiffness[0, 0])}).assemble().system()
     key, x = system.key([0], [0], []), system.start.copy()
     x[:2] = 0.01, 0.0
     friction = float(abs(assemble(system, key).friction[0] @ x))
     spring = float(system.stiffness[0, 0]) * 0.01
-    assert share([VisitedState(system, key, x)], other, {}) == pytest.approx(
-        0.01 * spring / (spring + friction), rel=1e-9
+    assert Comparison([VisitedState(system, key, x, scene)]).share(lambda _: (other, {})) == pytest.approx(
+        0.01 * spring / (1.01 * spring + friction), rel=1e-9
     )
 
 
@@ -130,3 +138,101 @@ def test_a_branch_from_a_checkpoint_says_from_when_on_it_was_judged(monkeypatch,
     at = int(rig.branch(tmp_path / "run.mcap", 1.5, duration=1.0).provenance["checkpoint_ns"]) * 1e-9
     assert found["separation"]["since"] == at > 0.0
     assert found["separation"]["text"].endswith(f"of its states from {at:g} s on")
+
+
+HEAVY = {"belt_dither_controlled", "brake", "brake_3400", "brake_disc_modes", "brake_shunt", "brake_shunt_listener",
+         "brake_shunt_sound", "brake_shunt_tuned", "disc_slider", "lever_three_stage"}  # fmt: skip
+BEFORE_IT_RUNS_AWAY = {"disc_slider_a": 0.08}
+PAIRED = {"drive limits": "act on commands, before the plant", "disc_modes": "the brake does not squeal then"}
+
+
+def missing(scene):
+    """Effects that an audit judges as absent -> the scene with them."""
+    about, found = declared(scene.parameters), {}
+    for effect, keys in absent(scene).items():
+        try:
+            if not about[effect].hardware:
+                found[effect] = added(scene, keys)[0]
+        except RigError:
+            continue
+    return found
+
+
+def difference(run, other):
+    """The largest difference of the contact forces of two runs, over the larger one."""
+    norm = np.linalg.norm
+    pairs = [(run.signals[name], other.signals[name]) for name in ("friction_force", "normal_force")]
+    return max(norm(a - b) / max(norm(a), norm(b)) for a, b in pairs)
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in HEAVY else ()) for name in names()]
+)
+def test_the_size_of_an_absent_effect_is_that_of_a_simulation_with_it(name):
+    """The reference: in a run with it, the audit leaves it out; where that says nothing, the forces of both runs."""
+    scene, seconds = rig.load(name), BEFORE_IT_RUNS_AWAY.get(name)
+    lacking = missing(scene)
+    if not lacking:
+        pytest.skip("its plant has no other effect that is not hardware")
+    run = rig.simulate(scene, seconds)
+    lines = {line["effect"]: line for line in run.summary["audit"]}
+    for effect, with_it in lacking.items():
+        other = rig.simulate(with_it, seconds)
+        theirs = {line["effect"]: line["share"] for line in other.summary["audit"]}
+        reference = difference(run, other) if effect in PAIRED else theirs[effect]
+        size = lines[effect]["share"]
+        assert max(size, reference) < LEAST or 1.0 / 1.5 <= size / reference <= 1.5, (effect, size, reference)
+
+
+def test_a_lag_behind_a_slow_ramp_is_no_effect_that_is_missed():
+    """The speed behind the lag follows the command; it does not stay where it was at the start."""
+    ramp = STEPS.validate_python([{"step": "ramp", "target": "drive.speed", "to": 0.3, "over": 20.0}])
+    scene = replace(rig.load("belt", {"drive.speed": 0.1}), protocol=ramp)
+    behind = replace(rig.load("belt", {"drive.speed": 0.1, "drive.lag": 0.01}), protocol=ramp)
+    line = judged(scene, None)["drive lag"]
+    reference = judged(behind, None)["drive lag"]["share"]
+    assert not line["noted"]
+    assert line["share"] == pytest.approx(reference, rel=0.5)
+    assert 0.0 < reference < LEAST
+
+
+def test_values_changed_during_a_run_are_no_effect():
+    """The belt of this scene is stiffened in mid run; a limit that no command meets changes nothing."""
+    assert judged(rig.load("belt_remedy_stiffness"), None)["drive limits"]["share"] < 1e-12
+
+
+@pytest.mark.parametrize(("name", "values"), [("two_dof", {"separation": "none"}), ("disc_slider_c", {})])
+def test_a_contact_that_pulls_is_told_with_its_time_and_size(name, values):
+    scene = rig.load(name, values)
+    run = rig.simulate(scene)
+    force = run.signals["normal_force"][1:]
+    line = {one["effect"]: one for one in run.summary["audit"]}["separation"]
+    assert line["noted"]
+    assert line["share"] > 0.1
+    assert line["pulled"] == pytest.approx((force < 0.0).mean(), rel=1e-12)
+    assert line["pull"] == pytest.approx(-force.min(), rel=1e-12)
+    assert f"contact pulled for {line['pulled']:.2%} of the time, with up to {line['pull']:.3g} N" in line["text"]
+    live = PlantRunner(scene)
+    while live.tick * live.steps < len(force):
+        live.frames(1)
+    assert live.state_samples.pulled(Comparison(()))["contact"] == (line["pulled"], line["pull"])
+
+
+@pytest.mark.parametrize("read", [True, False], ids=["with an output", "without an output"])
+def test_a_contact_of_an_own_plant_that_pulls_is_told(read, tmp_path):
+    """No effect of this plant lets the contact lift off, and perhaps no output tells its normal force."""
+    toys = Path(__file__).parent.parent / "parts" / "two_masses"
+    shutil.copytree(toys, tmp_path, dirs_exist_ok=True)
+    plant = (tmp_path / "twin.py").read_text()
+    plant = plant.replace('"nl", "left", press', '"nl", "left", {**press, "r": -10000.0}, opens=False')
+    if read:
+        plant = plant.replace('"T:left"', '"N:nl"')
+    (tmp_path / "twin.py").write_text(plant)
+    run = rig.simulate(rig.load(tmp_path / "scene.toml"), 2.0)
+    line = {one["effect"]: one for one in run.summary["audit"]}["lift-off at left"]
+    pulling = run.signals["grip"][1:] < 0.0
+    assert line["noted"]
+    if read:
+        assert line["pulled"] == pytest.approx(pulling.mean(), rel=1e-12)
+    assert 0.0 < line["pulled"] < 1.0
+    assert line["pull"] > 0.1

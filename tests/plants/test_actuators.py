@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from rig import scenes
-from rig.bench.audit import VisitedState, share
+from rig.bench.audit import Comparison, VisitedState
 from rig.bench.experiment import Experiment
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import simulate
@@ -171,9 +171,13 @@ def test_wild_commands_are_clamped_and_the_run_tells_its_energy(name, controller
 
 def test_an_audit_tells_its_share_at_any_size():
     """Half the load is a share of the forces that does not depend on their size; their squares do not overflow."""
-    whole, half = (scenes.load("belt_c", {"load.force": force}).assemble().system() for force in (20.0, 10.0))
+    both = [scenes.load("belt_c", {"load.force": force}) for force in (20.0, 10.0)]
+    whole, half = (scene.assemble().system() for scene in both)
     key, x = whole.key([1], [CLOSED], []), np.arange(1.0, whole.n + 1.0)
-    shares = [share([VisitedState(whole, key, size * x)], half, {}) for size in (1.0, 1e-200, 1e200)]
+    shares = [
+        Comparison([VisitedState(whole, key, size * x, both[0])]).share(lambda _: (half, {}))
+        for size in (1.0, 1e-200, 1e200)
+    ]
     assert 0.1 < shares[0] < 1.0
     assert shares == pytest.approx([shares[0]] * 3, rel=1e-12)
 

@@ -8,7 +8,7 @@ import pytest
 
 import rig
 from rig.analysis.kernel_shapes import VARIANTS, shape_of
-from rig.bench.audit import VisitedState, share
+from rig.bench.audit import Comparison, VisitedState
 from rig.errors import RigError
 from rig.model.method import METHODS, as_integrated
 from rig.model.mode_sets import ModeSets
@@ -48,7 +48,7 @@ def variants(scene):
             continue
 
 
-def visited(system, like):
+def visited(scene, system, like):
     """States in every mode set that is looked at before a run: bodies anywhere, all else as at the start."""
     draw = np.random.default_rng(3)
     nq = len(system.coordinates)
@@ -56,7 +56,7 @@ def visited(system, like):
     for key in mode_sets(system):
         x = system.start.copy()
         x[moved] += 1e-3 * draw.normal(size=len(moved))
-        yield VisitedState(system, key, x)
+        yield VisitedState(system, key, x, scene)
 
 
 def test_every_plant_is_among_the_scenes():
@@ -103,7 +103,7 @@ def test_an_effect_of_size_zero_is_none(scene):
             other = without(bare, [name]).assemble().system()
         except RigError:
             continue
-        assert share([*visited(system, other)], other, {}) <= 1e-12, name
+        assert Comparison([*visited(loaded, system, other)]).share(lambda _, other=other: (other, {})) <= 1e-12, name
 
 
 def test_the_kernel_has_no_instruction_for_what_is_absent():
