@@ -5,7 +5,7 @@ axis, sweep         a parameter at evenly spaced values; eigenvalues and critica
 eigenvalue_curves   eigenvalues followed along a parameter; critical_values, growth_crossings: where growth is zero
 regions             stable and unstable regions over two parameters
 control_loop        eigenvalues and margins of a closed loop (rig.design.sampled)
-averaged            friction under dither, averaged over a period
+averaged            friction under dither, averaged over a period; forced: the motion under dither that is not fast
 cycle               the limit cycle: orbit steps the plant, shooting and repetition find the cycle, floquet computes its
                     multipliers, turning_points serve vibration without events, cycle_report prints the result
 map                 steady-state behaviour over one or two parameters

@@ -25,6 +25,8 @@ from rig.stability.linearisation import Steady, sliding_key, steady
 
 Array = NDArray[np.float64]
 ORDER = 64
+FAR = 4.0
+"""Ratio of the dither to a natural frequency from which on it is fast; the response to it is then inertial to 7 %."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(ORDER)
 
 
@@ -80,19 +82,49 @@ def fast_motion(
         return complex(row[shaken[0]] @ shaken[1])
 
     push = np.array([driven(row) for row in system.force]) if nq else np.zeros(0)
-    dynamic = -(omega**2) * system.mass.astype(complex)
-    if not leading:
-        dynamic += system.stiffness + 1j * omega * system.damping
     for k in system.normals:
         push = push + k.direction * driven(k.row)
-        dynamic += omega**2 * np.outer(k.direction, k.inertia)
-        if not leading:
-            dynamic -= np.outer(k.direction, k.row[:nq] + 1j * omega * k.row[nq : 2 * nq])
+    dynamic = _dynamic_stiffness(system, omega, leading)
     answer = np.zeros(system.n, dtype=np.complex128)
     q = np.linalg.solve(dynamic, push.astype(complex)) if nq else push
     answer[:nq], answer[nq : 2 * nq] = q, 1j * omega * q
     answer[shaken[0]] = shaken[1]
     return answer
+
+
+def _dynamic_stiffness(system: System, omega: float, leading: bool) -> NDArray[np.complex128]:
+    """Forces on the coordinates per amplitude at omega [rad/s], without friction; `leading`: those of inertia alone."""
+    nq = len(system.coordinates)
+    dynamic: NDArray[np.complex128] = -(omega**2) * system.mass.astype(np.complex128)
+    if not leading:
+        dynamic += system.stiffness + 1j * omega * system.damping
+    for k in system.normals:
+        dynamic += omega**2 * np.outer(k.direction, k.inertia)
+        if not leading:
+            dynamic -= np.outer(k.direction, k.row[:nq] + 1j * omega * k.row[nq : 2 * nq])
+    return dynamic
+
+
+def not_fast(system: System, sine: int, cosine: int) -> str:
+    """Return the reason why friction cannot be averaged over a generator a' = omega b, b' = -omega a; "" if it can.
+
+    It can where the generator is far above the natural frequencies that the contacts feel: the slip speed then responds
+    to a friction force as inertia alone does, to 1 / (FAR^2 - 1), as at FAR times the natural frequency of one mass.
+    """
+    omega, nq = float(system.signals[sine - system.one, cosine]), len(system.coordinates)
+    most = 1.0 / (FAR**2 - 1.0)
+    for row, patch in zip(system.slip_rows[:, nq : 2 * nq], system.patches):
+        inertial, actual = (
+            complex(row @ np.linalg.solve(_dynamic_stiffness(system, omega, leading), patch.direction.astype(complex)))
+            for leading in (True, False)
+        )
+        if not abs(actual - inertial) <= most * abs(inertial):
+            hertz = omega / (2.0 * np.pi)
+            return (
+                f"{hertz:g} Hz is not far above the natural frequencies: {patch.name} responds to it by "
+                f"{abs(actual / inertial - 1.0):.0%} differently from inertia alone, and averaging allows {most:.0%}"
+            )
+    return ""
 
 
 def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: bool = False) -> Steady:

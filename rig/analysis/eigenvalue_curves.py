@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.modes import at_rest, missing, under_dither
+from rig.analysis.modes import Slow, at_rest, missing, under_dither
 from rig.design.linearised import energy_form
 from rig.errors import Singular
 from rig.scenes.scene import Scene
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 SURE = 0.7  # MAC of a pair that needs no smaller step
 NOTHING, OPENS, JAMS = "no steady sliding", "the contact would open", "jams"
+SLOW = "the dither is not fast"
 DEPTH = 8  # most halvings of a step between two values whose pairs are not certain
 
 
@@ -113,6 +114,8 @@ def equilibrium(scene: Scene, dithered: bool = False) -> Spectrum:
     """
     try:
         return sliding(under_dither(scene) if dithered else at_rest(scene)[1])
+    except Slow as error:
+        return absent(SLOW, str(error))
     except Singular as error:
         return absent(JAMS, "friction takes up all of the inertia", 0.0) if error.jams else absent(NOTHING, error.why)
 

@@ -4,8 +4,8 @@
     damping ratio -Re lambda / |lambda|
 
 The equilibrium belongs to the scene's own values, with commands held, lags settled and controllers left out. Dither
-counts as switched off there; its effect at the stated amplitude is reported separately, averaged
-(rig.analysis.averaged).
+counts as switched off there; its effect at the stated amplitude is reported separately: averaged if the dither is fast
+(rig.analysis.averaged), else as Floquet exponents of the forced motion (rig.analysis.forced).
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.averaged import averaged
+from rig.analysis.averaged import averaged, not_fast
+from rig.analysis.forced import Forced, forced
 from rig.analysis.modes_report import Mode, Modes, Sliding
 from rig.bench.build_findings import findings
 from rig.design.linearised import energy_form
-from rig.errors import SceneError, Singular
+from rig.errors import RigError, SceneError, Singular
 from rig.model.assembly import Assembly
 from rig.model.film import over
 from rig.model.output_rows import signal_rows
@@ -34,6 +35,10 @@ from rig.stability.linearisation import Steady, sliding_key, steady
 _REST = 1e-11  # rounding error of a zero, relative to the sum of its terms or to the largest rate
 Array = NDArray[np.float64]
 GENERATOR = ("dither.sin", "dither.cos")
+
+
+class Slow(RigError):
+    """The friction cannot be averaged over the dither of a scene, for the reason in words."""
 
 
 def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assembly, Steady]:
@@ -52,9 +57,14 @@ def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assem
 
 
 def under_dither(scene: Scene) -> Steady:
-    """Return the sliding equilibrium with the friction averaged over the dither of `scene`."""
+    """Return the sliding equilibrium with the friction averaged over the dither of `scene`.
+
+    Raises Slow if the dither is not fast.
+    """
     assembly, at = at_rest(scene)
     sine, cosine = (at.system.names.index(name) for name in GENERATOR)
+    if why := not_fast(at.system, sine, cosine):
+        raise Slow(why)
     return averaged(at.system, sine, cosine, assembly.inputs["dither.amplitude"].value)
 
 
@@ -90,12 +100,41 @@ def modes(scene: Scene) -> Modes:
         return found
     sine, cosine = (system.names.index(name) for name in GENERATOR)
     generator = assembly.inputs["dither.amplitude"]
+    slow = not_fast(system, sine, cosine) if generator.value else ""
     return replace(
         found,
-        dithered=_sliding(assembly, averaged(system, sine, cosine, generator.value)),
+        dithered=_forced(assembly, at, forced(scene, assembly, at, sine, cosine, generator.value))
+        if slow
+        else _sliding(assembly, averaged(system, sine, cosine, generator.value)),
+        slow=slow,
         amplitude=generator.value,
         unit=generator.unit,
         hertz=assembly.inputs["dither.frequency"].value,
+    )
+
+
+def _forced(assembly: Assembly, at: Steady, motion: Forced) -> Sliding:
+    """A forced motion, with means over its period in the place of the equilibrium."""
+    form, means, coefficient = energy_form(at), {}, {}
+    if motion.means is not None:
+        x, T, friction, load = motion.means
+        over_x, over_t = signal_rows(at.system, at.modes, [output.row for output in assembly.outputs.values()])
+        means = dict(zip(assembly.outputs, (over_x @ x + over_t @ T).tolist()))
+        coefficient = {
+            p.name: abs(float(rubbed)) / float(pressed) if pressed > 0.0 else math.nan
+            for p, rubbed, pressed in zip(at.system.patches, friction, load)
+        }
+    return Sliding(
+        exists=motion.exists,
+        why=motion.why,
+        counts=motion.counts,
+        equilibrium=means,
+        coefficient=coefficient,
+        modes=tuple(
+            _mode(at.system, rate, shape, form)
+            for rate, shape in zip(motion.exponents, motion.shapes.T)
+            if rate.imag >= 0.0
+        ),
     )
 
 

@@ -68,14 +68,15 @@ class Sliding:
     @property
     def stable(self) -> bool:
         """Whether every mode decays."""
-        return self.exists and self.growth < 0.0
+        return self.exists and all(mode.growth < 0.0 for mode in self.modes)
 
 
 @dataclass(frozen=True)
 class Modes:
     """The vibration modes of a scene at steady sliding (`rig.analysis.modes.modes`).
 
-    `dithered`: the same with averaged dither of `amplitude` [unit] at `hertz`; None for a scene without dither.
+    `dithered`: the same with averaged dither of `amplitude` [unit] at `hertz`; None for a scene without dither. `slow`:
+    why the dither cannot be averaged; `dithered` is then the forced motion, and its modes are Floquet exponents.
     `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: critical coefficients of friction in
     closed form (infinite: never reached).
     """
@@ -89,6 +90,7 @@ class Modes:
     amplitude: float = 0.0
     unit: str = ""
     hertz: float = 0.0
+    slow: str = ""
     free: Mapping[str, float] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
 
@@ -96,8 +98,8 @@ class Modes:
 
     def table(self) -> list[tuple[str, float, float, float, str]]:
         """Return a row for each mode, in the order of COLUMNS."""
-        found = [(mode.kind, mode) for mode in self.sliding.modes]
-        found += [(f"{mode.kind}, dithered", mode) for mode in (self.dithered.modes if self.dithered else ())]
+        found, how = [(mode.kind, mode) for mode in self.sliding.modes], "forced" if self.slow else "dithered"
+        found += [(f"{mode.kind}, {how}", mode) for mode in (self.dithered.modes if self.dithered else ())]
         return [
             (kind, one.growth, one.frequency, one.damping, shape_text(one.shape, one.energy)) for kind, one in found
         ]
@@ -111,7 +113,13 @@ class Modes:
             **_plain(self.sliding),
             "dither": None
             if self.dithered is None
-            else {"amplitude": self.amplitude, "unit": self.unit, "hertz": self.hertz, **_plain(self.dithered)},
+            else {
+                "amplitude": self.amplitude,
+                "unit": self.unit,
+                "hertz": self.hertz,
+                "slow": self.slow,
+                **_plain(self.dithered),
+            },
             "free": dict(self.free),
             "limits": dict(self.limits),
             "findings": [finding.to_json() for finding in self.findings],
@@ -141,10 +149,21 @@ class Modes:
             lines += ["", f"  coefficients of friction at the limits: {known}"]
         if self.dithered is not None:
             effect = ", ".join(f"{v:.4g} at {name}" for name, v in self.dithered.coefficient.items())
-            lines += [
-                "",
-                f"  dithered: {self.amplitude:g} {self.unit} at {self.hertz:g} Hz, friction {effect} (averaged)",
-            ]
+            lines += ["", f"  dithered: {self.amplitude:g} {self.unit} at {self.hertz:g} Hz"]
+            if not self.slow:
+                lines[-1] += f", friction {effect} (averaged)"
+            else:
+                forced = (
+                    "Floquet exponents of the forced motion"
+                    if self.dithered.exists or self.dithered.counts
+                    else "no result"
+                )
+                lines += [f"    not averaged: {self.slow}", f"    {forced}"]
+                lines[-1] += f", mean friction {effect}" if effect else ""
+                if self.dithered.why:
+                    held = self.dithered.counts and not self.dithered.exists
+                    closed = "; they are those of the contact held closed" if held else ""
+                    lines[-1] += f": {self.dithered.why}{closed}"
         lines += ["", *(f"  {f.level}: {f.what}\n    {f.remedy}" for f in self.findings)] if self.findings else []
         return "\n".join(lines)
 

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.averaged import averaged
+from rig.analysis.averaged import averaged, not_fast
 from rig.analysis.axis import Axis
 from rig.analysis.eigenvalue_curves import NOTHING
 from rig.analysis.fixed_parameters import heading
 from rig.analysis.growth_crossings import EDGE, Growth, brackets, looked, none, root, stretches
-from rig.analysis.modes import GENERATOR, missing
+from rig.analysis.modes import GENERATOR, Slow, missing
 from rig.analysis.text_table import columns
 from rig.bench.rig_variant import with_values
 from rig.errors import Singular
@@ -78,6 +78,8 @@ class Regions:
                 why = missing(sliding(self.scene, {self.y.key: self.y.values[row], self.x.key: self.x.values[column]}))
             except Singular as error:
                 why = error.why
+            except Slow as error:
+                why = f"the dither of {error}"
             count = int(np.isnan(self.growth).sum())
             lines += ["", f"  no steady sliding at {count} of {self.growth.size} points; first at {at}: {why}"]
         apart = self.x.text(float(np.abs(np.diff(self.x.values)).max()), 3)
@@ -149,7 +151,7 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
     def at(value: float) -> tuple[Growth | None, float, bool]:
         try:
             found = sliding(scene, {x.key: value})
-        except Singular:
+        except (Singular, Slow):
             return None, math.nan, False
         if not _counts(found):
             return None, math.nan, found.exists
@@ -203,7 +205,10 @@ def _counts(at: Steady) -> bool:
 
 
 def sliding(scene: Scene, values: dict[str, float]) -> Steady:
-    """Return steady sliding of `scene` with these values (SI), with averaged friction if dither is on."""
+    """Return steady sliding of `scene` with these values (SI), with averaged friction if dither is on.
+
+    Raises Slow if the dither is not fast.
+    """
     parameters = scene.parameters
     for key, value in values.items():
         parameters = with_values(parameters, {key: value})
@@ -213,6 +218,8 @@ def sliding(scene: Scene, values: dict[str, float]) -> Steady:
         return steady(system, sliding_key(system))
     sine, cosine = (system.names.index(name) for name in GENERATOR)
     on = assembly.inputs["dither.amplitude"].value * assembly.inputs["dither.enable"].value
+    if on and (why := not_fast(system, sine, cosine)):
+        raise Slow(why)
     return averaged(system, sine, cosine, on, leading=True)
 
 

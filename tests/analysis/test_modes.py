@@ -10,10 +10,14 @@ import re
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import rig
 from rig.analysis.averaged import mean_friction
+from rig.analysis.axis import axes
 from rig.analysis.modes import modes, motion
+from rig.analysis.orbit import Orbit
+from rig.analysis.regions import regions
 from rig.model import friction_law
 
 COULOMB = friction_law.coulomb(0.4, 0.25)
@@ -114,6 +118,111 @@ def test_a_force_on_the_mass_shakes_as_much_as_the_belt_would():
     belt = rig.load("belt_dither", {"dither.amplitude": 0.1})
     mass = rig.load("belt_dither", {"dither.on": "mass", "dither.amplitude": 0.1 * 5.0 * turn})
     assert modes(mass).dithered.growth == pytest.approx(modes(belt).dithered.growth, rel=2e-3)
+
+
+SLOW = {"dither.enable": "true", "dither.frequency": 1.5915494, "dither.amplitude": 1.0}
+
+
+def variational(rates, slopes, states, period):
+    """Exponents of the periodic motion of x' = rates(t, x), with slopes d rates / d x, by direct integration."""
+
+    def both(t, y):
+        x, P = y[:states], y[states:].reshape(states, states)
+        return np.concatenate([rates(t, x), (slopes(t, x) @ P).ravel()])
+
+    x = np.zeros(states)
+    for _ in range(12):
+        begin = np.concatenate([x, np.eye(states).ravel()])
+        end = solve_ivp(both, (0.0, period), begin, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+        P = end[states:].reshape(states, states)
+        x = x + np.linalg.solve(np.eye(states) - P, end[:states] - x)
+    return np.log(np.linalg.eigvals(P).astype(complex)) / period
+
+
+def test_dither_at_the_natural_frequency_is_not_averaged_but_forces_a_motion():
+    """The closed contact of two_dof: its equations typed here, integrated with their variational equation."""
+    found = modes(rig.load("two_dof_dither", SLOW))
+    turn, mu, k3, F0 = 2.0 * math.pi * 1.5915494, 0.5, 50.0, 1.0
+    K, D = np.zeros((2, 2)), np.zeros((2, 2))
+    for k, d, degrees in ((100.0, 0.2, 150.0), (50.0, 0.2, 45.0)):
+        lean = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+        K, D = K + k * np.outer(lean, lean), D + d * np.outer(lean, lean)
+    K[1, 1] += k3
+    K[0, 1] += mu * k3  # friction mu N on x, N = -k3 y
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-K, -D]])
+    exponents = variational(
+        lambda t, x: A @ x + [0.0, 0.0, math.sin(turn * t), -F0], lambda t, x: A, 4, 2.0 * math.pi / turn
+    )
+    assert exponents.real.max() == pytest.approx(0.4534, abs=5e-5)
+    assert found.dithered.growth == pytest.approx(exponents.real.max(), rel=1e-7)
+    assert found.dithered.coefficient["contact"] == pytest.approx(mu, rel=1e-9)
+    assert found.dithered.modes[0].frequency == pytest.approx(found.sliding.modes[0].frequency, rel=1e-6)
+    assert not found.dithered.exists  # the contact would have to pull
+    assert "not averaged: 1.59155 Hz is not far above" in found.text()
+
+
+def test_the_exponents_of_a_slow_dither_with_falling_friction_are_those_of_its_variational_equation():
+    scene = rig.load("belt_dither", {"dither.frequency": 5.0, "dither.amplitude": 0.02})
+    body, law = scene.parameters.body, scene.parameters.friction
+    N, turn, drop = scene.parameters.load.force, 10.0 * math.pi, law.mu_static - law.mu_dynamic
+
+    def w(t, x):
+        return scene.parameters.drive.speed + 0.02 * math.sin(turn * t) - x[1]
+
+    def rates(t, x):
+        mu = law.mu_dynamic + drop * math.exp(-w(t, x) / law.speed_scale)
+        return np.array([x[1], (mu * N - body.stiffness * x[0] - body.damping * x[1]) / body.mass])
+
+    def slopes(t, x):
+        by_speed = drop / law.speed_scale * math.exp(-w(t, x) / law.speed_scale) * N
+        return np.array([[0.0, 1.0], [-body.stiffness / body.mass, (by_speed - body.damping) / body.mass]])
+
+    found = modes(scene).dithered
+    assert found.exists
+    assert found.growth == pytest.approx(variational(rates, slopes, 2, 0.2).real.max(), rel=1e-6)
+
+
+def test_a_slow_dither_that_reverses_the_slip_has_the_exponents_of_its_simulation():
+    """Two simulated motions, displaced by little, approach each other with the largest exponent."""
+    scene = rig.load("two_dof_dither", {"dither.enable": "true", "dither.frequency": 5.0, "dither.amplitude": 14.0})
+    found = modes(scene).dithered
+    assert found.exists
+    assembly = scene.assemble()
+    orbit = Orbit(scene, assembly, assembly.system().start, "exact", 1e-10)
+    x = orbit.carried(orbit.system.start, 60.0)[0]
+    y, apart = x.copy(), []
+    y[:2] += 1e-6
+    for _ in range(2):
+        x, y = (orbit.carried(z, 20.0)[0] for z in (x, y))
+        energy = 100.0 * np.sum((x - y)[:2] ** 2) + np.sum((x - y)[2:4] ** 2)
+        apart.append(0.5 * math.log(energy))
+    assert (apart[1] - apart[0]) / 20.0 == pytest.approx(found.growth, abs=0.02)
+    assert found.growth < 0.0
+
+
+def test_a_disturbance_that_ends_in_stick_is_no_mode_of_a_slow_dither():
+    """The contact sticks in every period: of two multipliers one is zero."""
+    found = modes(rig.load("belt_dither", {"dither.frequency": 8.0, "drive.speed": 0.08})).dithered
+    assert len(found.modes) == 1
+    assert found.stable
+    assert found.modes[0].frequency == pytest.approx(4.0, rel=1e-9)
+
+
+def test_a_multiplier_below_minus_one_is_growth_at_half_the_frequency():
+    found = modes(rig.load("belt_dither", {"dither.frequency": 5.0})).dithered
+    assert found.growth > 0.0
+    assert found.modes[0].frequency == pytest.approx(2.5, rel=1e-9)
+
+
+def test_a_sweep_over_slow_dither_is_a_gap_with_the_reason():
+    scene = rig.load("two_dof_dither", {"dither.enable": "true"})
+    found = rig.sweep(scene, "dither.frequency", [1.6, 30.0, 31.0])
+    assert [bool(note) for note in found.notes] == [True, False, False]
+    assert "not far above the natural frequencies" in found.text()
+    chart = regions(scene, *axes(scene, {"--x": "dither.frequency=1.6:31:2", "--y": "friction.mu=0.4:0.5:2"}))
+    assert np.isnan(chart.growth[:, 0]).all()
+    assert np.isfinite(chart.growth[:, 1]).all()
+    assert "not far above the natural frequencies" in chart.text()
 
 
 def test_a_report_is_plain():

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.averaged import averaged, fast_motion
+from rig.analysis.averaged import averaged, fast_motion, not_fast
 from rig.analysis.map.job import Job
 from rig.analysis.modes import GENERATOR
 from rig.analysis.pool import Arrays
@@ -84,6 +84,9 @@ class Boundary:
             rows.append((x.text(frequency), *theory, f"{low:.6g} to {high:.6g}", text))
         lines += columns(rows, "<>>>>")
         lines += ["", f"  amplitudes in {y.shown}; 0: stable from the smallest on, inf: not even at the largest"]
+        shaken = [(f, _Shaken(x.at(self.job.scene, f), None)) for f in x.values]
+        slow = [x.text(f) for f, rig in shaken if not_fast(rig.system, rig.sine, rig.cosine)]
+        lines += [f"  too slow for an average: {', '.join(slow)}"] if slow else []
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
