@@ -120,12 +120,22 @@ class StateSamples:
             self._sums = system, _readings(system, scene, outputs)
         if not self._sums[1]:
             return
+        if motion.kept == 1:  # each frame of a live run: arrays would cost as much as the frame
+            now = motion.outputs_now()
+            for name, columns in self._sums[1].items():
+                force = sum([now.item(column) for column in columns])
+                if force < 0.0:
+                    self._pulls(name, 1, force)
+            return
         values = motion.outputs_at(motion.log.out[: motion.kept], motion.log.modes[: motion.kept])
         for name, columns in self._sums[1].items():
-            force = values[:, columns].sum(axis=1)
-            if pulling := int(np.count_nonzero(force < 0.0)):
-                pull = self.pulls.setdefault(name, Pull())
-                pull.count, pull.most = pull.count + pulling, max(pull.most, -float(force.min()))
+            forces = values[:, columns].sum(axis=1)
+            if pulling := int(np.count_nonzero(forces < 0.0)):
+                self._pulls(name, pulling, float(forces.min()))
+
+    def _pulls(self, name: str, ticks: int, force: float) -> None:
+        pull = self.pulls.setdefault(name, Pull())
+        pull.count, pull.most = pull.count + ticks, max(pull.most, -force)
 
     def pulled(self, comparison: Comparison) -> dict[str, tuple[float, float]]:
         """Contacts that pulled -> the share of the time in which they did, and their largest pull [N].
