@@ -6,6 +6,7 @@ And what a process tells the one that started it (`rig.child_process.Child`), ov
 from __future__ import annotations
 
 import atexit
+import errno
 import gc
 import json
 import os
@@ -25,6 +26,10 @@ PARENT = "RIG_PARENT"
 _parent: list[IO[str]] = []
 _GARBAGE = 100_000  # new objects
 _COPY = b"os.fork() has made a copy of this process, which was ended; use subprocess, or end the copy with os._exit()\n"
+NO_FILES = (errno.EMFILE, errno.ENFILE)
+MORE_FILES = (
+    "the system allows this process no more open files; raise the limit, e.g. ulimit -n 1024, or end other programs"
+)
 _PARENT_S = 0.2  # between two looks at the parent
 
 copies = [0]
@@ -140,6 +145,7 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
     takes a tenth of the start.
     """
     gc.set_threshold(_GARBAGE)
+    _open_streams()
     _find_parent()
     asked: list[int] = []
 
@@ -168,11 +174,31 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
         code = end.code if isinstance(end.code, int | None) else 1
     except KeyboardInterrupt:
         code = ExitCode.INTERRUPTED
-    except Exception:
+    except Exception as error:
         code = ExitCode.INTERRUPTED if asked else 1  # some libraries turn KeyboardInterrupt into another exception
-        if not asked:
+        if not asked and isinstance(error, OSError) and error.errno in NO_FILES:
+            with suppress(OSError):
+                sys.stderr.write(f"{MORE_FILES}\n")
+        elif not asked:
             traceback.print_exc()
     _leave(code or 0)
+
+
+def _open_streams() -> None:
+    """Open the standard streams that were closed (`rig list >&-`): what is written to them is lost, and no more.
+
+    Python has None in their place; a file that is opened later would get their descriptor, and take what libraries
+    print.
+    """
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        if getattr(sys, name) is None:
+            with suppress(OSError):
+                nowhere = os.open(os.devnull, os.O_RDWR)
+                try:
+                    os.fstat(number)
+                except OSError:  # nothing else has this descriptor so far
+                    os.dup2(nowhere, number)
+                setattr(sys, name, open(nowhere, mode))
 
 
 def _leave(code: int) -> NoReturn:

@@ -10,6 +10,7 @@ import errno
 import io
 import os
 import stat
+import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,8 @@ RUNS = Path("recordings/runs")
 """Where runs are recorded unless their user names a file."""
 TEXT = 1 << 20
 """Largest file that counts as written by hand [bytes]."""
+FILES = 10_000
+"""Most files in a zip file. # chosen"""
 FIGURES = (".png", ".svg", ".pdf")
 """Suffixes of a figure, in small or capital letters; they select its format."""
 WRITTEN = "another run is writing it; name another file"
@@ -105,6 +108,20 @@ def contents(path: Path, most: int = TEXT) -> bytes:
     if len(found) > most:
         raise OSError(errno.EFBIG, f"it is larger than {most >> 20} MiB, the largest size that is read")
     return found
+
+
+def unpacked(archive: zipfile.ZipFile, most: int) -> None:
+    """Check what a zip file says of itself before anything is unpacked: a few megabytes can become gigabytes.
+
+    Raises OSError for more than `most` bytes in all its files together, or more than `FILES` files. No file can become
+    larger than it is said to be.
+    """
+    parts = archive.infolist()
+    size = sum(part.file_size for part in parts)
+    if size > most:
+        raise OSError(errno.EFBIG, f"its files take {size / (1 << 20):.0f} MiB unpacked; at most {most >> 20} MiB")
+    if len(parts) > FILES:
+        raise OSError(errno.EFBIG, f"it contains {len(parts)} files; at most {FILES}")
 
 
 def recording_name(path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from itertools import repeat
 from typing import Any
@@ -21,9 +22,18 @@ WORTH = 500_000
 them, the compiler 1 to 3 s. # chosen"""
 NEVER = 1 << 62
 """Tick of the next answer of a controller that is lost."""
+CALLS: list[Callable[[str], object]] = []
+"""Called with the name of each controller before it is called: whoever waits for this process learns who ended it."""
 _EXPECTED: Counter[type] = Counter()
 _TRIED: set[int] = set()
 """Addresses of compiled controllers that have passed this comparison in this process."""
+
+
+def loop_of(name: str, controller: Controller) -> Loop:
+    """The loop of a controller, which starts it."""
+    for call in CALLS:
+        call(name)
+    return Loop(controller)
 
 
 def asked_often(controller: Controller) -> None:
@@ -97,6 +107,8 @@ class ControllerInProcess:
             heard = tuple([self._latest(i) for i in self.columns])
         t_ns = tick * self._runner.frame_ns
         first = not self.loop.refused
+        for call in CALLS:
+            call(self.name)
         self.given = self.loop.answer(t_ns, heard)
         if first and self.loop.refused:
             self._journal.note_at(tick, "not finite", NOT_FINITE.format(self.name), controller=self.name)

@@ -8,6 +8,9 @@ from dataclasses import asdict, dataclass
 from rig.errors import UsageError
 from rig.scenes.scene import Scene
 
+CALLING = "calling"
+"""File beside that of the summary, with the name of the controller that the rehearsal is calling."""
+
 
 def called(role: str, name: str) -> str:
     """Return a process in words: `controller nf`, but `recorder` where role and name are the same."""

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rig import bus, scheduling
-from rig.bench.job import Job, keeps_up
+from rig.bench.job import CALLING, Job, keeps_up
 from rig.bench.plant import Plant, Say, Show
-from rig.bench.rehearsal import visited
+from rig.bench.rehearsal import marked, visited
 from rig.bench.runner import PlantRunner
 from rig.bus import address
 from rig.errors import Interrupted, RigError
@@ -20,18 +20,19 @@ from rig.scenes.scene import Scene
 from rig.units import si
 
 
-def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) -> dict[str, Any]:
+def carry_out(
+    job: Job, say: Say = lambda _: None, show: Show = lambda _: None, calling: Path | None = None
+) -> dict[str, Any]:
     """Host a run, carry out the job and return its summary. Raises RigError if the run cannot begin.
 
     A stop signal ends the run in order. `say` gets status lines before the first frame, `show` gets the health of the
-    run while it continues.
+    run while it continues. `calling`: see `rig.bench.rehearsal.marked`.
     """
     scene = Scene.from_json(job.scene)
     keeps_up(scene, job.pace)
     address.directory()  # a system without live runs is refused before the rehearsal
-    sets = (
-        visited(scene, job) if job.pace is not None else warm(scene)
-    )  # Ctrl-C may interrupt this, but nothing after it
+    with marked(calling):  # Ctrl-C may interrupt this, but nothing after it
+        sets = visited(scene, job) if job.pace is not None else warm(scene)
     asked: list[str] = []
     with told_to_stop(asked.append):
         scheduling.come_first()  # the threads of the bus inherit it
@@ -68,7 +69,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     given = parser.parse_args(arguments)
     try:
-        summary = carry_out(Job.from_json(given.job.read_text()), lambda text: tell("say", text))
+        job = Job.from_json(given.job.read_text())
+        summary = carry_out(job, lambda text: tell("say", text), calling=given.summary.with_name(CALLING))
     except RigError as error:
         summary = {"failed": str(error), "exit_code": error.exit_code}
     given.summary.write_text(json.dumps(summary))

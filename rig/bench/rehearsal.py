@@ -11,11 +11,14 @@ the plant process calls in short frames are compiled here and compared with Pyth
 
 from __future__ import annotations
 
+import os
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from rig import controllers, design
-from rig.bench.controller_in_process import asked_often
+from rig.bench.controller_in_process import CALLS, asked_often
 from rig.bench.frame_batches import length
 from rig.bench.job import Job
 from rig.bench.rig_variant import Wanted
@@ -28,6 +31,28 @@ from rig.scenes.scene import Scene
 
 LONGEST_S = 3.0
 """Longest duration of a rehearsal [s]. # chosen: all but one of the shipped scenes need less"""
+
+
+@contextmanager
+def marked(path: Path | None) -> Iterator[None]:
+    """Keep in the file `path`, until the end of the block, the name of the controller that is being called.
+
+    Controllers run in this process here, and one that crashes takes it along.
+    """
+    if path is None:
+        yield
+        return
+    with path.open("wb", buffering=0) as file:
+
+        def call(name: str) -> None:
+            os.pwrite(file.fileno(), f"{name}\n".encode(), 0)
+
+        CALLS.append(call)
+        try:
+            yield
+        finally:
+            CALLS.remove(call)
+            file.truncate(0)
 
 
 def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, ...]:

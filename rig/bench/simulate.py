@@ -15,7 +15,7 @@ import numpy as np
 from rig import design
 from rig.bench.checkpoint import interval
 from rig.bench.compiled_controllers import CompiledControllers
-from rig.bench.controller_in_process import ControllerInProcess
+from rig.bench.controller_in_process import ControllerInProcess, loop_of
 from rig.bench.exchange import Exchange
 from rig.bench.experiment import BEGIN, Experiment
 from rig.bench.given_controllers import Guest
@@ -161,8 +161,8 @@ def begun(
 
     `before` is called with the experiment before it is opened.
     """
-    loops = {name: Loop(controller) for name, controller in controllers.items()}
-    loops |= {name: Loop(guest.controller) for name, guest in guests.items()}
+    loops = {name: loop_of(name, controller) for name, controller in controllers.items()}
+    loops |= {name: loop_of(name, guest.controller) for name, guest in guests.items()}
 
     def retune(name: str, changes: Mapping[str, Any]) -> None:
         if name in loops:  # none in a re-simulation: their commands are recorded

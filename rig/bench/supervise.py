@@ -21,7 +21,7 @@ from typing import Any
 
 from rig import bus
 from rig.bench.event_lines import EventLines
-from rig.bench.job import Job, called
+from rig.bench.job import CALLING, Job, called
 from rig.bench.machine_load import MachineLoad
 from rig.bench.outcome import Outcome
 from rig.bench.run_log import RunLog
@@ -283,7 +283,7 @@ class RunProcesses:
     def _outcome(self, summary: dict[str, Any]) -> Outcome:
         if not summary:
             if not self.name or (self.plant.code or 0) > 0:
-                raise UsageError(self.plant.ending)
+                raise UsageError(self.plant.ending + self._called())
             summary = self._obituary()
         if "failed" in summary:
             fault = UsageError(summary["failed"])
@@ -309,6 +309,14 @@ class RunProcesses:
         if not told["windows"] and told["seconds"] < seconds - 1e-6:
             return f"it ends at t = {told['seconds']:.6g} s, the run at {seconds:.6g} s"
         return ""
+
+    def _called(self) -> str:
+        """Which controller the plant was calling in its rehearsal when it ended, as the end of a sentence."""
+        try:
+            name = self._summary.with_name(CALLING).read_text().partition("\n")[0]
+        except OSError:
+            return ""
+        return f", while it rehearsed the run and called the controller {name}" if name else ""
 
     def _owns(self, path: Path) -> bool:
         """Whether a file is a recording of this run, and not of another run."""

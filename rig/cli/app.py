@@ -38,6 +38,7 @@ from rig.cli import (
 )
 from rig.cli.command import Command, Group
 from rig.errors import ExitCode, RigError
+from rig.process import MORE_FILES, NO_FILES
 
 _app = typer.Typer(
     name="rig",
@@ -105,7 +106,8 @@ def run(arguments: list[str] | None = None) -> None:
     except BrokenPipeError:  # whoever read the output has seen enough
         pass
     except OSError as error:  # of the system, as a full disk
-        printing.note(f"{error.filename}: {error.strerror}" if error.filename else error.strerror or str(error))
+        where = f"{error.filename}: " if error.filename else ""
+        printing.note(where + (MORE_FILES if error.errno in NO_FILES else error.strerror or str(error)))
         sys.exit(ExitCode.FAILED)
     except Exception as error:
         from rig.parts import foreign_fault

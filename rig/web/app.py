@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
@@ -206,6 +206,8 @@ def _answers(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
         try:
             body = await _body(request)
             return JSONResponse(await asyncio.to_thread(handler, body))
+        except ClientDisconnect:  # in the middle of its request: nobody gets this answer
+            return Response(status_code=400)
         except RigError as fault:
             return JSONResponse({"error": str(fault)}, 422)
         except OSError as fault:  # of the system, as a full disk

@@ -19,7 +19,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Any
-from urllib.parse import urlsplit
 
 from rig.bus import address
 from rig.errors import BusError, UsageError
@@ -91,7 +90,7 @@ class Bridge:
     def _check(self, connection: Any, request: Any) -> Any:
         hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
         once = len(hosts) == 1 and len(origins) < 2
-        if once and self._gate.local(*hosts, *origins) and self._gate.in_query(urlsplit(request.path).query):
+        if once and self._gate.local(*hosts, *origins) and self._gate.in_query(request.path.partition("?")[2]):
             if self._seated(connection):
                 return None
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, f"{CLIENTS} clients are connected already\n")

@@ -51,7 +51,7 @@ class Guard:
             await receive()
             await send({"type": "websocket.close", "code": REFUSED})
         elif local and scope["method"] == "GET" and self._gate.in_query(scope["query_string"].decode("latin1")):
-            answer = RedirectResponse(scope["path"], 303)
+            answer = RedirectResponse("/" + scope["path"].lstrip("/\\"), 303)  # //host/ would be another server
             answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
             await answer(scope, receive, self._with_headers(send))
         else:

@@ -13,6 +13,7 @@ import twin
 from twin import Twin
 
 from rig import scenes
+from rig.bench import supervise
 from rig.bench.job import Job, keeps_up
 from rig.bench.plant import Plant
 from rig.bench.plant_process import carry_out
@@ -27,6 +28,7 @@ from rig.scenes.scene import Scene
 LEFT = """
 import sys
 from rig import scenes
+from rig.bench import supervise
 from rig.bench.job import Job
 from rig.bench.plant import Plant
 from rig.bench.rehearsal import visited
@@ -185,3 +187,29 @@ def test_a_controller_from_a_file_that_answers_nonsense_in_the_rehearsal_does_no
     )
     scene = scenes.load("belt", {"controllers.nf.kind": str(file)})
     assert visited(scene, Job(scene.to_json(), run="r", duration=0.05))
+
+
+CRASHES = """
+import ctypes, os
+
+class Controller:
+    reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000
+
+    def start(self):
+        return 0
+
+    def update(self, state, t_ns, values):
+        if t_ns > 20_000_000:
+            {}
+        return state, (20.0,)
+"""
+
+
+@pytest.mark.parametrize(
+    ("crash", "told"), [("ctypes.string_at(8)", "was killed by SIGSEGV"), ("os._exit(3)", "ended with code 3")]
+)
+def test_a_controller_that_crashes_in_the_rehearsal_is_named(runs, tmp_path, crash, told):
+    (tmp_path / "crashes.py").write_text(CRASHES.format(crash))
+    scene = scenes.load("belt", {"controllers.mine.kind": str(tmp_path / "crashes.py")})
+    with pytest.raises(UsageError, match=f"the plant {told}.* called the controller mine"):
+        supervise.run(scene, duration=0.5, record=False, say=lambda _: None)

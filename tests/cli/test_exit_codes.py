@@ -3,6 +3,8 @@
 import os
 import re
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -65,3 +67,22 @@ def test_an_interrupted_run_is_complete_only_if_it_has_no_end_of_its_own(tmp_pat
     assert summary["ended"] == "stopped by SIGINT"
     assert outcome.exit_code == (ExitCode.DONE if duration is None else ExitCode.INTERRUPTED)
     assert outcome.without_recording("the disk is full").exit_code == ExitCode.FAILED
+
+
+@pytest.mark.skipif(os.name != "posix", reason="closes descriptors as a shell does")
+@pytest.mark.parametrize(("command", "code"), [(["list"], 0), (["list", "nowhere"], 2)])
+@pytest.mark.parametrize("closed", [(1,), (2,), (0, 1, 2)])
+def test_closed_streams_are_no_fault(tmp_path, command, code, closed):
+    rest = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    shell = f"exec {sys.executable} -m rig {' '.join(command)} {' '.join(f'{number}>&-' for number in closed)}"
+    done = subprocess.run(shell, shell=True, cwd=tmp_path, text=True, timeout=60, **rest)
+    assert "Traceback" not in done.stdout + done.stderr
+    assert done.returncode == code
+
+
+@pytest.mark.skipif(os.name != "posix", reason="this system has no such limit")
+def test_too_few_open_files_are_named_with_what_to_do(tmp_path):
+    shell = f"ulimit -n 12; exec {sys.executable} -m rig map belt --x drive.speed=0.05:0.06:2"
+    done = subprocess.run(shell, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    assert "Traceback" not in done.stderr
+    assert done.returncode == 0 or "ulimit -n 1024" in done.stderr

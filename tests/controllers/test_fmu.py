@@ -2,15 +2,16 @@
 
 import builtins
 import json
+import tempfile
 import zipfile
 
 import numpy as np
 import pytest
 
-from rig import controllers, design, scenes
+from rig import controllers, design, scenes, user_files
 from rig.bench.simulate import Recorded, simulate
 from rig.controllers.blocks.base import tunable
-from rig.controllers.runtime import fmi_description, process
+from rig.controllers.runtime import fmi_description, fmi_unit, process
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerLost, SceneError, UsageError
 from rig.parts import Binary
@@ -232,6 +233,26 @@ def test_what_is_no_fmu_is_named(tmp_path, content, told):
         scene(file)
 
 
+@pytest.mark.parametrize(
+    ("files", "told"), [({"x": bytes(3 << 20)}, "unpacked; at most 2 MiB"), (dict.fromkeys("abcdef", b""), "contains")]
+)
+def test_an_fmu_that_becomes_too_large_is_refused_before_it_is_unpacked(units, tmp_path, monkeypatch, files, told):
+    monkeypatch.setattr(fmi_description, "LARGEST", 2 << 20)
+    monkeypatch.setattr(fmi_unit, "LARGEST", 2 << 20)
+    monkeypatch.setattr(user_files, "FILES", 6)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    file = tmp_path / "large.fmu"
+    file.write_bytes(units().read_bytes())
+    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(f"resources/{name}", content)
+    with pytest.raises(SceneError, match=f"large.fmu: is not usable: .*{told}"):
+        scene(file)
+    with pytest.raises(ControllerLost, match=f"large.fmu: cannot be unpacked: .*{told}"):  # of a recording, say
+        fmi_unit.Unit(Binary.read(file, lambda _: {"fmi": 2}), (), (), (), ())
+    assert [path.name for path in tmp_path.iterdir()] == ["large.fmu"]
+
+
 def test_names_of_inputs_and_outputs_that_it_does_not_have_are_named(units):
     with pytest.raises(SceneError, match=r"nf.outputs: nf\d.fmu has no real output F; it has force"):
         scene(units(), outputs=["F"])
@@ -255,7 +276,7 @@ def test_an_algebraic_loop_is_named_and_a_delay_or_a_declared_dependency_breaks_
 def test_without_fmpy_the_line_that_installs_it_is_named(units, monkeypatch):
     file = Binary.of("nf.fmu", units().read_bytes())
     monkeypatch.setitem(__import__("sys").modules, "fmpy", None)
-    with pytest.raises(UsageError, match=r"fmpy cannot be loaded .*pip install 'friction-rig\[fmi\]' installs it"):
+    with pytest.raises(UsageError, match=r"fmpy cannot be loaded .*pip install .*\[fmi\]"):
         fmi_description.described(file)
 
 

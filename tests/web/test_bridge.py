@@ -193,18 +193,18 @@ def test_steps_go_first_and_an_unanswered_one_is_replaced_by_the_newest_in_a_pac
                 continue
             steps.append(step)
             if len(steps) == 1:
-                assert "1 numbers" in it.ask(do="act", tick=step["tick"], values=[10**400])["error"]
+                it.send(do="act", tick=step["tick"], values=[10**400])
                 time.sleep(asleep_s)
             it.send(do="act", tick=step["tick"], values=[20.0])
+    (refused,) = [message["error"] for message in kinds if "error" in message]
+    assert "1 numbers, one for each actuator" in refused
     ticks = [step["tick"] for step in steps]
     assert ticks == sorted(set(ticks))
     assert ticks[-1] - ticks[0] + 1 == len(steps) + steps[-1]["left_out"]
-    # while it slept: few steps, at growing intervals, and few messages; then the newest step
-    late = next(k for k, tick in enumerate(ticks) if tick >= ticks[0] + 0.9e3 * asleep_s)
-    assert late <= 7
-    assert steps[late]["left_out"] > 0.8e3 * asleep_s
-    asleep = kinds[kinds.index({"step": steps[0]}) : kinds.index({"step": steps[late]})]
-    assert len(asleep) <= late + 7 * (bridge_client.AHEAD + 1)
+    # while it slept it got few steps, at growing intervals, and few messages beside each; then the newest step
+    assert ticks[8] - ticks[0] > 100
+    asleep = kinds[kinds.index({"step": steps[0]}) : kinds.index({"step": steps[8]})]
+    assert len(asleep) <= 8 * (1 + bridge_client.AHEAD)
     assert {one["topic"] for one in others} >= {"meas/vibrometer", "state", "applied/it"}
     assert sum(len(one["message"]["v"]) for one in others if one["topic"] == "meas/vibrometer") > 1000
 

@@ -1,6 +1,7 @@
 """Who may speak to the server: token, host, origin, also of web sockets."""
 
 import socket
+import time
 
 import httpx
 import pytest
@@ -21,6 +22,27 @@ def test_the_token_opens_the_page_and_moves_to_a_cookie(server):
         assert page.status_code == 200
         assert "frame-ancestors 'none'" in page.headers["content-security-policy"]
         assert http.get("/page/main.js").headers["content-type"].startswith("text/javascript")
+
+
+@pytest.mark.parametrize("path", ["//host/", "///host/", "/\\\\host/", "//[::1"])
+def test_the_redirect_of_the_token_leads_to_this_server_only(server, path):
+    asked = f"GET {path}?token={server.address.partition('=')[2]} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n"
+    with socket.create_connection(("127.0.0.1", server.port), 5.0) as raw:
+        raw.sendall(asked.encode())
+        head = raw.recv(1 << 16).decode()
+    location = next(line for line in head.splitlines() if line.startswith("location: ")).removeprefix("location: ")
+    assert location[0] == "/"
+    assert location[1:2] not in ("/", "\\")
+
+
+def test_a_client_that_breaks_off_in_a_body_is_no_fault(client, capfd):
+    head = f"POST /api/scene HTTP/1.1\r\nHost: 127.0.0.1:{client.server.port}\r\nCookie: {client.cookie}\r\n"
+    for _ in range(3):
+        with socket.create_connection(("127.0.0.1", client.server.port), 5.0) as raw:
+            raw.sendall(f'{head}Content-Length: 1000\r\n\r\n{{"scene":'.encode())
+    time.sleep(0.5)
+    assert client.get("/api/scenes").status_code == 200
+    assert "Traceback" not in "".join(capfd.readouterr())
 
 
 @pytest.mark.parametrize("path", ["/", "/page/main.js", "/api/scenes", "/api/run", "/?token=wrong", "/?token="])

@@ -14,6 +14,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.units import brief
-from rig.user_files import contents
+from rig.user_files import contents, unpacked
 
 Matrix = NDArray[np.float64]
 STATES, SIGNALS = 100, 16
@@ -69,6 +70,9 @@ def _json(data: bytes) -> dict[str, Any]:
 
 
 def _npz(data: bytes) -> dict[str, Any]:
+    if zipfile.is_zipfile(io.BytesIO(data)):
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            unpacked(archive, _LARGEST)
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         if not hasattr(file, "files"):
             raise ValueError("it holds one array without a name; write it with numpy.savez")

@@ -15,7 +15,10 @@ from rig.errors import PartError
 from rig.extras import needed
 from rig.parts import Binary
 from rig.units import OTHERS, SIZES
+from rig.user_files import unpacked
 
+LARGEST = 256 << 20
+"""Largest size of the files of an FMU together [bytes]. # chosen"""
 NO_UNIT = ""
 """Unit of a signal without one in the description: it is connected to any sensor or actuator."""
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
@@ -60,9 +63,12 @@ def described(file: Binary) -> dict[str, Any]:
     fmpy = needed("fmpy", "fmi")
     try:
         with zipfile.ZipFile(io.BytesIO(file.content)) as archive:
+            unpacked(archive, LARGEST)
             names = archive.namelist()
     except zipfile.BadZipFile:
         raise PartError("is not an FMU: it is not a zip file") from None
+    except OSError as error:
+        raise PartError(f"is not usable: {error.strerror}") from None
     try:
         found = fmpy.read_model_description(io.BytesIO(file.content))
     except Exception as error:  # of many kinds

@@ -18,9 +18,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rig.controllers.runtime.fmi_description import LARGEST
 from rig.errors import ControllerLost, RigError
 from rig.extras import needed
 from rig.parts import Binary, require
+from rig.user_files import unpacked
 
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 _WARNING = 1
@@ -33,10 +35,14 @@ def _folder(file: Binary) -> Path:
     """The folder with the files of an FMU. Raises Untrusted for one that is not trusted."""
     require([file])
     if file.sha256 not in _FOLDERS:
-        folder = Path(tempfile.mkdtemp(prefix="friction-rig-fmu-"))
-        weakref.finalize(Binary, shutil.rmtree, folder, True)  # at the end of the process
-        with zipfile.ZipFile(io.BytesIO(file.content)) as archive:
-            archive.extractall(folder)  # it removes .. and absolute paths
+        try:
+            with zipfile.ZipFile(io.BytesIO(file.content)) as archive:
+                unpacked(archive, LARGEST)  # a recording states what `described` found, and its FMU may be another
+                folder = Path(tempfile.mkdtemp(prefix="friction-rig-fmu-"))
+                weakref.finalize(Binary, shutil.rmtree, folder, True)  # at the end of the process
+                archive.extractall(folder)  # it removes .. and absolute paths
+        except (OSError, zipfile.BadZipFile) as error:
+            raise ControllerLost(f"{file}: cannot be unpacked: {getattr(error, 'strerror', None) or error}") from None
         _FOLDERS[file.sha256] = folder
     return _FOLDERS[file.sha256]
 

@@ -34,6 +34,10 @@ def _unfit(controller: Controller, answer: Any) -> PartError:
     return PartError(f"{what} commands {brief(answer[1])}; expected a tuple with one number for each of {drives}")
 
 
+_NO_ROW = (dict, set, frozenset, bytes)
+"""Types that Python would read as a row of numbers: by their keys, in any order, or byte by byte."""
+
+
 class Loop:
     """One controller with its state. `command` is the last finite answer, () before the first."""
 
@@ -67,7 +71,7 @@ class Loop:
             end_copy(before)
         try:
             state, command = answer
-            if len(command) != len(controller.drives):
+            if len(command) != len(controller.drives) or (type(command) is not tuple and isinstance(command, _NO_ROW)):
                 raise ValueError
             finite = isfinite(sum(command)) or _finite(command)
         except (TypeError, ValueError, OverflowError):  # no tuple, no numbers, or not one for each actuator
