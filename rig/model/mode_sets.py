@@ -16,7 +16,7 @@ from rig.lent_records import Loan
 from rig.model import film_tables, friction_law, kick_tables, many_states_tables
 from rig.model.energy_forms import at_nodes, damping, gathered, loss_rows, powers, store, work
 from rig.model.formulation import ModeSet, assemble
-from rig.model.output_rows import signal_rows
+from rig.model.output_rows import changes, signal_rows
 from rig.model.system import System
 from rig.model.tables import UNROLLED, empty
 from rig.solve import expm
@@ -27,6 +27,8 @@ from rig.solve.state_codes import STICK
 
 Array = NDArray[np.float64]
 _SAMPLES = 128
+STIFF, WIDE_STIFF = 7, 3
+"""Deepest tick of a mode set, and of one with many states, whose cells are single segments: at most 64 a tick."""
 _MARGIN = 1.25
 
 
@@ -91,6 +93,7 @@ class ModeSets:
                 load[contact.patch] += modes.normal[k]
                 load_t[contact.patch] += modes.normal_t[k]
         rows, rows_t = signal_rows(system, modes, self.rows)
+        stiff = len(E) - 1 > (WIDE_STIFF if self._wide else STIFF)
         broad: dict[str, Array] = {}
         if self._wide:
             field = np.hstack([modes.A, modes.b])
@@ -99,6 +102,8 @@ class ModeSets:
         mode_set_of[key] = len(self.sets)
         new: dict[str, Any] = {
             "depth": len(E) - 1,
+            "room": 0 if stiff else 2 ** (len(E) - 1),
+            "along": changes(modes, np.vstack([guards, rows[: self.read]]), self.step, (len(E) - 1) * stiff),
             "order": order,
             "curved": int(bool(modes.nonlinear.any()) or bool(system.products)),
             "stuck": int(STICK in patch_modes),
@@ -164,6 +169,7 @@ class ModeSets:
         """
         t, rows = self.tables, signal_rows(self.system, modes, self.rows)[0]
         new: dict[str, Any] = {"signals": rows, "output_needs_inputs": np.zeros(len(rows))}
+        new |= {"room": 1}
         new |= dict.fromkeys(("depth", "guards", "stuck", "lands"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
@@ -230,10 +236,13 @@ def _put(old: NDArray[Any], mode_set: int, new: Any) -> NDArray[Any]:
 def guard_bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:
     """Chord bounds over one step for each guard and for its slope, [guard, n] each."""
     samples = int(min(_SAMPLES, 4 * 2 ** min(expm.depth(A, step), 10)))
-    E = expm.ladder(A, step / samples)[0]
+    E, *shorter = expm.ladder(A, step / samples)
     second = guards @ A @ A
     third = second @ A
     worst2, worst3 = np.abs(second), np.abs(third)
+    for early in shorter:  # what rises and decays before the first sample
+        np.maximum(worst2, np.abs(second + second @ early), out=worst2)
+        np.maximum(worst3, np.abs(third + third @ early), out=worst3)
     for _ in range(samples):
         second, third = second + second @ E, third + third @ E
         np.maximum(worst2, np.abs(second), out=worst2)

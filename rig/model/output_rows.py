@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 from rig.model.formulation import ModeSet
 from rig.model.system import System
+from rig.solve import expm
 from rig.solve.state_codes import HIGH, LOW
+from rig.solve.stiff_cells import PLACES
 
 Array = NDArray[np.float64]
 
@@ -43,3 +45,17 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
             over_x[i] += value * known[name][0]
             over_t[i] += value * known[name][1]
     return over_x, over_t
+
+
+def changes(modes: ModeSet, rows: Array, step: float, levels: int) -> Array:
+    """The changes of `rows` [row, n] from the begin of a cell to its PLACES, as rows over x: [level, row, place, n].
+
+    The cells are step / 2^level long; step in s.
+    """
+    A, landing, still = modes.A, modes.landing, modes.landing - np.eye(len(modes.landing))
+    out = np.zeros((levels, len(rows), len(PLACES), len(A)))
+    for p, place in enumerate(PLACES.tolist() if out.size else ()):
+        E = expm.ladder(A, place * step)[:levels]
+        rest = [expm.taylor(A, place * step / 2.0**level, expm.ORDER) for level in range(len(E), levels)]
+        out[:, :, p] = rows @ (still + landing @ np.concatenate([E, *(one[None] for one in rest)]) @ landing)
+    return out

@@ -19,6 +19,7 @@ from rig.solve.film_records import FilmTables
 from rig.solve.kick import KickTables
 from rig.solve.many_states import ManyStatesTables
 from rig.solve.product_inputs import ProductTables
+from rig.solve.stiff_cells import PLACES
 
 Array = NDArray[np.float64]
 UNROLLED = 8
@@ -34,6 +35,7 @@ class Tables(NamedTuple):
 
     mode_set_of: NDArray[np.int32]  # [mode sets]
     depth: NDArray[np.int64]  # [mode set]
+    room: NDArray[np.int64]  # [mode set] most segments of a tick; 0: stiff, they are graded
     order: NDArray[np.int64]  # [mode set] number of Taylor terms of the finest cell
     curved: NDArray[np.int64]  # [mode set] 1: not linear: a slipping patch has speed-dependent friction, or products
     stuck: NDArray[np.int64]  # [mode set] 1: at least one patch sticks
@@ -62,6 +64,7 @@ class Tables(NamedTuple):
     law_load_t: Array  # [mode set, P, I]
     signals: Array  # [mode set, S, n] outputs that sensors read
     signals_t: Array  # [mode set, S, I]
+    along: Array  # [mode set, level, guard and output, place, n] their changes in a cell, for stiff mode sets
     output_needs_inputs: NDArray[np.int64]  # [mode set, S] 1: the output depends on the inputs
     coupled: NDArray[np.int64]  # [mode set] 1: a load depends on the friction forces T
     guard_needs_inputs: NDArray[np.int64]  # [mode set, guard] 1: the guard depends on the inputs
@@ -119,6 +122,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
     return Tables(
         mode_set_of=np.full(s.keys, -1, dtype=np.int32),
         depth=z(0, dtype=np.int64),
+        room=z(0, dtype=np.int64),
         order=z(0, dtype=np.int64),
         curved=z(0, dtype=np.int64),
         stuck=z(0, dtype=np.int64),
@@ -147,6 +151,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         law_load_t=z((0, P, I)),
         signals=z((0, S, n)),
         signals_t=z((0, S, I)),
+        along=z((0, 0, g + read, len(PLACES), n)),
         output_needs_inputs=z((0, S), dtype=np.int64),
         coupled=z(0, dtype=np.int64),
         guard_needs_inputs=z((0, g), dtype=np.int64),

@@ -11,7 +11,7 @@ from rig.model.system import System
 from rig.motion.ready import Integration
 from rig.solve.contact_state import CHATTER, JAM, LOST, OVERFULL
 from rig.solve.records import EVENTS, MotionLog, MotionState
-from rig.stability.step_limits import blame
+from rig.stability.step_limits import STIFF, blame, fastest_eigenvalue
 
 Why = tuple[type[NumericsError], str]
 
@@ -27,6 +27,10 @@ def why(status: int, system: System, integration: Integration, state: MotionStat
     if status == OVERFULL:
         finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(integration.method)
         what = f"more than {room} smooth segments in one frame, for the sensors to read"
+        size = fastest_eigenvalue(system) * integration.step_ns * 1e-9
+        if integration.method in ("exact", "dopri5") and size > STIFF:
+            what += f"; |lambda| step = {size:.3g}. Leave out the fast lag or the fast element of the network"
+            return NumericsError, f"{what}, or shorten clock.frame"
         return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"
     assert status == LOST
     film = system.film

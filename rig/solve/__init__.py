@@ -4,6 +4,7 @@ records                      what a kernel works on: state, scratch, log, plan
 advance                      the loop that advances a state through ticks with the chosen method
 frames                       plant, instruments (sampling, pole_response) and controllers (control_loop) in one loop
 exact, many_states           exact propagation: quiet ticks, and the ticks that are subdivided
+stiff_cells                  the same for mode sets in which some states decay within a tiny part of a tick
 dopri5, rk4                  Runge-Kutta methods; runge_kutta_stage is their common stage, dense_output the quartic
                              between two steps
 kick, film_steps             symplectic steps for contacts that open and close all the time, and for a film of points

@@ -17,6 +17,7 @@ from rig.solve.contact_state import (
     mode_in_key,
     sector_weight,
 )
+from rig.solve.exact import FULL
 from rig.solve.forces import inputs
 from rig.solve.lanes import LANE
 from rig.solve.places import write_outputs
@@ -87,6 +88,8 @@ def advance_block(shape, t, w, state, log, seg, plan, ticks):
         else:
             guard = call(plan.linear_stretch, shape, t, w, state, log, seg, plan, ticks)
         state.tally[min(mode_set, TALLIED - 1)] += ic[TICK] - first
+        if guard == FULL:
+            return OVERFULL
         if guard >= 0:
             if t.change.shape[0] and t.kind[mode_set, guard] >= G_NEXT:
                 state.edges[0] += sector_energy_gain(t, t.owner[mode_set, guard], before, ic[KEY], x)

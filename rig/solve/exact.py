@@ -14,6 +14,7 @@ from rig.solve.contact_state import apply_event
 from rig.solve.energy_balance import add_energy
 from rig.solve.many_states import (
     add_cell_energy,
+    add_tick_energy,
     emit_cells,
     evaluate_cell,
     expand_cell,
@@ -25,6 +26,9 @@ from rig.solve.roots import NONE, first_crossing
 from rig.solve.rows import dot, rounding
 from rig.solve.segment_output import emit_linear, nearly_full
 from rig.solve.specialised import call, local, state_count
+from rig.solve.stiff_cells import emit_cell, stays_positive
+
+FULL = -3  # of `stretch`: no room for the segments of a tick or a cell
 
 
 @inner
@@ -97,7 +101,10 @@ def certified_cell(shape, t, w, state, log, seg, plan, level):
         steepest = slope_bound * shrink
         if begins > steepest and ends > steepest and before >= -rounding(G[k], x):
             continue
-        if not (begins < -steepest and ends < -steepest and after > 0.0):
+        if begins < -steepest and ends < -steepest and after > 0.0:
+            continue
+        stiff = t.room[mode_set] == 0 and level < t.depth[mode_set]
+        if not (stiff and stays_positive(t, mode_set, level, k, x, w)):
             return 0
     return 1
 
@@ -141,12 +148,17 @@ def first_event_of_series(t, mode_set, size, derivatives, terms, poly, work):
 def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Advance by quiet ticks as far as possible, or else by one subdivided tick, in a linear mode set.
 
-    A part (rig.solve.specialised). Returns the guard of the event, or -1.
+    A part (rig.solve.specialised). Returns the guard of the event, -1, or FULL.
     """
     ic, x, with_energy, emitting = state.ic, state.x, plan.with_energy, plan.emitting
     n, origin, mode_set = x.shape[0], ic[REACHED], t.mode_set_of[ic[KEY]]
     if state.fc[PLACE] == 0.0 and plan.many_states:
-        while quiet_tick(t, mode_set, x, log.out[ic[TICK]], w, plan, (ic[TICK] - origin) * t.step[0], seg):
+        while quiet_tick(t, mode_set, x, log.out[ic[TICK]], w):
+            start = (ic[TICK] - origin) * t.step[0]
+            if emitting and not emit_cell(t, mode_set, x, 0, start, t.step[0], seg, w, True):
+                return FULL
+            if with_energy:
+                add_tick_energy(t, mode_set, x)
             for i in range(n):
                 x[i] = log.out[ic[TICK], i]
             log.modes[ic[TICK]] = mode_set
@@ -159,19 +171,23 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             w.x0[i] = x[i]
         block = 1 if emitting else ticks - first
         done = call(plan.quiet_ticks, shape, t, w, state, log, seg, plan, block)
+        if emitting and done:
+            start = (first - origin) * t.step[0]
+            if not emit_cell(t, mode_set, w.x0, 0, start, t.step[0], seg, w, False):
+                for i in range(n):
+                    x[i] = w.x0[i]
+                return FULL
         for tick in range(first, first + done):
             log.modes[tick] = mode_set
         if with_energy:
             for tick in range(first, first + done):
                 before = w.x0 if tick == first else log.out[tick - 1]
                 add_energy(t.work[mode_set, 0], t.active[mode_set], before, state.energy)
-        if emitting and done:
-            emit_linear(t, mode_set, w.x0, (first - origin) * t.step[0], t.step[0], seg, w.derivatives)
         ic[TICK] += done
         if done == block:
             return -1
     guard = subdivide(shape, t, w, state, log, seg, plan, mode_set)
-    if guard < 0:
+    if guard == -1:
         for i in range(n):
             log.out[ic[TICK], i] = x[i]
         log.modes[ic[TICK]] = mode_set
@@ -183,7 +199,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 def subdivide(shape, t, w, state, log, seg, plan, mode_set):
     """Subdivide one tick, or the rest of it, and advance the state to its end or to the first event.
 
-    Returns the guard of the event, or -1 at the end of the tick.
+    Returns the guard of the event, -1 at the end of the tick, or FULL before the end.
     """
     ic, fc, x, energy, with_energy, many_states = (
         state.ic,
@@ -200,6 +216,8 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
     ic[SUBDIVIDED] += 1
     u = fc[PLACE]
     while u < 1.0:
+        if plan.emitting and seg.count[0] + 2 > seg.start.shape[0]:
+            return full(ic, fc, u)
         position = u * cells
         whole = int(position)
         level, width = depth, 1.0 / cells
@@ -219,11 +237,9 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
                 level += 1
                 width *= 0.5
             if found:
-                if plan.emitting:
-                    if many_states:
-                        emit_cells(t, mode_set, x, width * cells, begin + u * h, width * h, seg)
-                    else:
-                        emit_linear(t, mode_set, x, begin + u * h, width * h, seg, w.derivatives)
+                start, length = begin + u * h, width * h
+                if plan.emitting and not emit_cell(t, mode_set, x, level, start, length, seg, w, many_states):
+                    return full(ic, fc, u)
                 if with_energy:
                     add_energy(t.work[mode_set, level], t.active[mode_set], x, energy)
                 for i in range(n):
@@ -262,6 +278,14 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
             return guard
     fc[PLACE] = 0.0
     return -1
+
+
+@inlined
+def full(ic, fc, place):
+    """Note the place in the tick from which `subdivide` continues when there is more room."""
+    ic[SUBDIVIDED] -= 1
+    fc[PLACE] = place
+    return FULL
 
 
 @inlined

@@ -74,11 +74,10 @@ def taylor_matrices(table, out):
 
 
 @inner
-def quiet_tick(t, mode_set, x, y, w, plan, start, seg):
-    """Advance from x to y by one certified tick, with its energy and its segments.
+def quiet_tick(t, mode_set, x, y, w):
+    """Advance from x to y by one certified tick. Returns False, changing nothing, if a guard is not certified.
 
-    Returns False, changing nothing, if a guard is not certified. `w`: Workspace; w.size holds the largest values of the
-    states so far.
+    `w`: Workspace; w.size holds the largest values of the states so far.
     """
     n, guards = x.shape[0], t.guards[mode_set]
     z, size, bound = t.many_states.product, t.many_states.size, t.many_states.bound
@@ -94,14 +93,16 @@ def quiet_tick(t, mode_set, x, y, w, plan, start, seg):
                 break
     for i in range(n):
         y[i] = x[i] + z[i]
-    if plan.with_energy:
-        filled = t.many_states.filled
-        for i in range(n):
-            filled[i] = x[i]
-        gather(t.many_states.whole[mode_set], filled, 1.0)
-    if plan.emitting:
-        emit_cells(t, mode_set, x, 2.0 ** t.depth[mode_set], start, t.step[0], seg)
     return True
+
+
+@inlined
+def add_tick_energy(t, mode_set, x):
+    """Add a tick from x to the energy sums."""
+    filled = t.many_states.filled
+    for i in range(x.shape[0]):
+        filled[i] = x[i]
+    gather(t.many_states.whole[mode_set], filled, 1.0)
 
 
 @inlined

@@ -1,8 +1,9 @@
 """Writes the outputs that sensors read, segment by segment.
 
 Linear mode sets give Taylor polynomials. A segment is at most half a reciprocal norm long; the error of nine terms is
-then 5e-9. Mode sets with speed-dependent friction give the quartic through five points of the dense output. A method
-checks before each step whether the buffers are `crowded`, and stops there until they have been enlarged.
+then 5e-9. (rig.solve.stiff_cells writes longer ones in stiff mode sets.) Mode sets with speed-dependent friction give
+the quartic through five points of the dense output. A method checks before each step whether the buffers are
+`nearly_full`, and stops there until they have been enlarged.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def empty_segments(signals: int, capacity: int) -> Segments:
 @inlined
 def nearly_full(t, mode_set, seg, ticks):
     """Whether `seg` may be too small for one more step or tick, with `ticks` ticks left in the block."""
-    return seg.count[0] + ticks + 2 ** t.depth[mode_set] + 4 > seg.start.shape[0]
+    return seg.count[0] + ticks + t.room[mode_set] + 4 > seg.start.shape[0]
 
 
 @inner

@@ -19,13 +19,15 @@ RK4_LIMIT = 2.785
 """|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
 KICK_LIMIT = 2.0
 """|lambda| h up to which a contact that stays closed is stable under kicks."""
+EXACT_LIMIT = 1e11
+"""|lambda| step up to which the propagators resolve the fastest state (rig.solve.expm.DEEPEST halvings)."""
 FILM_LIMIT = 1.6
 """The same for a film. Beyond, points that open and close gain energy (1.7 % of the work at 1.87). # derived"""
 FILM_COARSE = 1.0
 """Up to this, the growth rate of the film's flutter has an error of at most 4 %, its first opening 1 %. # derived"""
 _FINE = 1e-4  # share of the width of a law: slip speed errors up to this keep its events right
 _COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
-_STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
+STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
 _SPEEDS = 41  # slip speeds at which the steepest slope of a law is searched
 
 
@@ -60,7 +62,7 @@ def blame(system: System, method: str, step: float, substeps: int) -> str:
     if system.film is not None:
         fastest, limit, coarse = film_system.fastest(system, h), FILM_LIMIT, FILM_COARSE
     else:
-        fastest = max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
+        fastest = fastest_eigenvalue(system)
         fastest, limit = max(fastest, steepest(system)), RK4_LIMIT if method == "rk4" else KICK_LIMIT
         coarse = _COARSE
     size = fastest * h
@@ -72,6 +74,11 @@ def blame(system: System, method: str, step: float, substeps: int) -> str:
     return f"{text}, {why}. Set clock.rk4_step to {part(step, least)} or less" + (
         ", or clock.method to dopri5" if method == "rk4" else ""
     )
+
+
+def fastest_eigenvalue(system: System) -> float:
+    """The largest |lambda| [1/s] of all mode sets, without speed-dependent friction."""
+    return max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
 
 
 def steepest(system: System) -> float:
@@ -184,6 +191,14 @@ def _eigenvalues(fastest: float, name: str, method: str, step: float, substeps: 
             size,
             f"rk4_step of {part(step, 0.9 * KICK_LIMIT / fastest)} or less",
         )
+    elif method in ("exact", "dopri5") and size > EXACT_LIMIT:
+        yield Finding(
+            "error",
+            f"too fast for the step in {name}: a state decays within {1.0 / fastest:.3g} s; a step of {step:g} s "
+            f"resolves {step / EXACT_LIMIT:.3g} s",
+            size,
+            "leave out what is so fast: a lag, a resistance or an inductance next to zero or to infinity",
+        )
     elif method == "smooth":
         yield Finding(
             "warning",
@@ -198,7 +213,7 @@ def _eigenvalues(fastest: float, name: str, method: str, step: float, substeps: 
             size,
             f"rk4_step of {part(step, 0.1 / fastest)} or less",
         )
-    elif method == "dopri5" and size > _STIFF:
+    elif method == "dopri5" and size > STIFF:
         yield Finding(
             "warning",
             f"stiff for dopri5: |lambda| step = {size:.3g} in {name}; stability limits its steps, not the tolerance",
@@ -210,5 +225,5 @@ def _eigenvalues(fastest: float, name: str, method: str, step: float, substeps: 
             "info",
             f"the step is long for {name}: |lambda| step = {size:.3g} for its fastest mode; most ticks are subdivided",
             size,
-            "results stay exact; a shorter sample step is quicker",
+            "results stay exact",
         )

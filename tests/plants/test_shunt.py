@@ -319,6 +319,14 @@ def errors(**values):
     return PlantRunner(rig.load("belt_shunt", shunt(**values) | {"clock.unstable": "run"})).findings
 
 
+def test_the_time_constant_of_a_network_may_be_tiny_but_not_next_to_nothing():
+    run = rig.simulate(rig.load("belt_shunt", {"shunt.resistance": 1e4}), 0.2)  # L/R = 0.02 us, with its sensors
+    assert run.signals["displacement"].max() == pytest.approx(5.23701551994e-3, rel=1e-11)
+    assert abs(run.energy["error"]) < 1e-9
+    with pytest.raises(SceneError, match="too fast for the step in contact"):
+        PlantRunner(rig.load("belt_shunt", {"shunt.resistance": 1e15}))
+
+
 def test_the_static_limit_is_that_of_the_structure():
     limit = -1.0 / 1.05  # kappa is 5 % of the spring
     at = [f for f in errors(delta=-0.96) if f.level == "error"]

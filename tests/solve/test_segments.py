@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from rig import scenes
 from rig.motion.motion import Motion
 from rig.solve.segments import DEGREE
 
@@ -81,3 +82,61 @@ def test_nothing_is_written_down_that_nobody_reads(rigs):
     motion = Motion(rigs.p1(), 1_000_000, "exact", outputs=ROWS)
     motion.advance(1)
     assert motion.segments.count[0] == 0
+
+
+FAST = [
+    ("belt_shunt", {"shunt.resistance": 1e4}),
+    ("belt_shunt", {"shunt.resistance": 1e8}),
+    ("belt_shunt", {"shunt.inductance": 0.0}),
+    ("belt_shunt", {"shunt.inductance": 0.0, "shunt.resistance": 0.002}),
+    ("belt_c", {"load.lag": 1e-9}),
+    ("belt_c", {"load.lag": 1e-5}),
+    ("belt_c", {"drive.lag": 1e-9}),
+    ("belt_c", {"body.damping": 1e9}),
+    ("brake_shunt", {"shunt.connected": True, "shunt.inductance": 0.0, "shunt.resistance": 0.5}),
+]
+
+
+def moved(A, time, x):
+    """exp(A time) x by squaring in extended precision; scipy's loses nine digits to the largest of these matrices."""
+    cell = A * (np.longdouble(time) / np.longdouble(2) ** 60)
+    E = cell + cell @ cell / 2  # the exponential minus one
+    for _ in range(60):
+        E = 2 * E + E @ E
+    return (x + E @ x).astype(float)
+
+
+@pytest.mark.parametrize(("name", "changes"), FAST, ids=[f"{n}-{max(c)}-{max(c.values()):g}" for n, c in FAST])
+def test_what_decays_within_a_tiny_part_of_a_tick_takes_few_segments(name, changes):
+    """Up to 1e9 halvings would be the cells of a Taylor series. The values between ticks are those of shorter steps,
+    and inside of the first tick those of the matrix exponential.
+    """
+    scene = scenes.load(name, changes)
+    assembly = scene.assemble()
+    rows, system, step_ns = [output.row for output in assembly.outputs.values()], assembly.system(), scene.step_ns
+    motion = Motion(system, step_ns, "exact", rows, read=len(rows))
+    fine = Motion(system, step_ns // 8, "exact", rows, longest=8)
+    start, worst, size, rounding = motion.x.copy(), *np.zeros((3, len(rows)))
+    for tick in range(300):
+        motion.advance(1)
+        fine.advance(8)
+        segments, n = motion.segments, int(motion.segments.count[0])
+        assert n < 60
+        begin, length, coef = segments.start[:n], segments.length[:n], segments.coef[:n]
+        assert begin[1:] == pytest.approx(begin[:-1] + length[:-1], abs=1e-18)
+        places = np.arange(1, 9) * (step_ns / 8 * 1e-9)
+        values = fine.outputs_at(fine.states, fine.mode_sets_of_states)
+        if tick == 0 and system.n < 10:
+            places = np.concatenate([places, begin + 0.3 * length])
+            A, at = motion.mode_sets.sets[motion.mode_set].A, np.array([motion.mode_set])
+            states = [moved(A, place, start) for place in places[8:].tolist()]
+            values = np.vstack([values, *(motion.outputs_at(x[None], at) for x in states)])
+        within = np.searchsorted(begin + length, places * (1.0 - 1e-9))
+        u = (places - begin[within]) / length[within]
+        read = np.einsum("psk,pk->ps", coef[within], u[:, None] ** np.arange(DEGREE + 1))
+        worst, size = np.maximum(worst, np.abs(read - values).max(axis=0)), np.maximum(size, np.abs(values).max(axis=0))
+        terms = np.abs(motion.mode_sets.tables.signals[motion.mode_set]) @ np.abs(motion.x)
+        rounding = np.maximum(rounding, 1e-15 * terms)
+    assert np.all(worst <= 1e-8 * size + rounding)
+    assert abs(motion.energy()["error"]) < 1e-8
+    assert motion.energy() == pytest.approx(fine.energy(), rel=1e-6, abs=1e-8)
