@@ -10,13 +10,17 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.papers.common import law_of, load, quiet, run, value
 from rig.papers.entry import Comparison, Entry
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
 
 
 def cycles(figure: Figure) -> Iterator[Comparison]:
@@ -82,7 +86,7 @@ def onset(figure: Figure) -> Iterator[Comparison]:
 
 
 def energy(figure: Figure) -> Iterator[Comparison]:
-    """Energy input of a falling law over the amplitude, B: E = T dmu F0 v^2 / 2 for small amplitudes."""
+    """A falling law, B: time histories over a period, and energy over the amplitude, T dmu F0 v^2 / 2 if small."""
     scene = load("belt_b")
     law = law_of(scene)
     speed, force = 0.06, 20.0
@@ -98,17 +102,71 @@ def energy(figure: Figure) -> Iterator[Comparison]:
         return float(np.mean(force * mu * v) * period)
 
     found = np.array([put_in(a) for a in amplitudes])
-    axis = figure.subplots()
-    axis.plot(1e3 * amplitudes, 1e3 * found, color=BLUE, label="energy from friction in a period")
+    panels = figure.subplot_mosaic([["a", "energy"], ["b", "energy"], ["c", "energy"], ["d", "energy"]])
+    swing = 0.04 * np.sin(phase)
+    friction = force * np.array([law.mu(w) for w in speed - swing])
+    _period([panels[name] for name in "abcd"], phase / (2.0 * math.pi), swing, speed - swing, friction)
+    axis = panels["energy"]
+    axis.plot(1e3 * amplitudes, 1e3 * found, color=BLUE, label="from friction")
     damped = 0.5 * 2.0 * amplitudes**2 * period
-    axis.plot(1e3 * amplitudes, 1e3 * damped, color=VERMILION, label="energy to the damper")
+    axis.plot(1e3 * amplitudes, 1e3 * damped, color=VERMILION, label="to the damper")
     axis.plot(
         1e3 * amplitudes, 1e3 * 0.5 * slope * force * amplitudes**2 * period, "--", color=GREY, label="small amplitudes"
     )
-    axis.set(xlabel="amplitude of velocity [mm/s]", ylabel="energy [mJ]", ylim=(-2.0, 12.0))
-    axis.legend()
+    axis.set(xlabel="amplitude of velocity [mm/s]", ylabel="energy in a period [mJ]", ylim=(-2.0, 12.0))
+    axis.legend(loc="upper left")
+    power = friction * swing
+    yield Comparison("40 mm/s: largest power over the largest that is returned", "", power.max() / -power.min(), 1.0,
+                     "paper", floor=True)  # fmt: skip
     theory = period * slope * force * 0.01**2 / 2.0
     yield Comparison("E at 10 mm/s: T dmu F0 v^2 / 2", "J", put_in(0.01), theory, "theory", relative=1e-9)
+
+
+def _period(axes: list[Axes], time: Array, velocity: Array, slip: Array, friction: Array) -> None:
+    """Draw velocity, slip speed and friction force, and the power of friction, over periods."""
+    for axis, shown, label in zip(axes, (1e3 * velocity, 1e3 * slip, friction, friction * velocity),
+                                  ("(a) velocity\n[mm/s]", "(b) slip speed\n[mm/s]", "(c) friction\nforce [N]",
+                                   "(d) power of\nfriction [W]")):  # fmt: skip
+        axis.plot(time, shown, color=BLUE)
+        axis.axhline(float(np.mean(shown)), color=GREY, lw=0.7, ls="--")
+        axis.set_ylabel(label)
+        axis.label_outer()
+    axes[3].fill_between(time, 0.0, friction * velocity, color=BLUE, alpha=0.2, lw=0)
+    axes[3].set_xlabel("time over the period [1]; dashed: means")
+
+
+def fluctuating(figure: Figure) -> Iterator[Comparison]:
+    """A fluctuating load, constant friction: E = mu Fh vh T cos(phase) / 2, until the damper dissipates as much."""
+    scene = load("belt_fluctuating_load")
+    ran = run(scene)
+    period = 1.0 / value(scene, "dither.frequency")
+    mu, swing = value(scene, "friction.mu"), value(scene, "dither.amplitude")
+    last = ran.time > ran.time[-1] - period
+    panels = figure.subplot_mosaic([["a", "grows"], ["b", "grows"], ["c", "phase"], ["d", "phase"]])
+    v, w, T = (ran.signals[name][last] for name in ("velocity", "slip_speed", "friction_force"))
+    _period([panels[name] for name in "abcd"], (ran.time[last] - ran.time[last][0]) / period, v, w, T)
+    panels["grows"].plot(ran.time, 1e3 * ran.signals["velocity"], color=BLUE, lw=0.6)
+    panels["grows"].set(xlabel="time [s]", ylabel="velocity [mm/s]")
+    top = float(ran.signals["velocity"][last].max())
+    phases = np.linspace(-math.pi, math.pi, 73)
+    turn = np.linspace(0.0, 2.0 * math.pi, 721)[:-1]
+
+    def put_in(phase: float) -> float:
+        normal = value(scene, "load.force") + swing * np.sin(turn - phase)
+        return float(np.mean(mu * normal * top * np.sin(turn)) * period)
+
+    panels["phase"].plot(np.degrees(phases), [1e3 * put_in(one) for one in phases], color=BLUE)
+    panels["phase"].axhline(0.0, color=GREY, lw=0.7)
+    panels["phase"].set(xlabel="phase of the load behind the velocity [degrees]", ylabel="energy in a period [mJ]")
+    yield Comparison("amplitude: mu Fh / d", "m/s", top, mu * swing / value(scene, "body.damping"), "theory",
+                     relative=0.03)  # fmt: skip
+    simulated = float(np.mean(T * v)) * period
+    yield Comparison("energy in a period, simulated: mu Fh vh T / 2", "J", simulated, mu * swing * top * period / 2.0,
+                     "theory", relative=0.02)  # fmt: skip
+    for phase, expected in ((0.0, 1.0), (0.5 * math.pi, 0.0), (math.pi, -1.0)):
+        share = put_in(phase) / put_in(0.0)
+        what = f"phase {math.degrees(phase):g} degrees: energy over that in phase"
+        yield Comparison(what, "", share, expected, "paper", absolute=1e-9)
 
 
 def pin(figure: Figure) -> Iterator[Comparison]:
@@ -193,7 +251,7 @@ def seal(figure: Figure) -> Iterator[Comparison]:
 
 
 def seal_limits(figure: Figure) -> Iterator[Comparison]:
-    """Linear limit speed of the seal over damping."""
+    """Stability of the seal over speed and damping, with the axes of the paper."""
     import rig
 
     reference = {
@@ -213,13 +271,19 @@ def seal_limits(figure: Figure) -> Iterator[Comparison]:
         [limit] = [c.value for c in rig.sweep(scene, "drive.speed", np.linspace(5e-4, 0.012, 40)).critical]
         found.append(limit)
         yield Comparison(f"d = {damping / 1e3:g} N s/mm", "mm/s", 1e3 * limit, expected, "reference", absolute=6e-4)
+    yield Comparison("highest critical speed of equation 3.1, without damping", "mm/s", 1e3 * max(found), 7.0, "paper",
+                     relative=0.05, missed=True)  # fmt: skip
     law, force_per_mu = law_of(load("seal_p")), value(load("seal_p"), "friction.load")
     speeds = np.linspace(1.6e-3, 6.139e-3, 200)
     balanced = [-1e-3 * force_per_mu * law.slope(v) for v in speeds]  # damping balances the falling friction
-    axis.plot(balanced, 1e3 * speeds, color=GREY, lw=0.9, label="damping = fall of the friction force")
-    axis.plot([d / 1e3 for d in reference], [1e3 * v for v in found], "o", color=BLUE, label="eigenvalues")
-    axis.legend()
-    axis.set(xlabel="damping [N s/mm]", ylabel="lowest speed of stable sliding [mm/s]", ylim=(0.0, 7.0))
+    axis.fill_betweenx(balanced, 0.0, 1e3 * speeds, color=VERMILION, alpha=0.15, lw=0)
+    axis.plot(1e3 * speeds, balanced, color=GREY, lw=0.9, label="damping = fall of the friction force")
+    axis.plot([1e3 * v for v in found], [d / 1e3 for d in reference], "o", color=BLUE, label="eigenvalues")
+    axis.text(1.0, 0.15, "unstable")
+    axis.text(12.0, 0.5, "stable")
+    axis.axvline(7.0, color=GREY, ls="--", lw=0.8, label="the paper's critical speed, 7 mm/s")
+    axis.legend(loc="upper right")
+    axis.set(xlabel="speed [mm/s]", ylabel="coefficient of damping [N s/mm]", ylim=(0.0, 1.05), xlim=(0.0, 25.0))
 
 
 ENTRIES = (
@@ -228,7 +292,12 @@ ENTRIES = (
     Entry("kroeger-4", "kroeger", "Figure 4", "unstable sliding, and stick-slip that needs a start outside",
           ("belt", "belt_b", "belt_c_damped"), onset,
           "Dark: start 0.2 mm from the equilibrium; pale: start 4 mm from it."),
-    Entry("kroeger-5", "kroeger", "Figure 5", "energy input by a falling friction characteristic", ("belt_b",), energy),
+    Entry("kroeger-5", "kroeger", "Figure 5", "energy input by a falling friction characteristic", ("belt_b",), energy,
+          size=(9.6, 6.6)),
+    Entry("kroeger-fluctuating", "kroeger", "Equation 2.2", "energy input by a fluctuating normal force",
+          ("belt_fluctuating_load",), fluctuating,
+          "The paper has no figure of it; the panels are those of its figure 5. The mass oscillates in the frequency "
+          "of the load.", (9.6, 6.6)),
     Entry("kroeger-6", "kroeger", "Figure 6", "tilted pin: growth over the friction coefficient", ("pin",), pin),
     Entry("kroeger-7", "kroeger", "Figure 7", "non-conservative restoring forces: flutter and divergence",
           ("north", "north_divergence"), north,

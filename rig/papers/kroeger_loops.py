@@ -50,6 +50,7 @@ def _loops(
 ) -> Iterator[Comparison]:
     axes = figure.subplots(len(gains), 1, sharex=True)
     for axis, gain in zip(axes, gains):
+        presses = None if belt else axis.twinx()
         scene = load(name)
         key = next(iter(scene.controllers))
         ran = run(load(name, **{f"controllers__{key}__gain": gain}), 20.0)
@@ -59,6 +60,11 @@ def _loops(
             axis.plot(
                 ran.time, 1e3 * ran.signals["surface_speed"], "--", color=AMBER, lw=0.9, label="speed of the belt"
             )
+        if presses is not None:
+            presses.plot(ran.time, ran.signals["normal_force"], color=AMBER, lw=0.8)
+            presses.spines.right.set_visible(True)
+            presses.set(ylabel="normal\nforce [N]", ylim=(-5.0, 65.0))
+            presses.yaxis.label.set_color(AMBER)
         axis.set_ylabel("velocity\n[mm/s]")
         axis.set_title(f"gain K = {gain:g} {unit}".strip(), fontsize=9.5)
         axis.axvline(4.0, color=GREY, lw=0.7, ls="--")
@@ -166,7 +172,7 @@ def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
 
 
 def tuned_mass(figure: Figure) -> Iterator[Comparison]:
-    """Largest growth rate over tilt and damping of the absorber."""
+    """Largest growth rate over damping and tilt of the absorber, with the axes of the paper, and two histories."""
     from matplotlib.colors import TwoSlopeNorm
 
     import rig
@@ -176,14 +182,25 @@ def tuned_mass(figure: Figure) -> Iterator[Comparison]:
     for i, ratio in enumerate(ratios):
         scene = load("belt_tuned_mass", tuned_mass__damping_ratio=float(ratio))
         growth[i] = rig.sweep(scene, "tuned_mass.angle", tilts).largest
-    axis = figure.subplots()
+    panels = figure.subplot_mosaic([["map", "up"], ["map", "down"]], width_ratios=(1.4, 1.0))
+    axis = panels["map"]
     norm = TwoSlopeNorm(0.0, min(float(growth.min()), -1e-3), max(float(growth.max()), 1e-3))
-    mesh = axis.pcolormesh(tilts, ratios, growth, cmap="RdBu_r", norm=norm, shading="nearest")
-    axis.contour(tilts, ratios, growth, levels=[0.0], colors="black", linewidths=1.0)
-    figure.colorbar(mesh, label="largest growth rate [1/s]")
+    mesh = axis.pcolormesh(ratios, tilts, growth.T, cmap="RdBu_r", norm=norm, shading="nearest")
+    axis.contour(ratios, tilts, growth.T, levels=[0.0], colors="black", linewidths=1.0)
+    figure.colorbar(mesh, ax=axis, label="largest growth rate [1/s]")
     mu = 0.379929
-    axis.axvline(-0.5 * math.atan(mu), color=GREY, ls="--", lw=1.0)
-    axis.set(xlabel="tilt [rad]", ylabel="damping ratio D2")
+    axis.axhline(-0.5 * math.atan(mu), color=GREY, ls="--", lw=1.0)
+    axis.set(ylabel="tilt [rad]", xlabel="damping ratio D2", xlim=(0.0, 0.6), ylim=(-1.5, 1.5))
+    for name, tilt, decays in (("up", 0.305, 1.0), ("down", -0.305, 0.0)):
+        ran = run(load("belt_tuned_mass", tuned_mass__angle=tilt))
+        v = 1e3 * ran.signals["velocity"]
+        panels[name].plot(ran.time, v, color=BLUE, lw=0.6)
+        panels[name].set(title=f"tilt {tilt:+g} rad, D2 = 0.1", xlabel="time [s]", ylabel="velocity [mm/s]")
+        axis.plot([0.1], [tilt], "P" if decays else "o", color="black", mfc="none", markersize=8)
+        quarter = len(v) // 4
+        left = float(np.ptp(v[-quarter:]) / np.ptp(v[:quarter]))
+        yield Comparison(f"tilt {tilt:+g}, simulated: decays (1) or limit cycle (0)", "", float(left < 0.5), decays,
+                         "paper")  # fmt: skip
     for tilt, expected in ((0.305, (-0.281, -0.715, -0.063)), (-0.305, (0.546, 0.499, 0.467))):
         for ratio, rate in zip((0.05, 0.1, 0.2), expected):
             scene = load("belt_tuned_mass", tuned_mass__angle=tilt, tuned_mass__damping_ratio=ratio)
@@ -225,11 +242,11 @@ ENTRIES = (
     Entry("kroeger-18", "kroeger", "Figure 18", "energy input under normal-force feedback",
           ("belt_normal_force", "belt_b", "belt"), normal_force_energy, size=(9.6, 7.0)),
     Entry("kroeger-20", "kroeger", "Figure 20", "normal-force feedback", ("belt_normal_force",), feedback,
-          size=(9.6, 7.6)),
+          "Orange: the normal force, in antiphase with the velocity after the loop is closed.", (9.6, 7.6)),
     Entry("kroeger-22", "kroeger", "Figure 22", "belt-velocity feedback", ("belt_velocity_feedback",), belt_feedback,
           size=(9.6, 8.4)),
     Entry("kroeger-23", "kroeger", "Figure 23", "tuned mass over tilt and damping", ("belt_tuned_mass",), tuned_mass,
-          "The map is mirror-symmetric about -atan(mu)/2 (dashed)."),
+          "The map is mirror-symmetric about -atan(mu)/2 (dashed). Marks: the two histories, which start in stick."),
     Entry("kroeger-loops", "kroeger", "Section 4", "remaining vibration over gain and delay of the loops",
           ("belt_normal_force", "belt_velocity_feedback"), loops, "A selection from the tables that the tests compare.",
           (9.6, 4.1)),

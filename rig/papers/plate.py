@@ -108,12 +108,11 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
         for number, (ours, wanted) in enumerate(zip(found[0], still), 1):
             what = f"{title}, mu = 0: mode {number}"
             yield Comparison(what, "Hz", float(ours.frequency), wanted, "paper", relative=0.015)
-        moves = [[m.frequency for m in row[:3]] for row in (found[0], found[-1])]
-        largest = max((b - a for a, b in zip(*moves)), key=abs)
-        stated = max((b - a for a, b in zip(still, sliding)), key=abs)
-        if position != _CASES["case 2, middle"][0]:
-            what = f"{title}: sign of the largest change up to mu = 1 (ours {largest:+.0f}, paper {stated:+.0f} Hz)"
-            yield Comparison(what, "", float(np.sign(largest)), float(np.sign(stated)), "paper")
+        shifts = [after.frequency - before.frequency for before, after in zip(found[0], found[-1])]
+        printed_shifts = [after - before for before, after in zip(still, sliding)]
+        for number, (ours, wanted) in enumerate(zip(shifts, printed_shifts), 1):
+            what = f"{title}: shift of mode {number} up to mu = 1"
+            yield Comparison(what, "Hz", ours, wanted, "paper", relative=0.25, missed=True)
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel("frequency [kHz]")
     axis.plot([], [], color=BLUE, label="ours")
@@ -159,9 +158,11 @@ ENTRIES = (
           (9.6, 6.2)),
     Entry("detachment-8", "detachment", "Figure 8 and Tables 2 to 4", "complex eigenvalues with the slider at three "
           "positions", ("plate_cea",), eigenvalues,
-          "Friction shifts the frequencies in the same direction as in the paper, up at the start and down at the "
-          "end, but less. No mode below 12 kHz flutters, as in the paper. Above 12 kHz, beyond the range of the "
-          "paper, modes do flutter (from a friction coefficient of 0.26 at the start); this flutter opens the contact "
+          "The largest shift by friction has the direction of the paper, up at the start and down at the end, but is 4 "
+          "and 10 times smaller. The other shifts are far smaller, and at the end of the other sign. No mode below "
+          "12 kHz flutters, as in the paper. Above 12 kHz, beyond the range of the "
+          "paper, modes do flutter (with 40 modes from a friction coefficient of 0.26 at the start); it opens the "
+          "contact "
           "in the time simulation. The fourth mode of table 4 is not reproduced. According to the paper the foam's "
           "base moves along x; its frequencies are those of a fixed base, which is computed here.", (9.6, 4.8)),
     Entry("detachment-9", "detachment", "Figure 9", "ramps of pressure and speed", ("plate",), ramps,

@@ -22,6 +22,7 @@ EXPERIMENTS = {
     "belt_dither",
     "belt_dither_controlled",
     "belt_dither_sampled",
+    "belt_fluctuating_load",
     "belt_hysteresis",
     "belt_normal_force",
     "belt_normal_force_acceleration",
