@@ -118,7 +118,8 @@ def simulate(
     machine, command), which `Run.save` writes.
 
     Raises rig.errors.SceneError for controllers that cannot be designed or do not fit the scene, UsageError for objects
-    that are not controllers and for a scene without an end.
+    that are not controllers and for a scene without an end, ControllerFailed for an exception of a controller; the
+    attribute `run` of this error is the run up to there.
     """
     from pathlib import Path
 
@@ -131,7 +132,7 @@ def simulate(
     loaded, guests = placed(_scene(scene, files), objects)
     found = run(loaded, duration_ns=run_length_ns(duration), stop=stop, guests=guests)
     found.provenance = provenance(loaded.seed)
-    return found
+    return found.checked()
 
 
 def branch(
@@ -146,14 +147,14 @@ def branch(
     The recording is simulated again up to `at`, and its samples must repeat; the run contains this history too.
     `overrides`: dotted keys of the rig and of its controllers, values with units; they take effect at `at`. Raises
     rig.errors.UsageError for values that are fixed while a rig runs and for an instant outside of the recording,
-    LogError for a recording that does not repeat on this machine.
+    LogError for a recording that does not repeat on this machine, ControllerFailed as `simulate` does.
     """
     from pathlib import Path
 
     from rig.bench.branch import branch as go_on
     from rig.quantities import run_length_ns
 
-    return go_on(Path(log), at, overrides, run_length_ns(duration), stop)
+    return go_on(Path(log), at, overrides, run_length_ns(duration), stop).checked()
 
 
 def diff(first: Run, second: Run, tolerance: float = 0.0, begin: float = 0.0, end: float = float("inf")) -> Compared:

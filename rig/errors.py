@@ -12,6 +12,7 @@ RigError
 │   ├── Jammed        no mode set is consistent with the equations (Painleve)
 │   └── Chatter       more events in one block than the scene allows
 ├── ControllerLost    a controller whose compiled code has failed; the run continues without it
+├── ControllerFailed  a controller whose Python code raised an exception; contains the run up to there
 ├── WorkerError       a worker process that ended before its work was done
 ├── BusError          a connection, a topic or a message that failed
 ├── LogError          a recording that cannot be read
@@ -25,6 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import IntEnum
+from typing import Any
 
 
 class ExitCode(IntEnum):
@@ -117,6 +119,20 @@ class ControllerLost(RigError):
     """A controller's compiled code has crashed, hangs, or reports an error; the run continues without it."""
 
     exit_code = ExitCode.FAILED
+
+
+class ControllerFailed(RigError):
+    """The code of controller `name` raised an exception or ended Python at `t` [s]; `why` says what and where.
+
+    `run`: the run up to there (rig.record.run.Run), if it was one in this process.
+    """
+
+    exit_code = ExitCode.FAILED
+
+    def __init__(self, name: str, t: float, why: str) -> None:
+        self.name = name
+        self.run: Any = None
+        super().__init__(f"controller {name} failed at t = {t:.9g} s: {why}")
 
 
 class WorkerError(RigError):

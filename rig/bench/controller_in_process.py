@@ -11,7 +11,7 @@ from typing import Any
 from rig.bench.experiment import Experiment
 from rig.controllers.blocks.base import Controller, Values
 from rig.controllers.runtime.body import Untranslatable
-from rig.controllers.runtime.loop import NOT_FINITE, Loop
+from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.native import Native
 from rig.errors import ControllerLost
 
@@ -20,6 +20,8 @@ TRIALS = 200
 WORTH = 500_000
 """Number of answers of one class of controllers in this process that makes compiling worth it: Python takes 1.4 s for
 them, the compiler 1 to 3 s. # chosen"""
+LOST = "lost"
+"""Kind of the event that a controller works no more."""
 NEVER = 1 << 62
 """Tick of the next answer of a controller that is lost."""
 CALLS: list[Callable[[str], object]] = []
@@ -30,10 +32,15 @@ _TRIED: set[int] = set()
 
 
 def loop_of(name: str, controller: Controller) -> Loop:
-    """The loop of a controller, which starts it."""
+    """The loop of a controller, which starts it. Raises ControllerFailed for any exception of its code."""
     for call in CALLS:
         call(name)
-    return Loop(controller)
+    try:
+        return Loop(controller)
+    except ControllerLost:
+        raise
+    except (Exception, SystemExit) as error:
+        raise failure(name, 0, error) from error
 
 
 def asked_often(controller: Controller) -> None:
@@ -81,7 +88,7 @@ class ControllerInProcess:
         self.due, self.given, self.fault = NEVER, None, None
         drives = ", ".join(self.queue.drives)
         text = f"controller {self.name} is lost: {why}; {drives}: the last command is held, then safe values"
-        self._journal.note("lost", text, controller=self.name)
+        self._journal.note(LOST, text, controller=self.name)
 
     def _answer(self) -> None:
         tick = self._runner.tick
@@ -106,18 +113,28 @@ class ControllerInProcess:
         else:
             heard = tuple([self._latest(i) for i in self.columns])
         t_ns = tick * self._runner.frame_ns
-        first = not self.loop.refused
-        for call in CALLS:
-            call(self.name)
-        self.given = self.loop.answer(t_ns, heard)
-        if first and self.loop.refused:
-            self._journal.note_at(tick, "not finite", NOT_FINITE.format(self.name), controller=self.name)
-        if self._speaks:
-            for text in self.loop.controller.take_messages():  # type: ignore[attr-defined]
-                self._journal.note_at(tick, "log", text, controller=self.name)
+        self.given = self._called(t_ns, heard)
         if self._trial:
             self._try(t_ns, heard)
         return self.given
+
+    def _called(self, t_ns: int, heard: Any) -> Values:
+        """The answer of its code at `t_ns` [ns]. Raises ControllerFailed for any exception of this code."""
+        loop, tick, first = self.loop, t_ns // self._runner.frame_ns, not self.loop.refused
+        for call in CALLS:
+            call(self.name)
+        try:
+            answer = loop.answer(t_ns, heard)
+            said = loop.controller.take_messages() if self._speaks else ()  # type: ignore[attr-defined]
+        except ControllerLost:
+            raise
+        except (Exception, SystemExit) as error:
+            raise failure(self.name, t_ns, error) from error
+        if first and loop.refused:
+            self._journal.note_at(tick, "not finite", NOT_FINITE.format(self.name), controller=self.name)
+        for text in said:
+            self._journal.note_at(tick, "log", text, controller=self.name)
+        return answer
 
     def native(self) -> Native | None:
         """Its compiled `update`, set to the present state; None unless it has passed the comparison with Python.
@@ -166,7 +183,7 @@ class ControllerInProcess:
         recall = hearing.published if self.loop.every_sample else hearing.shown
         heard = [recall(i, times) for i in self.columns]
         for t_ns, values in zip(times, zip(*heard) if heard else repeat(())):
-            command = self.loop.answer(t_ns, values)
+            command = self._called(t_ns, values)
             if send:
                 self._receive(self.name, t_ns // frame, command)
         self.due += len(times) * self.queue.period

@@ -16,7 +16,7 @@ from rig.bench.controller_in_process import NEVER, ControllerInProcess
 from rig.bench.experiment import Experiment
 from rig.bench.simulate import carry_on
 from rig.bus.port import Session
-from rig.controllers.runtime.loop import Loop
+from rig.controllers.runtime.loop import Loop, failure
 from rig.controllers.runtime.service import Service
 from rig.errors import UsageError
 
@@ -28,6 +28,8 @@ class _Resident(ControllerInProcess):
         super().__init__(name, loop, experiment)
         self.service = Service(session, loop)
         self.left = False
+        self.failure = ""
+        """Why it has left; "" if its code has not failed."""
         self._held_reported = False
 
     def answer(self) -> None:
@@ -48,7 +50,8 @@ class _Resident(ControllerInProcess):
     def _fail(self, error: Exception) -> None:
         self.due, self.given, self.fault = NEVER, None, None
         self.service.tick, self.service.t_ns = self._runner.tick, self._runner.t_ns
-        self.service.failed(error)
+        self.service.failed(why := failure(self.name, self.service.t_ns, error))
+        self.failure = str(why)
         self.leave()
         self.service.session.close()
 
@@ -112,6 +115,15 @@ class ControllersInPlant:
         if one.left:
             raise UsageError(f"controller {name} has left")
         one.service.answer_request({"set": dict(changes)})
+
+    @property
+    def failures(self) -> list[str]:
+        """Why controllers have failed, one line each."""
+        return [one.failure for one in self._all.values() if one.failure]
+
+    def counters(self) -> dict[str, dict[str, int]]:
+        """The counters of each controller (`Loop.counters`)."""
+        return {name: one.loop.counters() for name, one in self._all.items()}
 
     def leave(self) -> None:
         """At the end of the run: publish the last messages of all controllers that still work."""

@@ -9,13 +9,14 @@ from __future__ import annotations
 import json
 import os
 import time
+from contextlib import suppress
 from typing import Any
 
 from rig.bench.hub import missing
 from rig.bench.plant_parts import PlantParts
 from rig.bench.timing import TimingVerdict
 from rig.bus import messages
-from rig.errors import ExitCode
+from rig.errors import BusError, ExitCode
 from rig.printable import counted
 
 ANSWERS_S = 5.0
@@ -24,6 +25,8 @@ CATCH_UP_S = 300.0
 """Longest wait for a recorder that catches up [s]. # chosen: what waits for it fits into 160 MB"""
 TELL_S = 2.0
 """Time between two lines about a recorder that catches up [s]."""
+COUNTERS_S = 1.0
+"""Longest wait for the counters of a controller [s]; it looks for questions ten times per second."""
 LAST_ANSWER_S = 0.1
 """Longest wait for the answers to the last steps [s]."""
 
@@ -38,7 +41,13 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
     hub.put_rest()
     ended = "diverged" if plant.fault else experiment.over or "failed"
     experiment.end()
-    plant.housekeeper.faults += experiment.postponed.never
+    counters = _counters(plant)
+    plant.housekeeper.faults += [*experiment.postponed.never, *plant.in_plant.failures]
+    for name, counts in counters.items():
+        if counts["refused"]:
+            plant.housekeeper.faults.append(
+                f"{counted(counts['refused'], 'answer')} of {name} not finite, and not sent"
+            )
     experiment.journal.note("end", ended)
     hub.put_events()
     plant.in_plant.leave()
@@ -70,6 +79,7 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
         "memory": plant.memory,
         "round_trip": hub.commands.round_trip.to_json(),
         "loop": experiment.exchange.counters(),
+        "controllers": counters,
         "lost": lost,
         "unknown": unknown,
         "refused": plant.session.inbound.refusals(),
@@ -103,11 +113,24 @@ def timing_verdict(plant: PlantParts, lost: dict[str, int], unknown: list[str]) 
     for name, queue in plant.experiment.exchange.all_queues.items():
         if queue.counts.safe:
             faults.append(f"safe values replaced the commands of {name} {counted(queue.counts.safe, 'time')}")
+        if queue.counts.not_finite:
+            faults.append(f"{counted(queue.counts.not_finite, 'command')} of {name} not finite")
     if plant.fault:
         faults.append(plant.fault.partition("\n")[0])
     clock, pacer = plant.scene.clock, plant.housekeeper.pacer
     broken = pacer is not None and pacer.stopped
     return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults, broken, unknown)
+
+
+def _counters(plant: PlantParts) -> dict[str, dict[str, int]]:
+    """Controller -> its counters (`Loop.counters`); those of another process are asked for, if it is still here."""
+    found, here = plant.in_plant.counters(), plant.hub.watch.present
+    for name in plant.experiment.exchange.queues:
+        if name not in found and ("controller", name) in here:
+            with suppress(BusError, LookupError, TypeError, ValueError):  # one in another language has none
+                told = plant.session.ask(f"param/{name}", {"get": []}, COUNTERS_S)["counters"]
+                found[name] = {what: int(told[what]) for what in ("updates", "held", "refused")}
+    return found
 
 
 def _unanswered(plant: PlantParts) -> dict[str, int]:

@@ -24,8 +24,7 @@ from rig.bench.job import Job
 from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import carry_out
-from rig.errors import PartError, RigError
-from rig.parts import foreign_fault
+from rig.errors import ControllerFailed, RigError
 from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
 
@@ -76,14 +75,15 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
         return "rehearsed" if now - begun[0] >= longest_s else ""
 
     try:
-        runner = carry_out(scene, working, duration_ns, stop=stop).runner
-    except Exception as error:
-        if not (foreign_fault(error) or isinstance(error, PartError)):
-            raise
-        begun.clear()  # the controller from a file that fails says why in the run, in its own process
-        runner = carry_out(scene, {}, duration_ns, stop=stop).runner
-    _joined(runner)
-    return runner.motion.mode_sets.keys
+        rehearsed = carry_out(scene, working, duration_ns, stop=stop)
+        failed = rehearsed.failed is not None
+    except ControllerFailed:
+        failed = True
+    if failed:  # the controller says why in the run
+        begun.clear()
+        rehearsed = carry_out(scene, {}, duration_ns, stop=stop)
+    _joined(rehearsed.runner)
+    return rehearsed.runner.motion.mode_sets.keys
 
 
 def _joined(runner: PlantRunner) -> None:

@@ -7,6 +7,7 @@ called afterwards, with the samples of each of its ticks.
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ import numpy as np
 from rig import design
 from rig.bench.checkpoint import interval
 from rig.bench.compiled_controllers import CompiledControllers
-from rig.bench.controller_in_process import ControllerInProcess, loop_of
+from rig.bench.controller_in_process import LOST, ControllerInProcess, loop_of
 from rig.bench.exchange import Exchange
 from rig.bench.experiment import BEGIN, Experiment
 from rig.bench.given_controllers import Guest
@@ -25,7 +26,7 @@ from rig.bench.runner import PlantRunner
 from rig.controllers import restored
 from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.controllers.runtime.loop import Loop
-from rig.errors import NumericsError, UsageError
+from rig.errors import ControllerFailed, NumericsError, UsageError
 from rig.plants.structures import model_store
 from rig.record.run import Commands, Run
 from rig.scenes.scene import Scene
@@ -67,7 +68,8 @@ def simulate(
     `recorded`: actions of a recorded run to repeat. `stop` is called ten times per simulated second; it returns why to
     stop, or "". `tell` is called after each piece of the run, and changes none of them. `audited`: judge the effects
     in the summary, which takes as long as a short run. If the integration has to stop, the run up to there is returned
-    with `fault`, and its events say what happened. Raises UsageError without a duration.
+    with `fault`, and its events say what happened; the same if the code of a controller raises an exception, which is
+    then the cause of `Run.failure`. Raises UsageError without a duration.
     """
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; state a duration, e.g. --duration 10")
@@ -79,13 +81,13 @@ def simulate(
         carried = carry_out(scene, controllers, duration_ns, recorded, stop, tell, guests)
     for one in models.values():  # drawing the run assembles its rig again
         model_store.offer(one)
-    run = _run(scene.made_with(models), tuple(models.values()), audited, *carried)
-    run.controllers = own
+    run = _run(scene.made_with(models), tuple(models.values()), audited, carried)
+    run.controllers, run.failure = own, carried.failed
     return run
 
 
 class FinishedRun(NamedTuple):
-    """The objects of a finished run in this process; `fault`: why the integration had to stop.
+    """The objects of a finished run in this process; `fault`: why it had to stop, `failed`: if a controller was why.
 
     `checkpoints`: tick -> checkpoint (rig.bench.checkpoint).
     """
@@ -95,6 +97,7 @@ class FinishedRun(NamedTuple):
     loops: dict[str, Loop]
     fault: str
     checkpoints: dict[int, bytes]
+    failed: ControllerFailed | None = None
 
 
 def carry_out(
@@ -110,7 +113,7 @@ def carry_out(
     experiment, working = begun(scene, controllers, duration_ns, recorded, guests=guests)
     runner = experiment.runner
     every = max(100_000_000 // scene.frame_ns, 1)
-    checkpoints, fault = _Checkpoints(runner), ""
+    checkpoints, fault, failed = _Checkpoints(runner), "", None
     try:
         while experiment.begin():
             until = min(experiment.until(), checkpoints.due)
@@ -127,8 +130,14 @@ def carry_out(
         experiment.journal.note("diverged", fault)
         for one in working:
             one.catch_up(runner.tick + 1)
+    except ControllerFailed as error:
+        fault, failed = str(error), error
+        experiment.stop("a controller failed")
+        trace = "".join(traceback.format_exception(error.__cause__))
+        experiment.journal.note(LOST, fault, controller=error.name, trace=trace)
     experiment.end()
-    return FinishedRun(runner, experiment, {one.name: one.loop for one in working}, fault, checkpoints.kept)
+    loops = {one.name: one.loop for one in working}
+    return FinishedRun(runner, experiment, loops, fault, checkpoints.kept, failed)
 
 
 class _Checkpoints:
@@ -245,16 +254,8 @@ def carry_on(
             return
 
 
-def _run(
-    scene: Scene,
-    models: tuple[bytes, ...],
-    audited: bool,
-    runner: PlantRunner,
-    experiment: Experiment,
-    loops: Mapping[str, Loop],
-    fault: str,
-    checkpoints: dict[int, bytes],
-) -> Run:
+def _run(scene: Scene, models: tuple[bytes, ...], audited: bool, finished: FinishedRun) -> Run:
+    runner, experiment = finished.runner, finished.experiment
     truth, measurements = runner.truth, runner.measurements
     assert truth is not None
     assert measurements is not None
@@ -282,12 +283,12 @@ def _run(
             "plant": statistics,
             "audit": runner.audit() if audited else [],
             "exchange": experiment.exchange.counters(),
-            "controllers": {name: loop.counters() for name, loop in loops.items()},
+            "controllers": {name: loop.counters() for name, loop in finished.loops.items()},
             "sensors": runner.bank.counters(),
             **({"network": network} if (network := experiment.network()) else {}),
         },
         mode=modes,
         models=models,
-        fault=fault,
-        checkpoints=checkpoints,
+        fault=finished.fault,
+        checkpoints=finished.checkpoints,
     )

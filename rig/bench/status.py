@@ -161,7 +161,18 @@ def _loop(found: Mapping[str, Any]) -> list[str]:
             lines += [f"{sender}: {count} commands refused" for sender, count in counts.items()]
         else:
             lines += _counted(name, counts)
+    for name, counts in found.get("controllers", {}).items():
+        lines += [f"{name}: {', '.join(words)}"] if (words := unanswered(counts)) else []
     return lines
+
+
+def unanswered(counts: Mapping[str, int]) -> list[str]:
+    """What a controller with these counters (`Loop.counters`) did not answer, in words."""
+    held, refused = counts["held"], counts["refused"]
+    return [
+        *([f"{counted(held, 'update')} left out, because a measurement was missing"] if held else []),
+        *([f"{counted(refused, 'answer')} not finite, and not sent"] if refused else []),
+    ]
 
 
 def _refused(found: Mapping[str, Any]) -> list[str]:

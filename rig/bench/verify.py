@@ -30,6 +30,7 @@ from rig.bench.agreement import (
 )
 from rig.bench.chaotic_runs import BEFORE, SHORTEST, Openings, compared
 from rig.bench.command_checks import command_faults
+from rig.bench.controller_in_process import LOST
 from rig.bench.history import history_end, recorded_scene
 from rig.bench.repeated_events import differences
 from rig.bench.simulate import Recorded, Tell, simulate
@@ -146,7 +147,10 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
         faults += others
         if elsewhere and not run.notes:
             faults += other_mode_sets(run, again, end_ns)
-    if run.fault not in ("", run.damage, again.fault, again.summary["ended"]):  # a limit ends a run without a fault
+    lost = [event["text"] for event in run.plant_events if event["kind"] == LOST]
+    if run.fault in lost:  # controllers are not called again
+        notes.append(run.fault)
+    elif run.fault not in ("", run.damage, again.fault, again.summary["ended"]):  # a limit ends a run without a fault
         faults.insert(0, run.fault)
     if run.damage:
         faults.insert(0, run.damage)

@@ -37,6 +37,15 @@ class Topic(NamedTuple):
 
 
 ALONE, LOOP, BATCH = "alone", "loop", "batch"
+ERROR, WARN = "error", "warn"
+LEVELS = {
+    **dict.fromkeys(("fault", "diverged", "limit", "emergency", "lost"), ERROR),
+    **dict.fromkeys(
+        ("missing", "left", "evicted", "safe", "held", "not finite", "refused", "flood", "overruled"), WARN
+    ),
+    **dict.fromkeys(("never", "timeout", "overrun", "pause", "scheduling", "warning"), WARN),
+}
+"""Kind of an event -> how serious it is; all other kinds are news."""
 BLOCK_NS, STATE_NS = 20_000_000, 5_000_000
 """Longest span of a block of samples, and shortest time between two states [ns of simulated time]."""
 TABLE = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -34,7 +33,7 @@ from rig.cli.options import (
 )
 from rig.cli.outputs import new_recording
 from rig.cli.runs import Figure, configured
-from rig.errors import ExitCode, UsageError
+from rig.errors import ControllerFailed, ExitCode, UsageError
 from rig.process import told_to_stop
 
 if TYPE_CHECKING:
@@ -158,11 +157,14 @@ def simulate(
         if repeat is not None:
             _repeated(loaded, repeat, length, figure, as_json)
             return
-    begin = time.perf_counter()
+    begin, failed = time.perf_counter(), False
     with _asked_to_stop() as asked:
-        found = _simulated(
-            loaded, start, overrides, length, trust, lambda: f"interrupted by {asked[0]}" if asked else ""
-        )
+        try:
+            found = _simulated(
+                loaded, start, overrides, length, trust, lambda: f"interrupted by {asked[0]}" if asked else ""
+            )
+        except ControllerFailed as error:  # what was computed is kept
+            found, failed = error.run, True
     wall = time.perf_counter() - begin
     if out is not None:
         from rig.record.save_run import save
@@ -176,17 +178,15 @@ def simulate(
 
         for line in columns(_summary(found, loaded or Scene.from_json(found.scene), wall, out, figure), "<<"):
             printing.line(line)
-    since = max((event["t_ns"] for event in found.plant_events if event["kind"] == "branch"), default=math.inf)
-    for event in found.plant_events:
-        if event["kind"] == "warning" or (event["kind"] == "overruled" and event["t_ns"] == since):
-            printing.note(f"warning: {event['text']}")
-    lost = [event["text"] for event in found.plant_events if event["kind"] == "lost"]
-    for text in [*lost, *filter(None, [found.fault])]:
+    for text in _notes(found):
         printing.note(text)
+    lost = any(event["kind"] == "lost" for event in found.plant_events)
     if figure is not None:
         from rig.view.run_figure import draw
 
         draw(found, figure)
+    if failed:
+        raise typer.Exit(ExitCode.FAILED)
     if found.fault or any(event["kind"] == "limit" for event in found.plant_events):
         raise typer.Exit(ExitCode.STOPPED)
     if lost:
@@ -250,10 +250,31 @@ def _repeated(scene: Scene, count: int, length: float | None, figure: Path | Non
         raise typer.Exit(ExitCode.STOPPED)
 
 
+def _notes(run: Run) -> Iterator[str]:
+    """What of the run deserves attention: its warnings and faults."""
+    from rig.bus.topics import LEVELS
+
+    branched = max((event["t_ns"] for event in run.plant_events if event["kind"] == "branch"), default=-1)
+    for event in run.plant_events:
+        kind, t, text = event["kind"], event["t_ns"], event["text"]
+        if kind == "warning" or (kind == "overruled" and t == branched):
+            yield f"warning: {text}"
+        elif (
+            t >= branched
+            and kind in LEVELS
+            and kind not in ("overruled", "fault")
+            and text.partition("\n")[0] not in run.fault
+        ):
+            yield f"{t * 1e-9:.3f} s  {kind}: {text}"
+    if run.fault:
+        yield run.fault
+
+
 def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:
     """The summary of a run in this process, as labelled lines."""
     from rig.bench import status
     from rig.model.assembly import portrait
+    from rig.printable import counted
     from rig.record.statistics import contact
 
     plant, length = run.summary["plant"], float(run.time[-1])
@@ -268,7 +289,7 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
     if text := contact(run):
         yield "contact", text
     for name, counts in run.summary["controllers"].items():
-        yield name, ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+        yield name, ", ".join([counted(counts["updates"], "update"), *status.unanswered(counts)])
     for topic, counts in run.summary.get("network", {}).items():
         yield "network", status.link(topic, counts)
     for one in run.summary["audit"]:

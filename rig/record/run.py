@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from rig.record.run_data import Commands, Integers, Reals, RunData, Samples
 from rig.user_files import recording_name
@@ -61,6 +61,13 @@ class Run(RunData):
 
         recording_name(Path(path))
         save(self, Path(path))
+
+    def checked(self) -> Self:
+        """Return the run itself. Raises its `failure`, which then contains the run, if a controller has stopped it."""
+        if self.failure is not None:
+            self.failure.run = self
+            raise self.failure
+        return self
 
     def __repr__(self) -> str:
         from rig.record.overview import overview

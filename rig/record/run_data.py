@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import LogError
+from rig.errors import ControllerFailed, LogError
 from rig.scenes.faults import close
 
 Reals = NDArray[np.float64]
@@ -74,7 +74,9 @@ class RunData:
     models: tuple[bytes, ...] = ()
     """The reduced models that its scene names."""
     fault: str = ""
-    """Why the run is not complete: the numerics stopped it, or `damage`. Empty for a complete run."""
+    """Why the run is not complete: the numerics or a controller stopped it, or `damage`. Empty for a complete run."""
+    failure: ControllerFailed | None = None
+    """The error of the controller that stopped the run in this process."""
     damage: str = ""
     """The damage of the recording that it was read from. Empty without damage."""
     recovered: str = ""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bus import topics
 from rig.view import contact
 from rig.view.channels import Channels
 from rig.view.phase_portrait import Portrait
@@ -35,9 +36,6 @@ HEALTH = {
     "overruns": "overruns", "drops": "commands lost", "held": "commands held", "stick_share": "stick share",
     "energy_error": "log10 |energy error|",
 }  # fmt: skip
-_LEVELS = {"fault": "ERROR", "diverged": "ERROR", "limit": "ERROR", "emergency": "ERROR", "refused": "WARN",
-           "left": "WARN", "pause": "WARN", "overrun": "WARN", "missing": "WARN", "safe": "WARN",
-           "contact": "DEBUG"}  # fmt: skip
 _FAINT = 150
 _BAND: Final = "MinMax"
 """How a curve shows several samples in one pixel. rerun's default, their mean, would hide a squeal."""
@@ -177,7 +175,8 @@ class Drawing:
         for event in events:
             now, kind = np.array([event["t_ns"]], np.int64), event["kind"]
             text = f"{kind}: {event['text']}"
-            columns = rr.TextLog.columns(text=[text], level=[_LEVELS.get(kind, "INFO")])
+            level = "DEBUG" if kind == "contact" else topics.LEVELS.get(kind, "info").upper()
+            columns = rr.TextLog.columns(text=[text], level=[level])
             found.append(Columns(f"event/{event['source']}", now, columns))
             if event["source"] != "plant":  # the strips show what happened in the run
                 continue

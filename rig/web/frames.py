@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bus import messages
+from rig.bus import messages, topics
 from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
 from rig.model.system import System
@@ -74,6 +74,7 @@ class Frames:
                 self._health = {field.name: getattr(said, field.name) for field in said.DESCRIPTOR.fields}
             elif kind == "event" and said.kind != "verdict":  # its data are the whole summary
                 event = {"t": said.t_ns * 1e-9, "source": name, "kind": said.kind, "text": said.text}
+                event["level"] = topics.LEVELS.get(said.kind, "")
                 self._events.append({**event, "data": json.loads(said.data or "{}")})
         return self._events[first:]
 

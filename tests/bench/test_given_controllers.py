@@ -10,7 +10,7 @@ import pytest
 import rig
 from rig.bench.verify import verify
 from rig.cli.options import added
-from rig.errors import RigError, SceneError, UsageError
+from rig.errors import ControllerFailed, RigError, SceneError, UsageError
 from rig.record.save_run import save
 
 ROOT = Path(__file__).parents[2]
@@ -191,3 +191,42 @@ def test_a_file_that_is_no_controller_is_named(given, told, monkeypatch):
         added([given])
     err = str(refused.value)
     assert re.search(told, err)
+
+
+class Failing(Feedback):
+    """A controller whose code fails at 0.1 s."""
+
+    def __init__(self, fault):
+        super().__init__()
+        self.fault = fault
+
+    def update(self, state, t_ns, values):
+        if t_ns == 100_000_000:
+            raise self.fault
+        return super().update(state, t_ns, values)
+
+
+@pytest.mark.parametrize("fault", [ZeroDivisionError("of mine"), SystemExit(3), SystemExit(0), UsageError("of mine")])
+def test_the_run_up_to_the_fault_of_a_controller_is_kept(own, tmp_path, fault):
+    with pytest.raises(ControllerFailed, match=r"controller nf failed at t = 0\.1 s: ") as failed:
+        rig.simulate("belt_normal_force", 0.3, controllers={"nf": Failing(fault)})
+    run = failed.value.run
+    assert failed.value.__cause__ is fault
+    assert (run.fault, run.time[-1]) == (str(failed.value), 0.1)
+    for name, values in own.signals.items():
+        assert run.signals[name].tobytes() == values[: run.time.size].tobytes(), name
+    run.save(tmp_path / "run.mcap")
+    found = verify(tmp_path / "run.mcap")
+    assert found.passed, found.text()
+    assert run.fault in found.text()
+
+
+def test_answers_that_are_not_finite_are_counted_and_told_once():
+    class Blind(Feedback):
+        def update(self, state, t_ns, values):
+            state, commands = super().update(state, t_ns, values)
+            return state, commands if t_ns < 200_000_000 else (float("nan"),)
+
+    run = rig.simulate("belt_normal_force", 0.3, controllers={"nf": Blind()})
+    assert run.summary["controllers"]["nf"] == {"updates": 200, "held": 0, "refused": 100}
+    assert [event["t_ns"] for event in run.plant_events if event["kind"] == "not finite"] == [200_000_000]

@@ -205,13 +205,14 @@ def test_one_that_fails_leaves_and_safe_values_step_in(monkeypatch, pace, how):
     monkeypatch.setattr(NormalForceFeedback, "update", update)
     ran = Ran(scenes.load("belt_normal_force", IN_PLANT), pace=pace, duration=0.6)
     why = (
-        "ZeroDivisionError: there is no such force"
+        "controller nf failed at t = 0.3 s: ZeroDivisionError: there is no such force"
         if how == "raises"
         else "NormalForceFeedback.update commands (1.0, 2.0); expected a tuple with one number for each of load.force"
     )
     said = ran.events("nf")
     assert [kind for kind, *_ in said] == ["fault", "left"]
     assert why in said[0][1]
+    assert why in " ".join(ran.summary["faults"])
     assert ran.summary["ended"] == "done"
     assert ran.summary["verdict"] != "VALID"
     assert any(fault.startswith("controller nf left at t = ") for fault in ran.summary["faults"])
@@ -306,7 +307,10 @@ def test_one_that_fails_within_a_piece_ends_at_its_tick(monkeypatch):
     monkeypatch.setattr(NormalForceFeedback, "update", update)
     ran = Ran(fine(), pace=1.0, duration=0.2)
     (fault,) = [event for event in ran.heard["event/nf"] if event.kind == "fault"]
-    assert (fault.tick, fault.text) == (1234, "ZeroDivisionError: there is no such force")
+    assert (fault.tick, fault.text) == (
+        1234,
+        "controller nf failed at t = 0.1234 s: ZeroDivisionError: there is no such force",
+    )
     assert ran.commands("nf")[0].tolist() == [*range(1234), 1284]
     assert ran.commands("nf")[2].tolist() == [*[0] * 1234, 2]
     assert ran.summary["ticks"] == 2000

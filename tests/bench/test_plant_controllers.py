@@ -3,13 +3,16 @@
 import time
 
 import pytest
-from plant_in_thread import Bench
+from plant_in_thread import SCENE, Bench
 from twin import Twin
 
-from rig.bench.event_lines import EventLines
+from rig import scenes
+from rig.bench import status
+from rig.bench.event_lines import MOST, EventLines
 from rig.bench.finalise import timing_verdict
 from rig.bus import encode, messages
 from rig.bus.arrivals import HEADER, Arrived, Count
+from rig.bus.topics import LEVELS
 from rig.errors import UsageError
 
 
@@ -317,3 +320,42 @@ def test_only_the_plant_tells_that_the_run_is_over():
     shown.show(events)
     assert shown.over
     assert lines == ["    0.000 s  mine: limit: so it says", "    0.000 s  limit: too far"]
+
+
+def test_every_kind_of_event_is_shown_but_those_of_the_live_line_and_the_summary():
+    twin, lines = Twin("told"), []
+    shown = EventLines(lines.append)
+    events = twin.open("operator", "supervisor").subscribe("event/*", depth=1 << 12)
+    nf = twin.open("controller", "nf").publisher("event/nf")
+    for kind in (*LEVELS, "connected", "paused", "log", "\x1b[2J"):
+        nf.put(messages.event(0, 0, "nf", kind, "it happened"), 0)
+        shown.show(events)
+    told = [line.partition("nf: ")[2].partition(":")[0] for line in lines]
+    assert told == [kind for kind in LEVELS if kind != "overrun"] + ["connected", "paused", "log", "[2J"]
+    lines.clear()
+    for _ in range(1000):
+        nf.put(messages.event(0, 0, "nf", "log", "again"), 0)
+    shown.show(events)
+    assert len(lines) == MOST + 1
+    assert f"{1000 - MOST} more events" in lines[-1]
+
+
+@pytest.mark.parametrize("where", ["process", "plant"])
+def test_answers_that_are_not_finite_are_counted_in_the_summary(where, tmp_path):
+    (tmp_path / "nf.py").write_text(
+        "class Controller:\n"
+        "    reads, drives, period_ns = ('vibrometer',), ('load.force',), 1_000_000\n"
+        "    def start(self): return None\n"
+        "    def update(self, state, t_ns, values): return None, (20.0 if t_ns < 20_000_000 else float('nan'),)\n"
+    )
+    scene = scenes.load(SCENE, {"controllers.nf.kind": str(tmp_path / "nf.py"), "controllers.nf.where": where})
+    with Bench(scene, pace=None, duration=0.1, expect=(("controller", "nf"),) * (where == "process")) as bench:
+        if where == "process":
+            bench.controller()
+        bench.begin()
+        bench.finish()
+    refused = bench.summary["controllers"]["nf"]["refused"]
+    assert 79 <= refused <= 81  # the answer to the last step may be under way
+    assert bench.summary["verdict"] == "DEGRADED"
+    assert f"{refused} answers of nf not finite, and not sent" in bench.summary["reasons"]
+    assert f"nf: {refused} answers not finite, and not sent" in status.summary(bench.summary)

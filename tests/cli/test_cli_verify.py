@@ -169,7 +169,7 @@ class Controller:
     ("last", "told"),
     [
         ("os.kill(os.getpid(), 9)", "controller nf was killed by SIGKILL"),
-        ("1 / 0", "controller nf ended with code 2: nf failed at tick 300: {file}: ZeroDivisionError"),
+        ("1 / 0", "controller nf ended with code 1: controller nf failed at t = 0.3 s: {file}: ZeroDivisionError"),
     ],
 )
 @pytest.mark.usefixtures("runs")

@@ -95,9 +95,9 @@ def test_a_fault_in_a_file_of_ones_own_is_told_with_its_trace(private, tmp_path)
     with spawned(str(path)) as (plant, child, _):
         for tick in range(3):
             plant.send(tick, 0.05)
-        assert ended(child, 3.0) == 2
+        assert ended(child, 3.0) == 1
         told = child.stderr.read()
-        assert "mine failed at tick 2" in told
+        assert "controller mine failed at t = 0.002 s" in told
         assert "ZeroDivisionError" in told
         assert [plant.answer().tick for _ in range(2)] == [0, 1]
         assert [plant.event().kind, plant.event().kind] == ["fault", "left"]

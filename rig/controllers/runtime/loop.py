@@ -11,8 +11,8 @@ from math import isfinite
 from typing import Any
 
 from rig.controllers.blocks.base import Controller, State, Values, gets_every_sample, retune
-from rig.errors import PartError, UsageError
-from rig.parts import code_of
+from rig.errors import ControllerFailed, PartError, RigError, UsageError
+from rig.parts import code_of, foreign_fault
 from rig.process import copies, end_copy
 from rig.units import brief
 
@@ -36,6 +36,14 @@ def _unfit(controller: Controller, answer: Any) -> PartError:
 
 _NO_ROW = (dict, set, frozenset, bytes)
 """Types that Python would read as a row of numbers: by their keys, in any order, or byte by byte."""
+
+
+def failure(name: str, t_ns: int, error: BaseException) -> ControllerFailed:
+    """The error for controller `name`, whose code raised `error` at `t_ns` [ns]."""
+    if isinstance(error, ControllerFailed):
+        return error
+    told = str(error) if isinstance(error, RigError) else foreign_fault(error)
+    return ControllerFailed(name, t_ns * 1e-9, told or f"{type(error).__name__}: {error}")
 
 
 class Loop:
@@ -107,7 +115,7 @@ class Loop:
             self.controller = retune(old, changes)  # a new object: the tried one may have stored something
         except UsageError:
             raise
-        except Exception as fault:
+        except (Exception, SystemExit) as fault:
             given = ", ".join(f"{key} = {value!s:.80}" for key, value in changes.items())
             raise UsageError(
                 f"{type(old).__name__} cannot be retuned to {given or 'its values'}: {type(fault).__name__}: {fault}"

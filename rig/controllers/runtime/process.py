@@ -15,7 +15,6 @@ import argparse
 import math
 import sys
 import time
-import traceback
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -26,10 +25,10 @@ from rig.bus import encode, run_setup
 from rig.bus.port import Session
 from rig.controllers.blocks.base import Controller, Samples
 from rig.controllers.runtime.file import load_file
-from rig.controllers.runtime.loop import NOT_FINITE, Loop
+from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.service import Service
 from rig.errors import BusError, RigError, UsageError
-from rig.parts import foreign_fault, is_file, trust_scene
+from rig.parts import is_file, trust_scene
 from rig.pinned_memory import locked
 from rig.placement import anywhere, placed
 from rig.process import as_process, no_garbage, stopping, tell
@@ -88,9 +87,9 @@ class Worker(Service):
                 else:
                     self._publish_refused()
                 self.server.poll()
-        except Exception as error:
-            self.failed(error)
-            raise
+        except (Exception, SystemExit) as error:
+            self.failed(why := failure(self.session.name, self.t_ns, error))
+            raise why from error
         finally:
             self.leave()
 
@@ -191,20 +190,14 @@ def run(
         worker = Worker(session, described, made(described, name, file, table), changes)
         drives, reads = ", ".join(worker.loop.controller.drives), ", ".join(worker.loop.controller.reads)
         say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")
-        try:
-            with ExitStack() as stack:
-                stack.enter_context(no_garbage())
-                stop = stack.enter_context(stopping())
-                stack.enter_context(placed(described.core, described.core))
-                if described.paced:
-                    stack.enter_context(locked())
-                    stack.enter_context(ahead(CONTROLLER, worker.fell_back))
-                worker.follow(stop.is_set)
-        except RigError:
-            raise
-        except Exception as error:  # of the user's own code
-            where = foreign_fault(error) or traceback.format_exc()
-            raise UsageError(f"{name} failed at tick {worker.tick}: {where}") from error
+        with ExitStack() as stack:
+            stack.enter_context(no_garbage())
+            stop = stack.enter_context(stopping())
+            stack.enter_context(placed(described.core, described.core))
+            if described.paced:
+                stack.enter_context(locked())
+                stack.enter_context(ahead(CONTROLLER, worker.fell_back))
+            worker.follow(stop.is_set)
         counted = ", ".join(f"{count} {what}" for what, count in worker.loop.counters().items())
         say(f"{name} has left {session.run}: {counted}")
 

@@ -12,7 +12,7 @@ from rig.bus.port import Session
 from rig.bus.queries import param_request
 from rig.controllers.blocks.base import parameters, tunable
 from rig.controllers.runtime.loop import Loop
-from rig.errors import UsageError
+from rig.errors import ControllerFailed, UsageError
 from rig.units import brief, converts
 
 
@@ -76,9 +76,9 @@ class Service:
         """Publish that a value was missing or not finite."""
         self.publish("held", f"a sample that {self.session.name} reads is missing or not a finite number", {})
 
-    def failed(self, error: Exception) -> None:
-        """Publish that the controller has raised `error`, with its traceback."""
-        self.publish("fault", f"{type(error).__name__}: {error}", {"trace": traceback.format_exc()})
+    def failed(self, failure: ControllerFailed) -> None:
+        """Publish that the controller has raised the exception that is being handled, with its traceback."""
+        self.publish("fault", str(failure), {"trace": traceback.format_exc()})
 
     def leave(self) -> None:
         """Publish the final counters and the total of messages."""

@@ -2,8 +2,6 @@
 
 import { h, pane } from "/page/dom.js";
 
-const LEVELS = { fault: "bad", diverged: "bad", limit: "bad", emergency: "bad", refused: "warn", left: "warn", overrun: "warn",
-  missing: "warn", safe: "warn", pause: "warn", warning: "warn", overruled: "warn" };
 const SHOWN = 60;
 
 export function create({ store }) {
@@ -15,7 +13,7 @@ export function create({ store }) {
       const last = store.events[store.events.length - 1];
       if (last === shown) return;
       shown = last;
-      rows.replaceChildren(...store.events.slice(-SHOWN).reverse().map((one) => h("tr", { class: LEVELS[one.kind] ?? "" },
+      rows.replaceChildren(...store.events.slice(-SHOWN).reverse().map((one) => h("tr", { class: one.level === "error" ? "bad" : one.level },
         h("td", { class: "num" }, `${one.t.toFixed(3)} s`), h("td", {}, one.source === "plant" ? "" : one.source), h("td", {}, one.kind),
         h("td", {}, one.text))));
     },
