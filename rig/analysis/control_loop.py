@@ -243,6 +243,13 @@ class Loop:
             yield f"  its own gain, {self.gain:g}{unit}, {'has the wrong sign' if wrong else 'lies outside'}"
 
 
+def ends(scene: Scene, name: str) -> tuple[str, str]:
+    """Sensor and actuator of the loop of controller `name`, which has one of each."""
+    section = scene.controllers[name]
+    reads = controllers.controller_reads(section)
+    return reads.get("sensor") or next(iter(reads.values())), controllers.controller_drives(section)[0]
+
+
 def loop(scene: Scene, name: str, more_ns: int = 0, newer: int | None = 0) -> Loop:
     """Linearise the loop of controller `name` of `scene` about the equilibrium at the scene's own values; the others
     stay open.

@@ -26,7 +26,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.control_loop import Loop, loop
+from rig.analysis.control_loop import Loop, ends, loop
 from rig.scenes.network import Link
 from rig.scenes.scene import Scene
 
@@ -99,7 +99,7 @@ def worst_case(scene: Scene, name: str, meas: Link, act: Link) -> Growth:
     The age of a sample at an update is a multiple of the shorter period, that of the controller or that of its sensor.
     """
     frame, section = scene.frame_ns, scene.controllers[name]
-    period = min(section.period, scene.sensors[section.sensor].period_ns)
+    period = min(section.period, scene.sensors[ends(scene, name)[0]].period_ns)
     heard = -(-meas.ticks(frame)[1] * frame // period) * period
     rate = complex(loop(scene, name, heard + act.ticks(frame)[1] * frame).spectrum.rates[0])
     return Growth(rate.real, rate.real, abs(rate.imag) / (2.0 * math.pi))

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from rig.analysis.control_loop import Loop
+from rig.analysis.control_loop import Loop, ends
 from rig.analysis.jump_loop import mean_age
 from rig.scenes.explain import explain
 from rig.scenes.network import Link
@@ -40,13 +40,13 @@ def budget(scene: Scene, found: Loop, bus: float | None = None) -> list[Item]:
 def links(scene: Scene, name: str) -> tuple[Link, Link]:
     """The links of the loop of controller `name`: of its sensor, and of its commands."""
     network = scene.network
-    return network.meas.get(scene.controllers[name].sensor, Link()), network.act.get(name, Link())
+    return network.meas.get(ends(scene, name)[0], Link()), network.act.get(name, Link())
 
 
 def _items(scene: Scene, found: Loop, bus: float | None) -> Iterator[Item]:
     name = found.controller
     section, omega = scene.controllers[name], abs(found.spectrum.rates[0].imag)
-    sensor, (meas, act), frame = section.sensor, links(scene, name), scene.frame_ns
+    (sensor, drive), (meas, act), frame = ends(scene, name), links(scene, name), scene.frame_ns
     origins = {value.key: f"{value.key} ({value.origin.origin})" for value in explain(scene).values}
     end = scene.sensors[sensor].front_end()
     if omega:
@@ -59,7 +59,7 @@ def _items(scene: Scene, found: Loop, bus: float | None) -> Iterator[Item]:
     yield Item(f"computation of {name}", 1e-9 * section.delay, origins.get(f"controllers.{name}.delay", "default"))
     yield _of_link(f"act/{name}", act, frame, f"network.act.{name}" if name in scene.network.act else "")
     yield Item("sample and hold", 0.5 * found.model.period, "half a period, computed")
-    yield from _of_actuator(scene, section.drive, omega, origins)
+    yield from _of_actuator(scene, drive, omega, origins)
     if section.where == "process":
         origin = "rig run --pace: not measured (--measure does)" if bus is None else f"{1e3 * bus:.2g} ms, measured"
         frames = 1 if bus is None else max(math.ceil(bus * 1e9 / frame), 1)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import design
-from rig.analysis.control_loop import loop
+from rig.analysis.control_loop import ends, loop
 from rig.analysis.plant import plant
 from rig.bench.experiment import Experiment
 from rig.bench.simulate import begun, carry_on
@@ -59,7 +59,7 @@ def simulated(scene: Scene, name: str, network: Network, expected: float, hertz:
     long = min(max(_DECADES / max(abs(expected), 1e-9), _PERIODS[0] / hertz), _PERIODS[1] / hertz)
     if expected > 0.0:
         long = min(long, 3.0 / expected)
-    output = scene.sensors[section.sensor].reads
+    output = scene.sensors[ends(scene, name)[0]].reads
     runs = [
         _run(replace(alone, network=network.model_copy(update={"seed": seed})), name, output, long)
         for seed in range(1, RUNS + 1)

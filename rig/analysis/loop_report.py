@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.control_loop import Loop, loop
+from rig.analysis.control_loop import Loop, ends, loop
 from rig.analysis.jump_loop import fits, jump_growth, mean_age, worst_case
 from rig.analysis.loop_budget import Item, budget, links
 from rig.analysis.loop_check import Checked, simulated
@@ -149,7 +149,7 @@ def report(
         Curve(key, [v for k, v, _ in asked if k == key], [r for r, (k, _, _) in zip(found_rates, asked) if k == key])
         for key in ("delay", "jitter", *(("loss",) if rates.jumps else ()))
     ]
-    point, own = (meas, act), scene.network.links.keys() & {f"meas/{scene.controllers[name].sensor}", f"act/{name}"}
+    point, own = (meas, act), scene.network.links.keys() & {f"meas/{ends(scene, name)[0]}", f"act/{name}"}
     if not own:
         chosen = {"delay": half, "jitter": half // 2, "loss": 0.2} if rates.jumps else {"delay": half}
         point = Link().model_copy(update=chosen), Link()
@@ -187,7 +187,7 @@ class _Rates:
 def _simulate(result: LoopReport, scene: Scene, rates: _Rates, meas: Link, act: Link) -> None:
     """Add the simulation of one point to the report."""
     name = rates.name
-    sensor = scene.controllers[name].sensor
+    sensor, _ = ends(scene, name)
     named = {f"meas/{sensor}": meas, f"act/{name}": act}
     result.point = "; ".join(f"{topic}: {described(dump(link))}" for topic, link in named.items())
     result.computed, hertz = rates.of(meas, act)

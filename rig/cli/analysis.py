@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Changes, Force, Json, SceneName, changes, seconds, the_scene
+from rig.cli.options import Changes, Force, Json, SceneName, added, changes, loop_option, named, seconds, the_scene
 from rig.cli.outputs import new
 from rig.errors import ExitCode, SceneError
 
@@ -27,12 +27,7 @@ Along = Annotated[
     ),
 ]
 Controller = Annotated[
-    str | None,
-    typer.Option(
-        "--controller",
-        metavar="NAME",
-        help="Close the loop of this controller: eigenvalues, gain, phase and delay margins.",
-    ),
+    str | None, loop_option("Close the loop of this controller: eigenvalues, gain, phase and delay margins.")
 ]
 Picture = Annotated[
     Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the sweep (PNG, SVG, PDF).")
@@ -62,7 +57,9 @@ def modes(
     as_json: Json = False,
 ) -> None:
     """Compute eigenvalues and eigenmodes at steady sliding, open or closed loop, also over a parameter (--sweep)."""
-    loaded = the_scene(scene, changes(p))
+    asked = [] if controller is None else [controller]
+    loaded = the_scene(scene, changes(p), {"--controller": added(asked)})
+    controller = next(iter(named(asked)), None)
     if along is not None or controller is not None:
         printing.warnings(loaded)
     faults = ["--figure: draws a sweep; add --sweep KEY=A:B:N"] if figure is not None and not along else []

@@ -8,14 +8,11 @@ from typing import Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Changes, Force, Json, Net, SceneName, changes, linked, the_scene
+from rig.cli.options import Changes, Force, Json, Net, SceneName, added, changes, linked, loop_option, named, the_scene
 from rig.cli.outputs import new
 from rig.errors import UsageError
 
-Controller = Annotated[
-    str | None,
-    typer.Option("--controller", metavar="NAME", help="Controller of the loop. Default: the only one of the scene."),
-]
+Controller = Annotated[str | None, loop_option("Controller of the loop. Default: the only one of the scene.")]
 Measure = Annotated[
     bool, typer.Option("--measure", help="Measure the time over the bus on this machine, as rig doctor does (1 s).")
 ]
@@ -42,8 +39,9 @@ def loop(
     from rig.analysis.loop_report import report
 
     given = changes(p)
-    loaded = the_scene(scene, given, {"--net": linked(net, given)})
-    name = controller or next(iter(loaded.controllers), "")
+    asked = [] if controller is None else [controller]
+    loaded = the_scene(scene, given, {"--controller": added(asked), "--net": linked(net, given)})
+    name = next(iter([*named(asked), *loaded.controllers]), "")
     if controller is None and len(loaded.controllers) != 1:
         known = ", ".join(loaded.controllers) or "none"
         raise UsageError(f"{loaded.name}: name the controller of the loop with --controller; there are: {known}")

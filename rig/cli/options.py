@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -53,13 +53,12 @@ Changes = Annotated[
         help='Change a value: -p drive.speed="2 rpm". "none" removes it. Repeatable.',
     ),
 ]
+_CONTROLLER = (
+    "one of the scene by its NAME, or one from a FILE, which is added under the file's name or NAME, or replaces one"
+)
 Controllers = Annotated[
     list[str] | None,
-    typer.Option(
-        "--controller",
-        metavar="[NAME=]FILE",
-        help="Add a controller from a file, by default under the file's name, or replace one of the scene. Repeatable.",
-    ),
+    typer.Option("--controller", metavar="NAME|[NAME=]FILE", help=f"A controller: {_CONTROLLER}. Repeatable."),
 ]
 Net = Annotated[
     list[str] | None,
@@ -166,23 +165,45 @@ def changes(given: list[str] | None) -> dict[str, str]:
     return {key.strip(): with_point(value.strip(), f"-p {key.strip()} =") for key, _, value in pairs}
 
 
-def added(given: list[str] | None) -> dict[str, object]:
-    """The changes of a scene by all `--controller`. Raises UsageError for what names no file."""
-    files: dict[str, str] = {}
-    for one in given or []:
+def loop_option(help_text: str) -> Any:
+    """The option --controller of a command that closes one loop."""
+    text = f"{help_text} A controller: {_CONTROLLER}."
+    return typer.Option("--controller", metavar="NAME|[NAME=]FILE", help=text)
+
+
+def named(given: Iterable[str]) -> dict[str, str]:
+    """Name -> file of all `--controller`; "" for one that is named without a file. Raises UsageError."""
+    found: dict[str, str] = {}
+    for one in given:
         name, equals, file = one.partition("=")
         if not equals or "/" in name:
-            name, file = Path(one).stem, one
-        if not file or not name.isidentifier():
-            raise UsageError(f"--controller {one}: expected FILE, or NAME=FILE with a name of letters, digits and _")
-        if name in files:
+            name, file = (one, "") if one.isidentifier() else (Path(one).stem, one)
+        if not name.isidentifier() or (equals and not file):
+            raise UsageError(f"--controller {one}: expected the NAME of a controller of the scene, FILE, or NAME=FILE "
+                             "with a name of letters, digits and _")  # fmt: skip
+        if name in found:
             raise UsageError(f"--controller {one}: {name} is given twice")
-        files[name] = file
+        found[name] = file
+    return found
+
+
+def added(given: Iterable[str] | None) -> dict[str, object]:
+    """The changes of a scene by all `--controller` with a file. Raises UsageError for what names no file."""
+    files = {name: file for name, file in named(given or ()).items() if file}
     if not files:
         return {}
     from rig.scenes.controller_files import changes as with_files
 
     return with_files(files)
+
+
+def there(given: Iterable[str] | None, scene: Scene) -> None:
+    """Raise UsageError for a --controller that `scene` does not have."""
+    for name in named(given or ()):
+        if name not in scene.controllers:
+            known = ", ".join(scene.controllers) or "none"
+            raise UsageError(f"--controller {name}: {scene.name} has no controller {name}; there are: {known}. "
+                             f"One from a file is {name}=FILE")  # fmt: skip
 
 
 def linked(net: list[str] | None, given: Mapping[str, str]) -> dict[str, str]:

@@ -34,6 +34,7 @@ from rig.cli.options import (
     seconds,
     share,
     the_scene,
+    there,
     trigger,
 )
 from rig.cli.outputs import new
@@ -105,6 +106,7 @@ def run(
     from rig.bench.supervise import run as supervise
 
     loaded = the_scene(scene, given, {"--controller": added(controller), "--net": links})
+    there(controller, loaded)
     keeps_up(loaded, factor)
     loaded = configured(loaded, given, precision, budget)
     if windows is not None:  # the recorder would find what is wrong only when the run has begun

@@ -30,6 +30,7 @@ from rig.cli.options import (
     scene_file,
     seconds,
     the_scene,
+    there,
 )
 from rig.cli.outputs import new_recording
 from rig.cli.runs import Figure, configured
@@ -152,7 +153,9 @@ def simulate(
             "--net": links,
             "--method": by_method,
         }
-        loaded = configured(the_scene(scene, overrides, by_option), overrides | by_method, precision, budget)
+        loaded = the_scene(scene, overrides, by_option)
+        there(controller, loaded)
+        loaded = configured(loaded, overrides | by_method, precision, budget)
         printing.run_warnings(loaded, length)
         if repeat is not None:
             _repeated(loaded, repeat, length, figure, as_json)

@@ -19,7 +19,7 @@ from pydantic import Strict, field_validator, model_validator
 
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Values
 from rig.controllers.blocks.design import Linear, Rig
-from rig.controllers.blocks.discrete_system import METHODS, Discrete, discrete
+from rig.controllers.blocks.discrete_system import DEFAULT, METHODS, Discrete, discrete
 from rig.controllers.blocks.system_file import READERS, System, of_control, read, system
 from rig.errors import UsageError
 from rig.quantities import Number, finite, nanoseconds
@@ -34,7 +34,7 @@ class LTI(ControllerSection):
     """A linear controller; matrices stated in a scene are discrete, with the period of the controller.
 
     file       linear system: .json, .npz or .mat, from the folder of the scene
-    method     discretisation of a continuous system: zoh, foh, tustin, impulse, euler, backward_diff
+    method     discretisation of a continuous system: tustin (default), zoh, foh, impulse, euler, backward_diff
     prewarp    frequency at which the method tustin is exact
     reads      sensors in the order of the inputs, by default those named like the inputs
     drives     actuators in the order of the outputs, by default those named like the outputs
@@ -135,7 +135,9 @@ def table(given: System, raw: Mapping[str, Any]) -> dict[str, Any]:
         own["period"] = given.dt
         if abs(given.dt * 1e9 - round(given.dt * 1e9)) > 1e-3:
             raise ValueError(f"period: the system has dt = {given.dt!r} s, which is not a whole number of nanoseconds")
-    method, period = raw.get("method"), _period({**raw, **own})
+    if not given.dt and raw.get("method") is None:
+        own["method"] = DEFAULT
+    method, period = {**raw, **own}.get("method"), _period({**raw, **own})
     try:
         prewarp = None if raw.get("prewarp") is None else finite(raw["prewarp"], "Hz", Gt(0.0))
         known = period is not None and (method is None or method in METHODS)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import control
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.io import savemat
 import rig as package
 from rig import controllers
 from rig.analysis.control_loop import loop
+from rig.bench.given_controllers import placed
 from rig.bench.verify import verify
 from rig.controllers.blocks import discrete_system, system_file
 from rig.controllers.blocks.base import retune, tunable
@@ -20,6 +22,7 @@ from rig.controllers.lti import LTI, of_python_control
 from rig.errors import SceneError, UsageError
 from rig.record.save_run import save
 
+ROOT = Path(__file__).parents[2]
 SCENE = """
 format = 1
 based_on = "belt_normal_force"
@@ -97,7 +100,6 @@ FAULTS = {
     "dt is missing": {"D": 1.0},
     "dt = True: state the sample period": {"D": 1.0, "dt": True},
     "dt = -1: state": {"D": 1.0, "dt": -1},
-    "method: is missing, and the system is continuous": {"num": [1], "den": [1, 1], "dt": 0},
     "period: is 0.001 s, but the system is discrete with dt = 0.002 s": {"D": 1.0, "dt": 0.002},
     "improper: num has degree 2, den 1": {"num": [1, 2, 3], "den": [1, 1], "dt": 0.001},
     "D contains a number that is not finite": {"D": math.nan, "dt": 0.001},
@@ -259,3 +261,25 @@ def test_a_file_that_the_command_names_works_as_a_process_in_lockstep_too(rig, r
     assert len(v) > 290
     assert v.tobytes() == here.measurements["vibrometer"][1][: len(v)].tobytes()
     assert rig("verify", log)[0] == 0
+
+
+def test_the_json_of_the_page_closes_a_loop_as_the_page_says(rig, tmp_path, monkeypatch):
+    """Every command that takes --controller takes it as it is: discretised by tustin."""
+    page = (ROOT / "docs" / "controllers_from_elsewhere.md").read_text()
+    (tmp_path / "nf.json").write_text(page.partition("```json\n")[2].partition("```")[0])
+    monkeypatch.chdir(tmp_path)
+    code, out, err = rig("modes", "belt_normal_force", "--controller", "nf=nf.json", "--json")
+    assert code == 0, err
+    found = json.loads(out)
+    press = control.c2d(control.tf([-200.0], [0.002, 1.0], inputs="vibrometer", outputs="load_force"), 1e-3, "tustin")
+    scene, _ = placed(package.load("belt_normal_force"), {"nf": press})
+    theirs = loop(scene, "nf")
+    np.testing.assert_allclose(found["gain_range"], theirs.gain_range, rtol=1e-9)
+    code, out, err = rig("loop", "belt_normal_force", "--controller", "nf.json", "--json")
+    assert code == 0, err
+    assert json.loads(out)["loop"]["gain_range"] == found["gain_range"]
+    for how in ("nf=nf.json", "nf.json", "nf"):
+        assert rig("simulate", "belt_normal_force", "--duration", "0.02", "--controller", how)[0] == 0
+    for command in ("simulate", "run", "modes", "loop"):
+        code, _, err = rig(command, "belt_normal_force", "--controller", "fn")
+        assert (code, "fn" in err, "nf" in err) == (2, True, True), (command, err)

@@ -26,6 +26,8 @@ from rig.controllers.blocks.system_file import System
 Matrix = NDArray[np.float64]
 METHODS = ("zoh", "foh", "tustin", "impulse", "euler", "backward_diff")
 """Methods of discretisation, as python-control names them."""
+DEFAULT = "tustin"
+"""The method without another one: it preserves stability. # chosen"""
 NOISE = 1e-4
 """Variance of a noise of the command, relative to that which y causes: zeros on the unit circle need it. # chosen"""
 _SAME = 1e-9  # relative difference of two periods that are the same
@@ -53,8 +55,7 @@ def discrete(given: System, period: float, method: str | None, prewarp: float | 
         if abs(given.dt - period) > _SAME * period:
             raise ValueError(f"period: is {period:g} s, but the system is discrete with dt = {given.dt:g} s")
         return Discrete(*given[:4], _anti_windup(*given[:4]))
-    if method is None:
-        raise ValueError(f"method: is missing, and the system is continuous (dt = 0); expected {', '.join(METHODS)}")
+    method = method or DEFAULT
     step, alpha = period, None
     if prewarp is not None:
         if method != "tustin":
