@@ -1,7 +1,7 @@
 """Commands of operators: what other processes can do to a running plant through `cmd/plant` and `param/plant`.
 
     cmd/plant     {"do": "begin"}: stop waiting for expected processes, or for the one in "without" ("role name")
-                  {"do": "stop" | "pause" | "resume"}
+                  {"do": "stop" | "pause" | "resume"}; to the last two the answer states whether they "changed" anything
                   {"do": "step", "frames": number}: compute frames of a paused run; by default one
                   {"do": "emergency"}: actuators to their safe values at once; half a second later the run ends
                   {"do": "knock", "impulse": N s}
@@ -181,11 +181,12 @@ class Operator:
     def _stop(self, _: dict[str, Any]) -> None:
         self.stopped = "stopped by an operator"
 
-    def _pause(self, body: dict[str, Any]) -> None:
-        on = body["do"] == "pause"
-        if on != self.paused:
+    def _pause(self, body: dict[str, Any]) -> dict[str, Any]:
+        on, before = body["do"] == "pause", self.paused
+        if on != before:
             self.paused, self.steps = on, 0
             self._experiment.journal.note("paused" if on else "resumed", "paused" if on else "goes on")
+        return {"changed": on != before}
 
     def _step(self, body: dict[str, Any]) -> None:
         frames = body.get("frames", 1)

@@ -30,7 +30,9 @@ def carry_out(
     """
     scene = Scene.from_json(job.scene)
     keeps_up(scene, job.pace)
-    address.directory()  # a system without live runs is refused before the rehearsal
+    address.directory()  # a system without live runs is refused before the rehearsal, and so is a name
+    if job.run is not None:
+        address.check(job.run)
     with marked(calling):  # Ctrl-C may interrupt this, but nothing after it
         sets = visited(scene, job) if job.pace is not None else warm(scene)
     asked: list[str] = []

@@ -16,7 +16,7 @@ The plant hosts a run; every other process joins it:
         answer.said.tick, answer.said.values                        # the Act that it carries
         plant.publisher("total/plant").put(plant.totals(), t_ns)    # last message: what was sent and received
 
-    with bus.join(role="controller", name="normal_force") as me:    # the newest run, or join("run name", ...)
+    with bus.join(role="controller", name="normal_force") as me:    # the only run, or join("run name", ...)
         described = setup.fetch(me)
         steps, plant = me.subscribe("step"), me.watch("plant/*")
         me.announce()
@@ -52,7 +52,7 @@ def host(
 
 
 def join(run: str | None = None, *, role: str, name: str, wait: float = 0.0) -> Session:
-    """Join a live run, by default the newest; wait at most `wait` seconds for it to appear. Raises BusError.
+    """Join a live run, by default the only one; wait at most `wait` seconds for it to appear. Raises BusError.
 
     `session.name` differs from `name` if the run already has a recorder or viewer of that name.
     """

@@ -41,6 +41,8 @@ class RunAddress:
     """Seconds since 1970."""
     speaks: str = ""
     """Fingerprint of its message types: `rig.bus.messages.FINGERPRINT`."""
+    home: str = ""
+    """The home directory of who started it."""
 
 
 def directory() -> Path:
@@ -114,6 +116,15 @@ class Reservation:
             self._descriptor = -1
 
 
+def check(run: str) -> None:
+    """Raise BusError if a new run cannot have this name: it is malformed, too long, or taken."""
+    if not _NAME.fullmatch(run):
+        raise BusError(f"{run!r:.80} cannot name a run; use letters, digits, '_' and '-'")
+    socket_endpoint(run)
+    if is_live(run):
+        raise BusError(f"a run called {run} is already live; choose another name")
+
+
 def reserve(run: str | None = None, scene: str = "run", endpoint: str | None = None) -> Reservation:
     """Take a run name, or make one from the scene's name and the time.
 
@@ -124,8 +135,7 @@ def reserve(run: str | None = None, scene: str = "run", endpoint: str | None = N
             f"{endpoint!r} would be reachable from other machines; give a unix socket or tcp/127.0.0.1:<port>"
         )
     if run is not None:
-        if not _NAME.fullmatch(run):
-            raise BusError(f"{run!r} cannot name a run; use letters, digits, '_' and '-'")
+        check(run)
         taken = _try(run, scene, endpoint)
         if taken is None:
             raise BusError(f"a run called {run} is already live; choose another name")
@@ -138,7 +148,7 @@ def reserve(run: str | None = None, scene: str = "run", endpoint: str | None = N
 
 
 def _try(run: str, scene: str, endpoint: str | None) -> Reservation | None:
-    address = RunAddress(run, endpoint or socket_endpoint(run), os.getpid(), scene, time.time(), FINGERPRINT)
+    address = RunAddress(run, endpoint or socket_endpoint(run), os.getpid(), scene, time.time(), FINGERPRINT, _home())
     with _alone() as here:
         path = here / f"{run}.run"
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -147,6 +157,10 @@ def _try(run: str, scene: str, endpoint: str | None) -> Reservation | None:
             return None
         os.ftruncate(descriptor, 0)
     return Reservation(path, descriptor, address)
+
+
+def _home() -> str:
+    return os.path.expanduser("~")
 
 
 def _clear(path: Path) -> None:
@@ -192,18 +206,24 @@ def _read(text: bytes) -> list[RunAddress]:
 
 
 def find(run: str | None = None, wait: float = 0.0) -> RunAddress:
-    """A live run by name, or the newest; waits at most `wait` seconds for it.
+    """A live run by name, or the only one of this home directory; waits at most `wait` seconds for it.
 
-    Raises BusError, which lists the live runs, if there is none.
+    Raises BusError, which lists the live runs, if there is none, or if without a name there are several.
     """
     deadline = time.monotonic() + wait
     while True:
         runs = list_runs()
-        for candidate in runs:
-            if run in (None, candidate.run):
-                return candidate
-        if time.monotonic() >= deadline:
+        candidates = [one for one in runs if (one.home == _home() if run is None else one.run == run)]
+        if len(candidates) == 1:
+            return candidates[0]
+        if candidates or time.monotonic() >= deadline:
             break
         time.sleep(0.05)
-    live = f"live runs: {', '.join(r.run for r in runs)}" if runs else "no run is live; start one with `rig run`"
+    named = ", ".join(one.run for one in candidates or runs)
+    if candidates:
+        raise BusError(f"several runs are live: {named}; name one with --run")
+    if runs and run is None:
+        homes = ", ".join(dict.fromkeys(one.home or "another version" for one in runs))
+        raise BusError(f"no run of this home directory is live; others are: {named} (of {homes}); name one with --run")
+    live = f"live runs: {named}" if runs else "no run is live; start one with `rig run`"
     raise BusError(live if run is None else f"no run is called {run}; {live}")

@@ -13,6 +13,8 @@ from rig.cli import printing
 from rig.cli.command import Command, Group
 from rig.cli.options import LONGEST, Json, RunName, number, plain
 from rig.errors import BusError, UsageError
+from rig.printable import counted
+from rig.units import with_point
 
 if TYPE_CHECKING:
     from rig.bus.port import Session
@@ -61,23 +63,28 @@ def tune(
             _list_tunable(session, as_json)
             return
         process, inner = _owner(session, key)
-        body = {"get": [inner]} if value is None else {"set": {inner: plain(value)}}
+        body = {"get": [inner]} if value is None else {"set": {inner: plain(with_point(value, key))}}
         try:
             found = session.ask(f"param/{process}", body, timeout=10.0)
         except BusError as fault:
             raise UsageError(f"{fault}\n`rig tune` without a key lists what can be tuned") from None
     overruled = {} if value is None else found.get("overruled", {})  # a value that was asked for is the one in force
     if as_json:
-        printing.report(found["values"] | ({"overruled": overruled} if overruled else {}))
+        printing.report({**found["values"], **({"overruled": overruled} if overruled else {}), "run": session.run})
         return
     for name, new in found["values"].items():
         if name == inner and name in overruled:
             owner = overruled[name]
             printing.line(
                 f"{owner} drives {key}; the value {printing.number(new)} takes effect when {owner} is disconnected"
+                f"{_of(session.run)}"
             )
         elif name == inner:
-            printing.line(f"{key} = {printing.number(new)}")
+            printing.line(f"{key} = {printing.number(new)}{_of(session.run)}")
+
+
+def _of(run: str) -> str:
+    return f"  (run {run})"
 
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="A controller of the run, connected or not.")]
@@ -85,7 +92,7 @@ Name = Annotated[str, typer.Argument(metavar="NAME", help="A controller of the r
 
 def connect(name: Name, run: RunName = None) -> None:
     """Connect a controller of a live run to its actuators. The recording contains it, as a step of the protocol."""
-    printing.line(f"{name} is connected from t = {_switched('connect', name, run):.3f} s on: it drives its actuators")
+    _do("connect", run, f"{name} is connected from t = {{t:.3f}} s on: it drives its actuators", controller=name)
 
 
 def disconnect(name: Name, run: RunName = None) -> None:
@@ -94,18 +101,18 @@ def disconnect(name: Name, run: RunName = None) -> None:
     The actuators take the values of the protocol or of rig tune. A controller
     that has left keeps its actuators until it is disconnected.
     """
-    t = _switched("disconnect", name, run)
-    printing.line(f"{name} is disconnected from t = {t:.3f} s on: its actuators take the values of the protocol")
+    told = f"{name} is disconnected from t = {{t:.3f}} s on: its actuators take the values of the protocol"
+    _do("disconnect", run, told, controller=name)
 
 
 def pause(run: RunName = None) -> None:
     """Pause a live run: no frame is computed until rig resume, except by rig step."""
-    printing.line(f"paused at t = {_done('pause', run):.6f} s")
+    _do("pause", run, "paused at t = {t:.6f} s", "was paused already, at t = {t:.6f} s")
 
 
 def resume(run: RunName = None) -> None:
     """Continue a paused run."""
-    printing.line(f"continues from t = {_done('resume', run):.6f} s")
+    _do("resume", run, "continues from t = {t:.6f} s", "was not paused; it is at t = {t:.6f} s")
 
 
 def step(
@@ -113,7 +120,7 @@ def step(
     run: RunName = None,
 ) -> None:
     """Compute single frames of a paused run: with each one its controllers receive one step."""
-    printing.line(f"{frames} single step{'s' * (frames > 1)} from t = {_done('step', run, frames=frames):.6f} s")
+    _do("step", run, f"{counted(frames, 'single step')} from t = {{t:.6f}} s", frames=frames)
 
 
 def stop(
@@ -124,10 +131,9 @@ def stop(
 ) -> None:
     """End a live run in order. The recording contains it."""
     if emergency:
-        t = _done("emergency", run)
-        printing.line(f"emergency stop at t = {t:.6f} s: all actuators go to their safe values, then the run ends")
+        _do("emergency", run, "emergency stop at t = {t:.6f} s: all actuators go to their safe values, then it ends")
     else:
-        printing.line(f"stopped at t = {_done('stop', run):.6f} s")
+        _do("stop", run, "stopped at t = {t:.6f} s")
 
 
 def knock(
@@ -136,21 +142,20 @@ def knock(
 ) -> None:
     """Apply an impulse to the body of a live run. The recording contains it."""
     size = number(impulse, "IMPULSE", "N*s", -1e6, 1e6)
-    printing.line(f"knock with {size:g} N s at t = {_done('knock', run, impulse=size):.6f} s")
+    _do("knock", run, f"knock with {size:g} N s at t = {{t:.6f}} s", impulse=size)
 
 
-def _done(what: str, run: str | None, **more: Any) -> float:
-    """Ask the plant to do something. Return the time [s] at which it did."""
+def _do(what: str, run: str | None, told: str, unchanged: str = "", **more: Any) -> None:
+    """Ask the plant to do something, and tell that it did, with the time `t` [s] and the run.
+
+    `unchanged`: what is told if there was nothing to change.
+    """
     from rig import bus
 
     with bus.join(run, role="operator", name=what) as session:
         answer = session.ask("cmd/plant", {"do": what, **more}, timeout=10.0)
-    return float(answer["t_ns"]) * 1e-9
-
-
-def _switched(what: str, name: str, run: str | None) -> float:
-    """Ask the plant to connect or disconnect a controller. Return the time [s] at which it is in force."""
-    return _done(what, run, controller=name)
+    text = told if answer.get("changed", True) else unchanged
+    printing.line(f"{text.format(t=float(answer['t_ns']) * 1e-9)}{_of(session.run)}")
 
 
 def _controllers(session: Session) -> list[str]:
@@ -188,7 +193,7 @@ def _list_tunable(session: Session, as_json: bool) -> None:
         printing.report(rows)
     else:
         columns = ("key", "value", "unit", "of")
-        printing.table("", columns, [[printing.number(row[c]) for c in columns] for row in rows])
+        printing.table(f"run {session.run}", columns, [[printing.number(row[c]) for c in columns] for row in rows])
 
 
 @topic.command("ls", cls=Command, epilog="Example:  rig topic ls")

@@ -82,7 +82,10 @@ Out = Annotated[
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", is_eager=True, help="Overwrite existing files.")]
-RunName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run. Default: the newest run.")]
+RunName = Annotated[
+    str | None, typer.Option("--run", metavar="RUN", help="Name of the run. Default: the only live run.")
+]
+NewName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run.")]
 Pace = Annotated[
     str | None,
     typer.Option(
@@ -179,8 +182,8 @@ def named(given: Iterable[str]) -> dict[str, str]:
         if not equals or "/" in name:
             name, file = (one, "") if one.isidentifier() else (Path(one).stem, one)
         if not name.isidentifier() or (equals and not file):
-            raise UsageError(f"--controller {one}: expected the NAME of a controller of the scene, FILE, or NAME=FILE "
-                             "with a name of letters, digits and _")  # fmt: skip
+            raise UsageError(f"--controller {one}: expected FILE, or NAME=FILE with a name of letters, digits and _, "
+                             "or the NAME of a controller of the scene")  # fmt: skip
         if name in found:
             raise UsageError(f"--controller {one}: {name} is given twice")
         found[name] = file

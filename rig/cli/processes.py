@@ -18,6 +18,7 @@ from rig.cli.options import (
     Force,
     Lockstep,
     Most,
+    NewName,
     Out,
     Pace,
     RunName,
@@ -43,7 +44,7 @@ def plant(
     speed: Pace = None,
     lockstep: Lockstep = False,
     duration: Duration = None,
-    name: Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run.")] = None,
+    name: NewName = None,
     wait: Annotated[
         str,
         typer.Option(

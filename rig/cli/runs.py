@@ -22,6 +22,7 @@ from rig.cli.options import (
     Lockstep,
     Most,
     Net,
+    NewName,
     Out,
     Pace,
     SceneName,
@@ -85,6 +86,7 @@ def run(
     duration: Duration = None,
     view: View = False,
     web: Web = False,
+    name: NewName = None,
     out: Out = None,
     figure: Figure = None,
     when: When = None,
@@ -126,6 +128,7 @@ def run(
         web=web,
         out=out,
         replace=force,
+        name=name,
         trigger=windows.options() if windows is not None else (),
     )
     if as_json:

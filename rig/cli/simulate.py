@@ -167,6 +167,8 @@ def simulate(
                 loaded, start, overrides, length, trust, lambda: f"interrupted by {asked[0]}" if asked else ""
             )
         except ControllerFailed as error:  # what was computed is kept
+            if error.run is None:  # it could not start
+                raise
             found, failed = error.run, True
     wall = time.perf_counter() - begin
     if out is not None:

@@ -112,7 +112,7 @@ def record(
     trigger: Trigger | None = None,
     say: Callable[[str], object] = lambda text: None,
 ) -> Recording:
-    """Record a live run, the newest by default, until it ends; `report` gets the account at the end.
+    """Record a live run, the only one by default, until it ends; `report` gets the account at the end.
 
     With a `trigger` only windows around its firings are recorded (rig.record.windows), and `say` gets a line for each.
     Waits at most `wait` seconds for the run. A file that cannot be written, or that exists and may not be `replace`d,

@@ -77,7 +77,7 @@ def view(
     name: str = "viewer",
     say: Callable[[str], object] = print,
 ) -> Viewing:
-    """Show a live run, by default the newest, until it ends; wait at most `wait` seconds for it to start.
+    """Show a live run, by default the only one, until it ends; wait at most `wait` seconds for it to start.
 
     It is shown in a window, or with `web` on a browser page whose address is printed, with `connect` in the running
     viewer at this address, with `save` in a file (.rrd), with `headless` off screen. `trust` allows to run the code of

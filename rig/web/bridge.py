@@ -150,7 +150,7 @@ class Bridge:
 
 
 def serve(run: str | None, port: int = 0, say: Callable[[Bridge], object] = print) -> None:
-    """Serve a live run (the newest by default) until it ends, or until Ctrl-C. Raises RigError."""
+    """Serve a live run (the only one by default) until it ends, or until Ctrl-C. Raises RigError."""
     found = address.find(run)
     sys.setswitchinterval(1e-4)  # a step waits a tenth of a frame for the interpreter, instead of five frames
     stopped = threading.Event()

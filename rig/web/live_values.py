@@ -12,6 +12,7 @@ from typing import Any
 from rig.bus.port import Session
 from rig.errors import BusError
 from rig.scenes.scene import Scene
+from rig.units import with_point
 from rig.web.form import entry_of, kind_of, within
 
 PATIENCE_S = 2.0
@@ -77,5 +78,6 @@ class LiveValues:
         """Change a value at the next tick, as `rig tune` does; returns the answer of its owner. Raises BusError."""
         process = self.entries[key]["of"] if key in self.entries else "plant"
         inner = key.removeprefix(f"controllers.{process}.")
+        value = with_point(value, key) if isinstance(value, str) else value
         answer: dict[str, Any] = self.session.ask(f"param/{process}", {"set": {inner: value}}, 10.0)
         return answer

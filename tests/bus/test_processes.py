@@ -6,6 +6,7 @@ import socket
 import stat
 import sys
 import time
+from contextlib import contextmanager
 
 import pytest
 
@@ -110,18 +111,35 @@ def test_a_run_that_is_not_there_is_told_with_those_that_are(runs):
         bus.join("there", role="viewer", name="v")
 
 
-def test_the_newest_run_is_the_default_and_names_are_unique(runs):
+def test_the_only_run_of_a_home_is_the_default_and_names_are_unique(runs, monkeypatch):
     claims = [address.reserve(scene="pendulum") for _ in range(3)]
     assert address.list_runs() == []  # nobody listens yet
     for claim in claims:
         claim.open()
     names = [claim.address.run for claim in claims]
     assert len(set(names)) == 3
-    assert address.find().run == names[-1]
     assert {run.run for run in address.list_runs()} == set(names)
-    for claim in claims:
+    with pytest.raises(BusError, match=rf"several runs are live: {names[2]}, {names[1]}, {names[0]}; .* --run"):
+        address.find()
+    for claim in claims[1:]:
         claim.release()
+    assert address.find().run == names[0]
+    monkeypatch.setenv("HOME", "/home/another")
+    with pytest.raises(BusError, match=f"no run of this home .* others are: {names[0]} .* --run"):
+        address.find()
+    with address_of("mine") as mine:
+        assert address.find().run == mine
+    assert address.find(names[0]).run == names[0]
+    claims[0].release()
     assert address.list_runs() == []
+
+
+@contextmanager
+def address_of(run):
+    claim = address.reserve(run)
+    claim.open()
+    yield run
+    claim.release()
 
 
 @pytest.mark.parametrize("name", ["a/b", "", "*", "-x", "a b"])

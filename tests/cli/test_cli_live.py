@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from going import Going
+from plant_in_thread import Bench
 
 from rig import open as opened
 from rig import scenes
@@ -75,13 +76,35 @@ TUNABLE = {"load.force": "N", "drive.speed": "m/s"}
         (["stop"], {"do": "stop"}, "stopped at t = 1.500000 s"),
         (["stop", "--emergency"], {"do": "emergency"}, "emergency stop at t = 1.500000 s: all actuators"),
         (["knock", "-0.02"], {"do": "knock", "impulse": -0.02}, "knock with -0.02 N s at t = 1.500000 s"),
+        (["knock", "-0,02 N*s"], {"do": "knock", "impulse": -0.02}, "knock with -0.02 N s at t = 1.500000 s"),
+        (["connect", "nf"], {"do": "connect", "controller": "nf"}, "nf is connected from t = 1.500 s on"),
+        (["disconnect", "nf"], {"do": "disconnect", "controller": "nf"}, "nf is disconnected from t = 1.500 s on"),
+        (["tune", "load.force", "15,5 N"], {"load.force": "15.5 N"}, "load.force = 15"),
+        (["tune", "load.force"], {}, "load.force = 15"),
+        (["tune"], {}, "load.force"),
     ],
 )
-def test_operators_of_a_live_run(rig, plant, arguments, asked, told):
-    code, out, _ = rig(*arguments)
-    assert code == 0
+def test_operators_of_a_live_run_name_it_and_ask_which_if_there_are_several(rig, plant, arguments, asked, told):
+    code, out, err = rig(*arguments)
+    assert code == 0, err
     assert told in out
+    assert "run tried" in out
     assert plant == asked
+    from rig import bus
+
+    with bus.host("second", scene="belt"):
+        plant.clear()
+        code, _, err = rig(*arguments)
+        assert (code, "several runs are live: second, tried; name one with --run" in err) == (2, True), err
+        assert plant == {}
+        assert "run tried" in rig(*arguments, "--run", "tried")[1]
+
+
+def test_a_run_that_is_not_paused_is_not_said_to_continue(rig, runs):
+    with Bench(scenes.load("belt_normal_force"), pace=None) as bench:
+        command = bench.plant.operator.command
+        changed = [command({"do": what})["changed"] for what in ("resume", "pause", "pause", "resume", "resume")]
+    assert changed == [False, True, False, True, False]
 
 
 def test_a_knock_without_a_number_is_refused_before_the_run_is_asked(rig):
@@ -119,10 +142,10 @@ def mine(plant):
 def test_a_parameter_of_a_controller_is_tuned_by_its_short_name_too(rig, mine):
     for key, value in (("mine.swing", "5"), ("controllers.mine.swing", "7")):
         code, out, err = rig("tune", key, value)
-        assert (code, out) == (0, f"{key} = {value}\n"), err
+        assert (code, out) == (0, f"{key} = {value}  (run tried)\n"), err
     assert mine == {"swing": 7.0}
-    assert rig("tune", "mine.swing")[1] == "mine.swing = 7\n"
-    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06\n"
+    assert rig("tune", "mine.swing")[1] == "mine.swing = 7  (run tried)\n"
+    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06  (run tried)\n"
     for key, told in (("mine", "name the parameter too"), ("controllers.nf.gain", "there are: mine")):
         code, _, err = rig("tune", key, "1")
         assert code == 2
@@ -147,7 +170,7 @@ def test_a_negative_value_is_tuned_as_it_stands(rig, mine):
     for said in (["mine.swing", "-0.8"], ["--run", "tried", "mine.swing", "-.8"], ["mine.swing", "--", "-0.8"]):
         mine.clear()
         code, out, err = rig("tune", *said)
-        assert (code, out) == (0, "mine.swing = -0.8\n"), err
+        assert (code, out) == (0, "mine.swing = -0.8  (run tried)\n"), err
         assert mine == {"swing": -0.8}
     code, out, err = rig("tune", "mine.swing", "-5 mN", "--run", "tried", "--json")
     assert (code, mine) == (0, {"swing": -0.005}), err
@@ -158,10 +181,10 @@ def test_a_negative_value_is_tuned_as_it_stands(rig, mine):
 def test_a_value_that_is_not_in_force_is_told_to_wait(rig, plant):
     assert (
         rig("tune", "drive.speed", "0.06")[1]
-        == "nf drives drive.speed; the value 0.06 takes effect when nf is disconnected\n"
+        == "nf drives drive.speed; the value 0.06 takes effect when nf is disconnected  (run tried)\n"
     )
     assert json.loads(rig("tune", "drive.speed", "0.06", "--json")[1])["overruled"] == {"drive.speed": "nf"}
-    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06\n"
+    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06  (run tried)\n"
 
 
 def test_tune_sees_every_controller(rig, plant):
@@ -178,7 +201,7 @@ def test_tune_sees_every_controller(rig, plant):
 
 def test_tune_asks_the_process_that_owns_the_parameter(rig, plant):
     code, out, err = rig("tune", "load.force", "15 N")
-    assert (code, out) == (0, "load.force = 15\n"), err
+    assert (code, out) == (0, "load.force = 15  (run tried)\n"), err
     assert plant == {"load.force": "15 N"}
     code, _, err = rig("tune", "controllers.nf", "1")
     assert code == 2
@@ -221,14 +244,14 @@ def test_a_controller_that_has_left_is_disconnected(rig, runs, script, tmp_path)
         if "example_controller is here" in line:
             break
     assert re.search(r"^example_controller is disconnected from t = \d+\.\d{3} s on", rig("disconnect", NAME)[1])
-    assert rig("tune", "load.force", "15") == (0, "load.force = 15\n", "")
+    assert rig("tune", "load.force", "15")[1].startswith("load.force = 15  (run belt-")
     assert re.search(r"^example_controller is connected from t = \d+\.\d{3} s on", rig("connect", NAME)[1])
     assert "takes effect when example_controller is disconnected" in rig("tune", "load.force", "16")[1]
     mine.send_signal(signal.SIGINT)
     assert mine.wait(10.0) == 0
     assert "takes effect when example_controller is disconnected" in rig("tune", "load.force", "17")[1]
     assert rig("disconnect", NAME)[0] == 0
-    assert rig("tune", "load.force") == (0, "load.force = 17\n", "")
+    assert rig("tune", "load.force")[1].startswith("load.force = 17  (run belt-")
     code, _, err = rig("disconnect", "mine")
     assert code == 2
     assert "no controller is called mine; there are: example_controller" in err

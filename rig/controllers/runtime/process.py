@@ -171,7 +171,7 @@ def run(
     trust: bool = False,
     say: Callable[[str], object] = lambda _: None,
 ) -> None:
-    """Run the controller `what`, a name in the scene or a file, in a live run (the newest by default).
+    """Run the controller `what`, a name in the scene or a file, in a live run (the only one by default).
 
     `changes`: parameters to begin with; of a file of another tool, all keys of its table. `trust`: run the code of
     foreign parts of the run. Returns when the plant ends or on a signal to stop; raises RigError if it cannot begin or
@@ -206,7 +206,7 @@ def main(arguments: list[str] | None = None) -> int:
     """`python -m rig.controllers.runtime.process NAME_OR_FILE [--run RUN] [--wait S]`, started by a supervisor."""
     parser = argparse.ArgumentParser(prog="rig.controllers.runtime.process", description=__doc__.partition("\n")[0])
     parser.add_argument("what", help="name of a controller in the scene, or a file")
-    parser.add_argument("--run", help="the run to join; the newest by default")
+    parser.add_argument("--run", help="the run to join; by default the only one")
     parser.add_argument("--wait", type=float, default=10.0, help="longest wait for the run [s]")
     given = parser.parse_args(arguments)
     try:
