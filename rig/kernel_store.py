@@ -34,7 +34,8 @@ LIMIT = 1 << 30
 """Largest size of the kernels of all sources in bytes; those of the present sources are never deleted. # chosen"""
 INSTEAD = "RIG_KERNELS to another folder"
 _SUM = 4
-_SHOWN_S, _WORTH_S = 0.5, 2.0  # s between two progress messages; shortest total that is noted for the next start
+_SHOWN_S, _LINE_S = 0.5, 5.0  # s between two progress messages on a terminal, and elsewhere
+_WORTH_S = 2.0  # s: shortest total that is noted for the next start
 _ASK_S = 0.02  # s between two checks whether another process has finished
 _log = logging.getLogger("rig")
 
@@ -255,7 +256,7 @@ def _size(folder: Path) -> int:
 
 
 class CompileProgress(event.Listener):  # type: ignore[misc]
-    """Tells the user that kernels are being compiled, and on a terminal the progress, so that no start is silent."""
+    """Tells the user that kernels are being compiled, and the progress, so that no start is silent."""
 
     def __init__(self, folder: Folder) -> None:
         self._folder, self._notes = folder, folder.path / "seconds"
@@ -302,10 +303,12 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
         now = time.monotonic()
         if not self._depth:
             self._spent += now - self._begun
-        if sys.stderr.isatty() and now > self._shown + _SHOWN_S:
+        terminal = sys.stderr.isatty()
+        if now > self._shown + (_SHOWN_S if terminal else _LINE_S):
             self._shown = now
             whole = self._spent + (now - self._begun if self._depth else 0.0)
-            sys.stderr.write(f"\r{self._count} compiled in {whole:.0f} s ")
+            text = f"{self._count} compiled in {whole:.0f} s"
+            sys.stderr.write(f"\r{text} " if terminal else f"compiling kernels: {text}\n")
             sys.stderr.flush()
 
     def _done(self) -> None:

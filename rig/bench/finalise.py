@@ -34,7 +34,8 @@ LAST_ANSWER_S = 0.1
 def finalise(plant: PlantParts) -> dict[str, Any]:
     """End the run of `plant` and return its summary."""
     hub, experiment, runner = plant.hub, plant.experiment, plant.runner
-    wall = time.perf_counter_ns() - plant.begun_ns if plant.begun_ns else 0
+    now = time.perf_counter_ns()
+    wall = now - plant.begun_ns if plant.begun_ns else 0
     plant.operator.close()
     hub.collect()  # a batch of frames may have ended before its last tick
     hub.put_applied()
@@ -51,7 +52,7 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
     experiment.journal.note("end", ended)
     hub.put_events()
     plant.in_plant.leave()
-    plant.housekeeper.tell_health(time.perf_counter_ns())
+    plant.housekeeper.tell_health(now)
     lost, unknown = _lost_elsewhere(plant)
     lost |= _unanswered(plant)
     hub.commands.receive()

@@ -177,16 +177,16 @@ class Rate:
 
 
 def _lines(what: str) -> Callable[[int, int], object]:
-    """Progress as lines, at most one in `PROGRESS_S`: short work prints none."""
-    last = time.monotonic()
+    """Progress as lines, at most one in `PROGRESS_S`, and one at the end: short work prints none."""
+    last, told = time.monotonic(), False
     rate = Rate()
 
     def show(done: int, total: int) -> None:
-        nonlocal last
+        nonlocal last, told
         speed = rate.per_second(done)
-        if time.monotonic() - last >= PROGRESS_S:
-            last = time.monotonic()
-            left = f", {rate.text(done)}, about {_span((total - done) / speed)} left" if speed else ""
+        if time.monotonic() - last >= PROGRESS_S or (told and done == total):
+            last, told = time.monotonic(), done < total
+            left = f", {rate.text(done)}, about {_span((total - done) / speed)} left" if speed and done < total else ""
             note(f"{what}: {done} of {total}{left}")
 
     return show

@@ -122,14 +122,8 @@ class Bench:
         changes = body.get("changes") or {}
         scene = self.catalogue.scene(body.get("scene"), changes)
         pace, length = timing(scene, body.get("pace"), body.get("duration"))
-        self._call(self.broadcast.forget, "setup", "values", "status")
         texts = {key: as_text(value, key) for key, value in changes.items()}
         return self.control.start(scene, str(body["scene"]), texts, pace, length)
-
-    def follow(self, body: dict[str, Any]) -> Any:
-        """Follow a run of another terminal."""
-        self._call(self.broadcast.forget, "setup", "values", "status")
-        return self.control.follow(body)
 
     def listed(self, _: dict[str, Any]) -> Any:
         """The recordings."""
@@ -174,7 +168,7 @@ def app(bench: Bench) -> Starlette:
         Route("/api/run/command", _answers(bench.control.command), methods=["POST"]),
         Route("/api/run/set", _answers(bench.control.set), methods=["POST"]),
         Route("/api/live", _answers(bench.control.others)),
-        Route("/api/run/follow", _answers(bench.follow), methods=["POST"]),
+        Route("/api/run/follow", _answers(bench.control.follow), methods=["POST"]),
         Route("/api/run/leave", _answers(bench.control.leave), methods=["POST"]),
         Route("/api/recordings", _answers(bench.listed)),
         Route("/api/recordings/work", _answers(bench.recordings.work), methods=["POST"]),

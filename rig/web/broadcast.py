@@ -13,6 +13,8 @@ from typing import Any
 
 KEPT = 6
 """Frames that are joined for a page which was busy: 0.3 s. Older ones are dropped."""
+HISTORY = 240
+"""Frames for a page that connects, so that it shows what others show already: 12 s."""
 AHEAD = 2
 """Messages that may be on their way to a page."""
 
@@ -22,7 +24,7 @@ class Broadcast:
 
     def __init__(self) -> None:
         self._newest: dict[str, tuple[int, str]] = {}
-        self._frames: deque[tuple[int, str]] = deque(maxlen=KEPT)
+        self._frames: deque[tuple[int, str]] = deque(maxlen=HISTORY)
         self._version = 0
         self._pages: set[Page] = set()
 
@@ -50,12 +52,6 @@ class Broadcast:
             self._frames.clear()
         self._wake()
 
-    def forget(self, *kinds: str) -> None:
-        """Drop the messages of some kinds: a page that connects now does not get them."""
-        for kind in kinds:
-            self._newest.pop(kind, None)
-        self._frames.clear()
-
     def frame(self, number: int, text: str) -> None:
         """Add a frame: its number in the run, and its JSON text."""
         self._version += 1
@@ -63,9 +59,12 @@ class Broadcast:
         self._wake()
 
     def since(self, version: int, hidden: bool) -> tuple[int, list[str]]:
-        """The present version, and the messages that are newer than `version`; no frames for a hidden page."""
+        """The present version, and the messages that are newer than `version`; no frames for a hidden page.
+
+        `version` is 0 for a new page. A page that was too slow gets the latest `KEPT` frames.
+        """
         found = [text for number, text in sorted(self._newest.values()) if number > version]
-        frames = [text for number, text in self._frames if number > version]
+        frames = [text for number, text in self._frames if number > version][-KEPT if version else 0 :]
         if frames and not hidden:
             found.append(f'{{"kind": "frames", "frames": [{", ".join(frames)}]}}')
         return self._version, found

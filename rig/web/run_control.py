@@ -194,6 +194,8 @@ class RunControl:
         self._looked = self._leaving = False
         self._facts = {"run": "", "scene": scene, "title": title, "pace": pace, "command": command}
         self._facts |= {"fault": "", "outcome": None, "log": "", "foreign": False}
+        for kind, nothing in (("setup", None), ("values", []), ("status", None)):  # the new run has none yet
+            self._news(kind, nothing)
 
     def _check(self, body: dict[str, Any]) -> None:
         if not self.active:
@@ -266,11 +268,15 @@ class RunControl:
     def _follow(self, run: str, trust: bool = False) -> None:
         number = self._number
 
-        def told(kind: str, content: Any) -> None:
-            if number == self._number:  # else the last words about a run before the present one
-                self._told(kind, content)
+        def of_present(call: Callable[..., object]) -> Callable[..., None]:
+            def told(*news: Any) -> None:
+                if number == self._number:  # else the last words about a run before the present one
+                    call(*news)
 
-        self._follower = Follower(run, self._frame, told, self._arrived, trust)
+            return told
+
+        frame, news = of_present(self._frame), of_present(self._told)
+        self._follower = Follower(run, frame, news, of_present(self._arrived), trust)
         self._follower.start()
 
     def _told(self, kind: str, content: Any) -> None:

@@ -92,7 +92,7 @@ class Listener:
     def until(self, kind, true=lambda _: True, seconds=5.0):
         """The newest message of a kind, when it is there and `true`."""
         deadline = time.monotonic() + seconds
-        while kind not in self.newest or not true(self.newest[kind]):
+        while self.newest.get(kind) in (None, []) or not true(self.newest[kind]):
             assert time.monotonic() < deadline, self.newest.get(kind)
             time.sleep(0.02)
         return self.newest[kind]

@@ -3,7 +3,7 @@
 import asyncio
 import json
 
-from rig.web.broadcast import AHEAD, KEPT, Broadcast
+from rig.web.broadcast import AHEAD, HISTORY, KEPT, Broadcast
 
 
 def run(test):
@@ -71,8 +71,22 @@ def test_a_page_that_connects_late_gets_state_and_description_and_none_of_anothe
         assert [message["kind"] for message in found] == ["state", "setup", "frames"]
         assert found[1]["setup"] == {"run": "b"}
         assert numbers(found) == [7]
-        broadcast.forget("setup")
-        assert [message["kind"] for message in await taken(broadcast.connect())] == ["state"]
+        broadcast.put("setup", None)  # the next run begins
+        assert await taken(broadcast.connect()) == [
+            {"kind": "state", "state": {"phase": "ended"}},
+            {"kind": "setup", "setup": None},
+        ]
+
+    run(test)
+
+
+def test_a_page_that_is_opened_again_gets_the_frames_that_others_show():
+    async def test():
+        broadcast = Broadcast()
+        for n in range(1, HISTORY + 10):
+            broadcast.frame(n, json.dumps({"n": n}))
+        page = broadcast.connect()
+        assert numbers(await taken(page)) == list(range(10, HISTORY + 10))
 
     run(test)
 

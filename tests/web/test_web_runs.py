@@ -42,6 +42,8 @@ def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified
     assert "is active; stop it first" in twice.json()["error"]
     client.until("running")
     run = client.state()["run"]
+    assert client.post("/api/run", scene=SCENE).status_code == 422
+    assert listen().until("setup")["run"] == run  # what is refused takes nothing from the pages
     given = shlex.split(client.state()["command"])
     assert given[:3] == ["rig", "run", SCENE]
     assert rig("explain", *given[2:], "--json")[0] == 0  # its options are those of the command line

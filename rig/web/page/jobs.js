@@ -4,7 +4,7 @@ import { get, post } from "/page/api.js";
 import { h } from "/page/dom.js";
 
 const ADDRESS = /(http:\/\/\S+)/;
-const PROGRESS = /^(.*): (\d+) of (\d+)$/; // as `rig` prints it without a terminal
+const PROGRESS = /^(.*): (\d+) of (\d+)(, .* left)?$/; // as `rig` prints it without a terminal
 const LOOK = 1000; // [ms] between two looks at jobs that work
 
 /** The jobs of some commands of rig: {element, look()}. `attempt(action)` tells faults; `ended()` is called after the last one. */
@@ -21,7 +21,7 @@ export function jobs(commands, attempt, ended = () => {}) {
   function progress({ state, title, lines }) {
     const said = state === "working" ? lines.map((line) => line.match(PROGRESS)).findLast(Boolean) : null;
     return said ? h("label", { class: "row small" }, h("progress", { max: Number(said[3]), value: Number(said[2]), "aria-label": `progress of ${title}` }),
-      `${said[1]}: ${said[2]} of ${said[3]}`) : null;
+      said[0]) : null;
   }
 
   function drawn(one) {
@@ -29,7 +29,7 @@ export function jobs(commands, attempt, ended = () => {}) {
     const result = one.result ? h("a", { href: `/jobs/${one.number}`, target: "_blank", rel: "noopener" }, `open the result (${one.result})`) : null;
     const stop = one.state === "working"
       ? h("button", { class: "small", onclick: () => attempt(async () => { await post("/api/jobs/stop", { number: one.number }); look(); }) }, "Stop") : null;
-    const lines = h("div", { class: "pre scroll" }, ...one.lines.flatMap(output));
+    const lines = h("div", { class: "pre scroll" }, ...one.lines.filter((line) => !PROGRESS.test(line)).flatMap(output));
     const before = shown.get(one.number)?.element;
     return h("details", { open: before?.open ?? true, class: "small" }, h("summary", {}, `${one.title}: ${state} `),
       h("div", { class: "row" }, result, stop), progress(one), lines);

@@ -1,7 +1,7 @@
 // The page: a head, panes in three columns, one store, one web socket.
 //
 // A pane is a module in panes/ that exports `create(bench)`, which returns an object with `element` and, as it needs them:
-//   state()   the state of the run, the connection or the values changed      setup()   a run has been described
+//   state()   the state of the run, the connection or the values changed      setup()   a run has been described (`store.setup`, null until then)
 //   draw()    new frames have come; called once for an animation frame, and only while the pane is on the screen
 // `bench` has `store` (store.js: what is known of the run), `command(body)` and `set(key, value)`, which act on the run that
 // this page shows and throw Errors with the server's text, `tell(text)`, which
@@ -28,7 +28,7 @@ import * as lessons from "/page/panes/lessons.js";
 
 const COLUMNS = [[choose, touch], [rig, strip, signals, studies, lessons], [protocol, trust, portrait, hear, events, recordings]];
 
-const LIVE = new Set([touch, strip, signals, protocol, trust, portrait, events]); // panes that show nothing before the first run
+const LIVE = new Set([touch, strip, signals, protocol, trust, portrait, events]); // panes that show nothing before a run is described
 
 const store = new Store();
 const bench = {
@@ -40,7 +40,8 @@ const bench = {
 };
 const top = head.create(bench);
 const panes = COLUMNS.map((column) => column.map((one) => one.create(bench)));
-COLUMNS.flat().forEach((one, i) => { panes.flat()[i].element.hidden = LIVE.has(one); });
+const reveal = () => COLUMNS.flat().forEach((one, i) => { panes.flat()[i].element.hidden = LIVE.has(one) && store.setup === null; });
+reveal();
 const all = [top, ...panes.flat()];
 
 document.getElementById("head").replaceWith(top.element);
@@ -81,9 +82,12 @@ const messages = {
   state: (state) => { store.state = state; tellAll(); },
   setup: (setup) => {
     store.clear(setup);
-    for (const { element } of panes.flat()) element.hidden = false;
-    for (const one of all) one.setup?.();
-    missed();
+    reveal();
+    if (setup === null) top.tell(""); // a new run begins, and nothing is known of it yet
+    else {
+      for (const one of all) one.setup?.();
+      missed();
+    }
     tellAll();
   },
   values: (values) => { store.values = values; tellAll(); },

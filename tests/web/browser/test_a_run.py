@@ -1,6 +1,7 @@
 """A whole run by the page alone: the values, the sliders, the recording; other pages beside it; what goes wrong."""
 
 import os
+import re
 import signal
 import time
 
@@ -97,6 +98,47 @@ def test_a_second_tab_shows_the_same_and_a_page_that_closes_changes_nothing(page
     page.front()
     page.until_phase("ended")
     assert "emergency stop" in page.text("outcome")
+
+
+def test_a_new_run_wears_nothing_of_the_one_before(page):
+    live = "return [...document.querySelectorAll('#events, #trust, #steps')].map((one) => one.checkVisibility())"
+    shown = "return ['phase', 'time', 'verdict', 'cause'].map((id) => document.getElementById(id).textContent)"
+    page.choose("belt")
+    page.write("duration", "300")
+    for _ in range(2):
+        page.press("start")
+        page.until_phase("starting")
+        assert (page.run(shown), page.run(live)) == (["starting", "", "", ""], [False] * 3)
+        page.until_phase("running")
+        page.until(lambda: all(page.run(live)) and "pace" in page.text("time"))
+        page.write("impulse", "abc")
+        page.press("knock")
+        page.until(lambda: "\"impulse\" is 'abc'; expected a number [N s]" in page.text("fault"))
+        page.press("stop")
+        page.until_phase("ended")
+        assert re.fullmatch(r"t = \d+\.\d\d s", page.text("time"))
+        page.until(lambda: page.text("verdict"))
+    page.complaints()  # of the requests that were refused
+
+
+def test_a_reload_keeps_the_scene_and_the_curves(page):
+    page.choose("belt")
+    page.unfold()
+    page.change("load.force", "21 N")
+    page.write("duration", "60")
+    start(page, "belt")
+    page.until(lambda: page.time > 2.0)
+    page.press("pause")
+    page.until_phase("paused")
+    curve = "return document.querySelector('[aria-label=Channels] canvas').toDataURL()"
+    page.run("scrollTo(0, 0)")
+    time.sleep(0.5)
+    before, shown = page.run(curve), page.time
+    page.driver.refresh()
+    page.until_phase("paused")
+    page.until_known()
+    assert (page.value("scene"), page.value("value-load.force")) == ("belt", "21 N")
+    page.until(lambda: page.time == shown and page.run(curve) == before)
 
 
 def test_a_killed_plant_is_said_on_the_page_and_another_run_can_start(page):

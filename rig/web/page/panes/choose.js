@@ -4,9 +4,12 @@ import { get, post } from "/page/api.js";
 import { listed } from "/page/panes/protocol.js";
 import { h, number, pane, typed } from "/page/dom.js";
 
+const KEPT = "chosen"; // what has been chosen on this tab, so that it outlasts a reload
+
 export function create(bench) {
   const { store } = bench;
-  const changes = {};
+  const kept = JSON.parse(sessionStorage.getItem(KEPT) ?? "{}");
+  const changes = kept.changes ?? {};
   let form = null;
   let good = false; // whether the values as they are can be started
   let shown = ""; // the scene whose form is shown
@@ -24,14 +27,16 @@ export function create(bench) {
   const others = h("div", { id: "others" }), foreign = h("details", { ontoggle: () => foreign.open && look() },
     h("summary", {}, "Runs of other terminals"), others);
   const leave = h("button", { id: "leave", hidden: true, title: "the run continues", onclick: () => act(() => post("/api/run/leave", {})) }, "Stop following");
-  const pace = h("input", { type: "text", value: "1", class: "value", id: "pace", "aria-label": "pace" });
-  const duration = h("input", { type: "text", placeholder: "as the protocol", class: "value wide", id: "duration",
+  const pace = h("input", { type: "text", value: kept.pace ?? "1", class: "value", id: "pace", "aria-label": "pace", onchange: keep });
+  const duration = h("input", { type: "text", value: kept.duration ?? "", placeholder: "as the protocol", class: "value wide", id: "duration",
     "aria-label": "duration in s", onchange: () => show() });
   const start = h("button", { class: "main", id: "start", onclick: begin }, "Start");
   const name = h("input", { type: "text", class: "value", placeholder: "name", "aria-label": "name of the new scene", id: "save-name" });
   const saved = h("span", { class: "small" });
 
   function clear() { for (const key of Object.keys(changes)) delete changes[key]; }
+
+  function keep() { sessionStorage.setItem(KEPT, JSON.stringify({ scene: list.value, changes, pace: pace.value, duration: duration.value })); }
 
   const body = () => ({ scene: list.value, changes, duration: duration.value.trim() ? typed(duration.value) : null });
 
@@ -41,6 +46,7 @@ export function create(bench) {
   async function show() {
     asked += 1;
     const mine = asked;
+    keep();
     sections.setAttribute("aria-busy", "true");
     try {
       const found = await post("/api/scene", body());
@@ -173,7 +179,7 @@ export function create(bench) {
     return [how, `ended: ${ended}`, cause && cause !== ended && cause, ...died, recording].filter(Boolean).join("\n");
   }
 
-  fill("pendulum").then(show, (error) => { fault.textContent = error.message; });
+  fill(kept.scene ?? "pendulum").then(() => { if (kept.scene && list.value !== kept.scene) clear(); return show(); }, (error) => { fault.textContent = error.message; });
   return {
     element: pane("Scene", list, h("p", {}, title), about, warnings,
       h("div", { class: "row" }, h("label", {}, "pace ", pace), h("label", {}, "duration ", duration), start, leave), fault, outcome, foreign,

@@ -84,7 +84,7 @@ export function create(bench) {
   function show() {
     button.textContent = playing ? "Silence" : "Listen";
     button.setAttribute("aria-pressed", String(playing !== null));
-    button.disabled = !playing && !(store.active && store.online && list.value);
+    button.disabled = !playing && !(store.setup && store.active && store.online && list.value);
   }
 
   told.classList.add("pre");

@@ -25,6 +25,7 @@ export function create(bench) {
       box.replaceChildren(...plots.map(({ details }) => details));
     },
     draw() {
+      if (!store.setup) return;
       const end = store.t || 1e-3, begin = Math.max(end - Number(span.value), 0);
       for (const plot of plots) {
         if (!plot.details.open) continue;

@@ -12,6 +12,7 @@ export function create({ store }) {
   const table = h("table", { id: "trust" });
   return {
     element: pane("Timing and energy", table),
+    setup() { table.replaceChildren(); },
     draw() {
       const { health, setup, state } = store;
       if (!health || !setup) return;
