@@ -99,7 +99,7 @@ golden: install # by the commands in the table of recordings/README.md
 	@$(BIN)/rig view recordings/golden/pendulum.mcap --foxglove recordings/golden/pendulum.foxglove.json --force
 
 proto:
-	protoc --proto_path=rig/bus --python_out=rig/bus rig.proto
+	protoc --proto_path=rig/bus --python_out=rig/bus rig.proto viewing.proto
 
 LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --fork-strategy fewest
 lock:

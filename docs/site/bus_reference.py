@@ -1,4 +1,4 @@
-"""Reference of topics and messages, generated from the table of topics and from rig.proto."""
+"""Reference of topics and messages, generated from the table of topics and from rig.proto and viewing.proto."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -11,7 +11,8 @@ import rig.bus
 from rig.bus.topics import TABLE
 
 _TYPES = {"sfixed64": "int64", "double": "float64", "string": "text"}
-_MESSAGES = proto_source.messages((Path(rig.bus.__file__).parent / "rig.proto").read_text())
+_FILES = (Path(rig.bus.__file__).parent / name for name in ("rig.proto", "viewing.proto"))
+_MESSAGES = [message for file in _FILES for message in proto_source.messages(file.read_text())]
 
 
 def topics() -> Iterable[str]:

@@ -12,6 +12,7 @@ from typing import Any
 from rig.bench.checkpoint import interval
 from rig.bench.command_inbox import CommandInbox
 from rig.bench.experiment import Experiment
+from rig.bench.plant_truth import Bands
 from rig.bench.sample_blocks import AllSamples
 from rig.bus import encode, messages
 from rig.bus.arrivals import Presence
@@ -40,6 +41,7 @@ class Hub:
         self.hear(sensors_in_full({n: s for n, s in experiment.scene.controllers.items() if n not in self.in_plant}))
         self._state = session.publisher("state")
         self._encode_state = encode.StateEncoder(len(runner.outputs))
+        self._band = session.publisher("band")
         self._state_ticks = max(-(-STATE_NS // runner.frame_ns), 1)
         self._checkpoint = session.publisher("checkpoint")
         self._checkpoint_ticks = interval(runner.frame_ns, runner.step_ns)
@@ -69,10 +71,20 @@ class Hub:
     def look(self, timeout: float = 0.0) -> list[Presence]:
         """Processes that joined or left since the last call."""
         changes = self.watch.poll(timeout)
+        if changes:
+            self._show()
         for who in changes:
             if who.here and who.role == "controller":
                 self.commands.arrived(who.name)
         return changes
+
+    def _show(self) -> None:
+        """Send the extremes of all steps while a viewer is present."""
+        watched, runner = any(role == "viewer" for role, _ in self.watch.present), self.runner
+        if watched is (runner.bands is None):
+            later = self._band.put_later
+            made = Bands(len(runner.outputs), runner.step_ns, runner.pair, later, runner.frame_ns)
+            runner.bands = made if watched else None
 
     def put_step(self, tick: int) -> None:
         """Send the measurements of `tick`, at which the instruments are, to the controllers.
@@ -116,6 +128,8 @@ class Hub:
         runner = self.runner
         if tick % self._state_ticks == 0:
             t_ns, values = tick * runner.frame_ns, runner.output_values().tobytes()
+            if runner.bands is not None:
+                runner.bands.put()
             self._state.put_later(t_ns, self._encode_state, t_ns, tick, runner.motion.key, values)
             if tick % self._checkpoint_ticks == 0 and tick and not self.experiment.aborted:
                 self._put_checkpoint()
@@ -170,8 +184,10 @@ class Hub:
         return publisher
 
     def put_rest(self) -> None:
-        """Send the blocks that are not full, at the end of the run."""
+        """Send the blocks that are not full and the last extremes, at the end of the run."""
         self._samples.put_rest(self.runner.tick, self.runner.t_ns)
+        if self.runner.bands is not None:
+            self.runner.bands.put()
 
     def put_events(self) -> None:
         """Send the new events of the journal."""

@@ -1,7 +1,11 @@
-"""The plant's own outputs, mode sets and events at every sample step, as the plant runner delivers them."""
+"""The plant's own outputs, mode sets and events at every sample step, as the plant runner delivers them.
+
+`Truth` keeps them. `Bands` reduces them for viewers, which would see an alias of a fast vibration in single states.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from itertools import groupby
 from typing import Any
@@ -10,8 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bench.growing_rows import GrowingRows
+from rig.bus import encode
+from rig.bus.topics import SPAN_NS
 from rig.model.system import System
 from rig.motion.motion import Motion
+
+SPANS, PAIRS = 20, 512
+"""Most spans in one message, and most of its last steps that it has for the phase portrait."""
 
 
 class Truth:
@@ -35,8 +44,7 @@ class Truth:
         states, mode_sets = motion.log.out[:steps], motion.log.modes[:steps]
         motion.write_outputs(states, mode_sets, *self._outputs.append(steps))
         keys, first = self._keys.append(steps)
-        known = np.array([modes.key for modes in motion.mode_sets.sets], dtype=np.int64)
-        np.take(known, mode_sets, out=keys[0, first : first + steps], mode="clip")  # without a copy, unlike "raise"
+        _write_keys(motion, mode_sets, keys[0, first : first + steps])
 
     def happened(self, system: System, first: int, events: NDArray[np.int64], places: NDArray[np.float64]) -> None:
         """Append events of `system`, as `rig.motion.motion.Motion.met` returns them."""
@@ -71,3 +79,76 @@ class Truth:
                 for t_ns, tick, place, (kind, owner, before) in rows
             ]
         return found
+
+
+def _write_keys(motion: Motion, mode_sets: NDArray[np.int64], keys: NDArray[np.int64]) -> None:
+    """Write the keys of mode sets, which are given by their places, to `keys`."""
+    known = np.array([modes.key for modes in motion.mode_sets.sets], dtype=np.int64)
+    np.take(known, mode_sets, out=keys, mode="clip")  # without a copy, unlike "raise"
+
+
+class Bands:
+    """Sends extremes of all `outputs` over the steps of a motion to viewers, as messages of the topic `band`.
+
+    `pair`: indices of displacement and velocity of the phase portrait, if there is one. `later(t_ns, encode, ...)`
+    sends what `encode` returns; another thread may call it, so that the plant only evaluates its outputs.
+    """
+
+    def __init__(
+        self, outputs: int, step_ns: int, pair: tuple[int, ...], later: Callable[..., object], frame_ns: int
+    ) -> None:
+        self._outputs, self._step_ns, self._pair, self._later, self._frame_ns = outputs, step_ns, pair, later, frame_ns
+        self._span = max(SPAN_NS // step_ns, 1)
+        self._room = SPANS * self._span
+        self._first = self._count = 0
+        self._empty()
+
+    def _empty(self) -> None:
+        self._values, self._keys = np.empty((self._outputs, self._room)), np.empty(self._room, np.int64)
+        self._count = 0
+
+    def add(self, motion: Motion) -> None:
+        """Take the steps of the last call of `motion.advance`. A long call has longer spans, not more of them."""
+        steps = motion.kept
+        if self._count + steps > self._room:
+            self.put()
+        if not self._count:
+            self._first = motion.tick - steps
+            if steps > self._room:
+                self._values, self._keys = np.empty((self._outputs, steps)), np.empty(steps, np.int64)
+        mode_sets, at = motion.log.modes[:steps], self._count
+        motion.write_outputs(motion.log.out[:steps], mode_sets, self._values, at)
+        _write_keys(motion, mode_sets, self._keys[at : at + steps])
+        self._count += steps
+        if steps > self._room:
+            self.put()
+
+    def put(self) -> None:
+        """Send what has been taken since the last call."""
+        if count := self._count:
+            begin, end = self._first * self._step_ns, (self._first + count) * self._step_ns
+            span = max(self._span, -(-count // SPANS))
+            content = self._values[:, :count], self._keys[:count], span, self._step_ns, self._pair
+            self._later(end, _band, end // self._frame_ns, begin, *content)
+            self._empty()
+
+
+def _band(
+    tick: int,
+    begin_ns: int,
+    values: NDArray[np.float64],
+    keys: NDArray[np.int64],
+    span: int,
+    step_ns: int,
+    pair: tuple[int, ...],
+) -> bytes:
+    first = np.arange(0, keys.size, span)
+    last = np.minimum(first + span, keys.size)
+    low, high = (by.reduceat(values, first, axis=1).T for by in (np.fmin, np.fmax))
+    one = keys[:1] if (keys == keys[0]).all() else None  # the usual case, in a tenth of the time
+    modes = [np.unique(keys[begin:end]) if one is None else one for begin, end in zip(first, last)]
+    counts = np.array([len(one) for one in modes], np.int64)
+    ends = begin_ns + last * step_ns
+    recent = slice(-PAIRS, None)
+    rows, at = (values[list(pair), recent].T, keys[recent]) if pair else (np.empty(0), np.empty(0, np.int64))
+    return encode.band(tick, begin_ns, ends, low, high, counts, np.concatenate(modes), step_ns, rows, at)

@@ -15,12 +15,12 @@ from rig.bench.faulty_sensors import FaultySensors
 from rig.bench.heard import ROOM, HeardOverLinks, Hearing
 from rig.bench.measurements import Measurements
 from rig.bench.noise_numbers import Numbers
-from rig.bench.plant_truth import Truth
+from rig.bench.plant_truth import Bands, Truth
 from rig.bench.rig_variants import RigVariants
 from rig.controllers import controller_drives, controller_reads
 from rig.errors import SceneError
 from rig.lent_records import Loan
-from rig.model.assembly import Input
+from rig.model.assembly import Input, portrait
 from rig.model.method import as_integrated, chosen
 from rig.motion.motion import Frames, Motion
 from rig.scenes.part_faults import SensorFault
@@ -92,6 +92,10 @@ class SteppedPlant:
         self.variants = RigVariants(scene, self.motion, self.outputs)
         self.keep_samples: Callable[[], object] = lambda: None
         """Called before the bank forgets samples."""
+        self.bands: Bands | None = None
+        """What takes every step for viewers, while there are any."""
+        self.pair = tuple(map(self.outputs.index, portrait(assembly.outputs) or ()))
+        """Indices of displacement and velocity of the phase portrait."""
         self.start()
 
     def start(self) -> None:
@@ -185,7 +189,11 @@ class SteppedPlant:
         """Advance the motion by up to `most` frames; see `Motion.advance`."""
         motion, truth = self.motion, self.truth
         if truth is None:  # a longer call would only need more memory
-            return motion.advance(min(most, max(ROWS // self.steps, 1)) * self.steps)
+            try:
+                return motion.advance(min(most, max(ROWS // self.steps, 1)) * self.steps)
+            finally:
+                if self.bands is not None:
+                    self.bands.add(motion)
         if motion.kept + self.steps > ROWS:
             self.hand_over(truth)
         room = (ROWS - motion.kept) // self.steps

@@ -33,6 +33,7 @@ def content_checks(sensors: int | None) -> dict[str, ContentCheck]:
     return {
         "Step": partial(_check_step, sensors),
         "Applied": _check_applied,
+        "Band": _check_band,
         "Event": _check_event,
         "Totals": _check_totals,
     }
@@ -60,6 +61,16 @@ def _check_applied(topic: str, content: Any, counts: dict[str, Count], count: Co
             messages.commands(content)
         except BusError as fault:
             raise Refused("wrong length", str(fault)) from None
+
+
+def _check_band(topic: str, band: Any, counts: dict[str, Count], count: Count, now: float) -> None:
+    spans, times = len(band.ends_ns), [band.t0_ns, *band.ends_ns]
+    even = len(band.low) == len(band.high) and not (len(band.low) % spans if spans else len(band.low))
+    met = len(band.counts) == spans and sum(band.counts) == len(band.modes) and min(band.counts, default=1) > 0
+    if times != sorted(set(times)) or times[-1] >= TIMES_NS or not 0 < band.step_ns < SPAN_NS:
+        raise Refused("out of bounds", f"a Band from {times[0]} to {times[-1]} ns in steps of {band.step_ns} ns")
+    if not (even and met and len(band.pair) in (0, 2 * len(band.pair_modes))):
+        raise Refused("wrong length", f"a Band of {spans} spans whose columns differ in length")
 
 
 def _check_event(topic: str, content: Any, counts: dict[str, Count], count: Count, now: float) -> None:

@@ -13,10 +13,11 @@ from functools import cache
 
 import numpy as np
 
+_ONE = struct.Struct("<Bq")
 _TWO = struct.Struct("<BqBqB")
 _THREE = struct.Struct("<BqBqBqB")
 _FOUR = struct.Struct("<BqBqBqBqB")
-_FIXED = 1
+_FIXED, _PACKED = 1, 2
 
 
 def _tag(number: int, wire: int) -> bytes:
@@ -128,6 +129,28 @@ def block(
     parts = [_THREE.pack(9, tick, 17, t0_ns, 25, dt_ns, 34), _length(len(raw)), raw]
     if t_ns is not None:
         parts += [b"\x2a", _length(8 * len(t_ns)), t_ns.astype(np.int64, copy=False).tobytes()]
+    return b"".join(parts)
+
+
+def band(
+    tick: int,
+    t0_ns: int,
+    ends_ns: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    counts: np.ndarray,
+    modes: np.ndarray,
+    step_ns: int,
+    pair: np.ndarray,
+    pair_modes: np.ndarray,
+) -> bytes:
+    """Encode a Band; `low` and `high` float64 [span, output], `pair` float64 [step, 2], the others int64."""
+    parts = [_TWO.pack(9, tick, 17, t0_ns, 26)[:-1]]
+    for number, column in ((3, ends_ns), (4, low), (5, high), (6, counts), (7, modes), (9, pair), (10, pair_modes)):
+        raw = column.tobytes()
+        parts += [_tag(number, _PACKED), _length(len(raw)), raw]
+        if number == 7:
+            parts.append(_ONE.pack(65, step_ns))
     return b"".join(parts)
 
 

@@ -223,7 +223,7 @@ class InboundCheck:
 
     def _grant(self, user: str, topic: str, encoding: str) -> _Granted:
         row = topics.of(topic)
-        if not row.recorded:
+        if not row.way or topic == "batch":
             raise Refused("not a message", f"{topic} is not a topic for messages")
         if not speaks(user, topic, self.reserved):
             raise Refused("not its own topic", f"{user} published on {topic}, which belongs to {topics.owner(topic)}")

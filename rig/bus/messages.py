@@ -1,8 +1,8 @@
 """The protobuf message types of the bus: those of `rig.proto`, and the type `State` of a scene.
 
-`rig_pb2.py` is generated from `rig.proto` by `make proto`. The length of a message does not depend on its values, so
-`rig.bus.encode` packs it in a microsecond. Readers of a recording need neither: each channel contains its schema,
-`file_descriptor_set(kind)`.
+`rig_pb2.py` and `viewing_pb2.py` are generated from `rig.proto` and `viewing.proto` by `make proto`. The length of a
+message does not depend on its values, so `rig.bus.encode` packs it in a microsecond. Readers of a recording need
+neither: each channel contains its schema, `file_descriptor_set(kind)`.
 """
 
 from __future__ import annotations
@@ -20,18 +20,21 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 from google.protobuf.message import DecodeError, Message
 from numpy.typing import NDArray
 
-from rig.bus import rig_pb2, topics
+from rig.bus import rig_pb2, topics, viewing_pb2
 from rig.errors import BusError
 
 TYPES: dict[str, type[Message]] = {
     name: message_factory.GetMessageClass(described)
-    for name, described in rig_pb2.DESCRIPTOR.message_types_by_name.items()
+    for file in (rig_pb2, viewing_pb2)
+    for name, described in file.DESCRIPTOR.message_types_by_name.items()
 }
-"""Name -> message type, for all types of `rig.proto`."""
+"""Name -> message type, for all types of `rig.proto` and `viewing.proto`."""
 
 _FRAMING = b"number and time before the payload"
-FINGERPRINT = hashlib.sha256(_FRAMING + rig_pb2.DESCRIPTOR.serialized_pb).hexdigest()[:8]
-"""Hash of `rig.proto` and the framing. It is part of every message's encoding: other versions are detected by it."""
+FINGERPRINT = hashlib.sha256(
+    _FRAMING + rig_pb2.DESCRIPTOR.serialized_pb + viewing_pb2.DESCRIPTOR.serialized_pb
+).hexdigest()[:8]
+"""Hash of both files and the framing. It is part of every message's encoding: other versions are detected by it."""
 
 
 def field_name(name: str) -> str:

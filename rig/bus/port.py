@@ -191,12 +191,16 @@ class Session(ABC):
         return numbers
 
     def totals(self) -> bytes:
-        """Encode a Totals message: numbers of messages sent, received and lost by this session so far."""
+        """Encode a Totals message: numbers of messages sent, received and lost by this session so far.
+
+        What is not recorded is not among those sent: nobody relies on all of it.
+        """
         counts = {topic: count for receiver in self._receivers for topic, count in receiver.counts.items()}
+        sent = {topic: one.sent for topic, one in self._publishers.items() if topics.of(topic).recorded}
         message = messages.TYPES["Totals"](
             process=self.name,
-            sent_topic=list(self._publishers),
-            sent=[publisher.sent for publisher in self._publishers.values()],
+            sent_topic=list(sent),
+            sent=list(sent.values()),
             heard_topic=list(counts),
             received=[count.received for count in counts.values()],
             lost=[count.lost for count in counts.values()],

@@ -48,6 +48,8 @@ LEVELS = {
 """Kind of an event -> how serious it is; all other kinds are news."""
 BLOCK_NS, STATE_NS = 20_000_000, 5_000_000
 """Longest span of a block of samples, and shortest time between two states [ns of simulated time]."""
+SPAN_NS = 1_000_000
+"""Length of a span of `band`; with a longer step one step [ns of simulated time]."""
 TABLE = (
     Topic("step", "Step", "plant", "REAL_TIME", LOOP, True, "one frame: latest sample of every sensor"),
     Topic("act/<controller>", "Act", "controller", "REAL_TIME", LOOP, True, "commands for the step of a tick"),
@@ -57,6 +59,7 @@ TABLE = (
     Topic("meas/<sensor>", "Block", "plant", "DATA", BATCH, True, "samples of one sensor, in blocks of 20 ms"),
     Topic("truth/<output>", "Block", "plant", "DATA", BATCH, True, "a plant output at the rate of the steps"),
     Topic("state", "State", "plant", "DATA", BATCH, True, "all plant outputs at one instant, a named field for each"),
+    Topic("band", "Band", "plant", "DATA", BATCH, False, "extremes of all outputs, for viewers; while one is present"),
     Topic(
         "checkpoint", "Checkpoint", "plant", "DATA", BATCH, True, "where a run can be continued; every 100 000 steps"
     ),
@@ -72,6 +75,8 @@ TABLE = (
     Topic("alive/<role>/<name>", "token", "anyone", "", "", False, "presence; withdrawn when the process ends"),
 )
 
+RECORDED = tuple(re.sub("<.*>", "*", row.name) for row in TABLE if row.recorded)
+"""Patterns of all topics that the recorder keeps."""
 _ROWS = {row.name.partition("/")[0]: row for row in TABLE}
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 ROLES = ("plant", "controller", "recorder", "viewer", "operator")

@@ -123,7 +123,9 @@ def record(
         receive_first()
         stand_back(_NICE)  # this thread only: it writes, which may wait
         described = run_setup.fetch(session, wait)
-        heard = session.subscribe("**", depth=WAITING, polled=True)  # every message from here on is received
+        heard = session.subscribe(
+            *topics.RECORDED, depth=WAITING, polled=True
+        )  # every message from here on is received
         plant = session.watch("plant/*")
         if not plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")

@@ -4,16 +4,20 @@ A frame has the entries that there is news of:
 
     n         its number; a gap tells the page that it was too slow
     t         newest simulated time [s]
-    rows      {"t": [s], "v": [[value] for each output], "mode": [index of the contact state],
-              "contacts": [[index of its mode] for each contact]}
-    meas      {sensor: {"t": [s], "v": [value]}}
+    now       {"v": [value of each output], "contacts": [index of the mode of each contact]}: the latest state
+    rows      {"from": s, "t": [s], "low": [[value] for each output], "high": the same,
+              "contacts": [[modes of the contact, as bits] for each contact]}: the extremes of all steps in spans
+    meas      {sensor: {"from": s, "t": [s], "low": [value], "high": [value]}}: the same of all samples
+    portrait  {"from": s, "step": s, "x": [value], "v": [value], "mode": [index]}: the latest steps, one after the other
     picture   what has moved in the picture (rig.web.picture)
     commands  {controller: [value of each drive]}: the latest in force
     health    the latest Health message
     events    [{"t", "source", "kind", "text", "data"}]
     lost      messages of the run that did not arrive here, since the begin
 
-Values that are not finite are null.
+Each span ends at its `t`, and begins at the `t` before it, the first one at `from`. If that is not the last `t` of the
+frame before, a page has missed something. A span of which nothing is known has null as values; other values that are
+null are not finite.
 """
 
 from __future__ import annotations
@@ -32,12 +36,12 @@ from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
 from rig.model.system import System
 from rig.view.contact import Contacts, Modes
-from rig.view.feed import outline
 from rig.web.picture import MovingPicture
 
-ROWS, SAMPLES, EVENTS = 25, 50, 40
-"""Most rows of outputs, samples of a sensor and events of one frame; events beyond are in the list of the run."""
-_KEPT = 4096
+ROWS, SAMPLES, STEPS, EVENTS = 25, 50, 500, 40
+"""Most spans of outputs and of a sensor, steps of the phase portrait, and events of one frame. Where more have come,
+spans are joined; all events are in the list of the run."""
+_KEPT, _LEAST = 4096, 1e-300
 
 
 class Frames:
@@ -48,7 +52,10 @@ class Frames:
         self._modes, self._contacts = Modes(system), Contacts(system)
         self._fields = [messages.field_name(name) for name in setup.outputs]
         self._states: deque[Any] = deque(maxlen=_KEPT)
+        self._bands: deque[Any] = deque(maxlen=_KEPT)
         self._blocks: dict[str, deque[Any]] = {}
+        self._ends: dict[str, int] = {}
+        """Time [ns] at which the last sample of each sensor was published."""
         self._commands: dict[str, list[float]] = {}
         self._health: dict[str, Any] = {}
         self._events: list[dict[str, Any]] = []
@@ -64,6 +71,8 @@ class Frames:
             self._t_ns = max(self._t_ns, message.t_ns)
             if kind == "state":
                 self._states.append(said)
+            elif kind == "band" and len(said.low) == len(said.ends_ns) * len(self._fields):
+                self._bands.append(said)
             elif kind == "meas":
                 self._blocks.setdefault(name, deque(maxlen=_KEPT)).append(said)
             elif kind == "applied":
@@ -80,27 +89,29 @@ class Frames:
 
     def take(self, lost: int = 0) -> tuple[int, str] | None:
         """Number and text of the next frame; None if there is no news."""
-        if not (self._states or self._blocks or self._health or self._events or self._commands):
+        if not (self._states or self._bands or self._blocks or self._health or self._events or self._commands):
             return None
         self._number += 1
         found: dict[str, Any] = {"n": self._number, "t": self._t_ns * 1e-9, "lost": lost}
         if self._states:
             if self._picture is not None:
                 self._move(found, self._picture)
-            found["rows"] = self._rows()
+            found["now"] = self._now()
+        if self._bands:
+            found |= self._spans()
         if self._blocks:
-            found["meas"] = {name: self._samples(blocks) for name, blocks in self._blocks.items()}
+            found["meas"] = {name: self._samples(name, blocks) for name, blocks in self._blocks.items()}
             self._blocks = {}
         if self._commands:
             found["commands"] = {name: _plain(values) for name, values in self._commands.items()}
             self._commands = {}
         if self._health:
-            found["health"] = self._health
+            found["health"] = _finite(self._health)
             self._health = {}
         if self._events:
-            found["events"] = self._events[-EVENTS:]
+            found["events"] = _finite(self._events[-EVENTS:])
             self._events = []
-        return self._number, json.dumps(_finite(found))
+        return self._number, json.dumps(found)
 
     def _move(self, found: dict[str, Any], picture: MovingPicture) -> None:
         t_ns = np.array([state.t_ns for state in self._states], np.int64)
@@ -110,34 +121,97 @@ class Frames:
             for name, field in zip(self._setup.outputs, self._fields)
         }
         try:
-            found["picture"] = picture.frame(t_ns, signals, modes)
+            found["picture"] = _finite(picture.frame(t_ns, signals, modes))
         except Exception as fault:  # of a drawer that came with a plant of the user: the run is followed without it
             self._picture = None
             text = f"the picture cannot be drawn: {type(fault).__name__}: {fault}"
             self._events.append({"t": t_ns[-1] * 1e-9, "source": "page", "kind": "warning", "text": text, "data": {}})
 
-    def _rows(self) -> dict[str, Any]:
-        states = list(self._states)
+    def _now(self) -> dict[str, Any]:
+        last = self._states[-1]
         self._states.clear()
-        states = states[:: -(-len(states) // ROWS)]
-        keys = np.array([state.mode for state in states], np.int64)
-        return {
-            "t": [state.t_ns * 1e-9 for state in states],
-            "v": [_plain([getattr(state, field) for state in states]) for field in self._fields],
-            "mode": self._modes.indices(keys).tolist(),
-            "contacts": self._contacts.indices(keys).tolist(),
-        }
+        contacts = self._contacts.indices(np.array([last.mode], np.int64))
+        return {"v": _plain([getattr(last, field) for field in self._fields]), "contacts": contacts[:, 0].tolist()}
 
-    def _samples(self, blocks: Sequence[Any]) -> dict[str, Any]:
-        t = np.concatenate([messages.times(block) for block in blocks]) * 1e-9
-        v = np.concatenate([np.array(block.v, np.float64) for block in blocks])
-        rows: NDArray[np.int64] = outline(v, -(-v.size // SAMPLES))
-        return {"t": t[rows].tolist(), "v": _plain(v[rows].tolist())}
+    def _spans(self) -> dict[str, Any]:
+        bands = list(self._bands)
+        self._bands.clear()
+        begin_ns = np.concatenate([[band.t0_ns, *band.ends_ns[:-1]] for band in bands])
+        end_ns = np.concatenate([band.ends_ns for band in bands])
+        low, high = (
+            np.concatenate([np.reshape(column, (-1, len(self._fields))) for column in columns]).T
+            for columns in ([band.low for band in bands], [band.high for band in bands])
+        )
+        met = self._contacts.indices(np.concatenate([band.modes for band in bands]).astype(np.int64))
+        counts = np.concatenate([band.counts for band in bands])
+        bits = np.bitwise_or.reduceat(1 << met, np.cumsum(counts) - counts, axis=1)
+        rows = _joined(begin_ns, end_ns, low, high, bits, ROWS)
+        return {"rows": rows, **({"portrait": steps} if (steps := self._portrait(bands)) else {})}
+
+    def _portrait(self, bands: Sequence[Any]) -> dict[str, Any]:
+        """The last steps among `bands` that follow one another; empty if the rig has no phase portrait."""
+        taken: list[Any] = []
+        begin_ns, count = bands[-1].ends_ns[-1], 0
+        for band in reversed(bands):
+            if count < STEPS and band.ends_ns[-1] == begin_ns:
+                taken.insert(0, band)
+                count += len(band.pair_modes)
+                begin_ns -= len(band.pair_modes) * band.step_ns
+        if not count:
+            return {}
+        x, v = np.concatenate([np.reshape(band.pair, (-1, 2)) for band in taken])[-STEPS:].T
+        modes = self._modes.indices(np.concatenate([band.pair_modes for band in taken]).astype(np.int64))[-STEPS:]
+        step_ns = bands[-1].step_ns
+        begin_ns = bands[-1].ends_ns[-1] - x.size * step_ns
+        found = {"x": _plain(x), "v": _plain(v), "mode": modes.tolist()}
+        return {"from": begin_ns * 1e-9, "step": step_ns * 1e-9, **found}
+
+    def _samples(self, sensor: str, blocks: Sequence[Any]) -> dict[str, Any]:
+        t_ns = np.concatenate([messages.times(block) for block in blocks])
+        v = np.concatenate([np.array(block.v, np.float64) for block in blocks])[None, :]
+        period_ns = self._setup.sensors[sensor][1]
+        begin_ns = np.concatenate([[self._ends.get(sensor, int(t_ns[0]) - period_ns)], t_ns[:-1]])
+        lost = t_ns - begin_ns > 1.5 * period_ns
+        begin_ns[lost] = t_ns[lost] - period_ns
+        self._ends[sensor] = int(t_ns[-1])
+        rows = _joined(begin_ns, t_ns, v, v, np.zeros(v.shape, np.int64), SAMPLES)
+        return {"from": rows["from"], "t": rows["t"], "low": rows["low"][0], "high": rows["high"][0]}
 
 
-def _plain(values: Iterable[float]) -> list[float | None]:
-    """Values with seven digits, which is more than a page can show."""
-    return [float(f"{value:.7g}") if math.isfinite(value) else None for value in values]
+def _joined(
+    begin_ns: NDArray[np.int64],
+    end_ns: NDArray[np.int64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    bits: NDArray[np.int64],
+    most: int,
+) -> dict[str, Any]:
+    """Spans [name, span] as columns of a frame: joined to `most`, but not over a gap, which becomes a row of null."""
+    count = end_ns.size
+    begins_run = np.flatnonzero(begin_ns[1:] > end_ns[:-1]) + 1
+    run = np.zeros(count, np.int64)
+    run[begins_run] = begins_run
+    first = np.flatnonzero((np.arange(count) - np.maximum.accumulate(run)) % -(-count // most) == 0)
+    gaps = np.flatnonzero(np.isin(first, begins_run))
+    ends = np.insert(end_ns[np.append(first[1:], count) - 1], gaps, begin_ns[first[gaps]])
+    low, high = np.fmin.reduceat(low, first, axis=1), np.fmax.reduceat(high, first, axis=1)
+    low, high = (np.insert(column, gaps, math.nan, axis=1) for column in (low, high))
+    bits = np.insert(np.bitwise_or.reduceat(bits, first, axis=1), gaps, 0, axis=1)
+    found = {"from": int(begin_ns[0]) * 1e-9, "t": (ends * 1e-9).tolist()}
+    return {**found, "low": _plain(low), "high": _plain(high), "contacts": bits.tolist()}
+
+
+def _plain(values: Any) -> Any:
+    """An array as lists, numbers with seven digits, which is more than a page can show; null if not finite."""
+    v = np.asarray(values, np.float64)
+    known = np.isfinite(v)
+    size = np.log10(np.abs(v), out=np.zeros(v.shape), where=known & (np.abs(v) > _LEAST))
+    scale = 10.0 ** (6.0 - np.floor(size))
+    rounded = np.round(v * scale) / scale
+    if not known.all():
+        rounded = rounded.astype(object)
+        rounded[~known] = None
+    return rounded.tolist()
 
 
 def _finite(found: Any) -> Any:

@@ -13,10 +13,10 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 from mcap.reader import make_reader
 
 import rig.bus
-from rig.bus import messages, rig_pb2
+from rig.bus import messages, rig_pb2, topics, viewing_pb2
 
 ROOT = Path(__file__).parents[2]
-SOURCE = Path(rig.bus.__file__).parent / "rig.proto"
+SOURCE, VIEWING = (Path(rig.bus.__file__).parent / name for name in ("rig.proto", "viewing.proto"))
 PROTOC = shutil.which("protoc")
 
 
@@ -29,13 +29,14 @@ def proto_source(monkeypatch):
     return proto_source
 
 
-def test_the_generated_code_has_exactly_the_messages_of_the_proto_file(proto_source):
-    text = SOURCE.read_text()
+@pytest.mark.parametrize(("source", "made", "count"), [(SOURCE, rig_pb2, 9), (VIEWING, viewing_pb2, 1)])
+def test_the_generated_code_has_exactly_the_messages_of_the_proto_file(proto_source, source, made, count):
+    text = source.read_text()
     generated = descriptor_pb2.FileDescriptorProto()
-    rig_pb2.DESCRIPTOR.CopyToProto(generated)
+    made.DESCRIPTOR.CopyToProto(generated)
     assert proto_source.package(text) == f"{generated.syntax} {generated.package}" == "proto3 rig"
     read = {one.name: [field[:4] for field in one.fields] for one in proto_source.messages(text)}
-    assert len(read) == len(generated.message_type) == 9
+    assert len(read) == len(generated.message_type) == count
     for message in generated.message_type:
         assert read[message.name] == [
             (
@@ -57,16 +58,18 @@ def test_a_line_that_the_reader_does_not_know_is_refused(proto_source):
 
 
 @pytest.mark.skipif(PROTOC is None, reason="protoc is not installed (Debian: protobuf-compiler)")
-def test_protoc_makes_the_same_of_the_proto_file(tmp_path):
-    subprocess.run([PROTOC, f"-I{SOURCE.parent}", f"--python_out={tmp_path}", SOURCE.name], check=True, timeout=30)
-    made = "import rig_pb2; print(rig_pb2.DESCRIPTOR.serialized_pb.hex())"
+@pytest.mark.parametrize(("source", "committed"), [(SOURCE, rig_pb2), (VIEWING, viewing_pb2)])
+def test_protoc_makes_the_same_of_the_proto_file(tmp_path, source, committed):
+    subprocess.run([PROTOC, f"-I{source.parent}", f"--python_out={tmp_path}", source.name], check=True, timeout=30)
+    name = f"{source.stem}_pb2"
+    made = f"import {name}; print({name}.DESCRIPTOR.serialized_pb.hex())"
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     found = subprocess.run([sys.executable, "-c", made], capture_output=True, text=True, env=environment, timeout=30)
-    assert found.stdout.strip() == rig_pb2.DESCRIPTOR.serialized_pb.hex(), found.stderr
+    assert found.stdout.strip() == committed.DESCRIPTOR.serialized_pb.hex(), found.stderr
 
 
 def test_every_field_that_a_comment_names_exists(proto_source):
-    for message in proto_source.messages(SOURCE.read_text()):
+    for message in proto_source.messages(SOURCE.read_text()) + proto_source.messages(VIEWING.read_text()):
         assert message.about
         text = " ".join([message.about, *(field.about for field in message.fields)])
         assert set(re.findall(r"`(\w+)", text)) <= {field.name for field in message.fields}, message.name
@@ -84,4 +87,5 @@ def test_the_schemas_of_recordings_still_hold(name):
         found = descriptor_pb2.FileDescriptorSet.FromString(data)
         assert all(one in today.file[0].message_type for one in found.file[0].message_type)
     if name == "late_joiner":
-        assert recorded == {messages.file_descriptor_set(kind) for kind in messages.TYPES.values()}
+        kinds = {row.message for row in topics.TABLE if row.recorded} - {"State"}
+        assert recorded == {messages.file_descriptor_set(messages.TYPES[kind]) for kind in kinds}

@@ -43,6 +43,11 @@ def meaningless(rng, topic):
         said = kinds["Batch"](user=[user], topic=[inner], place=places, header=headers, said=[b"x"] * rng.randrange(3))
     elif kind == "Checkpoint":
         said = kinds["Checkpoint"](tick=number(), t_ns=number(), state=rng.randbytes(9))
+    elif kind == "Band":
+        spans = {"ends_ns": [number()], "low": reals, "high": reals, "counts": [number()], "modes": [number()]}
+        said = kinds["Band"](
+            tick=number(), t0_ns=number(), step_ns=number(), pair=reals, pair_modes=[number()], **spans
+        )
     elif kind in kinds and kind != "Health":
         said = kinds[kind](tick=number(), t_ns=number(), values=reals)
     else:

@@ -81,10 +81,8 @@ def test_every_contact_has_its_own_mode():
     limits = [0] * len(system.limiters)
     assert contact.Contacts(system).names == ["inner_left", "inner_right", "outer_left", "outer_right"]
     key = system.key([0, 2], [0, 1, 0, 0], limits)
-    rows = tell(0, key)["rows"]
-    words = [contact.NAMES[one] for (one,) in rows["contacts"]]
+    words = [contact.NAMES[one] for one in tell(0, key)["now"]["contacts"]]
     assert words == ["slip+", "open", "stick", "stick"]
-    assert contact.NAMES[rows["mode"][0]] == "slip+"  # the first patch, which one of its forces still loads
 
 
 @pytest.mark.parametrize(

@@ -37,16 +37,16 @@ export function ticks(low, high, count) {
   return found;
 }
 
-/** Draw lines [{t, v, colour, pale, factor}] from time t0 to t1 with axes; returns the range of the values. */
+/** Draw bands [{t, low, high, colour, pale, factor}] (store.js) from time t0 to t1 with axes; returns the range of the values. */
 export function lines(canvas, height, drawn, t0, t1, range) {
   const { pen, width } = sized(canvas, height);
   const left = 54, right = 6, top = 6, bottom = 18;
   let low = Infinity, high = -Infinity;
-  for (const { t, v, factor = 1 } of drawn) {
+  for (const { t, factor = 1, ...ends } of drawn) {
     for (let i = t.length - 1; i >= 0 && t[i] >= t0; i -= 1) {
-      if (v[i] === null) continue;
-      if (v[i] * factor < low) low = v[i] * factor;
-      if (v[i] * factor > high) high = v[i] * factor;
+      if (ends.low[i] === null) continue;
+      const [a, b] = [ends.low[i] * factor, ends.high[i] * factor];
+      low = Math.min(low, a, b); high = Math.max(high, a, b);
     }
   }
   if (low > high) return range;
@@ -79,20 +79,30 @@ export function lines(canvas, height, drawn, t0, t1, range) {
   pen.beginPath();
   pen.rect(left, top, width - left - right, height - top - bottom);
   pen.clip();
-  for (const { t, v, colour, pale = false, factor = 1 } of drawn) {
-    pen.strokeStyle = colour;
+  pen.lineJoin = "round";
+  for (const { t, colour, pale = false, factor = 1, ...ends } of drawn) {
+    pen.strokeStyle = pen.fillStyle = colour;
     pen.globalAlpha = pale ? 0.45 : 1;
     pen.lineWidth = pale ? 1 : 1.6;
-    pen.beginPath();
-    let down = false;
-    let first = t.length - 1;
-    while (first > 0 && t[first] >= t0) first -= 1;
-    for (let i = first; i < t.length; i += 1) {
-      if (v[i] === null) { down = false; continue; }
-      if (down) pen.lineTo(x(t[i]), y(v[i] * factor)); else pen.moveTo(x(t[i]), y(v[i] * factor));
-      down = true;
+    let begin = t.length - 1;
+    while (begin > 0 && t[begin] >= t0) begin -= 1;
+    for (let end = begin; begin < t.length; begin = end + 1) { // from one gap to the next
+      end = ends.low.indexOf(null, begin);
+      if (end < 0) end = t.length;
+      if (end === begin) continue;
+      pen.beginPath();
+      for (let i = begin; i < end; i += 1) { // one value is a point of a line; extremes hold for their whole span
+        if (i > 0 && ends.low[i] !== ends.high[i]) pen.lineTo(x(t[i - 1]), y(ends.high[i] * factor));
+        pen.lineTo(x(t[i]), y(ends.high[i] * factor));
+      }
+      for (let i = end - 1; i >= begin; i -= 1) {
+        pen.lineTo(x(t[i]), y(ends.low[i] * factor));
+        if (i > 0 && ends.low[i] !== ends.high[i]) pen.lineTo(x(t[i - 1]), y(ends.low[i] * factor));
+      }
+      pen.closePath();
+      pen.fill();
+      pen.stroke();
     }
-    pen.stroke();
   }
   pen.restore();
   pen.globalAlpha = 1;

@@ -5,18 +5,36 @@ import { Solids } from "/page/solids.js";
 const SPAN = 10; // [s] of simulated time that curves keep
 const MOST_EVENTS = 300;
 
-/** A curve: times and values of the last SPAN seconds, cut now and then. */
-class Curve {
-  constructor() { this.t = []; this.v = []; }
+const STEPS = 2000, PORTRAIT = 2; // most steps of the phase portrait, and its longest time [s]
 
-  push(t, v) {
-    for (let i = 0; i < t.length; i += 1) { this.t.push(t[i]); this.v.push(v[i]); }
-    const from = this.t[this.t.length - 1] - SPAN;
-    if (this.t.length > 400 && this.t[Math.floor(this.t.length / 2)] < from) {
-      const first = this.t.findIndex((one) => one >= from);
-      this.t.splice(0, first);
-      this.v.splice(0, first);
+/** Extremes in spans, of the last SPAN seconds: each span ends at its time and begins at the one before; null: not known. */
+class Curve {
+  constructor() { this.t = []; this.low = []; this.high = []; }
+
+  /** Add spans, the first of which begins at `from`: what lies between it and the last one is not known. */
+  push(from, t, low, high) {
+    if (!(from <= this.t.at(-1) + 1e-9)) this.add(from, null, null);
+    for (let i = 0; i < t.length; i += 1) this.add(t[i], low[i], high[i]);
+    const begin = this.t.at(-1) - SPAN;
+    if (this.t.length > 400 && this.t[Math.floor(this.t.length / 2)] < begin) {
+      const first = this.t.findIndex((one) => one >= begin);
+      for (const column of [this.t, this.low, this.high]) column.splice(0, first);
     }
+  }
+
+  add(t, low, high) { this.t.push(t); this.low.push(low); this.high.push(high); }
+}
+
+/** One stretch of the latest steps of the plant, none left out: displacement, velocity, mode. */
+class Stretch {
+  constructor() { this.end = -1; this.x = []; this.v = []; this.mode = []; }
+
+  push({ from, step, x, v, mode }) {
+    if (Math.abs(from - this.end) > step / 2) this.x = this.v = this.mode = []; // it does not follow: a new stretch
+    const most = Math.min(STEPS, Math.round(PORTRAIT / step));
+    for (const [name, column] of Object.entries({ x, v, mode })) this[name] = this[name].concat(column).slice(-most);
+    this.end = from + x.length * step;
+    this.seconds = this.x.length * step;
   }
 }
 
@@ -33,8 +51,9 @@ export class Store {
     this.setup = setup;
     this.t = 0;
     this.outputs = {}; // name -> Curve
-    this.modes = new Curve();
-    this.contacts = (setup?.contacts ?? []).map(() => new Curve()); // indices of contact states
+    this.contacts = (setup?.contacts ?? []).map(() => new Curve()); // modes of each contact, as bits
+    this.steps = new Stretch();
+    this.latest = { v: [], contacts: [] }; // values of the outputs and mode of each contact
     this.sensors = {}; // name -> Curve, in the unit of the sensor
     this.health = null;
     this.commands = {};
@@ -55,12 +74,14 @@ export class Store {
     this.t = frame.t;
     this.lost = frame.lost;
     if (frame.picture) this.picture?.move(frame.picture);
+    if (frame.now) this.latest = frame.now;
     if (frame.rows) {
-      this.setup.outputs.forEach(({ name }, i) => this.outputs[name].push(frame.rows.t, frame.rows.v[i]));
-      this.modes.push(frame.rows.t, frame.rows.mode);
-      this.contacts.forEach((curve, i) => curve.push(frame.rows.t, frame.rows.contacts[i]));
+      const { from, t, low, high, contacts } = frame.rows;
+      this.setup.outputs.forEach(({ name }, i) => this.outputs[name].push(from, t, low[i], high[i]));
+      this.contacts.forEach((curve, i) => curve.push(from, t, contacts[i], contacts[i]));
     }
-    for (const [name, { t, v }] of Object.entries(frame.meas ?? {})) this.sensors[name]?.push(t, v);
+    if (frame.portrait) this.steps.push(frame.portrait);
+    for (const [name, { from, t, low, high }] of Object.entries(frame.meas ?? {})) this.sensors[name]?.push(from, t, low, high);
     Object.assign(this.commands, frame.commands ?? {});
     if (frame.health) this.health = frame.health;
     this.hear(frame.events ?? []);
@@ -69,12 +90,6 @@ export class Store {
   hear(events) {
     this.events.push(...events);
     this.events.splice(0, this.events.length - MOST_EVENTS);
-  }
-
-  /** Latest value of an output; NaN before the first one. */
-  now(name) {
-    const curve = this.outputs[name];
-    return curve && curve.v.length ? curve.v[curve.v.length - 1] ?? NaN : NaN;
   }
 
   /** The timing verdict: at the end of the run, or so far; "" if the run does not follow the clock. */

@@ -1,9 +1,7 @@
-// The phase portrait: velocity over displacement of the last two seconds, in the colours of the contact states.
+// The phase portrait: velocity over displacement at every step of the last stretch, in the colours of the contact states.
 
 import { h, number, pane, quantity } from "/page/dom.js";
 import { ink, sized } from "/page/plot.js";
-
-const SPAN = 2;
 
 export function create({ store }) {
   const canvas = h("canvas", { "aria-label": "phase portrait" });
@@ -20,17 +18,12 @@ export function create({ store }) {
     draw() {
       const pair = store.setup?.portrait;
       if (!pair) return;
-      const [x, v] = pair.map((name) => store.outputs[name]);
+      const { x, v, mode, seconds } = store.steps;
       const { pen, width, height } = sized(canvas, Math.min(canvas.clientWidth || 240, 260));
-      const from = store.t - SPAN;
-      let first = x.t.length - 1;
-      while (first > 0 && x.t[first - 1] >= from) first -= 1;
-      for (let i = Math.max(first, 0); i < x.t.length; i += 1) {
-        reach = [wider(reach[0], x.v[i]), wider(reach[1], v.v[i])];
-      }
+      x.forEach((one, i) => { reach = [wider(reach[0], one), wider(reach[1], v[i])]; });
       if (!reach[0] || !reach[1]) return;
-      const place = ([low, high], value, size) => size * (0.5 + 0.92 * ((value ?? 0) - (low + high) / 2) / (high - low || 1));
-      const px = (i) => place(reach[0], x.v[i], width), py = (i) => height - place(reach[1], v.v[i], height);
+      const place = ([low, high], value, size) => size * (0.5 + 0.92 * (value - (low + high) / 2) / (high - low || 1));
+      const px = (i) => place(reach[0], x[i], width), py = (i) => height - place(reach[1], v[i], height);
       const zero = [place(reach[0], 0, width), height - place(reach[1], 0, height)];
       pen.strokeStyle = ink().line;
       pen.beginPath();
@@ -38,13 +31,14 @@ export function create({ store }) {
       pen.moveTo(zero[0], 0); pen.lineTo(zero[0], height);
       pen.stroke();
       pen.lineWidth = 1.6;
-      for (let i = Math.max(first, 1); i < x.t.length; i += 1) {
-        pen.strokeStyle = store.setup.modes[store.modes.v[i]]?.colour ?? "#98a2b0";
+      for (let i = 1; i < x.length; i += 1) {
+        if ([x[i - 1], x[i], v[i - 1], v[i]].includes(null)) continue;
+        pen.strokeStyle = store.setup.modes[mode[i]]?.colour ?? "#98a2b0";
         pen.beginPath();
         pen.moveTo(px(i - 1), py(i - 1)); pen.lineTo(px(i), py(i));
         pen.stroke();
       }
-      const last = x.t.length - 1;
+      const last = x.length - 1;
       if (last >= 0) {
         pen.fillStyle = ink().text;
         pen.beginPath();
@@ -53,7 +47,7 @@ export function create({ store }) {
       }
       const unit = (name) => store.setup.outputs.find((one) => one.name === name).unit;
       const said = (i) => `${pair[i].replaceAll("_", " ")} ${number(reach[i][0], 3)} to ${quantity(reach[i][1], unit(pair[i]), 3)}`;
-      about.textContent = `across ${said(0)}, up ${said(1)}`;
+      about.textContent = `across ${said(0)}, up ${said(1)}; every step of the last ${quantity(seconds, "s", 3)}`;
     },
   };
 }

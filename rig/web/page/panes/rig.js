@@ -51,10 +51,10 @@ function bars({ pen, width, height }, store) {
   pen.textBaseline = "middle";
   names.forEach((name, i) => {
     const curve = store.outputs[name];
-    const size = curve.v.reduce((most, v) => Math.max(most, Math.abs(v ?? 0)), 0) || 1;
+    const size = [...curve.low, ...curve.high].reduce((most, v) => Math.max(most, Math.abs(v ?? 0)), 0) || 1;
     const middle = (i + 0.5) * row, zero = 130 + (width - 140) / 2;
     pen.fillStyle = store.setup.outputs[i].colour || "#56b4e9";
-    const to = (store.now(name) || 0) / size * (width - 140) / 2;
+    const to = (store.latest.v[i] ?? 0) / size * (width - 140) / 2;
     pen.fillRect(Math.min(zero, zero + to), middle - row * 0.3, Math.abs(to), row * 0.6);
     pen.fillStyle = ink().faint;
     pen.fillText(name.replaceAll("_", " ").slice(0, 22), 2, middle);

@@ -30,24 +30,27 @@ export function create({ store }) {
       pen.textBaseline = "middle";
       const left = several && row > 9 ? Math.max(...names.map((name) => pen.measureText(name).width)) + 8 : 0;
       const begin = Math.max(store.t - SPAN, 0), x = (time) => left + ((time - begin) / (store.t - begin || 1)) * (width - left);
-      store.contacts.forEach(({ t, v }, lane) => {
+      store.contacts.forEach(({ t, low: bits }, lane) => {
         if (left) { pen.fillStyle = ink().faint; pen.fillText(names[lane], 0, (lane + 0.5) * row); }
         for (let i = t.length - 1; i > 0 && t[i] >= begin; i -= 1) {
-          pen.fillStyle = store.setup.modes[v[i]]?.colour ?? "#000";
-          const from = Math.max(x(t[i - 1]), left);
-          pen.fillRect(from, lane * row, x(t[i]) - from + 0.7, row - (several ? 1 : 0));
+          const from = Math.max(x(t[i - 1]), left), met = store.setup.modes.filter((_, mode) => bits[i] & (1 << mode));
+          const each = (row - (several ? 1 : 0)) / met.length; // modes that follow one another within a span are drawn below one another
+          met.forEach(({ colour }, k) => {
+            pen.fillStyle = colour;
+            pen.fillRect(from, lane * row + k * each, x(t[i]) - from + 0.7, each);
+          });
         }
       });
-      now.textContent = several ? summary(store) : word(store, store.contacts[0]);
+      now.textContent = several ? summary(store) : word(store, store.latest.contacts[0]);
     },
   };
 }
 
-const word = (store, { v }) => store.setup.modes[v[v.length - 1]]?.name ?? "";
+const word = (store, mode) => store.setup.modes[mode]?.name ?? "";
 
 /** How many contacts are in each mode now. */
 function summary(store) {
-  const words = store.contacts.map((one) => word(store, one));
+  const words = store.latest.contacts.map((one) => word(store, one));
   return store.setup.modes.map(({ name }) => [words.filter((one) => one === name).length, name]).filter(([count]) => count)
     .map(([count, name]) => `${count} ${name}`).join(", ");
 }
