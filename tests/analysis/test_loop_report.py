@@ -1,6 +1,8 @@
 """Control loops over poor links: jump linear systems against constant delays, random links and simulations."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -149,3 +151,14 @@ def test_what_has_no_loop_is_refused(arguments, told):
     with pytest.raises((SceneError, rig.errors.UsageError)) as caught:
         program(["loop", *arguments], standalone_mode=False)
     assert told in str(caught.value)
+
+
+def test_the_linear_controller_of_the_page_on_own_controllers_has_a_report(rig, tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "own_controller.md").read_text()
+    example = page.partition("## Margins of the loop")[2].partition("```python\n")[2].partition("```")[0]
+    (tmp_path / "smooth.py").write_text(example)
+    code, out, err = rig("loop", "belt", "--controller", tmp_path / "smooth.py", "--json")
+    assert code == 0, err
+    found = json.loads(out)
+    assert found["loop"]["through"] == "vibrometer to load.force"
+    assert found["check"]["relative_error"] < 0.05
