@@ -23,6 +23,7 @@ KNOWN = {
     "rig/design/designer.py": {"dither"},  # scales of a command are those without dither
     "rig/qualify/cost/peers/oscillator.py": {"belt"},  # the one rig that is written for other simulators
     "rig/qualify/cost/holdout.py": {"belt", "pendulum", "lever", "two_dof", "tread", "pin", "north"},  # scenes
+    "rig/analysis/forced.py": {"dither"},  # the motion under dither that is not fast
     "rig/analysis/identify.py": {"lever"},  # the experiments that identify this rig
     "rig/analysis/map/dither.py": {"dither"},  # friction averaged over dither, an analysis of its own
     "rig/analysis/map/job.py": {"dither"},
