@@ -22,8 +22,8 @@ COMMANDS = sorted(set(program.commands) - {"topic"})
 PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
     "reproduce doctor diff sound amplitude recover cost torture new migrate spectrum pressure hysteresis export "
-    "portrait response runs note clean connect disconnect report web bridge pause resume step stop knock lesson study fmu "
-    "optimise loop"
+    "portrait response runs note connect disconnect report web bridge pause resume step stop knock lesson study fmu "
+    "optimise loop clean"
 )
 
 
