@@ -24,6 +24,8 @@ TEXT = 1 << 20
 """Largest file that counts as written by hand [bytes]."""
 FILES = 10_000
 """Most files in a zip file. # chosen"""
+DATA = 1 << 28
+"""Largest file of data that a program wrote for later [bytes]."""
 FIGURES = (".png", ".svg", ".pdf")
 """Suffixes of a figure, in small or capital letters; they select its format."""
 WRITTEN = "another run is writing it; name another file"
@@ -34,11 +36,11 @@ def regular(path: Path) -> int:
     try:
         found = path.stat()
     except ValueError:  # a name with a zero byte in it
-        raise OSError(errno.EINVAL, "the name contains a zero byte") from None
+        raise OSError(errno.EINVAL, "the name contains a zero byte", str(path)) from None
     if stat.S_ISDIR(found.st_mode):
-        raise IsADirectoryError(errno.EISDIR, "it is a folder")
+        raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
     if not stat.S_ISREG(found.st_mode):
-        raise OSError(errno.EINVAL, "it is not a regular file")
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
     return found.st_size
 
 
@@ -76,6 +78,7 @@ def draft_of(path: Path) -> Iterator[Path]:
     """
     try:
         target = path.resolve()  # a symbolic link stays a link
+        takes(target)
         if target.exists() and not target.is_file():  # a device, such as /dev/null
             yield target
             return
@@ -106,7 +109,7 @@ def contents(path: Path, most: int = TEXT) -> bytes:
     with path.open("rb") as file:
         found = file.read(most + 1)
     if len(found) > most:
-        raise OSError(errno.EFBIG, f"it is larger than {most >> 20} MiB, the largest size that is read")
+        raise OSError(errno.EFBIG, f"it is larger than {most >> 20} MiB, the largest size that is read", str(path))
     return found
 
 

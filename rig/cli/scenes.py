@@ -27,9 +27,13 @@ def list_scenes(folder: Folder = None, as_json: Json = False) -> None:
     """List the shipped scenes, or those in a folder; and parts that other packages have installed."""
     from rig.scenes import names
     from rig.scenes.shipped import card
-    from rig.scenes.shipped import cards as cards_of
 
-    cards = [card(name) for name in names()] if folder is None else cards_of(folder)
+    if folder is None:
+        cards = [card(name) for name in names()]
+    else:
+        from rig.scenes.inherit import cards as cards_of  # slow to import
+
+        cards = cards_of(folder)
     if as_json:
         printing.report(cards)
         return

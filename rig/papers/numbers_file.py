@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.papers.entry import Comparison, Result, entries
-from rig.user_files import write_file
+from rig.user_files import DATA, contents, write_file
 
 _FILE = "numbers.json"
 
@@ -40,7 +40,7 @@ def restored(raw: dict[str, Any], folder: Path) -> Result:
 def _kept(folder: Path) -> list[Result]:
     """The results of earlier calls, for figures that still exist."""
     try:
-        read = json.loads((folder / _FILE).read_text())
+        read = json.loads(contents(folder / _FILE, DATA))
     except (OSError, ValueError):
         return []
     return [restored(one, folder) for one in read if one["name"] in entries()]

@@ -16,6 +16,8 @@ from rig.record import user_notes
 from rig.record.contents import SUFFIX, Contents, contents
 from rig.record.recorded_setup import head, setup_of
 from rig.record.user_notes import Notes
+from rig.user_files import DATA
+from rig.user_files import contents as read_file
 
 INDEX = ".runs.json"
 _FORMAT = 2
@@ -138,7 +140,7 @@ def _age(one: Listed) -> tuple[bool, int, Path]:
 def _index(folder: Path) -> dict[str, Any]:
     """What the index of a folder says of each file; nothing if it is missing, damaged or of another version."""
     try:
-        found = json.loads((folder / INDEX).read_bytes())
+        found = json.loads(read_file(folder / INDEX, DATA))
         if found["format"] != _FORMAT:
             return {}
         return {name: entry for name, entry in found["files"].items() if _complete(entry)}

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,6 +26,8 @@ from rig.scenes.places import Origin, Place
 OWN = ("title", "about")
 """Keys that a scene does not inherit."""
 _LONGEST = 20
+LONGEST_S = 5.0
+"""Longest time [s] in which the files of a folder are read for their cards; the others are listed without. # chosen"""
 _NAME = re.compile(r"[^.\[\]]+|\[\d+\]")
 
 
@@ -37,6 +40,7 @@ class Layer:
     text: str
     raw: dict[str, Any]
     format: int
+    based_on: Any = None
 
     @cached_property
     def lines(self) -> dict[str, int]:
@@ -122,7 +126,7 @@ def layers(path: Path) -> list[Layer]:
     """The files of a scene, the last base first. Raises SceneError if one of them cannot be read."""
     first = found = _layer(path, path.parent)
     chain, seen = [found], [_same(path)]
-    while (base := found.raw.pop("based_on", None)) is not None:
+    while (base := found.based_on) is not None:
         text = f"based_on = {shown(base)}"
         place = found.place("based_on")
         try:
@@ -144,6 +148,27 @@ def layers(path: Path) -> list[Layer]:
     return chain[::-1]
 
 
+def cards(folder: Path) -> list[dict[str, Any]]:
+    """The cards (`shipped.card_of`) of the scene files in a folder. A file that is no scene is left out.
+
+    The title of a file that cannot be read says why. Raises SceneError for what is no folder.
+    """
+    if not folder.is_dir():
+        raise SceneError(str(folder), ["is not a folder; rig explain SCENE shows one scene"])
+    found, until = [], time.monotonic() + LONGEST_S
+    for file in sorted(folder.glob("*.toml")):
+        try:
+            if time.monotonic() > until:
+                raise SceneError(str(file), [f"reading this folder took longer than {LONGEST_S:g} s"])
+            found.append(shipped.card_of(str(file), [(layer.based_on, layer.raw) for layer in layers(file)]))
+        except Exception as error:  # of whatever is in the file: the other rows do not depend on it
+            faults = error.faults if isinstance(error, SceneError) else [str(error)]
+            title = f"cannot be read: {' '.join('; '.join(faults).split())}"
+            row = {"name": str(file), "based_on": None, "plant": None, "title": title, "about": "", "pace_limit": None}
+            found.append(row)
+    return [row for row in found if row["plant"] or row["title"]]
+
+
 def _layer(path: Path, folder: Path) -> Layer:
     text = source.text(path)
     raw = source.parsed(path, text)
@@ -157,7 +182,7 @@ def _layer(path: Path, folder: Path) -> Layer:
         tables = migration.migrated(raw, since) if since < migration.newest() else raw
     except ValueError as fault:
         raise SceneError(str(path), [f"{fault} ({name})"]) from None
-    return Layer(path, name, text, tables, since)
+    return Layer(path, name, text, tables, since, tables.pop("based_on", None))
 
 
 def _same(path: Path) -> str:

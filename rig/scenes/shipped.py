@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import re
 import tomllib
+from collections.abc import Mapping, Sequence
 from functools import cache
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from rig.errors import SceneError
+from rig.units import brief
 
 HERE = Path(__file__).parent
 _PLANT = re.compile(r'^plant\s*=\s*"([^"]*)"', re.MULTILINE)
@@ -37,52 +40,61 @@ def path(name_or_path: str | Path, folder: Path = Path()) -> Path:
             raise SceneError(text, [f"there is no such file; the shipped scene is called {given.stem}"])
         return folder / given
     from rig.scenes.faults import near
-    from rig.units import brief
 
     beside = given.with_suffix(".toml")
     hint = f"the file is called {beside}" if os.path.isfile(folder / beside) else near(text, names(), "rig list")
     raise SceneError(brief(text)[1:-1], [f"no scene has this name; {hint}"])
 
 
-def card(name: str, folder: Path = Path()) -> dict[str, Any]:
-    """Title, plant and first line of the description of a scene, and its largest pace where it has one.
+def card(name: str) -> dict[str, Any]:
+    """Title, plant, first line of the description and largest pace of a shipped scene; the scene it is based on."""
+    return card_of(name, _tables(name))
 
-    `name`: of a shipped scene, or the path of a file from `folder` on. `based_on` is the scene that it is based on,
-    None if it has no base.
+
+def card_of(name: str, chain: Sequence[tuple[str | None, Mapping[str, Any]]]) -> dict[str, Any]:
+    """The card of the scene `name` from its files, the last base first: of each, what it is based on, and its tables.
+
+    No part is loaded. Raises SceneError for a value that no scene can have.
     """
-    file = path(name, folder)
-    head, *tables = _TABLE.split(file.read_text(encoding="utf-8"))
-    raw = tomllib.loads(head + "".join(table for table in tables if table.startswith("[clock]")))
-    base = raw.get("based_on")
-    inherited = card(base, file.parent) if base else {"plant": raw.get("plant"), "pace_limit": None}
-    limit = raw.get("clock", {}).get("pace_limit", inherited["pace_limit"])
+    based_on, last = chain[-1]
+    plant: Any = None
+    limit: Any = None
+    for _, raw in chain:
+        plant, clock = _plain(raw.get("plant", plant)), raw.get("clock", {})
+        if not isinstance(clock, Mapping) and clock != "none":
+            raise SceneError(name, [f"clock = {brief(clock)}: expected a table [clock]"])
+        limit = _plain(clock.get("pace_limit", limit)) if isinstance(clock, Mapping) else None
+    texts = {"plant": plant or "", **{key: _plain(last.get(key, "")) for key in ("title", "about")}}
+    for key, text in texts.items():
+        if not isinstance(text, str):
+            raise SceneError(name, [f"{key} = {brief(text)}: expected a text"])
+    try:
+        pace_limit = None if limit in (None, "none") else float(limit)
+        if isinstance(limit, bool) or not isfinite(pace_limit or 0.0):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise SceneError(name, [f"clock.pace_limit = {brief(limit)}: expected a number or none"]) from None
     return {
         "name": name,
-        "based_on": base,
-        "plant": raw.get("plant", inherited["plant"]),
-        "title": str(raw.get("title", "")),
-        "about": str(raw.get("about", "")).strip().split("\n")[0],
-        "pace_limit": None if limit in (None, "none") else float(limit[0] if isinstance(limit, list) else limit),
+        "based_on": based_on,
+        "plant": plant,
+        "title": texts["title"],
+        "about": texts["about"].strip().split("\n")[0],
+        "pace_limit": pace_limit,
     }
 
 
-def cards(folder: Path) -> list[dict[str, Any]]:
-    """The cards of the scene files in a folder. No part is loaded; a file that is no scene is left out.
+def _plain(value: Any) -> Any:
+    """A value without its origin."""
+    return value[0] if isinstance(value, list) and value else value
 
-    Raises SceneError for what is no folder.
-    """
-    if not folder.is_dir():
-        raise SceneError(str(folder), ["is not a folder; rig explain SCENE shows one scene"])
-    found = []
-    for file in sorted(folder.glob("*.toml")):
-        try:
-            found.append(card(str(file)))
-        except (SceneError, OSError, ValueError, RecursionError) as error:
-            title = f"cannot be read: {' '.join(str(error).split())}"
-            found.append(
-                {"name": str(file), "based_on": None, "plant": None, "title": title, "about": "", "pace_limit": None}
-            )
-    return [one for one in found if one["plant"] or one["title"]]
+
+def _tables(name: str) -> list[tuple[str | None, dict[str, Any]]]:
+    """What `card_of` reads of a shipped scene: of each of its files the begin and the clock."""
+    head, *tables = _TABLE.split(_text(name))
+    raw = tomllib.loads(head + "".join(table for table in tables if table.startswith("[clock]")))
+    base = raw.get("based_on")
+    return [*(_tables(base) if base else []), (base, raw)]
 
 
 def plant(name: str) -> str:

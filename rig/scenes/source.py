@@ -23,8 +23,14 @@ KIND = (*(tag for tag in TAGS if tag != "step"), "effect")
 """Keys that state the kind of a table."""
 Fault = tuple[str, str]
 """Dotted key, and its fault in one line."""
-_MCAP = b"\x89MCAP"
 _DEEPEST = 20
+_PART = r"""(?:[A-Za-z0-9_-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')"""
+_TOKEN = re.compile(
+    r"""#[^\n]*+|"{3}(?:\\.|[^\\])*?"{3,5}|'{3}.*?'{3,5}|"""
+    rf"(?P<deep>{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST},}})|{_PART}",
+    re.DOTALL,
+)
+_MCAP = b"\x89MCAP"
 _DIGITS = 18  # of a whole number: 64 bits hold them
 
 
@@ -53,10 +59,20 @@ def _recording(path: Path) -> str:
     return "is a recording (MCAP) and no scene; rig simulate --from LOG continues it" if begin == _MCAP else ""
 
 
+def toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text. Raises what `tomllib.loads` does.
+
+    And RecursionError for a key of more parts than a scene has tables in tables: tomllib takes 1.7 GB for one of 40 kB.
+    """
+    if any(token["deep"] for token in _TOKEN.finditer(text)):
+        raise RecursionError
+    return tomllib.loads(text)
+
+
 def parsed(path: Path, text: str) -> dict[str, Any]:
     """The tables of a TOML text. Raises SceneError with line and column of a syntax error."""
     try:
-        found = tomllib.loads(text)
+        found = toml(text)
     except RecursionError:
         raise SceneError(str(path), [f"tables or lists are nested more than {_DEEPEST} deep"]) from None
     except tomllib.TOMLDecodeError as error:
@@ -175,7 +191,7 @@ def _read(value: object) -> Any:
     if text == "none":
         return None
     try:
-        found = tomllib.loads(f"value = {text}")["value"]
+        found = toml(f"value = {text}")["value"]
     except (ValueError, RecursionError, KeyError):  # no value of TOML, or none that can be read
         return text
     return found if isinstance(found, bool | int | float | str | list) else text

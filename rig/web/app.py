@@ -30,6 +30,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Awaitable, Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,8 @@ from rig.web.run_control import RunControl
 from rig.web.sound import Sounds, packed
 from rig.web.studies import Studies
 
+_URGENT = 64
+"""Most commands to the run that wait for its answer at a time; each waits for a bounded time."""
 PAGE = Path(__file__).parent / "page"
 LARGEST = 1 << 20
 """Largest request body [bytes]."""
@@ -62,6 +65,7 @@ ALONE = {"content-security-policy": "sandbox; default-src 'none'; style-src 'uns
 """Rules for a file that is shown: it loads nothing, and no script of it runs."""
 
 Handler = Callable[[dict[str, Any]], Any]
+Runs = Callable[[Callable[[dict[str, Any]], Response], dict[str, Any]], Awaitable[Response]]
 
 
 class Bench:
@@ -74,6 +78,11 @@ class Bench:
         self.recordings = Recordings(folder / RUNS, self.jobs)
         self.studies = Studies(folder, self.catalogue, self.jobs)
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._urgent = ThreadPoolExecutor(_URGENT, "urgent")
+
+    async def urgently(self, make: Callable[[dict[str, Any]], Response], body: dict[str, Any]) -> Response:
+        """Call a function in a thread for commands to the run: they do not wait for other requests."""
+        return await asyncio.get_running_loop().run_in_executor(self._urgent, make, body)
 
     def attach(self) -> None:
         """Begin to pass what happens on to the pages, in the running event loop."""
@@ -163,9 +172,9 @@ def app(bench: Bench) -> Starlette:
         Route("/api/scenes", _answers(bench.scenes)),
         Route("/api/scene", _answers(bench.form), methods=["POST"]),
         Route("/api/scene/save", _answers(bench.save), methods=["POST"]),
-        Route("/api/run", _answers(bench.state)),
+        Route("/api/run", _answers(bench.state, _at_once)),
         Route("/api/run", _answers(bench.start), methods=["POST"]),
-        Route("/api/run/command", _answers(bench.control.command), methods=["POST"]),
+        Route("/api/run/command", _answers(bench.control.command, bench.urgently), methods=["POST"]),
         Route("/api/run/set", _answers(bench.control.set), methods=["POST"]),
         Route("/api/live", _answers(bench.control.others)),
         Route("/api/run/follow", _answers(bench.control.follow), methods=["POST"]),
@@ -193,13 +202,15 @@ async def _page(_: Request) -> Response:
     return FileResponse(PAGE / "index.html")
 
 
-def _answers(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
-    """A route that calls `handler` with the JSON object of the request, in a thread, and answers in JSON."""
+def _answers(handler: Handler, run: Runs = asyncio.to_thread) -> Callable[[Request], Awaitable[Response]]:
+    """A route that calls `handler` with the JSON object of the request by `run`, and answers in JSON."""
+
+    def made(body: dict[str, Any]) -> Response:
+        return JSONResponse(handler(body))
 
     async def answer(request: Request) -> Response:
         try:
-            body = await _body(request)
-            return JSONResponse(await asyncio.to_thread(handler, body))
+            return await run(made, await _body(request))
         except ClientDisconnect:  # in the middle of its request: nobody gets this answer
             return Response(status_code=400)
         except RigError as fault:
@@ -208,6 +219,11 @@ def _answers(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
             return JSONResponse({"error": str(fault)}, 507)
 
     return answer
+
+
+async def _at_once(make: Callable[[dict[str, Any]], Response], body: dict[str, Any]) -> Response:
+    """Call a function that waits for nothing, in the event loop."""
+    return make(body)
 
 
 def _file(find: Callable[[dict[str, Any]], Path]) -> Callable[[Request], Awaitable[Response]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,9 +14,10 @@ from rig.bench.job import keeps_up
 from rig.errors import UsageError
 from rig.quantities import finite
 from rig.scenes import load, migration, names
+from rig.scenes.inherit import cards
 from rig.scenes.places import Place
 from rig.scenes.scene import Scene
-from rig.scenes.shipped import card, cards
+from rig.scenes.shipped import card
 from rig.units import with_point
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
@@ -43,12 +45,17 @@ class Catalogue:
 
     def scene(self, name: Any, changes: Any = None) -> Scene:
         """The scene with changed values. Raises SceneError with every fault, as the command line does."""
-        if not isinstance(name, str) or name not in {one["name"] for one in self.cards()}:
+        if not isinstance(name, str) or not (name in names() or self._has(name)):
             raise UsageError(f"no scene is called {name!r:.80}; choose one of the list")
         if not isinstance(changes or {}, dict) or not all(isinstance(key, str) for key in changes or {}):
             raise UsageError(f'"changes" is {changes!r:.80}; expected values by their keys')
         texts = {key: as_text(value, key) for key, value in (changes or {}).items()}
         return load(name, texts, dict.fromkeys(texts, _PAGE))
+
+    def _has(self, name: str) -> bool:
+        """Whether a text is the name that the list has for a file of the folder. No file is read."""
+        file = Path(name)
+        return file.suffix == ".toml" and name == str(self._folder / file.name) and os.path.lexists(file)
 
     def save(self, file: Any, based_on: str, changes: Mapping[str, Any]) -> Path:
         """Write a scene file that is based on another scene and contains the changed values; returns its path.

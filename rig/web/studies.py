@@ -13,6 +13,7 @@ from typing import Any
 from rig.analysis.axis import axes
 from rig.errors import UsageError
 from rig.scenes.scene import Scene
+from rig.user_files import DATA, contents
 from rig.web.catalogue import Catalogue, as_text
 from rig.web.jobs import Jobs
 
@@ -90,7 +91,7 @@ def _axes(scene: Scene, body: Mapping[str, Any], both: bool) -> dict[str, str]:
 def _about(folder: Path) -> str:
     """Scene and axes of a map; the scene of a cost table; "" if that cannot be read."""
     try:
-        job = json.loads((folder / "job.json").read_text())
+        job = json.loads(contents(folder / "job.json", DATA))
         over = [f"{one['key']} from {_end(one, 0)} to {_end(one, -1)} {one['shown']}, {len(one['values'])} values"
                 for one in job["axes"] if one]  # fmt: skip
         how = "stable and unstable regions, " if job["settings"]["eigenvalues"] else ""

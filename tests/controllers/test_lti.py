@@ -129,6 +129,21 @@ def test_a_system_that_cannot_work_is_refused(tmp_path, told):
     assert "controllers.nf" in refused.value.faults[0]
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_a_small_file_that_unpacks_to_a_large_one_is_refused(tmp_path, suffix):
+    matrices = {"A": np.zeros((1500, 1500)), "B": [[0.0]], "C": [[0.0]], "D": [[0.0]], "dt": 1e-3}
+    path = tmp_path / f"k{suffix}"
+    if suffix == ".npz":
+        np.savez_compressed(path, **matrices)
+    else:
+        cell = np.empty((1, 1), dtype=object)
+        cell[0, 0] = matrices["A"]
+        savemat(path, {**matrices, "A": cell}, do_compression=True)
+    assert path.stat().st_size < 100_000
+    with pytest.raises(ValueError, match=r"MiB unpacked"):
+        system_file.read(path)
+
+
 @pytest.mark.parametrize(
     ("keys", "told"),
     [

@@ -1,6 +1,7 @@
 """What accuracy costs: measures against closed forms, references against each other, and the setting that is taken."""
 
 import math
+import os
 import shutil
 import warnings
 from dataclasses import replace
@@ -12,7 +13,7 @@ import rig
 from rig.analysis.motion_measures.measures import Seen, errors, observe
 from rig.analysis.motion_measures.problem import held, problem
 from rig.analysis.motion_measures.settings import Setting, eligible, ladder
-from rig.errors import Chatter, UsageError
+from rig.errors import Chatter, OutputError, UsageError
 from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended, reference
 from rig.qualify.cost.figure import draw
 from rig.qualify.cost.measuring import timed
@@ -146,6 +147,15 @@ def test_the_table_comes_back_from_its_files(belt):
     columns = parquet.read_table(folder / "cost.parquet").to_pydict()
     assert columns["error period"] == [r.errors["period"] for r in read.rows]
     assert read.machine["numba"]
+
+
+def test_pipes_in_place_of_a_table_are_neither_read_nor_written(belt, tmp_path):
+    for name in ("cost.csv", "machine.json"):
+        os.mkfifo(tmp_path / name)
+    with pytest.raises(UsageError, match="no readable cost table"):
+        Table.read(tmp_path)
+    with pytest.raises(OutputError, match="it is not a regular file"):
+        belt[2].write(tmp_path)
 
 
 def test_a_state_with_missed_events_is_no_small_error(belt):

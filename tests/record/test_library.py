@@ -104,6 +104,11 @@ def test_a_damaged_index_is_made_again(tmp_path, log, text):
     assert runs(tmp_path)[0].path == log
 
 
+def test_a_pipe_in_place_of_the_index_is_not_waited_for(tmp_path, log):
+    os.mkfifo(tmp_path / INDEX)
+    assert [one.contents.scene for one in runs(tmp_path)] == ["belt"]
+
+
 @pytest.mark.parametrize(("key", "value"), [("began_ns", "x"), ("seconds", "x"), ("scene", None), ("messages", "x")])
 def test_an_entry_of_the_index_with_a_value_of_another_type_is_read_again(tmp_path, log, key, value):
     first = runs(tmp_path)

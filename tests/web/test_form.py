@@ -1,13 +1,15 @@
 """Scenes to choose from, their values as a form, and what is wrong with changed ones."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
 
 from rig import scenes
 from rig.errors import SceneError, UsageError
-from rig.scenes.shipped import names
+from rig.scenes import inherit
+from rig.scenes.shipped import card, card_of, names
 from rig.web.catalogue import Catalogue, timing
 from rig.web.form import LEAST, form, slider_of
 
@@ -47,7 +49,7 @@ def test_a_scene_file_that_cannot_be_used_is_listed_and_says_why(client, folder)
     (folder / "pyproject.toml").write_text('[project]\nname = "x"\n')
     own = {Path(one["name"]).name: one for one in client.get("/api/scenes").json() if one["own"]}
     assert {*own} == {"typo.toml", "cut.toml", "lost.toml"}
-    assert own["lost.toml"]["title"].startswith("cannot be read: nothing: no scene has this name")
+    assert own["lost.toml"]["title"].startswith('cannot be read: based_on = "nothing": no scene has this name')
     for name, told in (
         ("typo.toml", "did you mean drive.speed"),
         ("cut.toml", "line 2"),
@@ -56,6 +58,71 @@ def test_a_scene_file_that_cannot_be_used_is_listed_and_says_why(client, folder)
         refused = client.post("/api/scene", scene=own[name]["name"])
         assert (refused.status_code, told in refused.json()["error"]) == (422, True), refused.text
         assert client.post("/api/run", scene=own[name]["name"]).status_code == 422
+
+
+DOTS = ".".join(["a"] * 20_000)
+ODD = {
+    "clock": ("clock = 3\nplant = 'belt'\n", "clock = 3: expected a table [clock]"),
+    "pace": ("plant = 'belt'\n[clock]\npace_limit = nan\n", "clock.pace_limit = nan: expected a number or none"),
+    "base": ("based_on = 5\n", "based_on = 5: expected the name of a shipped scene"),
+    "endless": ("based_on = '/dev/zero'\n", "is not a regular file (endless.toml, line 1)"),
+    "fifo": ("based_on = './pipe.toml'\n", "is not a regular file (fifo.toml, line 1)"),
+    "circle": ("based_on = './circle.toml'\n", "based on one another in a circle"),
+    "plant": ("plant = 3\n", "plant = 3: expected a text"),
+    "title": ("plant = 'belt'\ntitle = 3\n", "title = 3: expected a text"),
+    "key": (f"{DOTS} = 1\n", "nested more than 20 deep"),
+    "header": (f"[{DOTS}]\n", "nested more than 20 deep"),
+    "inline": (f"x = {{ {DOTS.replace('.', ' . ')} = 1 }}\n", "nested more than 20 deep"),
+    "quoted": (DOTS.replace("a", '"a.b"') + " = 1\n", "nested more than 20 deep"),
+    "lists": (f"x = {'[' * 9000}\n", "nested more than 20 deep"),
+    "digits": (f"x = {'9' * 5000}\n", "whole number of more than"),
+    "bytes": ("\udcff", "is not text in UTF-8"),
+    "format": ("format = 99\n", "format"),
+}
+
+
+@pytest.fixture
+def odd(folder):
+    """A folder with scene files that nobody writes on purpose, a pipe, a folder, and a file of 3 GB without content."""
+    for name, (text, _) in ODD.items():
+        (folder / f"{name}.toml").write_text(text, errors="surrogateescape")
+    os.mkfifo(folder / "pipe.toml")
+    (folder / "folder.toml").mkdir()
+    (folder / "large.toml").touch()
+    os.truncate(folder / "large.toml", 3 << 30)
+    told = {name: told for name, (_, told) in ODD.items()}
+    return told | {"pipe": "is not a regular file", "folder": "it is a folder", "large": "larger than 1 MiB"}
+
+
+def test_an_odd_scene_file_is_the_text_of_its_row_on_the_page_and_in_the_list(client, folder, odd, rig):
+    (folder / "good.toml").write_text("based_on = 'belt'\ntitle = 'a.b.c'\n[clock]\npace_limit = ['2', 'chosen']\n")
+    code, out, err = rig("list", folder, "--json")
+    assert (code, err) == (0, "")
+    for rows in (json.loads(out), [row for row in client.get("/api/scenes").json() if row["own"]]):
+        titles = {Path(row["name"]).stem: row["title"] for row in rows}
+        assert titles.keys() == {"good", *odd}
+        assert titles["good"] == "a.b.c"
+        assert {name: told for name, told in odd.items() if told not in titles[name]} == {}
+        assert all(titles[name].startswith("cannot be read: ") for name in odd)
+    for row in rows:
+        if Path(row["name"]).stem in odd:
+            refused = client.post("/api/scene", scene=row["name"])
+            assert (refused.status_code, bool(refused.json()["error"])) == (422, True)
+    refused = client.post("/api/scene", scene="belt", changes={"drive.speed": f"{{ {DOTS} = 1 }}"})
+    assert refused.status_code == 422
+
+
+def test_a_folder_that_takes_long_is_listed_without_its_content(folder, monkeypatch):
+    monkeypatch.setattr(inherit, "LONGEST_S", -1.0)
+    (folder / "good.toml").write_text("based_on = 'belt'\ntitle = 'good'\n")
+    (row,) = inherit.cards(folder)
+    assert "took longer than" in row["title"]
+
+
+def test_a_shipped_scene_has_the_same_card_if_it_is_read_like_a_file_of_a_user():
+    for name in scenes.names():
+        layers = inherit.layers(scenes.path(name))
+        assert card_of(name, [(layer.based_on, layer.raw) for layer in layers]) == card(name)
 
 
 def test_the_owner_of_an_actuator_is_its_controller():

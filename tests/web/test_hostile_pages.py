@@ -3,8 +3,10 @@
 import contextlib
 import json
 import socket
+import threading
 import time
 
+import httpx
 import pytest
 from websockets.exceptions import ConnectionClosed
 
@@ -64,6 +66,32 @@ def test_a_senseless_message_ends_at_most_its_own_connection(client, listen, mes
     page.until("state")
     assert client.state()["phase"] == "idle"
     assert "Traceback" not in capfd.readouterr().err
+
+
+def test_state_and_emergency_stop_wait_for_no_other_request(client, monkeypatch):
+    released, waiting = threading.Event(), []
+
+    def hangs(*_):
+        waiting.append(1)
+        released.wait(60.0)
+        return []
+
+    for name in ("cards", "scene"):
+        monkeypatch.setattr(client.server.bench.catalogue, name, hangs)
+    others = [threading.Thread(target=client.get, args=("/api/scenes",)) for _ in range(40)]
+    try:
+        for one in others:
+            one.start()
+        while not waiting:
+            time.sleep(0.01)
+        with httpx.Client(base_url=client.base, cookies=client.http.cookies, timeout=10.0) as page:
+            assert page.get("/api/run").json()["phase"] == "idle"
+            stopped = page.post("/api/run/command", json={"do": "emergency"})
+            assert stopped.json() == {"error": "no run is active; start one first"}
+    finally:
+        released.set()
+        for one in others:
+            one.join()
 
 
 def test_many_connections_leave_the_server_at_work(client, listen):

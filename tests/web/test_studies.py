@@ -1,5 +1,6 @@
 """Maps and cost tables on the page: listed with their figures, made by jobs, and nothing beside them is given."""
 
+import os
 import time
 
 import pytest
@@ -77,11 +78,15 @@ def test_damaged_folders_are_listed_without_a_description(client, folder):
     for name, text in (("a", "{"), ("b", "[]"), ("c", '{"axes": [{"key": "k", "scale": 0}]}'), ("d", "\xff")):
         (folder / "maps" / name).mkdir(parents=True)
         (folder / "maps" / name / "job.json").write_bytes(text.encode("latin1"))
+    for name in ("deep", "pipe"):
+        (folder / "maps" / name).mkdir()
+    (folder / "maps" / "deep" / "job.json").write_text("[" * 100_000)
+    os.mkfifo(folder / "maps" / "pipe" / "job.json")
     (folder / "cost" / "belt-1").mkdir(parents=True)
     (folder / "cost" / "belt-1" / "cost.png").write_bytes(b"png")
     (folder / "cost" / "file").write_text("")
     found = {f"{one['kind']}/{one['name']}": one for one in client.get("/api/studies").json()}
-    assert {*found} == {"maps/a", "maps/b", "maps/c", "maps/d", "cost/belt-1"}
+    assert {*found} == {*(f"maps/{name}" for name in ("a", "b", "c", "d", "deep", "pipe")), "cost/belt-1"}
     assert all(one["about"] == "" for one in found.values())
     assert [name for name, one in found.items() if one["finished"]] == ["cost/belt-1"]
 

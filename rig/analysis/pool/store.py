@@ -25,7 +25,7 @@ from rig import file_locks
 from rig.analysis.pool.identity import this_processor
 from rig.analysis.pool.work import Arrays, Work, from_text, to_text
 from rig.errors import UsageError
-from rig.user_files import draft_of, write_file
+from rig.user_files import DATA, contents, draft_of, regular, write_file
 
 _JOB, _LOCK = "job.json", "lock"
 _UNITS, _PROCESSOR = "#units", "#processor"
@@ -92,7 +92,7 @@ class Store:
     def _check(self, work: Work) -> None:
         """Raise UsageError if the folder holds another work, as after it was renamed."""
         with contextlib.suppress(OSError, ValueError, AttributeError):  # not there, or damaged: it is written anew
-            digest = json.loads((self._at / _JOB).read_text()).get("digest", work.digest)
+            digest = json.loads(contents(self._at / _JOB, DATA)).get("digest", work.digest)
             if digest != work.digest:
                 raise UsageError(
                     f"{self.folder}: holds the results of another work ({digest}, not {work.digest}); "
@@ -101,7 +101,7 @@ class Store:
 
     def work(self) -> Work:
         """Return the work."""
-        return from_text((self._at / _JOB).read_text())
+        return from_text(contents(self._at / _JOB, DATA).decode())
 
     def save(self, found: dict[int, Arrays], processor: str = "") -> None:
         """Save the results of a batch, computed on a type of `processor`, by default this one. Raises OutputError."""
@@ -116,6 +116,7 @@ class Store:
         found: dict[int, Arrays] = {}
         for path in sorted(self._at.glob("*.npz")):
             try:
+                regular(path)
                 with io.BytesIO(path.read_bytes()) as data, np.load(data) as file:  # numpy leaves a damaged file open
                     batch = {key: file[key] for key in file.files}
                 units = batch.pop(_UNITS).tolist()

@@ -109,7 +109,7 @@ def function_of(given: str | Callable[[Run], Any]) -> Function:
     name = getattr(given, "__name__", type(given).__name__)
     try:
         file = inspect.getsourcefile(given) or ""
-        text = decode_source(Path(file).read_bytes())
+        text = decode_source(contents(Path(file)))
         at_top = getattr(given, "__qualname__", "") == name  # a local function may also have a global name, in a loop
         here = at_top and getattr(inspect.getmodule(given), name, None) is given
     except (OSError, SyntaxError, TypeError, UnicodeDecodeError):

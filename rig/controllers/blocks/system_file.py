@@ -14,8 +14,11 @@ from __future__ import annotations
 import io
 import json
 import math
+import struct
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +32,7 @@ Matrix = NDArray[np.float64]
 STATES, SIGNALS = 100, 16
 """Most states, and most inputs or outputs, of a controller. # chosen"""
 _LARGEST = 1 << 24  # bytes
+_COMPRESSED = 15  # type of a compressed variable in a MATLAB file of format 5
 _KEYS = ("A", "B", "C", "D", "num", "den", "dt", "inputs", "outputs")
 _AS_MATRICES = "save its matrices: [A, B, C, D] = ssdata(K); dt = K.Ts; save('K.mat', 'A', 'B', 'C', 'D', 'dt', '-v7')"
 
@@ -83,6 +87,7 @@ def _mat(data: bytes) -> dict[str, Any]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabFunction, MatlabOpaque
 
+    _check_unpacked(data)
     found = {name: value for name, value in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
     if any(isinstance(value, MatlabFunction | MatlabOpaque) for value in found.values()) or "None" in found:
         raise ValueError(f"it holds an object of MATLAB; {_AS_MATRICES}")
@@ -91,6 +96,20 @@ def _mat(data: bytes) -> dict[str, Any]:
         if np.ndim(read[name]) == 2 and len(read[name]) == 1:  # MATLAB has no vectors
             read[name] = read[name][0]
     return read
+
+
+def _check_unpacked(data: bytes) -> None:
+    """Raise ValueError if the compressed variables of a MATLAB file are larger than a file that is read may be."""
+    order, at, size = "<" if data[126:128] == b"IM" else ">", 128, 0
+    with suppress(zlib.error):  # damaged, or of format 4, which is not compressed
+        while at + 8 <= len(data) and size <= _LARGEST:
+            kind, length = struct.unpack_from(f"{order}II", data, at)
+            at += 8
+            if kind == _COMPRESSED:
+                size += len(zlib.decompressobj().decompress(data[at : at + length], _LARGEST + 1 - size))
+            at += length
+    if size > _LARGEST:
+        raise ValueError(f"its variables take more than {_LARGEST >> 20} MiB unpacked")
 
 
 def _plain(value: Any) -> Any:

@@ -23,7 +23,7 @@ from rig.analysis.motion_measures.measures import Seen, errors, observe
 from rig.analysis.motion_measures.problem import Problem
 from rig.analysis.motion_measures.settings import TIGHTEST, Setting, ladder
 from rig.motion.memory import SEGMENTS
-from rig.user_files import write_file
+from rig.user_files import DATA, contents, write_file
 
 WALL = 4.0  # s, for one run of a reference
 _UNSURE = 1e-3  # a reference that differs so much from itself at twice the step is refined
@@ -110,7 +110,7 @@ def _kept(problem: Problem, folder: Path | None, runs: tuple[Setting, ...], orde
     name = hashlib.sha256(f"{problem.digest} {problem.kind} {problem.length} {last}".encode()).hexdigest()[:16]
     path = None if folder is None else folder / f"reference-{last.method}-{name}.json"
     if path is not None and path.exists():
-        return Reference.from_json(json.loads(path.read_text()))
+        return Reference.from_json(json.loads(contents(path, DATA)))
     seen = [observe(problem, one, framed=False) for one in runs]
     apart = errors(problem, seen[0], seen[-1])
     if order and not seen[-1].fault and not seen[0].fault:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from typing import Any
 from rig.analysis.motion_measures.settings import Setting
 from rig.errors import UsageError
 from rig.qualify.cost.timing import Cost, Spread
-from rig.user_files import csv_table, draft_of, write_file
+from rig.user_files import DATA, contents, csv_table, draft_of, write_file
 
 WORST = "worst"
 
@@ -134,13 +135,13 @@ class Table:
     def read(cls, folder: Path) -> Table:
         """Return the table of a folder. Raises UsageError if there is no readable one."""
         try:
-            about = json.loads((folder / "machine.json").read_text())
-            with (folder / "cost.csv").open(newline="") as file:
-                head, *lines = csv.reader(file)
+            about = json.loads(contents(folder / "machine.json"))
+            text = contents(folder / "cost.csv", DATA).decode()
+            head, *lines = csv.reader(io.StringIO(text, newline=""))
             names = [name.partition(" [")[0] for name in head]
             rows = [Row.of_flat(dict(zip(names, line, strict=True))) for line in lines]
             return cls(**about, rows=rows)
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise UsageError(f"{folder}: no readable cost table ({error})") from None
 
 

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from rig.user_files import DATA, contents
+
 FILE = "datapackage.json"
 _FORMATS = {"csv": ".csv", "parquet": ".parquet", "wav": ".wav"}
 
@@ -24,7 +26,7 @@ def write(folder: Path, name: str, resources: Iterable[Mapping[str, Any]], facts
 def files(folder: Path) -> set[str]:
     """Return the names of the files that an earlier export to `folder` describes; none without such a description."""
     try:
-        found = json.loads((folder / FILE).read_bytes())["resources"]
+        found = json.loads(contents(folder / FILE, DATA))["resources"]
         return {
             one["path"]
             for one in found
