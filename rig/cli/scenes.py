@@ -37,7 +37,7 @@ def list_scenes(folder: Folder = None, as_json: Json = False) -> None:
     if as_json:
         printing.report(cards)
         return
-    rows = [(c["name"], c["plant"], c["pace_limit"] or "", c["title"]) for c in cards]
+    rows = [(c["name"], c["plant"] or "", c["pace_limit"] or "", c["title"]) for c in cards]
     printing.table("", ("scene", "plant", "largest pace", "title"), rows)
     _list_installed()
     printing.line("\nlargest pace: largest real-time factor of rig run; blank: not limited")

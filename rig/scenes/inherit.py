@@ -163,7 +163,7 @@ def cards(folder: Path) -> list[dict[str, Any]]:
             found.append(shipped.card_of(str(file), [(layer.based_on, layer.raw) for layer in layers(file)]))
         except Exception as error:  # of whatever is in the file: the other rows do not depend on it
             faults = error.faults if isinstance(error, SceneError) else [str(error)]
-            title = f"cannot be read: {' '.join('; '.join(faults).split())}"
+            title = f"cannot be read: {' '.join('; '.join(faults).split()).removeprefix('cannot be read: ')}"
             row = {"name": str(file), "based_on": None, "plant": None, "title": title, "about": "", "pace_limit": None}
             found.append(row)
     return [row for row in found if row["plant"] or row["title"]]
