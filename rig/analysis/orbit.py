@@ -80,6 +80,7 @@ class Orbit:
             tolerance=self.tolerance,
             substeps=clock.substeps(step_ns),
             cap=clock.events_per_frame,
+            frame=max(self.scene.frame_ns // step_ns, 1),
             limit=clock.limit,
             longest=longest,
             bounds={self.outputs.index(name): limit for name, limit in self.scene.limits.items()},

@@ -31,6 +31,8 @@ from rig.solve.segment_output import empty_segments
 Array = NDArray[np.float64]
 SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
 """Room for the smooth segments of a frame, to begin with and at most."""
+MOST_EVENTS = 1 << 20
+"""Room for the events of a block of many frames, at most."""
 COLLECTED = 1 << 12
 """Room for the events of all frames of a call."""
 
@@ -57,15 +59,15 @@ class Saved(NamedTuple):
 class MotionMemory:
     """State, log and smooth segments of a motion at tick `tick`, lent to compiled code as `loan`.
 
-    `made`: the system with its workspace and plan. `cap`, `bounds`: see `rig.motion.motion.Motion`. `kept`: number of
-    ticks in the log; `_first`: the first of them that the last call has added. `collects`: keep the events of all
-    frames of a call, not only of the last one.
+    `made`: the system with its workspace and plan. `cap`, `frame`, `bounds`: see `rig.motion.motion.Motion`. `kept`:
+    number of ticks in the log; `_first`: the first of them that the last call has added. `collects`: keep the events of
+    all frames of a call, not only of the last one.
     """
 
     def __init__(
-        self, made: Ready, integration: Integration, cap: int, bounds: Mapping[int, float], collects: bool
+        self, made: Ready, integration: Integration, cap: int, frame: int, bounds: Mapping[int, float], collects: bool
     ) -> None:
-        self.integration, self._cap, self._collects = integration, cap, collects
+        self.integration, self._cap, self._frame, self._collects = integration, cap, frame, collects
         self.tick = self._first = self.kept = 0
         self.segments = empty_segments(integration.read, SEGMENTS)
         self._take(made)
@@ -92,8 +94,10 @@ class MotionMemory:
         self._make_room_for_events(ticks)
 
     def _make_room_for_events(self, ticks: int) -> None:
-        """Make room for the events that a block of `ticks` may have."""
-        events = self._cap * max(1, ticks // 10)
+        """Make room for the events that a block of `ticks` may have, which may contain many frames."""
+        frame = min(self._frame or ticks, ticks)
+        usual, most = self._cap * max(1, ticks // 10), self._cap * max(1, frame // 10) * -(-ticks // max(frame, 1))
+        events = max(usual, min(most, MOST_EVENTS))
         new = empty_log(0, 0, events, max(COLLECTED, 2 * events) if self._collects else 0)
         self.log = new._replace(out=self.log.out, modes=self.log.modes)
         self._ticks = ticks

@@ -49,11 +49,11 @@ class Motion(MotionMemory):
     `step_ns`: sample step, the only step of the method exact. `outputs`: extended rows (rig.model.assembly) of the
     outputs that `outputs_at` evaluates; the first `read` of them go to `segments`, for the sensors. `tolerance`: of
     dopri5, for event times and for local errors relative to the largest value of each state. `substeps`: steps of rk4
-    or kick in a sample step. `smoothing`: of the method smooth [m/s]. `cap`: events allowed in one call (in ten ticks
-    of a longer one). `limit`: largest |state| allowed. `with_energy`: keep the energy balance. `longest`: ticks of the
-    longest call. `bounds`: largest absolute value of outputs, by index; `beyond` then gives the first output that
-    exceeds its bound at the end of a call. `frames`: how the motion is advanced together with instruments and
-    controllers, if at all.
+    or kick in a sample step. `smoothing`: of the method smooth [m/s]. `cap`: events allowed in one frame (in ten ticks
+    of a longer one). `frame`: ticks of a frame; by default a call is one. `limit`: largest |state| allowed.
+    `with_energy`: keep the energy balance. `longest`: ticks of the longest call. `bounds`: largest absolute value of
+    outputs, by index; `beyond` then gives the first output that exceeds its bound at the end of a call. `frames`: how
+    the motion is advanced together with instruments and controllers, if at all.
 
     Raises ValueError for a method that does not support the system; while running Diverged, Jammed, Chatter
     (rig.errors) with time, mode and state. The state is kept then.
@@ -75,6 +75,7 @@ class Motion(MotionMemory):
         bounds: Mapping[int, float] | None = None,
         frames: Frames | None = None,
         smoothing: float = 1e-3,
+        frame: int = 0,
     ) -> None:
         loans = () if frames is None else (frames.surroundings,)
         integration = Integration(
@@ -96,6 +97,7 @@ class Motion(MotionMemory):
             prepared(system, outputs or [], integration),
             integration,
             cap,
+            self._block or frame,
             bounds or {},
             frames is not None and frames.collects,
         )

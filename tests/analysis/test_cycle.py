@@ -54,6 +54,16 @@ def test_the_contact_lets_go_where_the_limit_is_reached():
     assert found.stick_end["displacement"] == pytest.approx((0.4 * 20.0 - 2.0 * 0.06) / 2500.0, rel=1e-9)
 
 
+def test_many_events_in_a_frame_are_not_too_many_for_a_block_of_frames(tmp_path):
+    """31 events in a frame; an analysis advances by many frames at once."""
+    scene = rig.load("belt_c", {"body.mass": "1 g", "body.stiffness": 1e7})
+    a, b, w = 0.15 * 20.0 / 1e7, 0.06 / 1e5, 1e5
+    period = 2.0 * a / 0.06 + (2.0 * math.pi - 2.0 * math.atan2(a, b)) / w
+    assert limit_cycle(scene).period == pytest.approx(period, rel=1e-9)
+    chart = rig.map(scene, "drive.speed=0.05:0.07:2", runs=("near",), longest=0.01, folder=tmp_path, workers=1)
+    assert not chart.why.any()
+
+
 @pytest.mark.parametrize("name", ["belt", "belt_c_damped"])
 def test_what_the_belt_supplies_in_a_cycle_goes_into_friction_and_damper(name):
     energy = limit_cycle(rig.load(name)).energy

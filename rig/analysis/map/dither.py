@@ -210,6 +210,7 @@ class _Shaken:
             tolerance=clock.tolerance,
             substeps=clock.substeps(step_ns),
             cap=clock.events_per_frame,
+            frame=max(self.scene.frame_ns // step_ns, 1),
             limit=clock.limit,
             with_energy=False,
             longest=ticks,

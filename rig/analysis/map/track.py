@@ -110,6 +110,7 @@ class Track:
             tolerance=min(clock.tolerance, TOLERANCE),
             substeps=clock.substeps(self.step_ns),
             cap=clock.events_per_frame,
+            frame=self.scene.frame_ns // self.step_ns,
             limit=clock.limit,
             with_energy=False,
             longest=self._short,

@@ -69,6 +69,7 @@ class Contender:
             tolerance=clock.tolerance,
             substeps=clock.substeps(step_ns),
             cap=clock.events_per_frame,
+            frame=self._runner.steps,
             limit=clock.limit,
             with_energy=False,
             longest=self.ticks,
