@@ -66,7 +66,7 @@ def of_matrix(A: Array) -> tuple[Complex, Complex, Complex]:
 def sliding(at: Steady) -> Spectrum:
     """Return the spectrum of steady sliding."""
     rates, right, left = of_matrix(at.A[np.ix_(at.moving, at.moving)])
-    note = JAMS if at.inertia <= 0.0 else "" if at.exists else OPENS if at.counts else NOTHING
+    note = JAMS if at.inertia <= 0.0 else "" if at.exists else OPENS if at.counts and not at.beyond else NOTHING
     names, nq = tuple(at.system.names[i] for i in at.moving), len(at.system.coordinates)
     why = "" if at.exists else missing(at)
     energy = energy_form(at)[np.ix_(at.moving, at.moving)]

@@ -47,7 +47,7 @@ def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assem
     `moved`: actuators that are states, as for a plant; by default those that the scene moves.
     """
     given = scene.moved if moved is None else moved
-    assembly = assembled(scene.parameters, scene.frame_ns, given, random=False)
+    assembly = assembled(scene.parameters, scene.frame_ns, given, random=False, limits=scene.limits)
     system = assembly.sliding()
     if GENERATOR[0] in system.names:
         quiet = system.start.copy()
@@ -176,6 +176,8 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
 
 def missing(at: Steady) -> str:
     """Return the reason why a rig has no steady sliding."""
+    if at.beyond:
+        return at.beyond
     contacts = list(zip(at.system.patches, at.speed.tolist(), at.load.tolist()))
     for patch, speed, load in contacts:
         if speed == 0.0:

@@ -69,7 +69,8 @@ class Regions:
         absent = ~self.exists & np.isfinite(self.growth)
         if absent.any():
             share = 100.0 * absent.mean()
-            lines += ["", f"  at {share:.2g} % of the points nothing slides steadily unless the contact pulls"]
+            why = "the contact would pull, or an output exceed its limit"
+            lines += ["", f"  at {share:.2g} % of the points nothing slides steadily: {why}"]
         for row, column in np.argwhere(np.isnan(self.growth))[:1]:
             at = (
                 f"{self.x.key} = {self.x.text(self.x.values[column])}, {self.y.key} = {self.y.text(self.y.values[row])}"
@@ -245,8 +246,7 @@ def draw(found: Regions, path: Path) -> None:
         if not found.exists.all():
             absent = np.where(found.exists, np.nan, 1.0)
             axes.pcolormesh(x, y, absent, cmap=ListedColormap([_GREY]), shading="nearest")
-            pulls = " unless the contact pulls" if np.isfinite(found.growth).all() else ""
-            axes.plot([], [], "s", color=_GREY, label=f"no steady sliding{pulls}")
+            axes.plot([], [], "s", color=_GREY, label="no steady sliding")
         scale = found.x.scale
         points = np.array([(value / scale, y[j]) for j, row in enumerate(found.edges) for value, _ in row])
         if len(points):

@@ -57,6 +57,14 @@ class Disc(Section):
             )
         return self
 
+    def off(self, radius: float) -> str:
+        """Why no point of the free part of the disc is at this radius [m]; "" if there is one."""
+        low, high = self.inner_radius, self.outer_radius
+        if low < radius <= high:
+            return ""
+        where = "inside of the clamp" if radius <= low else "outside of the disc"
+        return f"is {where}: more than inner_radius {low:g} m, at most outer_radius {high:g} m"
+
     @property
     def rigidity(self) -> float:
         """Bending stiffness D [N m]."""

@@ -6,7 +6,7 @@ Outputs are extended rows: they may also name accelerations and forces (rig.mode
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -16,6 +16,7 @@ from rig.model.film_system import add_film_states
 from rig.model.matrices import matrices
 from rig.model.named_rows import Row, Rows
 from rig.model.system import System
+from rig.model.system_parts import Bound
 from rig.picture import Plot
 
 Write = Callable[[NDArray[np.float64], Mapping[str, float], float], None]
@@ -82,20 +83,25 @@ class Assembly(Rows):
     """A rig under construction: its rows, its outputs and inputs. `system()` turns names into matrices.
 
     `free`: natural frequencies [Hz] of a part of the rig on its own, listed beside those of the rig. `limits`: friction
-    coefficients at which the rig reaches a limit of its own, by name.
+    coefficients at which the rig reaches a limit of its own, by name. `bounds`: the scene's limits of outputs, by name.
     """
 
     outputs: dict[str, Output] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
     free: dict[str, float] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, float] = field(default_factory=dict)
 
     def system(self) -> System:
         """The matrices. Raises SceneError if a row names an unknown state."""
         if self.film is not None:
             add_film_states(self, self.film)
-        return matrices(self)
+        return self.sliding()
 
     def sliding(self) -> System:
         """The matrices without the time-dependent states of a film's points: enough for linearisation about sliding."""
-        return matrices(self)
+        known = [(name, self.outputs[name], limit) for name, limit in self.bounds.items() if name in self.outputs]
+        if self.film is not None:  # its forces are not known to linearised equations
+            known = [entry for entry in known if entry[1].row.keys() <= {*self.names}]
+        bounds = tuple(Bound(name, output.row, limit, output.unit) for name, output, limit in known)
+        return replace(matrices(self), bounds=bounds)

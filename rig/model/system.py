@@ -20,7 +20,7 @@ from rig.model.build_checks import Finding
 from rig.model.film import Film
 from rig.model.friction_law import Law
 from rig.model.product_terms import Product
-from rig.model.system_parts import Change, Limiter, Loss, Normal, Patch, Sector, Switch
+from rig.model.system_parts import Bound, Change, Limiter, Loss, Normal, Patch, Sector, Switch
 from rig.solve.state_codes import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN
 
 Array = NDArray[np.float64]
@@ -38,7 +38,8 @@ class System:
     structure, which exchange energy with the stored energy x.store x / 2 and with the resistors. kept: by name of a
     state, the row of the quantity that is conserved in its place when a parameter changes (the charge instead of the
     voltage). judges: of effects, see rig.stability.report. strike [coordinate]: the force of a knock of one newton.
-    film: the travelling contact points, which replace the contacts under the method kick.
+    film: the travelling contact points, which replace the contacts under the method kick. bounds: of outputs; beyond
+    them the scene accepts no equilibrium.
     """
 
     names: tuple[str, ...]
@@ -64,6 +65,7 @@ class System:
     kept: dict[str, Array]
     start: Array
     film: Film | None = None
+    bounds: tuple[Bound, ...] = ()
     slip_rows: Array = field(init=False)
 
     def __post_init__(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,16 @@ class Normal:
     direction: Array
     inertia: Array
     opens: bool
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The largest absolute value [`unit`] that a scene allows an output, an extended row (rig.model.assembly)."""
+
+    name: str
+    row: Mapping[str, float]
+    limit: float
+    unit: str
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Self
+
+from pydantic import model_validator
 
 from rig.effects import dither, drive, load
 from rig.effects.disc_modes import Disc, Mode, free_modes
@@ -101,6 +104,14 @@ class Parameters(Noisy):
     separation: Separation | None = None
     dither: MassDither | None = None
     start: Start = Start()
+
+    @model_validator(mode="after")
+    def _on_the_disc(self) -> Self:
+        named = {"slider.radius": self.slider.radius, "probe.radius": self.probe.radius}
+        faults = [f"{name} {radius:g} m {fault}" for name, radius in named.items() if (fault := self.disc.off(radius))]
+        if faults:
+            raise ValueError("; ".join(faults))
+        return self
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:

@@ -79,11 +79,16 @@ def plant_of(parameters: Section) -> ModuleType:
 
 
 def assembled(
-    parameters: Section, frame_ns: int, moved: Mapping[str, str] | None = None, random: bool = True
+    parameters: Section,
+    frame_ns: int,
+    moved: Mapping[str, str] | None = None,
+    random: bool = True,
+    limits: Mapping[str, float] | None = None,
 ) -> Assembly:
     """The plant with these parameters, and the effects that act on any plant.
 
-    `moved`: see `Scene.moved`; None: what the plant assumes. `random`: with the effects that are random.
+    `moved`: see `Scene.moved`; None: what the plant assumes. `random`: with the effects that are random. `limits`:
+    of outputs, as a scene states them.
     Raises PartError for a foreign plant or effect that fails or does not describe a rig.
     """
     plant = plant_of(parameters)
@@ -99,6 +104,7 @@ def assembled(
             with calling(effect):
                 add(made, section, frame_ns * 1e-9, moved or {})
             _sound(effect, made, before)
+    made.bounds = limits or {}
     return made
 
 

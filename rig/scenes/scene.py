@@ -125,7 +125,7 @@ class Scene:
         `parameters`: others than the scene's own, as after a change while the rig runs.
         """
         with model_store.using(self.models):
-            made = rooms.assembled(parameters or self.parameters, self.frame_ns, self.moved)
+            made = rooms.assembled(parameters or self.parameters, self.frame_ns, self.moved, limits=self.limits)
         knock.add(made, self.knocks)
         return made
 

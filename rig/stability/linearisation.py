@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.model.formulation import ModeSet
+from rig.model.output_rows import signal_rows
 from rig.model.singular import assembled
 from rig.model.system import System
 from rig.solve.state_codes import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
@@ -38,7 +39,8 @@ class Steady:
     `exists`: the equilibrium was found, agrees with the modes and does not jam; if not, `x` is the last point of the
     search. `A`: the Jacobian. `moving`: the states whose eigenvalues count. `speed`, `load`, `friction` [patch]: slip
     speed, normal force and friction force. `T`: the inputs. `inertia`: determinant of the mass matrix with friction
-    included, divided by that without; at zero and below the rig jams. `balanced`: all forces balance at `x`.
+    included, divided by that without; at zero and below the rig jams. `balanced`: all forces balance at `x`. `beyond`:
+    the first output beyond the bound of the scene at an equilibrium that would exist otherwise, in words.
     """
 
     system: System
@@ -53,6 +55,7 @@ class Steady:
     T: Array
     inertia: float
     balanced: bool
+    beyond: str = ""
 
     @property
     def slides(self) -> bool:
@@ -64,8 +67,8 @@ class Steady:
         """Whether the eigenvalues are meaningful.
 
         With constant friction coefficients the matrix does not depend on the equilibrium. The eigenvalues then count
-        even if the equilibrium would pull the contact open, as it does beyond a divergence. They never count if the rig
-        jams.
+        even if the equilibrium would pull the contact open, as it does beyond a divergence, or lies beyond a bound of
+        the scene. They never count if the rig jams.
         """
         same = not bool(self.modes.nonlinear.any()) and (self.balanced or not self.system.products)
         return self.exists or (self.inertia > 0.0 and self.slides and same)
@@ -143,7 +146,20 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     friction = modes.friction @ x + modes.friction_t @ T
     inertia = _inertia(system, modes, speed, load, law)
     exists = not stuck and balanced and _agrees(system, modes, found) and inertia > 0.0
-    return Steady(system, modes, exists, x, A, moving, speed, load, friction, T, inertia, balanced)
+    beyond = _beyond(system, modes, x, T) if exists else ""
+    return Steady(
+        system, modes, exists and not beyond, x, A, moving, speed, load, friction, T, inertia, balanced, beyond
+    )
+
+
+def _beyond(system: System, modes: ModeSet, x: Array, T: Array) -> str:
+    """The first output beyond its bound at x, in words; "" if there is none."""
+    over_x, over_t = signal_rows(system, modes, [dict(bound.row) for bound in system.bounds])
+    for bound, value in zip(system.bounds, (over_x @ x + over_t @ T).tolist()):
+        if not abs(value) <= bound.limit:
+            limit = f"limits.{bound.name} = {bound.limit:g} {bound.unit}"
+            return f"where all forces balance, {bound.name} is {value:.4g} {bound.unit}, beyond {limit}"
+    return ""
 
 
 class _Found(NamedTuple):

@@ -14,10 +14,11 @@ from scipy.integrate import solve_ivp
 
 import rig
 from rig.analysis.averaged import mean_friction
-from rig.analysis.axis import axes
+from rig.analysis.axis import Axis, axes
 from rig.analysis.modes import modes, motion
 from rig.analysis.orbit import Orbit
 from rig.analysis.regions import regions
+from rig.errors import SceneError
 from rig.model import friction_law
 
 COULOMB = friction_law.coulomb(0.4, 0.25)
@@ -71,6 +72,33 @@ def test_a_belt_at_rest_has_no_steady_sliding():
     found = modes(rig.load("belt", {"drive.speed": 0.0}))
     assert not found.sliding.exists
     assert "does not move" in found.text()
+
+
+def test_no_analysis_accepts_an_equilibrium_beyond_a_limit_of_the_scene(tmp_path):
+    """The mass of the belt would slide 2.2 mm from its unloaded place."""
+    scene = rig.load("belt", {"limits.displacement": "2 mm"})
+    why = "displacement is 0.002211 m, beyond limits.displacement = 0.002 m"
+    assert why in modes(scene).text()
+    with pytest.raises(SceneError, match=why):
+        rig.state_space(scene)
+    assert [gap.why for gap in rig.sweep(scene, "body.damping", [1.0, 2.0]).gaps] == [
+        f"where all forces balance, {why}"
+    ]
+    speeds, dampings = (Axis.parse(text, scene) for text in ("drive.speed=0.05:0.07 m/s:2", "body.damping=1:2:2"))
+    assert "beyond limits.displacement = 0.002 m" in regions(scene, speeds, dampings).text()
+    found = rig.map(scene, "drive.speed=0.05:0.07:2", runs=("near",), folder=tmp_path, workers=1)
+    assert np.isnan(found.growth).all()
+    assert not rig.limit_cycle(scene).found
+
+
+@pytest.mark.parametrize("speed", ["932.5 rad/s", "1540 rad/s"])
+def test_beside_a_critical_speed_a_disc_does_not_slide_beyond_its_limit(speed):
+    found = modes(rig.load("disc_slider", {"drive.speed": speed})).sliding
+    assert not found.exists
+    assert "beyond limits.height = 0.01 m" in found.why
+    free = modes(rig.load("disc_slider", {"drive.speed": speed, "limits.height": "none"})).sliding
+    assert free.exists
+    assert abs(free.equilibrium["height"]) > 0.01
 
 
 @pytest.mark.parametrize(

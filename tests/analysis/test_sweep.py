@@ -197,7 +197,7 @@ def test_a_loop_is_swept_through_a_point_without_sliding():
 
 def test_one_of_two_growing_motions_leaves():
     """north: the stiffness is singular at (c1 + c2) c_phi + c1 c2 s (s - mu h) = 0; another divergence goes on."""
-    found = rig.sweep("north", "friction.mu", np.linspace(20.0, 30.0, 11))
+    found = rig.sweep(rig.load("north", {"limits.displacement": "none"}), "friction.mu", np.linspace(20.0, 30.0, 11))
     [one] = found.critical
     assert one.value == pytest.approx((0.003 + 1e8 * 1.5e4 / (2e7 * 8e7 * 0.003)) / 0.012, rel=1e-9)
     grow = np.count_nonzero(found.rates.real > 1.0, axis=1)
@@ -256,7 +256,7 @@ def test_what_cannot_be_swept_is_refused(key, values, told):
 
 def test_a_range_of_sliding_between_two_values_without_is_found():
     """Only the one end of this sweep slides, and so does a range in its middle."""
-    found = rig.sweep("disc_slider", "drive.speed", [900.0, 930.0])
+    found = rig.sweep(rig.load("disc_slider", {"limits.height": "none"}), "drive.speed", [900.0, 930.0])
     edges = [(gap.start, gap.end) for gap in found.gaps]
     assert edges == [pytest.approx((911.974, 917.596), abs=1e-3), pytest.approx((924.753, 930.0), abs=1e-3)]
     assert all("would have to pull" in gap.why for gap in found.gaps)
@@ -264,7 +264,7 @@ def test_a_range_of_sliding_between_two_values_without_is_found():
 
 
 def test_an_equilibrium_beyond_a_speed_at_which_the_structure_gives_way_is_found():
-    at = sliding(rig.load("disc_slider"), {"drive.speed": 931.78})
+    at = sliding(rig.load("disc_slider", {"limits.height": "none"}), {"drive.speed": 931.78})
     assert at.exists
     assert at.load[0] == pytest.approx(1968.92, rel=1e-5)
     rate = at.modes.A @ at.x + at.modes.b @ at.T

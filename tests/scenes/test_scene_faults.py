@@ -198,6 +198,23 @@ def test_all_faults_at_once(faults):
     assert keys == ["clock.frame", "body.mass", "friction.law", "controllers.nf.gain", "protocol[1].time"]
 
 
+@pytest.mark.parametrize(
+    ("scene", "key", "value", "told"),
+    [
+        ("disc_slider", "slider.radius", "0.13 m", "slider.radius 0.13 m is outside of the disc"),
+        ("disc_slider", "slider.radius", "0.04 m", "slider.radius 0.04 m is inside of the clamp"),
+        ("disc_slider", "probe.radius", "0.3 m", "at most outer_radius 0.12 m"),
+        ("brake_disc_modes", "linings.radius", "0.06 m", "inside of the clamp: more than inner_radius 0.07 m"),
+        ("plate", "probe.y", "1 m", "beside the plate"),
+        ("plate", "slider.width", "1 m", "slider.width 1 m is not below plate.width"),
+        ("brake_shunt_sound", "sensors.microphone.distance", "2 m", "no longer than the direct way of 2 m"),
+    ],
+)
+def test_geometry_that_cannot_be_is_refused(scene, key, value, told):
+    with pytest.raises(SceneError, match=told):
+        scenes.load(scene, {key: value})
+
+
 def test_broken_toml_is_named_with_line_and_column(tmp_path):
     path = tmp_path / "broken.toml"
     path.write_text('plant = "belt"\nbody == 3\n')

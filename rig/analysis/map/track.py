@@ -122,7 +122,7 @@ class Track:
         self._motion.outputs_at(self._motion.states, self._motion.mode_sets_of_states)
 
     def _assembled(self, parameters: Section, moved: Mapping[str, str]) -> Assembly:
-        return assembled(parameters, self.scene.frame_ns, moved, random=False)
+        return assembled(parameters, self.scene.frame_ns, moved, random=False, limits=self.scene.limits)
 
     def system(self, value: float) -> System:
         """Return the rig with the parameter at `value`, in its initial state."""
