@@ -89,6 +89,9 @@ class Singular(RigError):
         super().__init__(f"{why}\n  in mode set {mode}")
 
 
+_SHOWN = 12  # values of a state in a message
+
+
 class NumericsError(RigError):
     """The integration had to stop, for the reason `what` (one line).
 
@@ -99,8 +102,11 @@ class NumericsError(RigError):
 
     def __init__(self, what: str, time: float, mode: str, state: dict[str, float]) -> None:
         self.what, self.time, self.mode, self.state = what, time, mode, state
-        values = ", ".join(f"{name} = {value:.6g}" for name, value in state.items())
-        super().__init__(f"{what}\n  at t = {time:.9g} s, in mode set {mode}\n  state: {values}")
+        sizes = sorted(state, key=lambda name: abs(state[name]) if state[name] == state[name] else float("inf"))
+        large = {*sizes[-_SHOWN:]} if len(state) > _SHOWN else state.keys()
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in state.items() if name in large)
+        more = f"; and {len(state) - _SHOWN} smaller values" if len(state) > _SHOWN else ""
+        super().__init__(f"{what}\n  at t = {time:.9g} s, in mode set {mode}\n  state: {values}{more}")
 
 
 class Diverged(NumericsError):

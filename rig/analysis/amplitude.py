@@ -27,8 +27,8 @@ class Index(NamedTuple):
     """The amplitude index of one channel, averaged over `cycles` cycles.
 
     `half`, `full`: mean of half the peak-to-valley distance, and of the whole distance, in the unit of the channel.
-    `frequency` [Hz]: of these cycles. A channel that passes its middle less than twice has no cycle: `cycles` is 0, the
-    rest nan.
+    `frequency` [Hz]: of these cycles. A channel that rises through its middle less than twice has no whole cycle:
+    `cycles` is 0, the rest nan. The amplitude of a constant is 0.
     """
 
     half: float
@@ -36,12 +36,18 @@ class Index(NamedTuple):
     cycles: int
     frequency: float
 
+    @property
+    def why(self) -> str:
+        """Why values are missing; "" if none is."""
+        return "" if self.cycles else "less than one whole cycle"
+
 
 def index(t: Array, x: Array) -> Index:
     """Compute the amplitude index of channel x at times t [s] over its whole cycles. Leave out the transient first."""
     rises = _rises(x)
     if len(rises) < 2:
-        return Index(0.0, 0.0, 0, float("nan"))
+        size = 0.0 if np.ptp(x) == 0.0 else float("nan")
+        return Index(size, size, 0, float("nan"))
     begin, end = rises[:-1], rises[1:]  # a cycle ends on the sample on which the next one begins
     high = np.maximum(np.maximum.reduceat(x[: end[-1]], begin), x[end])
     low = np.minimum(np.minimum.reduceat(x[: end[-1]], begin), x[end])

@@ -46,7 +46,7 @@ def draw(rows: Sequence[Row], scene: str, path: Path | str) -> None:
 def _bars(axes: Axes, rows: Sequence[Row]) -> None:
     first = rows[0]
     places = range(len(rows))
-    bars = axes.bar(places, [row.found.half for row in rows], color=_BAR, width=0.6)
+    bars = axes.bar(places, [row.found.half if row.found.cycles else 0.0 for row in rows], color=_BAR, width=0.6)
     labels = [f"{row.found.frequency:.4g} Hz" if row.found.cycles else "no cycle" for row in rows]
     axes.bar_label(bars, labels, fontsize=8, padding=2)
     axes.margins(y=0.15)

@@ -37,9 +37,10 @@ def meets_edge(scene: Scene, duration: float | None = None) -> str:
         place, time = place + 0.5 * (speed + after) * part, time + part
         speed = after
         if not -ROUND <= place <= film.longest + ROUND:
+            limit = "begins at 0 mm" if place < 0.0 else f"ends at {1e3 * film.longest:.4g} mm"
             return (
                 f"the protocol takes the slider beyond the plate's edge by {time:.6g} s: to {1e3 * place:.4g} mm, but "
-                f"its travel ends at {1e3 * film.longest:.4g} mm\n  use a shorter protocol or --duration, a lower "
+                f"its travel {limit}\n  use a shorter protocol or --duration, a lower "
                 "drive.speed or another slider.position; otherwise the run ends at the edge"
             )
         if time >= left:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -238,12 +239,13 @@ def amplitude(
     rows = list(measured(run, begin, end))
     turns = stages(run)
     if as_json:
-        found = [{**row._asdict(), "found": row.found._asdict()} for row in rows]
+        found = [{**row._asdict(), "found": {**row.found._asdict(), "why": row.found.why}} for row in rows]
         printing.report({"rows": found, "stages": turns._asdict() if turns else None})
     else:
         cells = [
-            (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}", f"{row.found.half:.5g} {row.unit}", row.found.cycles,
-             f"{row.found.frequency:.5g} Hz" if row.found.cycles else "-")
+            (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}",
+             "-" if math.isnan(row.found.half) else f"{row.found.half:.5g} {row.unit}", row.found.cycles,
+             f"{row.found.frequency:.5g} Hz" if row.found.cycles else row.found.why)
             for row in rows
         ]  # fmt: skip
         printing.table(

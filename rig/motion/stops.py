@@ -34,7 +34,9 @@ def why(status: int, system: System, integration: Integration, state: MotionStat
         return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"
     assert status == LOST
     film = system.film
-    if film is not None and not 0.0 <= state.x[system.names.index(film.travel)] <= film.longest:
+    if film is not None and not 0.0 <= (place := float(state.x[system.names.index(film.travel)])) <= film.longest:
+        if place < 0.0:
+            return NumericsError, "the slider runs backwards and has reached the rear end of its travel, 0 m"
         return NumericsError, f"the slider has reached the end of its travel, {film.longest:g} m"
     if np.all(np.abs(state.x) <= integration.limit):
         return Diverged, f"no step is short enough for the tolerance {integration.tolerance:g}"

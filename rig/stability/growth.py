@@ -54,7 +54,7 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
         grow = [(rate, turn) for rate, turn in zip(*_turned(flat)) if rate.real > least and rate.imag >= 0.0]
         stops = [stopped(flat, rate, turn, least) for rate, turn in grow]
         if all(stop[0] == "info" for stop in stops):
-            ends = stops[0][1] if stops else "the contact sticks and limits it"
+            ends = stops[0][1] if stops else "it ends where friction falls less, or in stick (rig cycle)"
             remedy = "to stabilise sliding: more speed, more damping, less load, or a control loop"
             return "info", f"friction falls with speed; {ends}", remedy
     rows = at.modes.guards @ shape

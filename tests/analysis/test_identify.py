@@ -1,6 +1,7 @@
 """Identification experiments give back the scene's own parameters from noisy sensors; how vibration is measured."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -85,7 +86,17 @@ def test_amplitude_index_of_a_known_signal():
     assert found.frequency == pytest.approx(1.7, rel=2e-3)
     noisy = amplitude.index(t, np.sin(2.0 * np.pi * 1.7 * t) + 0.01 * np.random.default_rng(2).standard_normal(t.size))
     assert noisy.cycles == 15
-    assert amplitude.index(t, np.full(t.size, 3.0)).cycles == 0
+    still = amplitude.index(t, np.full(t.size, 3.0))
+    assert (still.half, still.cycles) == (0.0, 0)
+
+
+@pytest.mark.parametrize("periods", [0.2, 0.9, 1.2])
+def test_less_than_one_whole_cycle_has_no_amplitude(periods):
+    t = np.linspace(0.0, 1.0, 500)
+    found = amplitude.index(t, np.sin(2.0 * np.pi * periods * t))
+    assert (found.cycles, found.why) == (0, "less than one whole cycle")
+    assert math.isnan(found.half)
+    assert math.isnan(found.full)
 
 
 def test_amplitude_index_of_the_lever_as_its_lasers_see_it():

@@ -1,5 +1,7 @@
 """A slider that its protocol takes beyond the plate's edge: told before the run, and the run ends there."""
 
+from dataclasses import replace
+
 import plate_ride
 import pytest
 
@@ -28,6 +30,15 @@ def test_a_slider_at_the_edge_is_told_as_far_as_the_run_goes(duration, told):
     if told:
         assert "the slider has reached the end of its travel, 0.0437 m" in run.fault
         assert run.time[-1] == pytest.approx(0.1 + 0.0632, abs=1e-3)
+
+
+def test_a_slider_that_runs_backwards_ends_at_the_rear_edge():
+    scene = replace(load("plate", SMALL | {"slider.position": 1e-5, "drive.speed": -0.01}), protocol=())
+    assert "to -0.01 mm, but its travel begins at 0 mm" in meets_edge(scene, 0.002)
+    said = rig.simulate(scene, 0.002).fault
+    assert said.startswith("the slider runs backwards and has reached the rear end of its travel, 0 m\n  at t = 0.001")
+    assert said.endswith("smaller values")
+    assert said.count(" = ") < 20
 
 
 def test_a_run_that_outlasts_its_protocol_travels_on():

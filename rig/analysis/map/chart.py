@@ -1,6 +1,6 @@
 """A finished map: regions, boundaries, every point.
 
-I    sliding only                   II   sliding and vibration, depending on the initial state
+I    sliding, no vibration found    II   sliding and vibration, depending on the initial state
 III  vibration only                 ?    undecided: a run that did not settle could change the region
 """
 
@@ -26,7 +26,13 @@ from rig.printable import counted
 Array = NDArray[np.float64]
 UNKNOWN, ONE, TWO, THREE, REST = range(5)
 REGIONS = ("?", "I", "II", "III", "stuck")
-MEANING = ("undecided", "sliding only", "sliding and vibration", "vibration only", "nothing moves")
+MEANING = ("undecided", "sliding, no vibration found", "sliding and vibration", "vibration only", "nothing moves")
+_STARTS = {
+    "near": "near sliding",
+    "far": "a standing start",
+    "up": "the point before (run-up)",
+    "down": "the point before (run-down)",
+}
 _UNITS = {"growth": "1/s", "frequency": "Hz", "period": "s", "spent": "s"} | dict.fromkeys(
     ("amplitude", "low", "high", "rms"), "output"
 )
@@ -105,6 +111,10 @@ class Map:
         lines += columns(
             [(REGIONS[r], MEANING[r], counted(counts[r], "point")) for r in (1, 2, 3, 4, 0) if counts[r]], "<<>"
         )
+        if (self.regions == ONE).any():
+            starts = ", ".join(_STARTS[run] for run in RUNS if run in settings.runs)
+            lines += ["", f"  I: no vibration found from {starts}. Another start may reach one: carry the runs",
+                      "  from where the rig vibrates, with an axis that begins or ends there"]  # fmt: skip
         if "near" in settings.runs:
             both = ~np.isnan(self.growth)
             wrong = self.disagreement

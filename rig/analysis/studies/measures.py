@@ -233,9 +233,8 @@ def _of_run(scene: Scene, duration: float | None, some: Sequence[Measure]) -> It
             opened = first_opening(run)
             yield (math.nan if opened is None else opened), one.unit, "" if opened is not None else "no point opens"
         else:
-            value = _number(run, one)
-            short = one.kind == "frequency" and math.isnan(value)
-            yield value, one.unit, f"{one.name}: less than one whole cycle" if short else ""
+            value, why = _number(run, one)
+            yield value, one.unit, f"{one.name}: {why}" if why else ""
 
 
 def _copied(run: Run) -> Run:
@@ -245,12 +244,14 @@ def _copied(run: Run) -> Run:
     return replace(run, signals=signals, measurements=measured)
 
 
-def _number(run: Run, one: Measure) -> float:
-    """A number of an output or a sensor of a run."""
+def _number(run: Run, one: Measure) -> tuple[float, str]:
+    """A number of an output or a sensor of a run; if it is missing (nan), the reason."""
     samples = run.measurements.get(one.of)
     v = run.signals[one.of] if samples is None else samples.v
     if one.kind in ("amplitude", "frequency"):
-        found = index(run.time if samples is None else np.asarray(samples.t_ns * 1e-9, dtype=np.float64), v)
-        return found.half if one.kind == "amplitude" else found.frequency
+        t = run.time if samples is None else np.asarray(samples.t_ns * 1e-9, dtype=np.float64)
+        found = index(t, v)
+        value = found.half if one.kind == "amplitude" else found.frequency
+        return value, found.why if math.isnan(value) else ""
     here = v[np.isfinite(v)]
-    return float(_HOW[one.kind](here)) if here.size else math.nan
+    return (float(_HOW[one.kind](here)), "") if here.size else (math.nan, "no finite sample")
