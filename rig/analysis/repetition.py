@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -26,6 +27,7 @@ def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple
     still settling. (0, inf) if none repeats. Three cycles are compared, because two could agree by chance.
     """
     best = (0, math.inf)
+    events = _in_order(events[-4 * MOST :], step, repeat)
     for count in range(2, min(MOST, len(events) // 3) + 1):
         last = events[-3 * count :]
         names = [event.what for event in last]
@@ -40,6 +42,16 @@ def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple
         if best[1] <= repeat:
             break
     return best
+
+
+def _in_order(events: list[Event], step: float, repeat: float) -> list[Event]:
+    """The events, simultaneous ones by name: in equal parts of a rig rounding decides which of them is the first."""
+    if len(events) < 2:
+        return events
+    times = [time_of(event, events[0].tick, step) for event in events]
+    close = repeat * times[-1] / len(times)
+    moments = itertools.accumulate((b - a > close for a, b in itertools.pairwise(times)), initial=0)
+    return [event for _, event in sorted(zip(moments, events), key=lambda pair: (pair[0], pair[1].what))]
 
 
 def turn_of(sliding: Steady) -> float:

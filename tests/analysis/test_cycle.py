@@ -100,6 +100,10 @@ def test_a_cycle_repeats_when_three_of_them_agree():
     late = _events([0.1, 0.2, 0.7, 1.1, 1.2, 1.7, 2.1, 2.3, 2.7], names)
     assert repeating(late, 1.0)[1] == pytest.approx(0.1)
     assert repeating(even[:6], 1.0) == (0, math.inf)
+    swapped = _events([t + e for t in (0.2, 0.7, 1.2, 1.7, 2.2, 2.7, 3.2) for e in (0.0, 1e-14)], "abcdbadcabdcab")
+    for begin, end in ((0, 14), (1, 13), (1, 14)):
+        count, drift = repeating(swapped[begin:end], 1.0)
+        assert (count, drift < 1e-12) == (4, True), (begin, end)
 
 
 def test_a_report_is_plain():

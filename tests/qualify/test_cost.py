@@ -18,6 +18,7 @@ from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended
 from rig.qualify.cost.figure import draw
 from rig.qualify.cost.measuring import timed
 from rig.qualify.cost.pareto import front
+from rig.qualify.cost.reference import extrapolated
 from rig.qualify.cost.report import notes
 from rig.qualify.cost.timing import Cost, Spread, measured
 from rig.qualify.cost.trials import Trials, trials
@@ -164,6 +165,28 @@ def test_a_state_with_missed_events_is_no_small_error(belt):
     assert errors(asked, seen, seen)["event times"] == 0.0
     fewer = type(seen)(seen.values, seen.events[1:], seen.count - 1, seen.mean)
     assert math.isinf(errors(asked, fewer, seen)["event times"])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_simultaneous_events_have_no_order(belt, seed):
+    """Two equal contacts change at once: a shift of all times is the error, whichever of the two is the first."""
+    asked, draw = problem(belt[0]), np.random.default_rng(seed)
+    assert (at_once := len(asked.system.patches) + len(asked.system.normals)) == 2
+    truth, late = [], []
+    for i in range(20):
+        pair = [f"block_{j} {'slip ends' if i % 2 else 'releases +'}" for j in (1, 2)]
+        truth += [(0.1 * i, what) for what in draw.permutation(pair)]
+        late += [(0.1 * i + 1e-6, what) for what in draw.permutation(pair)]
+
+    def seen(events, count=len(truth)):
+        return Seen({}, tuple(events), count=count, mean=0.5)
+
+    cut = draw.integers(5, len(truth) - at_once)
+    for kept in (cut, len(truth)):
+        assert errors(asked, seen(late[:kept]), seen(truth[:kept]))["event times"] == pytest.approx(2e-6)
+        assert math.isinf(errors(asked, seen(late[1 : kept + 1]), seen(truth[:kept]))["event times"])
+    again = extrapolated(seen(late), seen(truth), 2.0).events
+    assert [time for time, _ in again] == pytest.approx([time - 1e-6 for time, _ in truth])
 
 
 @pytest.mark.slow  # compiles a kernel of its own for two minutes

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -30,6 +32,7 @@ from rig.motion.memory import Event
 Array = NDArray[np.float64]
 FIRST = 12  # mode set changes whose times are compared, for a motion that does not repeat
 _STILL = 1e-9  # of the size of a quantity: below this it does not move
+_AT_ONCE = 1e-3  # of the mean time of a cycle, or between two events: the order of nearer ones is left to rounding
 SLOW = 1e-2  # of the angular frequency: smallest scale of an error of growth
 
 
@@ -98,12 +101,21 @@ def _observed(problem: Problem, setting: Setting, framed: bool) -> Seen:
 
 
 def _first(problem: Problem, events: list[Event]) -> list[Event]:
-    """The events whose times are compared: the first of all, and the first of those without lift-offs."""
+    """The events whose times are compared: the first of all, and the first of those without lift-offs.
+
+    A few more are kept, because the last one may have happened at the same time as its successors.
+    """
     all_of, slips_of = (ROUNDS * problem.count, ROUNDS * problem.slips) if problem.count else (FIRST, FIRST)
+    all_of, slips_of = all_of + _at_once(problem), slips_of + _at_once(problem)
     slips = itertools.accumulate(not lift(e.what) for e in events)
     return [
         e for i, (e, slip) in enumerate(zip(events, slips)) if i < all_of or (not lift(e.what) and slip <= slips_of)
     ]
+
+
+def _at_once(problem: Problem) -> int:
+    """Number of events that may happen at one time: one of each contact and normal force."""
+    return len(problem.system.patches) + len(problem.system.normals)
 
 
 def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> dict[str, float]:
@@ -178,12 +190,38 @@ def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
         away = abs(seen.values.get(name, math.inf) - value)
         found[name] = away / largest if largest > 0.0 else (0.0 if away == 0.0 else math.inf)
     if truth.events:
-        known = min(len(truth.events), len(seen.events))
-        same = [a[1] for a in seen.events[:known]] == [b[1] for b in truth.events[:known]]
-        enough = len(seen.events) == len(truth.events) and abs(seen.count - truth.count) <= 1 + truth.count // 50
-        away = max((abs(a[0] - b[0]) for a, b in zip(seen.events, truth.events)), default=math.inf)
-        found["event times"] = away / truth.mean if same and enough else math.inf
+        enough = abs(seen.count - truth.count) <= 1 + truth.count // 50
+        found["event times"] = _apart(seen, truth, _at_once(problem)) / truth.mean if enough else math.inf
     return found
+
+
+def numbered(events: Sequence[tuple[float, str]]) -> dict[tuple[str, int], float]:
+    """Return the times [s] of events by what happens and how often it has happened before.
+
+    Equal parts of a rig have simultaneous events, and rounding decides which of them is the first.
+    """
+    passed: Counter[str] = Counter()
+    found = {}
+    for time, what in events:
+        found[what, passed[what]] = time
+        passed[what] += 1
+    return found
+
+
+def _apart(seen: Seen, truth: Seen, at_once: int) -> float:
+    """The largest difference [s] of the times of an event; infinite if one is missing in either run.
+
+    Only simultaneous events may have another order. If there are more events than those kept, the last `at_once` may
+    have their counterpart among the others.
+    """
+    ours, theirs = numbered(seen.events), numbered(truth.events)
+    for run, events, others in ((seen, ours, theirs), (truth, theirs, ours)):
+        certain = len(events) - (at_once if run.count > len(events) else 0)
+        times = [others[key] for key in events if key in others]
+        back = max((last - time for last, time in zip(itertools.accumulate(times, max), times)), default=0.0)
+        if any(key not in others for key in [*events][:certain]) or back > _AT_ONCE * truth.mean:
+            return math.inf
+    return max((abs(ours[key] - theirs[key]) for key in ours.keys() & theirs.keys()), default=math.inf)
 
 
 def rms(dense: Dense, output: int, begin: float, end: float) -> float:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.motion_measures.measures import Seen, errors, observe
+from rig.analysis.motion_measures.measures import Seen, errors, numbered, observe
 from rig.analysis.motion_measures.problem import Problem
 from rig.analysis.motion_measures.settings import TIGHTEST, Setting, ladder
 from rig.motion.memory import SEGMENTS
@@ -129,7 +129,8 @@ def extrapolated(coarse: Seen, fine: Seen, ratio: float) -> Seen:
 
     values = {name: zero(coarse.values.get(name, math.nan), v) for name, v in fine.values.items()}
     values = {name: v if math.isfinite(v) else fine.values[name] for name, v in values.items()}
-    events = fine.events
-    if [what for _, what in coarse.events] == [what for _, what in fine.events]:
-        events = tuple((zero(a, b), what) for (a, _), (b, what) in zip(coarse.events, fine.events))
+    before, after = numbered(coarse.events), numbered(fine.events)
+    if before.keys() == after.keys():
+        after = {key: zero(before[key], time) for key, time in after.items()}
+    events = tuple((time, what) for (what, _), time in after.items())
     return replace(fine, values=values, events=events)
