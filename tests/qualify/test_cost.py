@@ -20,7 +20,7 @@ from rig.qualify.cost.measuring import timed
 from rig.qualify.cost.pareto import front
 from rig.qualify.cost.reference import extrapolated
 from rig.qualify.cost.report import notes
-from rig.qualify.cost.timing import Cost, Spread, measured
+from rig.qualify.cost.timing import QUIET, Contender, Cost, Spread, measured, spread
 from rig.qualify.cost.trials import Trials, trials
 
 
@@ -171,15 +171,15 @@ def test_a_state_with_missed_events_is_no_small_error(belt):
 def test_simultaneous_events_have_no_order(belt, seed):
     """Two equal contacts change at once: a shift of all times is the error, whichever of the two is the first."""
     asked, draw = problem(belt[0]), np.random.default_rng(seed)
-    assert (at_once := len(asked.system.patches) + len(asked.system.normals)) == 2
+    at_once = len(asked.system.patches) + len(asked.system.normals)
     truth, late = [], []
     for i in range(20):
         pair = [f"block_{j} {'slip ends' if i % 2 else 'releases +'}" for j in (1, 2)]
         truth += [(0.1 * i, what) for what in draw.permutation(pair)]
         late += [(0.1 * i + 1e-6, what) for what in draw.permutation(pair)]
 
-    def seen(events, count=len(truth)):
-        return Seen({}, tuple(events), count=count, mean=0.5)
+    def seen(events):
+        return Seen({}, tuple(events), count=len(truth), mean=0.5)
 
     cut = draw.integers(5, len(truth) - at_once)
     for kept in (cut, len(truth)):
@@ -242,6 +242,14 @@ def test_the_setting_taken_is_the_cheapest_that_is_enough():
         recommended(rows, "period", 1e-3, 0.001)
 
 
+def test_what_frames_cannot_distinguish_the_plant_alone_decides():
+    def noisy(error, p99, tick):
+        return replace(row(error, p99), cost=Cost(*[Spread(p99, 0.7 * p99, 2.0 * p99)] * 3, Spread(tick, tick, tick)))
+
+    rows = [noisy(1e-4, 110.0, 1.0), noisy(1e-5, 100.0, 1.05), noisy(1e-6, 105.0, 40.0), noisy(1e-7, 900.0, 1.0)]
+    assert recommended(rows, "period", 1e-3, None) is rows[1]
+
+
 def test_of_equal_errors_and_costs_the_finest_tolerance_is_taken():
     rows = [replace(row(1e-5, 20.0), setting=Setting("dopri5", tolerance)) for tolerance in (1e-3, 1e-8, 1e-4)]
     assert recommended(rows, "period", 1e-3, None) is rows[1]
@@ -260,12 +268,53 @@ def test_where_the_references_cannot_tell_no_setting_is_blamed():
         recommended(rows, "period", 1e-3, None)
 
 
+@pytest.mark.parametrize("share", [QUIET, 0.5, 0.99])
+def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
+    draw = np.random.default_rng(5)
+    for count in (*range(1, 60), 1050):
+        found = spread(draw.exponential(size=count), share)
+        assert found.low <= found.value <= found.high, count
+    intervals = [spread(draw.random(1050), share) for _ in range(400)]
+    assert 0.92 < np.mean([one.low <= share <= one.high for one in intervals]) < 0.99
+
+
+class Waits:
+    """A clock that comes to each deadline at once."""
+
+    time = 0
+
+    def __init__(self):
+        self.deadlines = []
+
+    def now(self):
+        return self.time
+
+    def until(self, deadline):
+        self.deadlines.append(deadline)
+        self.time = deadline
+        return deadline
+
+
+@pytest.mark.parametrize(("frame", "each"), [("1 ms", 1), ("0.1 ms", 10)])
+def test_frames_are_timed_like_those_of_a_run(frame, each):
+    """Each piece when it is due, through limits, exchange and sensors, as often as the motion to be timed lasts."""
+    asked = problem(rig.load("belt_c", {"clock.frame": frame, "limits.displacement": "1 um"}))
+    contender, clock = Contender(asked, Setting("exact"), asked.later(Setting("exact"))), Waits()
+    runner = contender.runner
+    before = runner.tick
+    times = contender.frames(clock)
+    assert len(times) == 150
+    assert times.min() > 0.0
+    assert runner.tick - before == 150 * each
+    assert clock.deadlines == [1_000_000 * i for i in range(1, 150)]
+
+
 class Stopping:
     """A setting that has to stop in its second round."""
 
     rounds = 0
 
-    def round(self):
+    def round(self, clock):
         self.rounds += 1
         if self.rounds > 1:
             raise Chatter("too many events", 0.0, "free", {})
@@ -275,7 +324,7 @@ class Stopping:
 class Lasting(Stopping):
     """One that goes on."""
 
-    def round(self):
+    def round(self, clock):
         self.rounds += 1
 
     def cost(self, told):

@@ -22,19 +22,22 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.analysis.motion_measures.problem import held, problem
 from rig.analysis.motion_measures.settings import of
 from rig.errors import NumericsError, RigError
 from rig.process import no_garbage
 from rig.qualify.cost.changes import Change, changed
-from rig.qualify.cost.timing import Contender, Spread, spread
+from rig.qualify.cost.timing import QUIET, Contender, Spread
 from rig.scenes.effects import declared
 from rig.scenes.scene import Scene
 from rig.scenes.variants import SWITCHED, dropped, opened, without
 
+Array = NDArray[np.float64]
 ROUNDS = 9
 UNKNOWN = Spread(math.nan, math.nan, math.nan)
+_DRAWS = 100  # of the rounds, for an interval
 _BATCHES = 6  # most batches of rounds
 _FINE = 0.02  # of a step: a noise floor below this is fine enough
 _BUSY = 0.5  # of a step: above this noise floor nothing is measurable
@@ -239,9 +242,24 @@ def cost_of(ticks: Mapping[str, list[float]], name: str) -> dict[str, Any]:
     mine = np.array(ticks[""])
 
     def difference(other: str) -> Spread:
-        pairs = np.column_stack([mine, ticks[other]])
-        return spread(pairs, lambda both: float(both[0] - both[1]))
+        return _difference(np.column_stack([mine, ticks[other]]))
 
     tick, none = difference(name), difference(_AGAIN)
     noise = max(abs(none.low), abs(none.high), tick.high - tick.value, tick.value - tick.low)
-    return {"tick": tick, "noise": noise, "whole": spread(mine, float).value}
+    return {"tick": tick, "noise": noise, "whole": float(_quiet(mine))}
+
+
+def _difference(rounds: Array) -> Spread:
+    """The difference of two times, [round, 2], with its interval by resampling the rounds.
+
+    Quantiles of few resampled rounds are biased, so the interval is extended to the difference itself if necessary.
+    """
+    draws = np.random.default_rng(0).integers(len(rounds), size=(_DRAWS, len(rounds)))
+    value, *drawn = (float(-np.diff(_quiet(one))[0]) for one in (rounds, *(rounds[draw] for draw in draws)))
+    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    return Spread(value, min(low, value), max(high, value))
+
+
+def _quiet(rounds: Array) -> Array:
+    """The lower quartile over the rounds: other work on the machine makes rounds longer, never shorter."""
+    return np.asarray(np.quantile(rounds, QUIET, axis=0, method="lower"))

@@ -41,7 +41,7 @@ LEAST = 1e-16  # errors of zero are drawn at this value
 def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path: Path) -> None:
     """Draw error over compute time, with Pareto front, budget and recommended setting (PNG, or as `path` ends).
 
-    Left: frames with sensors, as in a run. Right: the plant alone, without interruption. Nothing is drawn if no setting
+    Left: frames as in a run. Right: the plant alone, without interruption. Nothing is drawn if no setting
     has both an error and a cost.
     """
     if not front(found.rows, metric):
@@ -102,7 +102,7 @@ def _frames(axes: Axes, found: Table, metric: str, budget: float | None) -> None
     axes.step([row.p99 for row in best], [_shown(row, metric) for row in best], label="Pareto front", **style)
     if budget is not None:
         axes.axvline(1e3 * budget, color=ALARM, lw=1.3, label=f"budget, {budget:.0%} of a frame")
-    axes.set_xlabel("frames with sensors: compute in 1 ms of simulated time, p99 [us]")
+    axes.set_xlabel("frames as in a run: compute in 1 ms of simulated time, p99 [us]")
 
 
 def _alone(axes: Axes, found: Table, metric: str) -> None:

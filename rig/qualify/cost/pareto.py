@@ -1,9 +1,10 @@
 """Pareto front of the settings, and the recommended setting.
 
 A setting is on the Pareto front if no other setting is both cheaper and has a smaller error. The recommended setting is
-the cheapest at p99 of those that meet the target error and the budget. Costs up to a tenth higher count as equal, and
-among these the setting with the smallest error is taken, of equal errors the one with the finest tolerance: frames may
-have cut the steps of all of them to the same length.
+the cheapest at p99 of those that meet the target error and the budget. Settings whose 95 % interval begins below 1.1
+times this cost count as equally cheap; of these only those are considered whose plant alone takes up to a tenth longer
+than the fastest. The one with the smallest error is taken, of equal errors the one with the finest tolerance, because
+frames may have cut the steps of all of them to the same length.
 """
 
 from __future__ import annotations
@@ -44,8 +45,11 @@ def recommended(rows: Sequence[Row], metric: str, target: float | None, budget: 
         best = min(row.error(metric) for row in enough)
         enough = [row for row in enough if row.error(metric) <= max(best, _RESOLVED * row.floor(metric))]
     least = min(row.p99 for row in enough)
+    cheap = [row for row in enough if row.cost.p99.low <= SAME * least]
+    fastest = min(row.cost.tick.value for row in cheap)
     return min(
-        (row for row in enough if row.p99 <= SAME * least), key=lambda row: (row.error(metric), row.setting.tolerance)
+        (row for row in cheap if row.cost.tick.value <= SAME * fastest),
+        key=lambda row: (row.error(metric), row.setting.tolerance),
     )
 
 

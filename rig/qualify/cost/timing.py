@@ -1,37 +1,49 @@
-"""Compute time of a setting: frames of plant and sensors as in a run, and the plant alone without interruption.
+"""Compute time of a setting: frames as in a run, and the plant alone without interruption.
 
-All settings alternate, round by round, so that a busy machine slows all of them. Each round begins from the same state
-and simulates the same frames, so that every frame has one time per round. The lower quartile of these is the frame's
-compute time; p50 and p99 are over the frames. Occasional delays by the operating system (`rig doctor`) are not
-included. The 95 % interval is over the rounds (bootstrap).
+Frames are computed by the loop of a run without the bus: each waits until it is due on the wall clock, then limits,
+exchange, plant and sensors have their turn. Between two frames other programs use the processor, and its caches forget
+the plant. Therefore a frame takes several times as long as in a loop that does not wait. Frames that a run computes in
+one piece are timed in one piece. Scheduling and core are those of a run.
+
+All settings take turns, round by round, so that a busy machine slows all of them. p50 and p99 are over the frames of
+all rounds, delays by other programs included. The plant alone has one time per round: other work on the machine makes
+it longer, never shorter, so the lower quartile counts.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from rig import placement, scheduling
 from rig.analysis.motion_measures.problem import Problem
 from rig.analysis.motion_measures.settings import Setting
 from rig.analysis.orbit import in_frames
+from rig.bench import pace
+from rig.bench.compiled_controllers import CompiledControllers
+from rig.bench.experiment import Experiment
+from rig.bench.frame_batches import LONGEST_NS, length
+from rig.bench.simulate import carry_on
 from rig.errors import NumericsError
 from rig.motion.motion import Motion
 from rig.process import no_garbage
 
 Array = NDArray[np.float64]
 ROUNDS = 7
-_WALL = 0.15  # s, for the frames of one setting in one round
-_FRAMES = 150  # fewest frames, for a valid p99
-_DRAWS = 100
+QUIET = 0.25  # quantile of the wall times of the plant alone
+_ROUND_NS = 150_000_000  # wall time of the frames of one setting in one round
+_PIECES = 30  # fewest pieces in one round
+_ENDLESS_NS = 10**18
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A number with its 95 % interval over the rounds."""
+    """A number with its 95 % interval."""
 
     value: float
     low: float
@@ -40,7 +52,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Cost:
-    """Compute time of a setting. `p50`, `p99` [us] per 1 ms of simulated time, frame by frame with the sensors.
+    """Compute time of a setting. `p50`, `p99` [us] per 1 ms of simulated time, frame by frame as in a run.
 
     `factor`: real-time factor of the plant alone, without interruption and with a state at every sample step; a method
     with adaptive steps ends one with each frame, as in a run. `tick` [ns]: the same for one sample step.
@@ -56,10 +68,7 @@ class Contender:
     """One setting, ready to run repeatedly from state `x`, over `ticks` sample steps."""
 
     def __init__(self, problem: Problem, setting: Setting, x: Array) -> None:
-        self._runner = problem.runner(setting)
         self._x, self.ticks = x, problem.timed
-        self._frame = self._runner.frame_ns
-        self.frames = max(self.ticks // self._runner.steps, 1)
         clock = setting.applied(problem.scene).clock
         step_ns = problem.scene.step_ns
         self._motion = Motion(
@@ -73,29 +82,49 @@ class Contender:
             limit=clock.limit,
             with_energy=False,
             longest=self.ticks,
-            frames=in_frames(problem.scene, self._runner.steps) if setting.adapts else None,
+            frames=in_frames(problem.scene, problem.scene.frame_ns // step_ns) if setting.adapts else None,
         )
         self._step = step_ns
-        begin = time.perf_counter()
-        self._frames(3)
-        self.frames = max(min(self.frames, int(3 * _WALL / (time.perf_counter() - begin))), _FRAMES)
+        # the frames may go on where the motion leaves a limit of the scene
+        unlimited = replace(problem, scene=replace(problem.scene, limits={}))
+        self.runner = runner = unlimited.runner(setting)
+        self._experiment = Experiment(replace(runner.scene, protocol=()), runner, _ENDLESS_NS, lambda *_: None)
+        self._experiment.open()
+        self._inside = CompiledControllers(self._experiment)
+        self._each = length(runner.scene, 1.0)
+        self._pieces = max(self.ticks // (runner.steps * self._each), 1)
+        self._done = 0
+        for _ in range(self._pieces):  # mode sets are built when they are first visited
+            self._piece()
         self.run()
 
-    def _frames(self, count: int) -> Array:
-        """Time of each of the first frames from `x` on [us per 1 ms of simulated time]."""
-        runner = self._runner
-        for i, value in enumerate(self._x.tolist()):
-            runner.motion.write(i, value)
-        found = np.zeros(count)
-        for i in range(count):
-            begin = time.perf_counter_ns()
-            runner.frame()
-            found[i] = time.perf_counter_ns() - begin
-        return found / self._frame * 1e3
+    def _piece(self) -> None:
+        """Carry the runner through the frames of one piece, as a run does between its waits."""
+        experiment, runner = self._experiment, self.runner
+        end = runner.tick + self._each
+        while runner.tick < end and experiment.begin():
+            carry_on(experiment, (), min(end, experiment.until()), self._inside)
 
-    def round(self) -> tuple[Array, float]:
-        """Return the time of each frame, and the wall time [s] of the plant alone."""
-        return self._frames(self.frames), self.run()
+    def frames(self, clock: pace.Clock) -> Array:
+        """Return the times of some pieces [us per 1 ms of simulated time], each when it is due by `clock`.
+
+        They continue those of the last call, and begin again at `x` at the end of the motion to be timed.
+        """
+        piece_ns = self._each * self.runner.frame_ns
+        found = np.empty(max(_ROUND_NS // piece_ns, _PIECES))
+        pacer = pace.Pacer(piece_ns, 1.0, "slow", clock)
+        now = time.perf_counter_ns
+        pacer.anchor()
+        for i in range(len(found)):
+            if self._done % self._pieces == 0:
+                for place, value in enumerate(self._x.tolist()):
+                    self.runner.motion.write(place, value)
+            self._done += 1
+            pacer.wait()
+            begin = now()
+            self._piece()
+            found[i] = now() - begin
+        return found / piece_ns * 1e3
 
     def run(self) -> float:
         """Return the wall time [s] of the plant alone over `ticks`."""
@@ -107,41 +136,52 @@ class Contender:
             self._motion.advance(end - self._motion.tick)
         return time.perf_counter() - begin
 
+    def round(self, clock: pace.Clock) -> tuple[Array, float]:
+        """Return the times of some pieces by `frames`, and the wall time [s] of the plant alone."""
+        with scheduling.ahead(scheduling.PLANT):
+            found = self.frames(clock)
+        return found, self.run()
+
     def cost(self, rounds: Sequence[tuple[Array, float]]) -> Cost:
         """Return the cost from the results of `round`."""
-        frames = np.array([one for one, _ in rounds])
-        wall = np.array([one for _, one in rounds])
+        frames = np.concatenate([found for found, _ in rounds])
+        wall = spread([found for _, found in rounds], QUIET)
+        span, ticks = self.ticks * self._step * 1e-9, self.ticks
         return Cost(
-            spread(frames, lambda a: float(np.quantile(a, 0.5))),
-            spread(frames, lambda a: float(np.quantile(a, 0.99))),
-            spread(wall, lambda a: self.ticks * self._step * 1e-9 / float(a)),
-            spread(wall, lambda a: float(a) / self.ticks * 1e9),
+            spread(frames, 0.5),
+            spread(frames, 0.99),
+            Spread(span / wall.value, span / wall.high, span / wall.low),
+            Spread(*(value / ticks * 1e9 for value in (wall.value, wall.low, wall.high))),
         )
 
 
-def spread(rounds: Array, statistic: Callable[[Array], float]) -> Spread:
-    """Return `statistic` of the rounds with its interval, by resampling the rounds."""
-    draws = np.random.default_rng(0).integers(len(rounds), size=(_DRAWS, len(rounds)))
-    found = [statistic(_quiet(rounds[draw])) for draw in draws]
-    return Spread(statistic(_quiet(rounds)), *np.quantile(found, (0.025, 0.975)).tolist())
+def spread(found: ArrayLike, share: float) -> Spread:
+    """Return the quantile `share` of independent values with its 95 % interval: all three are values of `found`.
 
+    The number of values below the true quantile has a binomial distribution. With few values one end of the interval
+    is the least or the largest value, although the true quantile may lie beyond it.
+    """
+    from scipy.stats import binom
 
-def _quiet(rounds: Array) -> Array:
-    """The lower quartile over the rounds: other work on the machine makes rounds longer, never shorter."""
-    return np.sort(rounds, axis=0)[(len(rounds) - 1) // 4]  # type: ignore[no-any-return]
+    values = np.sort(np.asarray(found, dtype=np.float64))
+    count = len(values)
+    places = math.ceil(share * count), int(binom.ppf(0.025, count, share)), int(binom.ppf(0.975, count, share)) + 1
+    return Spread(*(float(values[min(max(place, 1), count) - 1]) for place in places))
 
 
 def measured(contenders: Sequence[Contender], rounds: int, report: Callable[[], object]) -> list[Cost | str]:
-    """Return the cost of each, interleaved; for one that has to stop, the reason."""
+    """Return the cost of each, in turns; for one that has to stop, the reason."""
     found: list[list[tuple[Array, float]]] = [[] for _ in contenders]
     faults = [""] * len(contenders)
-    with no_garbage():
+    with no_garbage(), placement.placed(*placement.choose()):
+        with scheduling.ahead(scheduling.PLANT):
+            clock = pace.WallClock(pace.choose(LONGEST_NS).spin_ns)
         for _ in range(rounds):
-            for i, one in enumerate(contenders):
+            for i, contender in enumerate(contenders):
                 try:
                     if not faults[i]:
-                        found[i].append(one.round())
+                        found[i].append(contender.round(clock))
                 except NumericsError as error:
                     faults[i] = error.what
                 report()
-    return [fault or one.cost(times) for one, times, fault in zip(contenders, found, faults)]
+    return [fault or contender.cost(times) for contender, times, fault in zip(contenders, found, faults)]
