@@ -6,7 +6,7 @@
 #   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
 #                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
 #   make docs       docs/gallery, made again: the figures of the papers and how their numbers compare
-#   make lessons    the figures of docs/lessons, made again by the commands of the lessons
+#   make lessons    figures and printed lines of docs/lessons, made again by the commands of the lessons
 #   make site       the documentation as a site, build/site/index.html (installs Sphinx into .venv the first time)
 #   make golden     recordings/golden, made again
 #   make proto      rig/bus/rig_pb2.py, made again from rig/bus/rig.proto (needs protoc: apt-get install protobuf-compiler)
@@ -80,8 +80,7 @@ docs: install
 	@$(BIN)/rig reproduce all --out docs/gallery --force
 
 lessons: install
-	@cd docs/lessons && PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$(sed -n 's/^\(rig .*--\(figure\|out\) .*\)$$/\1 --force/p' [0-9]*.md)"
-	@rm -f docs/lessons/*.mcap
+	@$(BIN)/python -c "from rig.lessons import lessons, renew; [renew(one) for one in lessons()]"
 
 site: $(VENV)/.installed-site # every warning is an error: a link that leads nowhere, a page in no table of contents
 	@$(RUN) sphinx --quiet --fail-on-warning --keep-going --nitpicky -c docs/site docs build/site

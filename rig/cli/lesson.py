@@ -45,7 +45,7 @@ def lesson(
     elif sys.stdin.isatty() and sys.stdout.isatty():
         _walk(one)
     else:
-        for text in one.file.read_text(encoding="utf-8").splitlines():
+        for text in for_a_terminal(one.file.read_text(encoding="utf-8")).splitlines():
             printing.line(text)
 
 
@@ -97,6 +97,7 @@ def _offer(command: Command, one: Lesson) -> int:
 
     printing.line(f"\n    {command.text}\n")
     if _ask("Enter: run it, s: skip it, q: quit", "sq") == "s":
+        _print(command)
         rows = [(expected.quantity, expected.text) for expected in command.expected]
         if rows:
             printing.table("", ("quantity", "expected"), rows)
@@ -115,6 +116,7 @@ def _offer(command: Command, one: Lesson) -> int:
     status.done()
     if outcome.notes:
         printing.note(outcome.notes.rstrip())
+    _print(command)
     found = compare(command, outcome)
     compared = [(each.expected.quantity, each.expected.text, each.text, each.agrees) for each in found]
     printing.table("", ("quantity", "expected", "found", "agrees"), compared)
@@ -122,6 +124,14 @@ def _offer(command: Command, one: Lesson) -> int:
     if figure := _figure(command):
         printing.line(f"figure: {folder / figure}\n")
     return sum(not each.agrees for each in found)
+
+
+def _print(command: Command) -> None:
+    """The lines of its output that the page shows."""
+    if command.printed:
+        printing.line("It prints, among other lines (as on the page):\n")
+        for text in (*command.printed, ""):
+            printing.line(text)
 
 
 def _figure(command: Command) -> str | None:
@@ -154,15 +164,32 @@ def _ask(text: str, answers: str, free: bool = False) -> str:
 
 
 def _show(text: str) -> None:
-    """Print Markdown in the width of the terminal; of a figure, what it shows and its file."""
+    """Print Markdown in the width of the terminal."""
     from rich.console import Console
     from rich.markdown import Markdown
 
-    from rig.lessons import FOLDER
-
-    text = re.sub(r"!\[(.+?)\]\((.+?)\)", lambda found: f"{found[1]}: `{FOLDER / found[2]}`", text)
-    Console(width=min(Console().width, 100)).print(Markdown(text, hyperlinks=False))
+    Console(width=min(Console().width, 100)).print(Markdown(for_a_terminal(text), hyperlinks=False))
     printing.line()
+
+
+def for_a_terminal(text: str) -> str:
+    """Text of a page with the files of figures and of linked pages instead of links.
+
+    Only an installation from a folder of the source has the other pages; without them a link tells where they are.
+    """
+    from rig.lessons import FOLDER, readable
+
+    docs = FOLDER.resolve().parent
+
+    def place(link: re.Match[str]) -> str:
+        page = (FOLDER.resolve() / link[2]).resolve()
+        inside = page.relative_to(docs) if page.is_relative_to(docs) else page.name
+        return (
+            f"{link[1]} (`{page}`)" if page.is_file() else f"{link[1]} (`docs/{inside}` in the source of friction-rig)"
+        )
+
+    text = re.sub(r"!\[(.+?)\]\((.+?)\)", lambda figure: f"{figure[1]}: `{FOLDER / figure[2]}`", readable(text))
+    return re.sub(r"\[(.+?)\]\(([^():]+)\)", place, text)
 
 
 COMMANDS: Mapping[str, tuple[Any, str]] = {"lesson": (lesson, "rig lesson 1")}

@@ -27,7 +27,13 @@ EXIT_CODE = "exit code"
 SECTIONS = ("Question", "Experiment", "Solutions", "What to try next")
 
 _NUMBER = re.compile(r"([-+]?\d[\d.]*(?:e[-+]?\d+)?)\s*(.*)")
-_COMMAND = re.compile(r"^```\n(rig .+)\n```\n(?:\n(\| quantity \|.*\n\|[-|]+\n(?:\|.*(?:\n|\Z))+))?", re.MULTILINE)
+COMMAND = re.compile(
+    r"^```\n(rig .+)\n```\n"
+    r"(?:\n```text\n((?:(?!```).*\n)+)```\n)?"
+    r"(?:\n(\| quantity \|.*\n\|[-|]+\n(?:\|.*\n)+)(?:\n<!-- in the report:\n((?:(?!-->).*\n)+)-->\n)?)?",
+    re.MULTILINE,
+)
+"""A command of a page, the lines that it prints, the rows of its table, and the places of their numbers."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +57,11 @@ class Expected:
 
 @dataclass(frozen=True)
 class Command:
-    """A command of a lesson, without `rig`, and what its report must contain."""
+    """A command of a lesson, without `rig`, what its report must contain, and lines that it prints."""
 
     words: tuple[str, ...]
     expected: tuple[Expected, ...]
+    printed: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -125,17 +132,28 @@ def read(file: Path) -> Lesson:
     )
 
 
+def readable(page: str) -> str:
+    """The text of a page without its comments, which are for the tests."""
+    return re.sub(r"<!--.*?-->\n*", "", page, flags=re.DOTALL)
+
+
 def _parts(text: str, file: Path) -> tuple[str | Command, ...]:
     parts: list[str | Command] = []
     end = 0
-    for match in _COMMAND.finditer(text):
+    for match in COMMAND.finditer(text):
         parts.append(text[end : match.start()].strip())
-        rows = (match[2] or "").splitlines()[2:]
-        parts.append(Command(tuple(shlex.split(match[1]))[1:], tuple(_expected(row, file) for row in rows)))
+        words, printed = tuple(shlex.split(match[1]))[1:], tuple((match[2] or "").splitlines())
+        rows, places = (match[3] or "").splitlines()[2:], (match[4] or "").split("\n")[:-1]
+        if len(rows) != len(places):
+            raise ValueError(
+                f"{file}: {match[1]}: {len(rows)} rows, but {len(places)} places in the comment behind them"
+            )
+        expected = tuple(_expected(row, place, file) for row, place in zip(rows, places))
+        parts.append(Command(words, expected, printed))
         end = match.end()
     parts.append(text[end:].strip())
     left = "\n".join(part for part in parts if isinstance(part, str))
-    if re.search(r"^(```\nrig |\| quantity)", left, re.MULTILINE):
+    if re.search(r"^(```\nrig |\| quantity|<!--)", left, re.MULTILINE):
         raise ValueError(f"{file}: a fence must hold one command, and the table of its numbers must follow it")
     return tuple(part for part in parts if part)
 
@@ -144,12 +162,11 @@ def _cells(row: str) -> list[str]:
     return [cell.strip() for cell in row.strip().strip("|").split("|")]
 
 
-def _expected(row: str, file: Path) -> Expected:
+def _expected(row: str, place: str, file: Path) -> Expected:
     cells = _cells(row)
-    if len(cells) != 4:
-        raise ValueError(f"{file}: {row}: expected four columns")
-    quantity, place, value, tolerance = cells
-    place = place.strip("`")
+    if len(cells) != 3:
+        raise ValueError(f"{file}: {row}: expected three columns")
+    quantity, value, tolerance = cells[0].replace("`", ""), *cells[1:]
     if tolerance == "exact":
         number = _NUMBER.fullmatch(value)
         return Expected(

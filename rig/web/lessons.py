@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import UsageError
-from rig.lessons import FOLDER, lesson, lessons
+from rig.lessons import FOLDER, lesson, lessons, readable
 
 
 def listed(_: dict[str, Any]) -> Any:
@@ -37,7 +37,7 @@ def html(page: str) -> str:
     from markdown_it import MarkdownIt
 
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
-    tokens = parser.parse(page)
+    tokens = parser.parse(readable(page))
     for block in tokens:
         block.children = [one for one in block.children or () if one.type not in ("link_open", "link_close")]
         for one in block.children:

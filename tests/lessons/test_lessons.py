@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import re
 import select
 import signal
 import subprocess
@@ -15,8 +16,9 @@ import psutil
 import pytest
 
 from rig import scenes
+from rig.cli.lesson import for_a_terminal
 from rig.errors import UsageError
-from rig.lessons import FOLDER, attempt, compare, lesson, lessons
+from rig.lessons import FOLDER, attempt, compare, lesson, lessons, renew, renewed
 from rig.lessons.page import Command, read
 from rig.lessons.trial import at
 
@@ -51,6 +53,7 @@ def test_a_page_has_its_parts(one):
     assert "Common wrong answers" in one.solutions
     assert one.next
     assert sum(len(command.expected) for command in one.commands) >= 5
+    assert all(command.printed for command in one.commands)
     figures = {
         command.words[command.words.index("--figure") + 1] for command in one.commands if "--figure" in command.words
     }
@@ -67,8 +70,16 @@ def test_lessons_are_numbered_one_after_the_other():
     assert [one.number for one in ALL] == [*range(1, len(ALL) + 1)]
 
 
-def test_the_numbers_of_a_short_lesson_come_out(tmp_path):
+def every_line(one, folder):
+    """The lines that the page shows are in the output of the commands."""
+    for command in one.commands:
+        new = renewed(command, attempt(command, folder, as_json=False).printed)
+        assert new == list(command.printed), command.text
+
+
+def test_numbers_and_lines_of_a_short_lesson_come_out(tmp_path):
     assert every_number(lesson(QUICK), tmp_path) >= 10
+    every_line(lesson(QUICK), tmp_path)
 
 
 @pytest.mark.slow
@@ -77,6 +88,7 @@ def test_all_numbers_of_a_lesson_come_out_within_two_minutes(one, tmp_path):
     begin = time.monotonic()
     assert every_number(one, tmp_path) >= 5
     assert time.monotonic() - begin < 120
+    every_line(one, tmp_path)
 
 
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
@@ -153,10 +165,22 @@ Why?
 rig modes belt
 ```
 
-| quantity | in the report | expected | tolerance |
-|---|---|---|---|
-| growth rate | `modes.0.growth` | 3.6 1/s | 0.01 |
-| stable | `stable` | yes | exact |
+```text
+  mode     growth 1/s  ...
+  flutter         3.6  ...
+  ...
+  normal_force = 21 N
+```
+
+| quantity | expected | tolerance |
+|---|---|---|
+| growth rate | 3.6 1/s | 0.01 |
+| stable | yes | exact |
+
+<!-- in the report:
+modes.0.growth
+stable
+-->
 
 ## Solutions
 
@@ -176,6 +200,18 @@ def test_a_wrong_number_does_not_agree(tmp_path):
     assert code.agrees
     assert (growth.agrees, stable.agrees, stable.value) == (False, False, "no")
     assert growth.value == pytest.approx(3.6553, abs=1e-3)
+    renew(read(file))
+    assert read(file).commands[0].printed == (
+        "  mode     growth 1/s  ...", "  flutter         3.65529  ...", "  ...", "  normal_force = 20 N")  # fmt: skip
+    assert file.read_text().replace("3.65529  ", "3.6  ").replace("20 N", "21 N") == PAGE
+
+
+def test_a_line_that_a_command_does_not_print_is_refused():
+    command = Command(("modes", "belt"), (), ("a = 1 N",))
+    assert renewed(command, "x\n  a =  -2.5e-3 N\n") == ["  a =  -2.5e-3 N"]
+    for printed in ("", "a = 1 m", "a = 1 N and more", "b = 1 N"):
+        with pytest.raises(ValueError, match="rig modes belt: prints no line such as: a = 1 N"):
+            renewed(command, printed)
 
 
 @pytest.mark.parametrize(
@@ -186,6 +222,8 @@ def test_a_wrong_number_does_not_agree(tmp_path):
         ("| 0.01 |", "| 0.01 m |", "another unit"),
         ("| 3.6 1/s |", "| much |", "a number and a tolerance"),
         ("```\n\n|", "```\n\nSo:\n\n|", "must follow"),
+        ("\nstable\n", "\n", "2 rows, but 1 places"),
+        ("\n<!--", "\nSo:\n\n<!--", "2 rows, but 0 places"),
     ],
 )
 def test_a_page_without_its_parts_is_refused(old, new, why, tmp_path):
@@ -210,9 +248,27 @@ def test_an_unknown_number_is_refused():
 def test_without_a_terminal_the_page_is_printed(tmp_path):
     done = subprocess.run([sys.executable, "-m", "rig", "lesson", "1"], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0
-    assert done.stdout == lesson(1).file.read_text()
+    assert lesson(1).commands[2].printed[1] in done.stdout
+    assert "modes.0.growth" not in done.stdout
+    assert f"Stability (`{ROOT / 'docs' / 'theory' / 'stability.md'}`)" in done.stdout
+    assert f"`{FOLDER / 'falling_friction.png'}`" in done.stdout
     listed = subprocess.run([sys.executable, "-m", "rig", "lesson"], capture_output=True, text=True, cwd=tmp_path)
     assert all(one.title in listed.stdout for one in ALL)
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda one: one.file.stem)
+def test_links_of_a_page_lead_somewhere_in_a_terminal(one, tmp_path, monkeypatch):
+    """From a folder of the source: to files. From a wheel, which has the lessons alone: a command of the page does."""
+    shown = for_a_terminal(one.file.read_text())
+    assert "](" not in shown
+    assert "in the source" not in shown
+    for file in re.findall(r"`(/\S+)`", shown):
+        assert Path(file).is_file()
+    for scene in re.findall(r"`rig explain (\S+)`", one.next):
+        assert scene in scenes.names()
+    monkeypatch.setattr("rig.lessons.FOLDER", tmp_path / "rig" / "lessons" / "pages")
+    for line in for_a_terminal(one.next).splitlines():
+        assert "in the source of friction-rig" not in line or re.search(r"`rig (explain \w+|\w+ --help)`", line), line
 
 
 def test_in_a_terminal_commands_are_run_and_compared(tmp_path):
