@@ -1,4 +1,4 @@
-"""The scene of a case for the torture test: no sensors, a given step, and outputs of each contact."""
+"""The scene of a case for the torture test: with its sensors, a given step, and outputs of each contact."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Watched(Scene):
 
     @cached_property
     def step_ns(self) -> int:
-        """Sample step [ns]: that of the case, because no sensor requires one."""
+        """Sample step [ns]: that of the case; sensors publish between the ticks too."""
         return self.step
 
     @cached_property
@@ -70,6 +70,7 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         clock["tolerance"] = tolerance
     drives: dict[str, str] = {}
     limits: dict[str, float] = {}
+    sensors: dict[str, Any] = {}
     for act in case.acts:
         if act.do in ("set", "command", "follow"):
             drives[act.target] = "ramped" if act.over else drives.get(act.target, "held")
@@ -92,7 +93,7 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         if scene.assemble().film is not None:  # a tick has its own steps
             clock["rk4_step"] = min(step_ns, int(scene.clock.rk4_step)) * 1e-9
         clock = scene.clock.model_dump(mode="json") | clock
-        limits = scene.limits if case.limited else {}
+        limits, sensors = scene.limits if case.limited else {}, scene.sensors
         calm = scene.parameters.model_copy(
             update={"noise": None}
         )  # it would be another one in frames of another length
@@ -101,7 +102,7 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         name=case.name,
         title=case.title,
         about=case.about,
-        sensors={},
+        sensors=sensors,
         controllers={},
         protocol=(),
         limits=limits,

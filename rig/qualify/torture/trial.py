@@ -180,6 +180,10 @@ class Trial:
             self.found.carrying += time.thread_time() - begin
             self._last = (motion.kept - kept - 1) % self.runner.steps + 1
             self.runner.tick = motion.tick // self.runner.steps
+            found, bank = self.found, self.runner.bank
+            found.not_finite += int(np.count_nonzero(~np.isfinite(bank.latest)))
+            if bank.short:
+                bank.fill()
             if motion.event_count:
                 self._note()
             if motion.beyond >= 0:
