@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.bench.agreement import Agreement
 from rig.errors import SceneError, UsageError
 from rig.qualify import torture
 from rig.qualify.torture import film_checks
 from rig.qualify.torture.case import FOLDER, load, names, read
 from rig.qualify.torture.case_scene import watched
-from rig.qualify.torture.cells import kernel_scenes
+from rig.qualify.torture.cells import cells, kernel_scenes
 from rig.qualify.torture.outcome import Found
 from rig.qualify.torture.test_result import judge
 from rig.qualify.torture.wrong_methods import WRONG
+from rig.record import reader
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 SOME = ["grazing", "belt_at_rest", "belt_loop_unlimited", "pin_jams"]  # of few kernels
@@ -56,6 +58,50 @@ def test_expected_numbers_are_those_of_the_references():
 def test_default_is_green(some):
     assert [cell for cell in some if not cell.good] == []
     assert {cell.case for cell in some if cell.default} == set(SOME)
+
+
+def test_a_fault_that_stops_runs_with_sensors_is_red(tmp_path, monkeypatch):
+    """A frame with more smooth segments than the sensors can read, which a run without sensors does not need."""
+    path = tmp_path / "long_frame.toml"
+    text = 'title = "x"\nabout = "y"\nscene = "belt_c"\nduration = "2 s"\nsteps = ["0.5 ms"]\nframe = "1 s"\n'
+    path.write_text(text)
+    good = next(cell for cell in cells(read(path), True, ()) if cell.default)
+    assert good.result.colour == "green"
+    monkeypatch.setattr("rig.motion.motion.MOST_SEGMENTS", 0)
+    bad = next(cell for cell in cells(read(path), True, ()) if cell.default)
+    assert bad.result.colour == "red"
+    assert "for the sensors to read" in bad.result.detail
+
+
+@pytest.mark.parametrize("name", ["grazing", "pin_at_limit", "bounce_to_rest"])  # two scenes and a rig
+def test_default_cells_measure_and_keep_a_recording(name, monkeypatch):
+    case = load(name)
+    assert all(cell.counts["measurements"] > 0 for cell in cells(case, True, ()))
+    undamaged = reader.open
+
+    def damaged(path):
+        run = undamaged(path)
+        for _, values in run.measurements.values():
+            values[-1] += 1e-12
+        return run
+
+    monkeypatch.setattr("rig.qualify.torture.user_run.reader.open", damaged)
+    results = [cell.result for cell in cells(case, True, ()) if cell.default]
+    assert {(result.colour, result.reason) for result in results} == {("red", "recording")}
+
+
+def test_a_recording_that_is_not_verified_is_red(monkeypatch):
+    monkeypatch.setattr("rig.bench.verify.agreement", lambda *_: Agreement(1, 1e-3, "velocity differs"))
+    results = [cell.result for cell in cells(load("grazing"), True, ()) if cell.default]
+    assert {(result.reason, result.detail) for result in results} == {
+        ("recording", "the file is not verified: velocity differs")
+    }
+
+
+def test_processes_in_lockstep_are_a_cell_of_their_own(runs):
+    cell = list(cells(load("loop_as_processes"), True, ()))[-1]
+    assert (cell.method, cell.default, cell.result.colour) == ("processes", True, "green")
+    assert cell.result.detail == "2 sensors and 1 controller have the same bits as in one process"
 
 
 def test_instability_is_named_with_its_growth(some):

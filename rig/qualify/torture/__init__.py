@@ -5,6 +5,7 @@ rigs                  small rigs that no scene has
 case_scene            the scene of a case, with outputs of each contact
 outcome               the result of a run
 film_checks           checks of the points of a film
+user_run              a run as a user makes it: recorded and verified, and as processes
 trial                 one run with a check of every step
 rk4_without_events    Runge-Kutta across the sign of the slip speed: for comparison
 wrong_methods         contact forces by other failing methods: for comparison

@@ -79,7 +79,7 @@ class Case(Section):
     methods of rig.qualify.torture.wrong_methods that must fail in this case. `limited`: the run ends where the motion
     leaves a limit of its scene, as every run does. `box`: ranges in which a random search looks for failures. `quick`:
     part of the quick matrix, then over `quick_duration` if that is given. `seconds`: time limit of a cell, in processor
-    time.
+    time. `processes`: the scene also runs as processes in lockstep, with its controllers.
     """
 
     name: str
@@ -97,6 +97,7 @@ class Case(Section):
     wrong: tuple[Literal["held", "clipped", "stale"], ...] = ()
     quick: bool = True
     seconds: Share = 2.0
+    processes: bool = False
     acts: tuple[Act, ...] = ()
     box: dict[str, tuple[float, float]] = Field(default_factory=dict)
     expect: Expect = Expect()
@@ -105,6 +106,8 @@ class Case(Section):
     def _frames(self) -> Self:
         if self.frame and any(act.do not in ("set", "knock", "blocks") or act.over for act in self.acts):
             raise ValueError("actions that count frames need frames of one step: leave `frame` out")
+        if self.processes and self.rig:
+            raise ValueError("processes = true needs a scene: no process knows a rig of the torture test")
         return self
 
 

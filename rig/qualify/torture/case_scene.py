@@ -23,11 +23,15 @@ from rig.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class Watched(Scene):
-    """A scene with outputs for every contact: friction (T:), slip speed (w:) and normal forces (N:)."""
+    """A scene with outputs for every contact: friction (T:), slip speed (w:) and normal forces (N:).
+
+    Without `contacts` it has its own outputs only, whose names a recording accepts.
+    """
 
     rig: str = ""
     drives: tuple[tuple[str, str], ...] = ()
     step: int = 0
+    contacts: bool = True
 
     @cached_property
     def step_ns(self) -> int:
@@ -43,7 +47,7 @@ class Watched(Scene):
     def assemble(self, parameters: Section | None = None) -> Any:
         """Return the rig with the outputs that the invariants need."""
         a = RIGS[self.rig][1](parameters or self.parameters, self.moved) if self.rig else super().assemble(parameters)
-        if a.film is not None:  # its points are states, which `Trial` checks
+        if a.film is not None or not self.contacts:  # points of a film are states, which `Trial` checks
             return a
         for name, *_ in a.patches:
             a.outputs |= {f"T:{name}": Output({f"T:{name}": 1.0}, "N"), f"w:{name}": Output({f"w:{name}": 1.0}, "m/s")}
@@ -58,6 +62,11 @@ def _loaded(name: str, changes: str, given: tuple[tuple[str, Place], ...]) -> Sc
     return scenes.load(name, json.loads(changes), dict(given))
 
 
+def changed(case: Case) -> Scene:
+    """Return the scene of a case with the values of the case."""
+    return _loaded(case.scene, json.dumps(case.set), (*case.places.items(),))
+
+
 def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None, unstable: str = "run") -> Watched:
     """Return the scene of a case with a method and a step. Raises SceneError if the case is inconsistent."""
     clock: dict[str, Any] = {
@@ -70,7 +79,6 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         clock["tolerance"] = tolerance
     drives: dict[str, str] = {}
     limits: dict[str, float] = {}
-    sensors: dict[str, Any] = {}
     for act in case.acts:
         if act.do in ("set", "command", "follow"):
             drives[act.target] = "ramped" if act.over else drives.get(act.target, "held")
@@ -87,22 +95,28 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
             "parameters": parameters,
             "clock": Clock.model_validate(clock),
             "seed": 1,
+            "sensors": {"ideal": RIGS[case.rig][2]},
         }
     else:
-        scene = _loaded(case.scene, json.dumps(case.set), (*case.places.items(),))
+        scene = changed(case)
         if scene.assemble().film is not None:  # a tick has its own steps
             clock["rk4_step"] = min(step_ns, int(scene.clock.rk4_step)) * 1e-9
         clock = scene.clock.model_dump(mode="json") | clock
-        limits, sensors = scene.limits if case.limited else {}, scene.sensors
+        limits = scene.limits if case.limited else {}
         calm = scene.parameters.model_copy(
             update={"noise": None}
         )  # it would be another one in frames of another length
-        base = {"plant": scene.plant, "parameters": calm, "clock": Clock.model_validate(clock), "seed": 1}
+        base = {
+            "plant": scene.plant,
+            "parameters": calm,
+            "clock": Clock.model_validate(clock),
+            "seed": 1,
+            "sensors": scene.sensors,
+        }
     return Watched(
         name=case.name,
         title=case.title,
         about=case.about,
-        sensors=sensors,
         controllers={},
         protocol=(),
         limits=limits,

@@ -17,6 +17,7 @@ from rig.qualify.torture.case_scene import Watched, watched
 from rig.qualify.torture.outcome import Found, OutOfTime
 from rig.qualify.torture.test_result import CellResult, amber, judge, red, stopped
 from rig.qualify.torture.trial import Trial
+from rig.qualify.torture.user_run import processes, recording
 from rig.qualify.torture.wrong_methods import PATIENCE, WRONG
 from rig.stability.report import stability_report
 
@@ -128,6 +129,16 @@ def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator
     for method, scene in _planned(case, quick, methods):
         default = scene.clock.method == "auto" and method not in COMPARED
         yield _cell(case, method, scene, default, until, seconds, fault or reference)
+    if case.processes:
+        yield Cell(case.name, "processes", case.steps[0] * 1e-9, True, _as_processes(case, until), 0.0, {})
+
+
+def _as_processes(case: Case, until: int) -> CellResult:
+    """The result of the scene of a case as processes in lockstep."""
+    try:
+        return processes(case, until)
+    except RigError as error:
+        return red("refused", _line(error))
 
 
 def _named(case: Case) -> CellResult:
@@ -202,9 +213,11 @@ def _cell(
                 else Trial(case, scene, until, limit).run()
             )
             found_is = judge(case, found, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
+            if default and found_is.colour == "green":
+                found_is = recording(case, scene, until) or found_is
             spent = found.seconds
             counts = {"events": found.count, "ticks": found.ticks, "opened": found.opened, "trials": found.trials}
-            counts |= {"energy": found.energy, "stuck": found.stuck}
+            counts |= {"energy": found.energy, "stuck": found.stuck, "measurements": found.measurements}
     except OutOfTime:
         found_is, spent = amber("cost", f"exceeds its time limit of {limit:g} s"), limit
     except NumericsError as error:

@@ -30,6 +30,8 @@ class Found:
     """Largest pull [N] of a contact that cannot open, in a scene without separation."""
     creep: float = 0.0
     not_finite: int = 0
+    measurements: int = 0
+    """Samples that the sensors published after the first."""
     energy: float = 0.0
     with_film: bool = False
     """The rig is a film of points: the residual of its energy balance falls with the square of the step."""

@@ -11,6 +11,9 @@ from typing import Any
 from rig.model import friction_law
 from rig.model.assembly import Assembly, Output
 from rig.quantities import Section
+from rig.sensors.chain.instrument import Instrument
+from rig.sensors.displacement_laser import DisplacementLaser
+from rig.sensors.laser_vibrometer import LaserVibrometer
 
 
 class Ball(Section):
@@ -130,9 +133,10 @@ def belt_loop(p: BeltLoop, moved: Mapping[str, str]) -> Assembly:
     return a
 
 
-RIGS: dict[str, tuple[type[Section], Callable[[Any, Mapping[str, str]], Assembly]]] = {
-    "ball": (Ball, ball),
-    "twins": (Twins, twins),
-    "sectored": (Sectored, sectored),
-    "belt_loop": (BeltLoop, belt_loop),
+RIGS: dict[str, tuple[type[Section], Callable[[Any, Mapping[str, str]], Assembly], Instrument]] = {
+    "ball": (Ball, ball, DisplacementLaser(reads="height", ideal=True)),
+    "twins": (Twins, twins, DisplacementLaser(reads="x1", ideal=True)),
+    "sectored": (Sectored, sectored, DisplacementLaser(reads="x1", ideal=True)),
+    "belt_loop": (BeltLoop, belt_loop, LaserVibrometer(reads="surface_speed", ideal=True)),
 }
+"""The parameters of each rig, how it is assembled, and an ideal instrument on it."""

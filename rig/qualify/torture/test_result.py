@@ -26,6 +26,7 @@ Reason = Literal[
     "refused",
     "overrun",
     "cost",
+    "recording",
 ]
 SMOOTH, WITH_EVENTS, WITH_FILM = 1e-9, 1e-6, 1e-2
 """Largest residual of the energy balance, relative to its largest term; the last for a film of points."""
@@ -82,7 +83,7 @@ def judge(case: Case, found: Found, reference: Found | None, simulated: float, s
 
 
 def _numbers(found: Found) -> CellResult | None:
-    return red("NaN", "a state is not finite") if found.not_finite else None
+    return red("NaN", "a state or a measurement is not finite") if found.not_finite else None
 
 
 def _energy(case: Case, found: Found) -> CellResult | None:

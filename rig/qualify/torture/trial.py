@@ -96,6 +96,7 @@ class Trial:
             found.trials, found.opened = counts["trial_steps"], counts["opened_ticks"]
             found.ticks, found.seconds = self.motion.tick, time.thread_time() - self._begin
             found.stuck = self._stuck_ticks / max(self.motion.tick, 1)
+            found.measurements = sum(self.runner.bank.counts())
             with np.errstate(over="ignore", invalid="ignore"):  # for a state outside of the range of numbers
                 found.energy = abs(self.motion.energy()["error"])
             found.stuck_now = self._sticks(self.motion.key)

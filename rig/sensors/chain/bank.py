@@ -151,6 +151,10 @@ class Bank:
         kept, published = self._numbers
         return self._samples[i, number - published[i] + kept[i] : kept[i]]
 
+    def counts(self) -> list[int]:
+        """The number of samples that each instrument has published."""
+        return self._fronts["published"].tolist()  # type: ignore[no-any-return]
+
     def memory(self, i: int, number: int, most: int) -> memoryview:
         """At most `most` samples of instrument i from sample `number` on, as a view of memory.
 
