@@ -13,12 +13,13 @@ from rig.printable import counted
 from rig.qualify.torture import case as cases
 from rig.qualify.torture import rk4_without_events
 from rig.qualify.torture.case import Case
-from rig.qualify.torture.case_scene import Watched, watched
+from rig.qualify.torture.case_scene import Watched, changed, watched
 from rig.qualify.torture.outcome import Found, OutOfTime
 from rig.qualify.torture.test_result import CellResult, amber, judge, red, stopped
 from rig.qualify.torture.trial import Trial
 from rig.qualify.torture.user_run import processes, recording
 from rig.qualify.torture.wrong_methods import PATIENCE, WRONG
+from rig.scenes.scene import Scene
 from rig.stability.report import stability_report
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign", *WRONG)
@@ -64,7 +65,7 @@ class Cell:
         return cls(**{**raw, "result": CellResult(**raw["result"])})
 
 
-def needed() -> Iterator[Watched]:
+def needed() -> Iterator[Scene]:
     """Yield scenes that together need all kernels of the quick matrix."""
     for name in cases.names():
         case = cases.load(name)
@@ -73,7 +74,7 @@ def needed() -> Iterator[Watched]:
                 yield from kernel_scenes(one, True)
 
 
-def kernel_scenes(case: Case, quick: bool) -> Iterator[Watched]:
+def kernel_scenes(case: Case, quick: bool) -> Iterator[Scene]:
     """The scenes of a case that are not refused."""
     for _, scene in _planned(case, quick):
         system = scene.assemble().system()
@@ -82,6 +83,8 @@ def kernel_scenes(case: Case, quick: bool) -> Iterator[Watched]:
         except ValueError:
             continue
         yield scene
+    if case.processes:
+        yield changed(case)
 
 
 def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator[tuple[str, Watched]]:
