@@ -65,7 +65,11 @@ def _blocks(cells: Sequence[Cell]) -> list[Rows]:
 def _methods(cells: Sequence[Cell], rows: Rows) -> list[str]:
     """The columns of a block: methods that one of its cases was run with."""
     cases = {case for case, _ in rows}
-    return [m for m in ("default", *METHODS) if any(cell.case in cases and m in _columns(cell) for cell in cells)]
+    return [
+        m
+        for m in ("default", "processes", *METHODS)
+        if any(cell.case in cases and m in _columns(cell) for cell in cells)
+    ]
 
 
 def _block(axes: Axes, cells: Sequence[Cell], rows: Rows, methods: list[str]) -> None:
@@ -86,8 +90,8 @@ def _block(axes: Axes, cells: Sequence[Cell], rows: Rows, methods: list[str]) ->
 
 
 def _columns(cell: Cell) -> tuple[str, ...]:
-    """The columns of a cell: the default has one column."""
-    return ("default",) if cell.default else (cell.method,)
+    """The columns of a cell: the default has one column, and processes have one."""
+    return ("default",) if cell.default and cell.method != "processes" else (cell.method,)
 
 
 def _box(axes: Axes, x: float, y: int, width: float, cell: Cell) -> None:
@@ -95,7 +99,7 @@ def _box(axes: Axes, x: float, y: int, width: float, cell: Cell) -> None:
 
     colour = COLOURS[cell.result.colour]
     axes.add_patch(Rectangle((x + 0.015, y + 0.06), width - 0.03, 0.88, facecolor=colour, edgecolor="none"))
-    text = cell.result.reason or (cell.method if cell.default else "")
+    text = cell.result.reason or (cell.method if "default" in _columns(cell) else "")
     if text:
         narrow = width < 0.6
         axes.text(
