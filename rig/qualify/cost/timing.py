@@ -78,7 +78,7 @@ class Contender:
             tolerance=clock.tolerance,
             substeps=clock.substeps(step_ns),
             cap=clock.events_per_frame,
-            frame=self._runner.steps,
+            frame=problem.scene.frame_ns // step_ns,
             limit=clock.limit,
             with_energy=False,
             longest=self.ticks,
