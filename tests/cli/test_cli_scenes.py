@@ -34,6 +34,7 @@ def test_a_new_scene_can_be_explained_at_once(rig, tmp_path, monkeypatch):
 def test_a_new_scene_names_its_base_from_its_own_folder(rig, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "base.toml").write_text('based_on = "belt"')
+    (tmp_path / "deep").mkdir()
     code, out, _ = rig("new", "deep/mine.toml", "--based-on", "base.toml", "--json")
     assert (code, json.loads(out)) == (0, {"file": "deep/mine.toml", "based_on": "../base.toml"})
     assert scenes.load("deep/mine.toml").digest == scenes.load("belt").digest

@@ -14,9 +14,9 @@ from rig.qualify import torture
 from rig.qualify.torture import film_checks
 from rig.qualify.torture.case import FOLDER, load, names, read
 from rig.qualify.torture.case_scene import watched
+from rig.qualify.torture.cell_result import judge
 from rig.qualify.torture.cells import cells, kernel_scenes
 from rig.qualify.torture.outcome import Found
-from rig.qualify.torture.test_result import judge
 from rig.qualify.torture.wrong_methods import WRONG
 from rig.record import reader
 

@@ -9,7 +9,7 @@ user_run              a run as a user makes it: recorded and verified, and as pr
 trial                 one run with a check of every step
 rk4_without_events    Runge-Kutta across the sign of the slip speed: for comparison
 wrong_methods         contact forces by other failing methods: for comparison
-test_result           green, amber or red
+cell_result           green, amber or red
 cells                 the cells and their results
 case_cells            all cases, in worker processes
 figure                the matrix as a picture

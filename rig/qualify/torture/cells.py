@@ -14,8 +14,8 @@ from rig.qualify.torture import case as cases
 from rig.qualify.torture import rk4_without_events
 from rig.qualify.torture.case import Case
 from rig.qualify.torture.case_scene import Watched, changed, watched
+from rig.qualify.torture.cell_result import CellResult, amber, judge, red, stopped
 from rig.qualify.torture.outcome import Found, OutOfTime
-from rig.qualify.torture.test_result import CellResult, amber, judge, red, stopped
 from rig.qualify.torture.trial import Trial
 from rig.qualify.torture.user_run import processes, recording
 from rig.qualify.torture.wrong_methods import PATIENCE, WRONG

@@ -17,7 +17,7 @@ from rig.bench.verify import verify
 from rig.printable import counted
 from rig.qualify.torture.case import Act, Case
 from rig.qualify.torture.case_scene import Watched, changed
-from rig.qualify.torture.test_result import CellResult, red
+from rig.qualify.torture.cell_result import CellResult, red
 from rig.record import reader
 from rig.record.run import Run
 from rig.scenes.scene import Scene
