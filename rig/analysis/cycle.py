@@ -100,8 +100,7 @@ class _Search:
         self.rest = Rest(sliding, start)
         self.orbit = Orbit(scene, assembly, start, self.method, tolerance)
         self.turns = Turns(self.orbit, sliding)
-        turning = np.abs(sliding.eigenvalues())
-        self.slowest = 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
+        _, self.slowest = sliding.time_scales()
         self.step, self.round_s = scene.step_ns * 1e-9, turn_of(sliding)
         self.longest = longest or (LONGEST if math.isinf(self.round_s) else max(LONGEST, _TURNS * self.round_s))
         self.events: list[Event] = []  # the last, as many as are compared

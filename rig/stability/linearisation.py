@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import UsageError
 from rig.model.formulation import ModeSet
 from rig.model.output_rows import signal_rows
 from rig.model.singular import assembled
@@ -77,6 +78,20 @@ class Steady:
         """The eigenvalues [1/s] of the moving states, the least stable first."""
         found = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
         return found[np.lexsort((-found.imag, -found.real))]
+
+    def time_scales(self) -> tuple[float, float]:
+        """The shortest and the longest time constant, times 2 pi [s]: periods where the rig vibrates.
+
+        Raises UsageError for a rig none of whose moving states has one, such as a block without a spring.
+        """
+        rates = np.abs(self.eigenvalues())
+        fastest = float(rates.max(initial=0.0))
+        if fastest == 0.0:
+            raise UsageError(
+                "nothing vibrates and nothing decays in steady sliding, so there is no cycle; "
+                "give the structure a stiffness"
+            )
+        return 2.0 * np.pi / fastest, 2.0 * np.pi / float(rates[rates > 1e-6 * fastest].min())
 
     def eigenvectors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """The eigenvalues [i], the least stable first, and the mode shapes [state, i] over all states."""

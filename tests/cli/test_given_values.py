@@ -54,6 +54,26 @@ def test_a_decimal_comma_is_a_point_on_the_command_line(rig):
     assert lines[0] == lines[1]
 
 
+@pytest.mark.parametrize("command", [("cycle", "belt_c"), ("map", "belt_c", "--x", "drive.speed=0.01:0.1:2")])
+def test_a_rig_that_cannot_vibrate_is_told(rig, command):
+    code, _, err = rig(*command, "-p", "body.stiffness=0")
+    assert code == 2
+    assert "nothing vibrates and nothing decays in steady sliding" in err
+
+
+def test_a_block_without_a_spring_slides_to_a_halt():
+    """x = v^2 / (2 mu g) with constant friction; here N is the load."""
+    changes = {"body.stiffness": 0.0, "body.damping": 0.0, "drive.speed": 0.0, "start.displacement": 0.0}
+    changes |= {"start.velocity": "0.3 m/s", "friction.law": "constant", "friction.mu": 0.3}
+    for method in ("exact", "dopri5", "rk4"):
+        scene = package.load("belt_c", changes | {"clock.method": method})
+        force = 0.3 * scene.parameters.load.force
+        run = package.simulate(scene, 2.0)
+        expected = 0.5 * scene.parameters.body.mass * 0.3**2 / force
+        assert run.signals["displacement"][-1] == pytest.approx(expected, rel=1e-9)
+        assert run.signals["velocity"][-1] == 0.0
+
+
 def test_the_version_is_printed(rig):
     assert rig("--version")[:2] == (0, f"{package.__version__}\n")
 

@@ -79,9 +79,7 @@ class Track:
         )
         self.value, typical = self._typical()
         self._system = self.system(self.value)
-        turning = np.abs(typical.eigenvalues())
-        self.slowest = 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
-        frame, fastest = scene.frame_ns, 2.0 * math.pi / float(turning.max())
+        (fastest, self.slowest), frame = typical.time_scales(), scene.frame_ns
         self.step_ns = frame // math.ceil(frame * 1e-9 * _SAMPLES / fastest)
         self.step = self.step_ns * 1e-9
         self._short = max(8, round(WINDOW * self.slowest / self.step))
