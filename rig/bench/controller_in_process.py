@@ -13,7 +13,7 @@ from rig.controllers.blocks.base import Controller, Values
 from rig.controllers.runtime.body import Untranslatable
 from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.native import Native
-from rig.errors import ControllerLost
+from rig.errors import ControllerLost, Untrusted
 
 TRIALS = 200
 """Answers of a compiled controller that are compared with Python's before it is used. # chosen"""
@@ -37,7 +37,7 @@ def loop_of(name: str, controller: Controller) -> Loop:
         call(name)
     try:
         return Loop(controller)
-    except ControllerLost:
+    except (ControllerLost, Untrusted):
         raise
     except (Exception, SystemExit) as error:
         raise failure(name, 0, error) from error

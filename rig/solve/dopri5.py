@@ -288,7 +288,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
             if refused > 1:  # the error does not fall as it does for a smooth motion
                 for i in range(n):
                     x[i] = here[i]
-                raise_to_rounding(t, mode_set, w, x, h, plan.tolerance)
+                raise_to_rounding(t, mode_set, w, x, next_h, plan.tolerance)
             continue
         refused = 0
         grow = step_factor(e)

@@ -233,7 +233,7 @@ def test_periods_are_those_of_the_slowest_strong_vibration():
 
 
 def test_the_command(tmp_path, rig):
-    log, png, table = tmp_path / "run.mcap", tmp_path / "made" / "loop.png", tmp_path / "loop.csv"
+    log, png, table = tmp_path / "run.mcap", tmp_path / "loop.png", tmp_path / "loop.csv"
     save(loop(), log)
     code, out, _ = rig("hysteresis", log, "--window", "160 ms", "--figure", png, "--csv", table, "--json")
     told = json.loads(out)

@@ -51,7 +51,7 @@ def test_the_fitted_model_lies_among_what_was_measured(name):
 
 
 def test_the_command_draws_the_fit(rig, tmp_path):
-    path = tmp_path / "made" / "fit.svg"
+    path = tmp_path / "fit.svg"
     code, out, _ = rig("identify", "lever_static_friction", "--figure", path, "--json")
     assert code == 0
     assert json.loads(out)["figure"] == str(path)

@@ -77,7 +77,7 @@ def test_a_run_without_a_film_is_refused(run):
 
 
 def test_the_command(tmp_path, rig, run):
-    log, png, table = tmp_path / "run.mcap", tmp_path / "made" / "maps.png", tmp_path / "maps.csv"
+    log, png, table = tmp_path / "run.mcap", tmp_path / "maps.png", tmp_path / "maps.csv"
     save(run, log)
     code, out, _ = rig("pressure", log, "--at", "0.1, 350 ms,0.4 s", "--figure", png, "--csv", table, "--json")
     told = json.loads(out)

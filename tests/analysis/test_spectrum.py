@@ -159,7 +159,7 @@ def test_what_cannot_be_is_told():
 
 
 def test_the_command(tmp_path, rig):
-    log, png, table = tmp_path / "run.mcap", tmp_path / "made" / "orders.png", tmp_path / "lines.csv"
+    log, png, table = tmp_path / "run.mcap", tmp_path / "orders.png", tmp_path / "lines.csv"
     save(run_of(2.0 * np.sin(7.0 * TURN)), log)
     code, out, _ = rig("spectrum", log, "--orders", "drive", "--figure", png, "--csv", table, "--json")
     told = json.loads(out)

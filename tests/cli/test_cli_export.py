@@ -43,7 +43,7 @@ def test_every_format_is_written_beside_the_recording(rig, log, to):
 
 
 def test_chosen_signals_at_a_lower_rate(rig, log, tmp_path):
-    out = tmp_path / "new" / "less.mat"
+    out = tmp_path / "less.mat"
     code, text, err = rig(
         "export", log, "--to", "mat", "--only", "vibrometer, nf", "--rate", "100 Hz", "--out", out, "--json"
     )
@@ -129,7 +129,8 @@ def test_what_exists_is_replaced_by_force_only(rig, log):
         ),
         (("--to", "mat", "--out", ".", "--force"), "--out: the name is empty, or it is this folder"),
         (("--to", "mat", "--out", "/dev/null", "--force"), "/dev/null cannot be written: it is not a regular file"),
-        (("--to", "mat", "--out", "no/where/a.mat", "--only", "x"), "no 'x' in this recording"),
+        (("--to", "mat", "--out", "no/where/a.mat"), "there is no folder no/where"),
+        (("--to", "mat", "--out", "a.mat", "--only", "x"), "no 'x' in this recording"),
         (("--to", "csv", "--out", "no/where/a", "--only", "x"), "no 'x' in this recording"),
     ],
 )
