@@ -285,7 +285,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
                 ends = FAILED
                 break
             refused += 1
-            if refused > 1:  # the error does not fall as it does for a smooth motion
+            if refused > 3:  # as at rest; a step that meets waves or a change of the law is refused up to thrice
                 for i in range(n):
                     x[i] = here[i]
                 raise_to_rounding(t, mode_set, w, x, next_h, plan.tolerance)
