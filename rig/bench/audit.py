@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,6 +53,8 @@ _SCATTER = 64
 _ROUNDING = 1e-12
 _MARGIN = 1e-9
 """Share by which a guard is beyond zero where a contact has left its mode."""
+_LATER = 0.05
+"""Share of the largest slip speed of the run. # chosen. A change below it that reverses a slip only shifts an event."""
 _ROUNDS = 3
 """Most times that contacts of another rig are looked at, and steps of Newton's method."""
 _GOLDEN = (sqrt(5.0) - 1.0) / 2.0
@@ -345,6 +347,10 @@ class Comparison:
 
     def __init__(self, kept: Sequence[VisitedState]) -> None:
         self._kept = kept
+        self._fastest: dict[str, float] = {}
+        for visited in kept:
+            for name, (speed, _) in _slips(visited.system, visited.key, visited.x).items():
+                self._fastest[name] = max(self._fastest.get(name, 0.0), abs(speed))
         self._modes: dict[tuple[int, int], tuple[System, ModeSet | None]] = {}  # an id is unique as long as it is kept
         self._own: dict[int, Compared] = {}
 
@@ -391,12 +397,18 @@ class Comparison:
     ) -> tuple[System, ModeSet, Array] | None:
         """The state of the other rig, its mode set and the rig: what both have is as visited, as far as it can be.
 
-        The other rig is in another mode set where a contact would leave its own, and where the visited rig does not.
+        The other rig is in another mode set where a contact would leave its own, and where the visited rig does not;
+        a slip that reverses because it changes by little does so in the visited rig too, a moment later.
         Structure and network that only the other rig has are in equilibrium.
         """
         x = _carried(visited, other, inputs, more)
         excused = {*_departures(visited.system, modes, visited.x)}
         at = _same_mode_set(visited, other, x)
+        slips = _slips(visited.system, visited.key, visited.x)
+        for name, (speed, mode) in _slips(other, other.key(*at), x).items():
+            before, _ = slips.get(name, (inf, mode))
+            if mode != STICK and abs(speed - before) <= _LATER * self._fastest.get(name, 0.0):
+                excused.add((0, name))
         for _ in range(_ROUNDS):
             there = self.modes(other, other.key(*at))
             if there is None:
@@ -410,6 +422,12 @@ class Comparison:
                 at[kind] = [departures.get((kind, part.name), mode) for part, mode in zip(parts, at[kind])]
         there = self.modes(other, other.key(*at))
         return None if there is None else (other, there, x)
+
+
+def _slips(system: System, key: int, x: Array) -> dict[str, tuple[float, int]]:
+    """The slip speed [m/s] and the mode of every patch."""
+    speeds, modes = (system.slip_rows @ x).tolist(), system.modes(key)[0]
+    return {patch.name: (speed, mode) for patch, speed, mode in zip(system.patches, speeds, modes)}
 
 
 def _same_mode_set(visited: VisitedState, other: System, x: Array) -> list[list[int]]:

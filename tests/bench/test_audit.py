@@ -199,6 +199,17 @@ def test_a_lag_behind_a_slow_ramp_is_no_effect_that_is_missed():
     assert 0.0 < reference < LEAST
 
 
+def test_a_lag_that_shifts_an_event_past_a_state_does_not_count_as_the_whole_friction():
+    """One state of this ramp is just before it sticks; there the slip with the lag has the other sign."""
+    ramp = STEPS.validate_python([{"step": "ramp", "target": "drive.speed", "to": 0.3, "over": 5.0}])
+    line, reference = (
+        judged(replace(rig.load("belt_dither", values), protocol=ramp), None)["drive lag"]["share"]
+        for values in ({}, {"drive.lag": 0.01})
+    )
+    assert LEAST < reference < 0.01
+    assert line == pytest.approx(reference, rel=0.5)
+
+
 def test_values_changed_during_a_run_are_no_effect():
     """The belt of this scene is stiffened in mid run; a limit that no command meets changes nothing."""
     assert judged(rig.load("belt_remedy_stiffness"), None)["drive limits"]["share"] < 1e-12
