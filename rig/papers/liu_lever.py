@@ -195,12 +195,12 @@ def sticks(ran: Run, last: float) -> float:
     return float(bool(ends) and ends[-1] > ran.time[-1] - last)
 
 
-def three_stages(figure: Figure) -> Iterator[Comparison]:
+def three_stages(figure: Figure, sector: bool = False) -> Iterator[Comparison]:
     """Draw accelerate, hold, decelerate: stick-slip ends at a higher speed than it begins again."""
     import rig
     from rig.analysis.three_stages import stages
 
-    ran = run(load("lever_three_stage"))
+    ran = run(load("lever_sector_three_stage" if sector else "lever_three_stage"))
     found = stages(ran)
     assert found is not None
     up, down = found.up / RPM, found.down / RPM
@@ -216,6 +216,14 @@ def three_stages(figure: Figure) -> Iterator[Comparison]:
     for what, held in (("up beyond the speed at which sliding loses its stability", up > hopf),
                        ("down to below that speed, without noise", down < hopf)):  # fmt: skip
         yield Comparison(f"{what} (1: yes)", "", float(held), 1.0, "reference")
+    if sector:
+        for what, ours in (("last stick at rising speed", up), ("first stick at falling speed", down)):
+            yield Comparison(what, "rpm", ours, math.nan, "paper")
+        uniform = stages(run(load("lever_three_stage")))
+        assert uniform is not None
+        what = "up not as far as on the uniform disc (1: yes)"
+        yield Comparison(what, "", float(up < uniform.up / RPM), 1.0, "reference")
+        return
     yield Comparison("speed at which sliding loses its stability", "rpm", hopf, 2.03444, "reference", absolute=1e-4)
 
 

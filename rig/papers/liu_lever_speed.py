@@ -9,19 +9,22 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Iterator
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import run
+from rig.papers.common import load, run
 from rig.papers.entry import Comparison, Entry
-from rig.papers.liu_lever import COULOMB, RPM, at, start_near, sticks
+from rig.papers.liu_lever import COULOMB, RPM, at, start_near, sticks, three_stages
 from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from rig.analysis.three_stages import Stages
 
 LOADS = (10.0, 15.0, 20.0, 25.0, 30.0)
 SECOND: dict[str, Any] = {"friction__mu_static": 0.38, "friction__mu_kinetic": 0.32}
@@ -30,6 +33,13 @@ _FOLD = {
     "coulomb": (1.452, 2.182, 2.946, 3.708, 4.468),
 }
 _BEFORE = 2.0 * math.pi - 1e-9  # just before the sector
+_TURNS = 5.0  # of a disc with a sector: stick-slip may survive some passes of it
+_SLOW_NS = 240 * 10**9
+_NOISE = 0.02  # N/Hz^0.5: without it, sliding ends late at falling speed
+_TRIED = (10.0, 20.0, 30.0)
+_STANDING = {"": (3.3412, 5.4311, 6.9760), "45": (1.9926, 3.1957, 4.1410), "90": (1.9926, 3.1957, 4.1410)}
+_CARRIED = {"45": (2.08, 3.37, 4.18), "90": (2.05, 3.37, 4.36)}
+_RAMP = {"": (3.432407, 5.595284, 7.484681)}
 _HOPF = (1.659746, 1.879013, 2.034443, 2.154880, 2.253175)
 
 
@@ -65,15 +75,21 @@ def _carried(N0: float, name: str) -> tuple[float, float]:
     return hopf[0] if hopf else 0.0, float(chart.ends[0, 0].mean()) / RPM
 
 
-def _shade(axis: Axes, loads: tuple[float, ...], hopf: np.ndarray, fold: np.ndarray) -> None:
+def _shade(
+    axis: Axes,
+    loads: tuple[float, ...],
+    hopf: np.ndarray,
+    fold: np.ndarray,
+    names: tuple[str, str] = ("V2", "V1"),
+) -> None:
     """Regions I, II, III over preload."""
     top = 8.5
     axis.fill_between(loads, fold, top, color=GREEN, alpha=0.18, lw=0)
     axis.fill_between(loads, hopf, fold, color=AMBER, alpha=0.25, lw=0)
     axis.fill_between(loads, 0.0, hopf, color=VERMILION, alpha=0.25, lw=0)
-    axis.plot(loads, fold, "o-", color=BLUE, markersize=4, label="V2")
+    axis.plot(loads, fold, "o-", color=BLUE, markersize=4, label=names[0])
     if hopf.any():
-        axis.plot(loads, hopf, "s--", color="black", markersize=4, label="V1")
+        axis.plot(loads, hopf, "s--", color="black", markersize=4, label=names[1])
         axis.text(26.0, 0.8, "III: stick-slip", ha="center")
     axis.text(26.0, 0.55 * (float(np.interp(26.0, loads, hopf)) + float(np.interp(26.0, loads, fold))), "II: both",
               ha="center")  # fmt: skip
@@ -82,17 +98,22 @@ def _shade(axis: Axes, loads: tuple[float, ...], hopf: np.ndarray, fold: np.ndar
     axis.legend(loc="upper left")
 
 
-def representatives(figure: Figure) -> Iterator[Comparison]:
-    """10 N: a point of each region, from a standing start (as on the way up) and from near sliding (as down)."""
+def representatives(
+    figure: Figure, N0: float = 10.0, speeds: tuple[float, ...] = (5.0, 2.0, 1.0), sector: bool = False
+) -> Iterator[Comparison]:
+    """Draw a point of each region, from a standing start (as on the way up) and from near sliding (as down)."""
     axes = figure.subplots(3, 2, sharex=True, sharey=True)
-    expected = {5.0: (0.0, 0.0), 2.0: (1.0, 0.0), 1.0: (1.0, 1.0)}
-    for row, (rpm, outcomes), region in zip(axes, expected.items(), ("I", "II", "III")):
-        for axis, near, outcome in zip(row, (False, True), outcomes):
-            ran = run(start_near(10.0, rpm) if near else at(10.0, rpm), 15.0)
-            axis.plot(ran.time, 1e3 * ran.signals["angle"], color=GREEN if near else BLUE, lw=0.6)
+    outcomes = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
+    scene, changes, seconds = (
+        ("lever_sector", {"sector__place": _BEFORE}, _TURNS * 60.0 / min(speeds)) if sector else ("lever", {}, 15.0)
+    )
+    for row, rpm, expected, region in zip(axes, speeds, outcomes, ("I", "II", "III")):
+        for axis, near, outcome in zip(row, (False, True), expected):
+            ran = run((start_near if near else at)(N0, rpm, scene, **changes), seconds)
+            axis.plot(ran.time, 1e3 * ran.signals["angle"], color=GREEN if near else BLUE, lw=0.4 if sector else 0.6)
             start = "near sliding" if near else "standing start"
             axis.set_title(f"{region}: {rpm:g} rpm, {start}")
-            what = f"10 N, {rpm:g} rpm, {start}: sticks (1) or slides (0)"
+            what = f"{N0:g} N, {rpm:g} rpm, {start}: sticks (1) or slides (0)"
             yield Comparison(what, "", sticks(ran, 2.0), outcome, "reference")
     for axis in axes[:, 0]:
         axis.set_ylabel("cylinder\nangle [mrad]")
@@ -101,23 +122,26 @@ def representatives(figure: Figure) -> Iterator[Comparison]:
 
 
 @cache
-def standing(N0: float, disc: str, low: float, high: float, close: float) -> float:
-    """Return the speed [rpm] between `low` and `high` up to which a standing start still sticks, to `close`.
+def last_stick(N0: float, disc: str, low: float, high: float, close: float, near: bool = False) -> float:
+    """Return the speed [rpm] between `low` and `high` up to which the rig still sticks, to `close`.
 
-    `disc`: "1", "2" (uniform, of that property), or the angle of the sector in degrees.
+    It starts standing or, with `near`, near sliding. `disc`: "1", "2" (uniform, of that property), or the angle of the
+    sector in degrees.
     """
     while high - low > close:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _alive(N0, disc, middle) else (low, middle)
+        low, high = (middle, high) if _alive(N0, disc, middle, near) else (low, middle)
     return 0.5 * (low + high)
 
 
-def _alive(N0: float, disc: str, rpm: float) -> bool:
-    """Whether a contact still sticks after a minute, with a sector after five turns."""
+@cache
+def _alive(N0: float, disc: str, rpm: float, near: bool = False) -> bool:
+    """Whether a contact still sticks after a minute, with a sector after five turns; `near`: begins near sliding."""
+    start = start_near if near else at
     if disc in ("1", "2"):
-        return bool(sticks(run(at(N0, rpm, **(SECOND if disc == "2" else {})), 60.0), 2.0))
-    scene = at(N0, rpm, "lever_sector", sector__span=math.radians(float(disc)), sector__place=_BEFORE)
-    return bool(sticks(run(scene, 5.0 * 60.0 / rpm), 2.0))
+        return bool(sticks(run(start(N0, rpm, **(SECOND if disc == "2" else {})), 60.0), 2.0))
+    scene = start(N0, rpm, "lever_sector", sector__span=math.radians(float(disc)), sector__place=_BEFORE)
+    return bool(sticks(run(scene, _TURNS * 60.0 / rpm), 2.0))
 
 
 def sectors(figure: Figure) -> Iterator[Comparison]:
@@ -126,45 +150,93 @@ def sectors(figure: Figure) -> Iterator[Comparison]:
     With a sector it lies between the reference's values from a standing start and with rising speed.
     """
     axis = figure.subplots()
-    loads = (10.0, 20.0, 30.0)
-    table = {"45": (1.9926, 3.1957, 4.1410), "90": (1.9926, 3.1957, 4.1410), "1": (3.3412, 5.4311, 6.9760)}
-    carried = {("45", 10.0): 2.08, ("45", 20.0): 3.37, ("45", 30.0): 4.18,
-               ("90", 10.0): 2.05, ("90", 20.0): 3.37, ("90", 30.0): 4.36}  # fmt: skip
     looks = {"45": (VERMILION, "o-", "sector of 45 degrees"), "90": ("black", "s:", "sector of 90 degrees"),
-             "1": (BLUE, "D-", "uniform")}  # fmt: skip
-    for disc, expected in table.items():
+             "": (BLUE, "D-", "uniform")}  # fmt: skip
+    for disc, (colour, line, label) in looks.items():
         found = []
-        for N0, number in zip(loads, expected):
-            if disc == "1":
-                found.append(standing(N0, disc, number - 0.08, number + 0.08, 0.005))
+        for i, (N0, number) in enumerate(zip(_TRIED, _STANDING[disc])):
+            if not disc:
+                found.append(last_stick(N0, "1", number - 0.08, number + 0.08, 0.005))
                 yield Comparison(f"uniform, {N0:g} N: V2", "rpm", found[-1], number, "reference", absolute=0.01)
                 continue
-            low, high = number - 0.1, carried[disc, N0] + 0.1
+            low, high = number - 0.1, _CARRIED[disc][i] + 0.1
             for rpm, lives in ((low, 1.0), (high, 0.0)):
                 what = f"{disc} degrees, {N0:g} N, {rpm:.2f} rpm: sticks (1) or slides (0) after five turns"
                 yield Comparison(what, "", float(_alive(N0, disc, rpm)), lives, "reference")
-            found.append(standing(N0, disc, low, high, 0.05))
-        colour, line, label = looks[disc]
-        axis.plot(loads, found, line, color=colour, markersize=5, label=label)
+            found.append(last_stick(N0, disc, low, high, 0.05))
+        axis.plot(_TRIED, found, line, color=colour, markersize=5, label=label)
     axis.set(
         xlabel="preload [N]", ylabel="disc speed up to which stick-slip exists [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0)
     )
     axis.legend(loc="upper left")
 
 
+def sector_regions(figure: Figure) -> Iterator[Comparison]:
+    """Draw the regions with a sector of 45 and of 90 degrees: V1 from near sliding, V2 from a standing start."""
+    reference = {"45": (1.667187, 2.076562, 2.348437), "90": (1.667187, 2.079687, 2.354687)}
+    for axis, (disc, limits) in zip(figure.subplots(1, 2, sharey=True), reference.items()):
+        lower, upper = [], []
+        for i, (N0, expected) in enumerate(zip(_TRIED, limits)):
+            lower.append(last_stick(N0, disc, expected - 0.1, expected + 0.1, 0.003, near=True))
+            what = f"{disc} degrees, {N0:g} N: V1, the lower limit of sliding"
+            yield Comparison(what, "rpm", lower[-1], expected, "reference", absolute=0.005)
+            upper.append(last_stick(N0, disc, _STANDING[disc][i] - 0.1, _CARRIED[disc][i] + 0.1, 0.05))
+        _shade(axis, _TRIED, np.array(lower), np.array(upper))
+        axis.set_title(f"sector of {disc} degrees")
+
+
+def ramped(figure: Figure, discs: tuple[str, ...] = ("",)) -> Iterator[Comparison]:
+    """Draw the regions as ramps measure them: process noise, 240 s up to 8 rpm, hold, 240 s down.
+
+    `discs`: "" uniform, or the angle of the sector [degrees].
+    """
+    axes = figure.subplots(1, len(discs), sharey=True, squeeze=False)[0]
+    for axis, disc in zip(axes, discs):
+        found = [_thresholds(N0, disc, _NOISE) for N0 in _TRIED]
+        down, up = np.array([one.down for one in found]) / RPM, np.array([one.up for one in found]) / RPM
+        _shade(axis, _TRIED, down, up, ("last stick, rising speed", "first stick, falling speed"))
+        name = f"{disc} degrees" if disc else "uniform"
+        axis.set_title(f"sector of {name}" if disc else name)
+        for N0, below, above in zip(_TRIED, down, up):
+            yield Comparison(f"{name}, {N0:g} N: last stick at rising speed", "rpm", above, math.nan, "paper")
+            yield Comparison(f"{name}, {N0:g} N: first stick at falling speed", "rpm", below, math.nan, "paper")
+            yield Comparison(f"{name}, {N0:g} N: two stable responses between them (1: yes)", "",
+                             float(0.0 < below < above), 1.0, "reference")  # fmt: skip
+        for N0, expected in zip(_TRIED, _RAMP.get(disc, ())):
+            ours = _thresholds(N0, disc, 0.0).up / RPM
+            what = f"{name}, {N0:g} N, without noise: last stick at rising speed"
+            yield Comparison(what, "rpm", ours, expected, "reference", absolute=0.02)
+
+
+@cache
+def _thresholds(N0: float, disc: str, noise: float) -> Stages:
+    """Last stick of the way up and first one of the way down, on slow ramps."""
+    from rig.analysis.three_stages import stages
+    from rig.scenes.protocol import Ramp
+
+    changes = {"load__force": N0} | ({"noise__force": noise} if noise else {})
+    if disc:
+        scene = load("lever_sector_three_stage", sector__span=math.radians(float(disc)), **changes)
+    else:
+        scene = load("lever_three_stage", **changes)
+    slow = [step.model_copy(update={"over": _SLOW_NS}) if isinstance(step, Ramp) else step for step in scene.protocol]
+    found = stages(run(replace(scene, protocol=tuple(slow))))
+    assert found is not None
+    return found
+
+
 def second(figure: Figure) -> Iterator[Comparison]:
     """Draw the uniform disc of property 2, and the range between its domain of stick-slip and that of property 1."""
     axis = figure.subplots()
-    loads = (10.0, 20.0, 30.0)
     limits = {}
-    for disc, expected in (("1", (3.3412, 5.4311, 6.9760)), ("2", (1.9916, 3.1752, 3.9680))):
-        limits[disc] = [standing(N0, disc, n - 0.08, n + 0.08, 0.005) for N0, n in zip(loads, expected)]
-        for N0, number, found in zip(loads, expected, limits[disc]):
+    for disc, expected in (("1", _STANDING[""]), ("2", (1.9916, 3.1752, 3.9680))):
+        limits[disc] = [last_stick(N0, disc, n - 0.08, n + 0.08, 0.005) for N0, n in zip(_TRIED, expected)]
+        for N0, number, found in zip(_TRIED, expected, limits[disc]):
             what = f"property {disc}, {N0:g} N: V2 from a standing start"
             yield Comparison(what, "rpm", found, number, "reference", absolute=0.01)
-    axis.fill_between(loads, limits["2"], limits["1"], color=VERMILION, alpha=0.2, lw=0)
-    axis.plot(loads, limits["1"], "D-", color=BLUE, markersize=5, label="property 1")
-    axis.plot(loads, limits["2"], "o--", color="black", markersize=5, label="property 2")
+    axis.fill_between(_TRIED, limits["2"], limits["1"], color=VERMILION, alpha=0.2, lw=0)
+    axis.plot(_TRIED, limits["1"], "D-", color=BLUE, markersize=5, label="property 1")
+    axis.plot(_TRIED, limits["2"], "o--", color="black", markersize=5, label="property 2")
     axis.text(22.0, 4.4, "property 1 may stick and slip,\nproperty 2 only slides", ha="center")
     axis.set(
         xlabel="preload [N]", ylabel="disc speed up to which stick-slip exists [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0)
@@ -198,12 +270,35 @@ def _ended(mu: float, fall: float, place: float) -> bool:
     return not sticks(run(at(20.0, 4.5, "lever_sector", **changes), 5.0 * 60.0 / 4.5), 60.0 / 4.5)
 
 
+_RAMPS = (
+    "A virtual experiment, with process noise of 0.02 N/Hz^0.5 (chosen) and ramps of 240 s: without noise sliding ends "
+    "late at falling speed, and with more noise both thresholds move towards each other. Another seed moves the upper "
+    "threshold by up to 0.4 rpm and the lower one by up to 0.2 rpm. The text of the paper has lost all numbers of this "
+    "figure: only the number and the order of the regions are compared."
+)
 ENTRIES = (
     Entry("liu003-7", "liu003", "Figure 7", "regions over preload and speed", ("lever",), regions,
           "V2: the reference raises the speed in steps of 0.02 rpm and loses the cycle one or two steps early."),
+    Entry("liu003-10", "liu003", "Figure 10", "regions over preload and speed, measured on ramps",
+          ("lever_three_stage",), ramped, _RAMPS),
     Entry("liu003-11", "liu003", "Figure 11", "a point of each region at 10 N", ("lever",), representatives,
           size=(9.6, 6.4)),
-    Entry("liu003-18", "liu003", "Figures 14 and 18", "a sector of different friction narrows the stick-slip domain",
+    Entry("liu003-14", "liu003", "Figure 14", "regions over preload and speed with a sector", ("lever_sector",),
+          sector_regions,
+          "V2 from a standing start, V1 from near sliding, five turns each. The angle of the sector has little "
+          "influence."),
+    Entry("liu003-15", "liu003", "Figure 15", "a point of each region with a sector, at 20 N", ("lever_sector",),
+          partial(representatives, N0=20.0, speeds=(4.5, 2.5, 1.5), sector=True),
+          "The sector begins right after the start and returns with every turn. The text of the paper has lost the "
+          "speeds and the preload: these points are chosen.",
+          (9.6, 6.4)),
+    Entry("liu003-16", "liu003", "Figure 16", "accelerate, hold, decelerate with a sector",
+          ("lever_sector_three_stage",), partial(three_stages, sector=True),
+          "Without noise, as in figure 9. Stick-slip ends at a pass of the sector; the ramp of 60 s has only a few of "
+          "them. The text of the paper has lost its numbers: only the order of the thresholds is compared."),
+    Entry("liu003-17", "liu003", "Figure 17", "regions with a sector, measured on ramps",
+          ("lever_sector_three_stage",), partial(ramped, discs=("45", "90")), _RAMPS),
+    Entry("liu003-18", "liu003", "Figure 18", "a sector of different friction narrows the stick-slip domain",
           ("lever", "lever_sector"), sectors,
           "The angle of the sector has little influence. Close to the limit it depends on the phase of the cycle at "
           "the edge whether stick-slip survives the edge."),
