@@ -11,6 +11,7 @@ smooth, and smaller displacements are tried.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -87,8 +88,11 @@ class Return:
         return np.asarray(self.basis.T @ ((end - start)[self.moving] / self.size[self.moving]))
 
 
-def returned(orbit: Orbit, x: Array, period: float, span: Array) -> Return | None:
-    """Compute the return map of `x` over `period` [s]; `span`: range of each state in it. None if it is not smooth."""
+def returned(orbit: Orbit, x: Array, period: float, span: Array, steps: Sequence[float] = STEPS) -> Return | None:
+    """Compute the return map of `x` over `period` [s]; `span`: range of each state in it. None if it is not smooth.
+
+    `steps`: of the differences, of the size of each state; the first with which the map is smooth counts.
+    """
     system = orbit.system
     modes = assembled(system, orbit.key_at(x))
     moving = moving_states(system, modes.A)
@@ -100,7 +104,7 @@ def returned(orbit: Orbit, x: Array, period: float, span: Array) -> Return | Non
     whole, met = orbit.carried(x, period)
     none = np.zeros(basis.shape[1])
     found = Return(x, np.eye(len(none)), none, none, met, basis, moving, size)
-    for step in STEPS:
+    for step in steps:
         columns = []
         for unit in np.eye(len(none)):
             ends = [orbit.carried(found.shifted(share * step * unit), period) for share, _ in RUNS]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.averaged import averaged, fast_motion
-from rig.analysis.floquet import returned
+from rig.analysis.floquet import STEPS, returned
 from rig.analysis.orbit import Orbit
 from rig.bench.rig_variant import with_values
 from rig.errors import NumericsError, Singular
@@ -30,6 +30,7 @@ from rig.stability.linearisation import Steady
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+_SLOWEST = 30.0  # oscillations of the rig in a period of the dither: longer ones take minutes
 _ROUNDS = 30  # of Newton's method
 _FIRST = 2  # of them may reverse the slip on the way to a motion that does not
 _CLOSED = 1e-9  # of the range of each state: a motion that returns so closely is periodic
@@ -62,6 +63,10 @@ def forced(scene: Scene, assembly: Assembly, at: Steady, sine: int, cosine: int,
     if not at.counts:
         return _unknown("without dither there is no steady sliding about which it could vibrate")
     omega = float(at.system.signals[sine - at.system.one, cosine])
+    turns = float(np.abs(at.eigenvalues().imag).max(initial=0.0)) / omega
+    if turns > _SLOWEST:
+        what = f"in a period of the dither the rig oscillates {turns:.0f} times, and at most {_SLOWEST:g} are computed"
+        return _unknown(f"{what}; for so slow a change use the eigenvalues at constant values (rig modes --sweep)")
     closed = _closed(at, sine, cosine, amplitude, omega)
     if closed.exists or closed.counts:
         return closed
@@ -151,7 +156,7 @@ def _with_events(
         shaking = replace(scene, parameters=with_values(scene.parameters, {"dither.enable": True}), controllers={})
         orbit = Orbit(shaking, assembly, x, chosen(scene.clock.method, at.system), _TIGHT)
         for _ in range(_ROUNDS):
-            found = returned(orbit, x, tau, 2.0 * np.abs(fast))
+            found = returned(orbit, x, tau, 2.0 * np.abs(fast), STEPS[1:])  # with the first an erased one may be 1e-4
             if found is None:
                 return _unknown(f"{why}, and displaced motions meet other events")
             if np.abs(found.miss).max(initial=0.0) <= _CLOSED:
