@@ -123,9 +123,10 @@ def _closed(at: Steady, sine: int, cosine: int, amplitude: float, omega: float) 
     friction = states @ modes.friction.T + T @ modes.friction_t.T
     reverses = _reverses(at, states @ system.slip_rows.T)
     why = reverses or _pulls(at, states @ modes.normal.T + T @ modes.normal_t.T)
-    values, vectors = np.linalg.eig(P)
-    shapes = np.zeros((n, m), dtype=np.complex128)
-    shapes[moved] = vectors
+    vibrates = np.isin(moved, at.moving)  # lags settle by themselves, whatever vibrates
+    values, vectors = np.linalg.eig(P[np.ix_(vibrates, vibrates)])
+    shapes = np.zeros((n, len(at.moving)), dtype=np.complex128)
+    shapes[moved[vibrates]] = vectors
     counts = not why or not (reverses or modes.nonlinear.any() or system.products)
     means = states.mean(axis=0), T.mean(axis=0), friction.mean(axis=0), load.mean(axis=0)
     return _sorted(Forced(_exponents(values, tau, at.eigenvalues()), shapes, not why, counts, why, means))

@@ -242,6 +242,14 @@ def test_a_multiplier_below_minus_one_is_growth_at_half_the_frequency():
     assert [mode.frequency for mode in found.modes] == pytest.approx([2.5], rel=1e-9)  # stick ends the other
 
 
+def test_a_lag_is_no_mode_of_a_forced_motion():
+    """The pendulum of this scene is the mass on the belt at its contact, with a lag of its load."""
+    dither = {"frequency": 5.0, "amplitude": 0.02}
+    on_belt = modes(rig.load("belt_dither", {f"dither.{key}": value for key, value in dither.items()})).dithered
+    found = modes(rig.load("pendulum", {"dither": {**dither, "on": "belt"}})).dithered
+    assert [mode.growth for mode in found.modes] == pytest.approx([on_belt.growth], rel=1e-6)
+
+
 def test_a_dither_slower_than_many_oscillations_is_refused_at_once():
     found = modes(rig.load("belt_dither", {"dither.frequency": 0.001, "dither.amplitude": 0.02})).dithered
     assert not found.modes
