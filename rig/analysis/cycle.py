@@ -1,7 +1,7 @@
 """The limit cycle of a rig at constant actuator values: the plant is simulated until its stick-slip motion repeats.
 
-The run starts with every contact stuck to its surface and the structure unloaded, outside of the cycle. Therefore a
-cycle is also found where stable sliding exists beside it. The motion has settled when the last cycles have the same
+The run starts with every contact stuck to its surface and the structure unloaded. With one degree of freedom this is
+outside of the cycle, so that a cycle is also found where stable sliding exists beside it; else it may be missed. The motion has settled when the last cycles have the same
 mode set changes at the same times to `REPEAT` of a period, or the same turning points if there are none. For a cycle
 that attracts slowly, Newton's method continues from there (rig.analysis.shooting). Its result counts once the
 simulation repeats it and its multipliers are stable. Then one more cycle is read from the dense output, with extremes
@@ -170,9 +170,7 @@ class _Search:
         """The result for a motion that has slipped without an event since `since` [s], if it is known."""
         if math.isfinite(self.round_s):  # each sector excites the rig: sliding must persist through all of them
             calm = self.rest.stable and self.now - self.touched >= _CALM * self.round_s
-            return (
-                self._none(f"{self.rest.text()}; no contact changes in {_CALM} turns of the surface") if calm else None
-            )
+            return self._none(self.rest.text(f"; no contact changes in {_CALM} turns of the surface")) if calm else None
         if self.rest.reached(self.orbit.motion.x):
             return self._none(self.rest.text())
         self.turns.add()

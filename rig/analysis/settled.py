@@ -46,12 +46,17 @@ class Rest:
         """Return whether a motion at `x` without stick can only decay."""
         return self.stable and self.share(x) <= NEAR
 
-    def text(self) -> str:
-        """Return why there is no limit cycle."""
+    def text(self, more: str = "") -> str:
+        """Return why there is no limit cycle, or none is found; `more`: a further observation."""
         hertz = abs(self.least.imag) / (2.0 * math.pi)
         at = f" at {hertz:.6g} Hz" if hertz else ""
-        what = "no contact is loaded, and the" if self._free else "sliding is stable, its"
-        return f"no limit cycle: {what} least stable mode decays with {-self.least.real:.6g} 1/s{at}"
+        decays = f"least stable mode decays with {-self.least.real:.6g} 1/s{at}"
+        if self._free:
+            return f"no limit cycle: no contact is loaded, and the {decays}{more}"
+        return (
+            f"no limit cycle found from a standing start: sliding is stable, its {decays}{more}. Another start may reach "
+            "one: rig map, over a range that begins or ends where the rig vibrates"
+        )
 
     def _distance(self, x: Array) -> float:
         d, nq, mass = x - self._sliding.x, self._nq, self._sliding.system.mass

@@ -79,7 +79,7 @@ def test_what_the_belt_supplies_in_a_cycle_goes_into_friction_and_damper(name):
 def test_stick_slip_lives_beside_stable_sliding_up_to_a_speed(name, speed, cycles):
     found = limit_cycle(rig.load(name, {"drive.speed": speed}))
     assert found.found is cycles
-    assert cycles or found.why.startswith("no limit cycle: sliding is stable")
+    assert cycles or found.why.startswith("no limit cycle found from a standing start: sliding is stable")
     assert found.decided
 
 
@@ -156,13 +156,22 @@ def test_a_disc_that_is_not_alike_all_round_has_no_cycle_and_says_so_at_once():
     assert found.after < 5.3
 
 
+def test_a_cycle_that_a_standing_start_misses_is_not_denied():
+    """At 5.2 rpm the lever vibrates from it; carried from there it vibrates up to 5.6 rpm."""
+    assert limit_cycle(rig.load("lever", {"drive.speed": "5.2 rpm"})).found
+    found = limit_cycle(rig.load("lever", {"drive.speed": "5.5 rpm"}))
+    assert not found.found
+    assert "found from a standing start" in found.why
+    assert "Another start may reach one: rig map" in found.why
+
+
 @pytest.mark.slow
 def test_a_cycle_within_one_sector_is_none_of_the_whole_turn():
     """Stick-slip lives up to the sandblasted eighth, which ends it after 11.7 s; a turn at 4.5 rpm takes 13.3 s."""
     found = limit_cycle(rig.load("lever_sector"))
     assert not found.found
     assert found.decided
-    assert found.why.startswith("no limit cycle: sliding is stable")
+    assert found.why.startswith("no limit cycle found from a standing start: sliding is stable")
     assert found.after > 11.7 + 2.0 * 60.0 / 4.5 - 0.5
 
 
@@ -202,7 +211,7 @@ def test_a_seal_that_slides_stably_is_at_rest(name, speed):
     found = limit_cycle(rig.load(name, {"drive.speed": v}))
     assert not found.found
     assert found.decided
-    told = re.search(r"no limit cycle: sliding is stable, its least stable mode decays with (\S+) 1/s", found.why)
+    told = re.search(r"sliding is stable, its least stable mode decays with (\S+) 1/s", found.why)
     assert float(told[1]) == pytest.approx(-np.roots([0.2, damping, 2e4]).real.max(), rel=1e-4)
 
 

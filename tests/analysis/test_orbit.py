@@ -5,6 +5,7 @@ import pytest
 
 import rig
 from rig.analysis.orbit import Orbit
+from rig.errors import Chatter
 from rig.motion.memory import SEGMENTS
 
 
@@ -39,6 +40,13 @@ def test_what_is_written_down_has_no_gap_where_room_was_made():
     assert (start + length)[-1] == pytest.approx(0.2, abs=1e-12)
     assert len(one.states) == 201
     assert np.all(np.diff([t for t, _ in one.events]) >= 0.0)
+
+
+def test_what_stops_a_run_for_another_reason_stops_it():
+    """A dither of 150 Hz meets more than one event in a frame of 10 ms, and none or one in each of 1 ms."""
+    dithered(**{"clock.events_per_frame": "1"}).round(0.2)
+    with pytest.raises(Chatter):
+        dithered(**{"clock.events_per_frame": "1", "clock.frame": "10 ms"}).round(0.2)
 
 
 def test_outputs_that_alone_are_wanted_are_written_down_as_among_all_others():
