@@ -1,6 +1,7 @@
 """The pages: their Python runs, their commands are ones that the program takes, their links lead somewhere."""
 
 import itertools
+import math
 import os
 import re
 import shlex
@@ -8,12 +9,16 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from rig import scenes
 from rig.cli.app import program
+from rig.effects.friction import Friction
 from rig.qualify.torture import case
+from rig.quantities import Unit
+from rig.scenes.sections import metadata
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "recordings" / "README.md",
@@ -132,3 +137,38 @@ def test_the_version_is_the_same_everywhere():
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     assert re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)[1] == version
     assert re.search(r"^## \[?([\d.]+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
+
+
+def laws():
+    """The rows of the table of friction laws: law, formula, coefficient at rest, keys, defaults."""
+    text = (ROOT / "docs" / "parts.md").read_text()
+    for line in text[text.index("## Friction laws") : text.index("## Effects")].splitlines():
+        if line.startswith("| `"):
+            cells = [cell.strip() for cell in line.strip("|").split("|")]
+            yield cells[0].strip("`"), *cells[1:5]
+
+
+def test_the_table_of_friction_laws_is_that_of_the_program():
+    declared = {get_args(one.model_fields["law"].annotation)[0]: one for one in get_args(get_args(Friction)[0])}
+    assert sorted(law for law, *_ in laws()) == sorted(declared)
+    size = iter(range(1, 100))
+    for law, formula, at_rest, keys, defaults in laws():
+        fields = {key: info for key, info in declared[law].model_fields.items() if key != "law"}
+        units = {key: next(str(one) for one in metadata(info.annotation, info.metadata) if isinstance(one, Unit))
+                 for key, info in fields.items()}  # fmt: skip
+        told = dict(re.findall(r"`(\w+)`(?: \[([^,]*)\])?", keys))
+        assert told == {key: unit.replace("1", "") if unit == "1" else unit for key, unit in units.items()}, law
+        optional = dict(re.findall(r"`(\w+) = ([^`]*)`", defaults))
+        assert optional.keys() == {key for key, info in fields.items() if not info.is_required()}, law
+        if law == "table":
+            points = {"speeds": (0.0, 0.1, 0.3), "values": (0.5, 0.3, 0.4)}
+            made = declared[law](law=law, **points).friction()
+            assert (made.static, made.mu(0.1), made.mu(9.0)) == pytest.approx((0.5, 0.3, 0.4))
+            continue
+        values = {key: 0.9 / next(size) for key in fields if key not in optional}  # falls: static above kinetic
+        made = declared[law](law=law, **values).friction()
+        names = values | {key: float(text) for key, text in optional.items()}
+        names |= {"exp": math.exp, "sqrt": math.sqrt, "max": max}
+        assert made.static == pytest.approx(eval(at_rest.strip("`"), names), rel=1e-12), law
+        for v in (0.0, 0.01, 0.3, 20.0):
+            assert made.mu(v) == pytest.approx(eval(formula.strip("`"), names | {"v": v}), rel=1e-12), (law, v)

@@ -186,6 +186,8 @@ def missing(at: Steady) -> str:
             return f"where all forces balance, {patch.name} would have to pull (normal force {load:.4g} N)"
     if at.inertia <= 0.0:
         return "friction takes up all of the inertia"
+    if at.unheld:
+        return at.unheld
     for patch, _, load in contacts:
         if load == 0.0:
             return f"nothing presses {patch.name}"

@@ -23,6 +23,7 @@ from rig.stability.linearisation import sliding_key
 
 TOLERANCE = 0.1
 """Relative variation of a stack's capacitance with temperature [calibrated]."""
+_SINGULAR = 1e-12  # share of the largest stiffness below which there is none
 
 
 def stiffness_between_ends(system: System, stack: Stack) -> float:
@@ -36,13 +37,18 @@ def stiffness_between_ends(system: System, stack: Stack) -> float:
     push[:, system.one] = ends
     key = sliding_key(system)
     plain, pushed = (assembled(replace(system, coupling=c), key).A[nq : 2 * nq] for c in (0.0 * push, push))
-    given = ends @ np.linalg.solve(plain[:, :nq], (plain - pushed)[:, system.one])
-    return 1.0 / float(given) if given else math.inf
+    stiff, pull = plain[:, :nq], (plain - pushed)[:, system.one]
+    yields = np.linalg.pinv(stiff, rcond=_SINGULAR) @ pull
+    if np.abs(stiff @ yields - pull).max() > _SINGULAR * np.abs(pull).max():
+        return 0.0  # no spring resists the stack
+    given = float(ends @ yields)
+    return 1.0 / given if given else math.inf
 
 
 def static_limit(system: System, stack: Stack) -> float:
     """The delta below which the rig is statically unstable: -k_b/(k_b + kappa)."""
-    return -1.0 / (1.0 + stack.kappa / stiffness_between_ends(system, stack))
+    k_b = stiffness_between_ends(system, stack)
+    return -1.0 / (1.0 + stack.kappa / k_b) if k_b else 0.0
 
 
 def judge(stack: Stack, delta: float, states: Sequence[str], dropped: Sequence[str]) -> Judge:

@@ -33,7 +33,7 @@ from rig.model.assembly import Assembly, Output
 from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.two_dof import Body, Contact, Strut
-from rig.quantities import Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
+from rig.quantities import Metre, MetrePerSecond, NewtonSecondPerMetre, NonNegativeNewtonPerMetre, Section
 
 PICTURES = (Own("rig.view.four_dof:ThreeBodies", ("body_1_displacement", "body_3_height")),)
 
@@ -41,7 +41,7 @@ PICTURES = (Own("rig.view.four_dof:ThreeBodies", ("body_1_displacement", "body_3
 class Spring(Section):
     """A spring and a parallel damper, along the belt or across it."""
 
-    stiffness: NewtonPerMetre
+    stiffness: NonNegativeNewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0
 
 

@@ -35,10 +35,11 @@ from rig.quantities import (
     KilogramSquareMetre,
     Metre,
     MetrePerSecond,
-    NewtonMetrePerRadian,
     NewtonMetreSecondPerRadian,
     NewtonPerMetre,
     NewtonSecondPerMetre,
+    NonNegativeNewtonMetrePerRadian,
+    NonNegativeNewtonPerMetre,
     PositiveMetre,
     RadianPerSecond,
     Section,
@@ -51,10 +52,10 @@ class Body(Section):
     """The body: mass, spring and damper across its faces (c1, d1), the same for its tilt (c_phi, d_phi)."""
 
     mass: Kilogram
-    stiffness: NewtonPerMetre
+    stiffness: NonNegativeNewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0
     inertia: KilogramSquareMetre
-    tilt_stiffness: NewtonMetrePerRadian
+    tilt_stiffness: NonNegativeNewtonMetrePerRadian
     tilt_damping: NewtonMetreSecondPerRadian = 0.0
 
 
@@ -128,5 +129,5 @@ def limits(p: Parameters) -> dict[str, float]:
     flutters = [mu for mu in crossings if a1(mu) > 0.0]  # else the crossing is a pair of real roots, not a vibration
     return {
         "flutter": min(flutters, default=math.inf),
-        "divergence": s / h + c_phi / (h * s) * (1.0 / c1 + 1.0 / c2) if s > 0.0 else math.inf,
+        "divergence": s / h + c_phi / (h * s) * (1.0 / c1 + 1.0 / c2) if s > 0.0 and c1 > 0.0 else math.inf,
     }

@@ -23,8 +23,8 @@ from rig.picture import OnDisc
 from rig.plants.belt import RAMPED, Start, contact_outputs
 from rig.quantities import (
     KilogramSquareMetre,
-    NewtonMetrePerRadian,
     NewtonMetreSecondPerRadian,
+    NonNegativeNewtonMetrePerRadian,
     PositiveMetre,
     Section,
 )
@@ -37,7 +37,7 @@ class Body(Section):
 
     radius: PositiveMetre
     inertia: KilogramSquareMetre
-    stiffness: NewtonMetrePerRadian
+    stiffness: NonNegativeNewtonMetrePerRadian
     damping: NewtonMetreSecondPerRadian = 0.0
 
 

@@ -25,7 +25,16 @@ from rig.effects.noise import Noisy
 from rig.model.assembly import Assembly, Output
 from rig.picture import OnBelt, Plot
 from rig.plants.belt import RAMPED, contact_outputs
-from rig.quantities import AcuteAngle, Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
+from rig.quantities import (
+    AcuteAngle,
+    Kilogram,
+    Metre,
+    MetrePerSecond,
+    NewtonPerMetre,
+    NewtonSecondPerMetre,
+    NonNegativeNewtonPerMetre,
+    Section,
+)
 
 PICTURES = (OnBelt(up="disc_displacement", lean=0.35),)
 
@@ -34,7 +43,7 @@ class Pin(Section):
     """The pin: mass, spring and damper along its axis, and the angle between axis and disc."""
 
     mass: Kilogram
-    stiffness: NewtonPerMetre
+    stiffness: NonNegativeNewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0
     tilt: AcuteAngle
 

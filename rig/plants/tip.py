@@ -43,8 +43,8 @@ from rig.quantities import (
     Kilogram,
     Metre,
     MetrePerSecond,
-    NewtonPerMetre,
     NewtonSecondPerMetre,
+    NonNegativeNewtonPerMetre,
     Ratio,
     Second,
     Section,
@@ -64,7 +64,7 @@ class Tip(Section):
     """
 
     mass: Kilogram
-    stiffness: NewtonPerMetre
+    stiffness: NonNegativeNewtonPerMetre
     retardation: Second = 0.0
     damping: NewtonSecondPerMetre = 0.0
     relief: Ratio = 0.0

@@ -40,7 +40,7 @@ class Tip(Section):
     """The tip of the block: mass, springs and dampers along (x) and normal to (z) the plate, coupling c_xz."""
 
     mass: Kilogram
-    tangential_stiffness: NewtonPerMetre
+    tangential_stiffness: NonNegativeNewtonPerMetre
     tangential_damping: NewtonSecondPerMetre = 0.0
     normal_stiffness: NonNegativeNewtonPerMetre = 0.0
     normal_damping: NewtonSecondPerMetre = 0.0

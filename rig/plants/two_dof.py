@@ -32,6 +32,7 @@ from rig.quantities import (
     MetrePerSecond,
     NewtonPerMetre,
     NewtonSecondPerMetre,
+    NonNegativeNewtonPerMetre,
     Section,
 )
 
@@ -47,7 +48,7 @@ class Body(Section):
 class Strut(Section):
     """A spring and a parallel damper, at an angle to the belt's direction."""
 
-    stiffness: NewtonPerMetre
+    stiffness: NonNegativeNewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0
     angle: Angle
 

@@ -31,6 +31,7 @@ _TOLERANCE = 1e-12  # residual over the largest term at which the search ends
 _REST = 1e-9  # the same up to which all forces count as balanced
 _LEAST = 1e-3  # shortest share of a step
 _ROUNDING = 2.0**-52
+_LOOSE = 1e-12  # share of the largest stiffness below which nothing is held
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,18 @@ class Steady:
         same = not bool(self.modes.nonlinear.any()) and (self.balanced or not self.system.products)
         return self.exists or (self.inertia > 0.0 and self.slides and same)
 
+    @property
+    def unheld(self) -> str:
+        """The reason, in words, where no forces balance because no spring resists some displacement; else ""."""
+        nq = len(self.system.coordinates)
+        if self.balanced or not nq:
+            return ""
+        _, sizes, shapes = np.linalg.svd(self.A[nq : 2 * nq, :nq])
+        if sizes[-1] > _LOOSE * sizes[0]:
+            return ""
+        free = [name for name, part in zip(self.system.coordinates, np.abs(shapes[-1])) if part > _LOOSE]
+        return f"no spring holds {', '.join(free)}, so nothing balances the friction; give the structure a stiffness"
+
     def eigenvalues(self) -> NDArray[np.complex128]:
         """The eigenvalues [1/s] of the moving states, the least stable first."""
         found = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
@@ -84,6 +97,8 @@ class Steady:
 
         Raises UsageError for a rig none of whose moving states has one, such as a block without a spring.
         """
+        if self.unheld and not self.counts:
+            raise UsageError(f"there is no cycle: {self.unheld}")
         rates = np.abs(self.eigenvalues())
         fastest = float(rates.max(initial=0.0))
         if fastest == 0.0:

@@ -1,9 +1,11 @@
 """A fault of a changed value names what changed it: an option, a line of a study or of a torture case, the call."""
 
+import numpy as np
 import pytest
 
 import rig as package
 from rig.errors import SceneError
+from rig.papers.common import quiet
 
 SET = '\n[set]\n"body.mas" = "3 kg"\n[set.drive]\nspeed = "3 kg"\n'
 MASS = "  body.mas: unknown key; did you mean body.mass? ({})"
@@ -54,11 +56,60 @@ def test_a_decimal_comma_is_a_point_on_the_command_line(rig):
     assert lines[0] == lines[1]
 
 
-@pytest.mark.parametrize("command", [("cycle", "belt_c"), ("map", "belt_c", "--x", "drive.speed=0.01:0.1:2")])
-def test_a_rig_that_cannot_vibrate_is_told(rig, command):
-    code, _, err = rig(*command, "-p", "body.stiffness=0")
-    assert code == 2
-    assert "nothing vibrates and nothing decays in steady sliding" in err
+@pytest.mark.parametrize(
+    ("scene", "told"),
+    [
+        ("belt_c", "nothing vibrates and nothing decays in steady sliding"),
+        ("belt", "no spring holds x, so nothing balances the friction"),
+        ("belt_tuned_mass", "no spring holds x"),
+        ("pendulum", "no spring holds angle"),
+    ],
+)
+def test_a_rig_that_cannot_vibrate_is_told(rig, scene, told):
+    for command in (("cycle", scene), ("map", scene, "--x", "drive.speed=0.01:0.1:2")):
+        code, _, err = rig(*command, "-p", "body.stiffness=0")
+        assert code == 2
+        assert told in err
+
+
+@pytest.mark.parametrize(
+    ("scene", "key"),
+    [
+        ("belt_tuned_mass", "body.stiffness"), ("pendulum", "body.stiffness"), ("pin", "pin.stiffness"),
+        ("north", "body.stiffness"), ("north", "body.tilt_stiffness"), ("two_dof", "spring_1.stiffness"),
+        ("four_dof", "spring_5.stiffness"),
+    ],
+)  # fmt: skip
+def test_a_spring_may_be_absent(scene, key):
+    loose = package.load(scene, {key: 0.0})
+    found = package.modes(loose).sliding
+    assert found.modes or "no spring holds" in found.why
+    assert np.isfinite([one.growth for one in found.modes]).all()
+    run = package.simulate(loose, 0.05)
+    assert all(np.isfinite(values).all() for values in run.signals.values())
+
+
+@pytest.mark.parametrize(
+    ("scene", "key"),
+    [("tread", "tip.tangential_stiffness"), ("tip", "tip.stiffness"), ("belt_shunt", "body.stiffness")],
+)
+def test_without_a_spring_that_prevents_divergence_no_run_starts(scene, key):
+    with pytest.raises(SceneError, match="divergence"):
+        package.simulate(package.load(scene, {key: 0.0}), 0.05)
+
+
+def test_a_pendulum_without_a_spring_turns_with_the_disc():
+    """Dragged to the speed of the disc within w J / (mu N r^2), with constant friction; then it sticks."""
+    changes = {"body.stiffness": 0.0, "body.damping": 0.0, "friction.law": "constant", "friction.mu": 0.3}
+    changes |= {"start.displacement": 0.0, "start.velocity": 0.0, "limits.displacement": "none"}
+    scene = package.load("pendulum", changes)
+    p = scene.parameters
+    speed = p.drive.speed * p.body.radius
+    run = package.simulate(quiet(scene), 2.0)
+    push = 0.3 * p.load.force * p.body.radius**2 / p.body.inertia
+    expected = speed * run.time[-1] - 0.5 * speed**2 / push
+    assert run.signals["displacement"][-1] == pytest.approx(expected, rel=1e-9)
+    assert run.signals["slip_speed"][-1] == 0.0
 
 
 def test_a_block_without_a_spring_slides_to_a_halt():
