@@ -1,12 +1,12 @@
 """The limit cycle of a rig at constant actuator values: the plant is simulated until its stick-slip motion repeats.
 
 The run starts with every contact stuck to its surface and the structure unloaded. With one degree of freedom this is
-outside of the cycle, so that a cycle is also found where stable sliding exists beside it; else it may be missed. The motion has settled when the last cycles have the same
-mode set changes at the same times to `REPEAT` of a period, or the same turning points if there are none. For a cycle
-that attracts slowly, Newton's method continues from there (rig.analysis.shooting). Its result counts once the
-simulation repeats it and its multipliers are stable. Then one more cycle is read from the dense output, with extremes
-inside steps and at events. rig.analysis.floquet computes the multipliers; rig.analysis.settled decides when the motion
-has come to rest in sliding.
+outside of the cycle, so that a cycle is also found where stable sliding exists beside it; else it may be missed. The
+motion has settled when the last cycles have the same mode set changes at the same times to `REPEAT` of a period, or the
+same turning points if there are none. For a cycle that attracts slowly, Newton's method continues from there
+(rig.analysis.shooting). Its result counts once the simulation repeats it and its multipliers are stable. Then one more
+cycle is read from the dense output, with extremes inside steps and at events. rig.analysis.floquet computes the
+multipliers; rig.analysis.settled decides when the motion has come to rest in sliding.
 """
 
 from __future__ import annotations

@@ -54,8 +54,8 @@ class Rest:
         if self._free:
             return f"no limit cycle: no contact is loaded, and the {decays}{more}"
         return (
-            f"no limit cycle found from a standing start: sliding is stable, its {decays}{more}. Another start may reach "
-            "one: rig map, over a range that begins or ends where the rig vibrates"
+            f"no limit cycle found from a standing start: sliding is stable, its {decays}{more}. Another start may "
+            "reach one: rig map, over a range that begins or ends where the rig vibrates"
         )
 
     def _distance(self, x: Array) -> float:
