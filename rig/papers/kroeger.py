@@ -166,7 +166,7 @@ def fluctuating(figure: Figure) -> Iterator[Comparison]:
     for phase, expected in ((0.0, 1.0), (0.5 * math.pi, 0.0), (math.pi, -1.0)):
         share = put_in(phase) / put_in(0.0)
         what = f"phase {math.degrees(phase):g} degrees: energy over that in phase"
-        yield Comparison(what, "", share, expected, "paper", absolute=1e-9)
+        yield Comparison(what, "", share, expected, "theory", absolute=1e-9)
 
 
 def pin(figure: Figure) -> Iterator[Comparison]:
@@ -200,7 +200,7 @@ def north(figure: Figure) -> Iterator[Comparison]:
         yield Comparison(f"{name}: {first.kind}", "", first.value, expected, "reference", absolute=bound)
     s, h, c2, c1, c_phi = 0.012, 0.012, 8e7, 2e7, 200.0
     theory = s / h + c_phi / (h * s * c2) + c_phi / (h * s * c1)
-    yield Comparison("equation 2.5", "", swept.critical[0].value, theory, "paper", relative=1e-9)
+    yield Comparison("equation 2.5", "", swept.critical[0].value, theory, "theory", relative=1e-9)
 
 
 def _swept(
@@ -240,7 +240,7 @@ def seal(figure: Figure) -> Iterator[Comparison]:
         (40, 7.925),
     ):
         axis.plot([v], [expected], "o", color=VERMILION, markersize=4, label="" if v else "equation 3.1")
-        yield Comparison(f"force at {v} mm/s", "N", force_per_mu * law.mu(v * 1e-3), expected, "paper", absolute=6e-4)
+        yield Comparison(f"force at {v} mm/s", "N", force_per_mu * law.mu(v * 1e-3), expected, "theory", absolute=6e-4)
     axis.legend()
     from scipy.optimize import minimize_scalar
 

@@ -27,7 +27,8 @@ class Microphone(Instrument):
     """Sound pressure [Pa] at `distance` [m] from a surface; it reads the surface's velocity.
 
     radiation   11 Pa per m/s at that distance: 2 Pa at the pad speed of a squealing brake [calibrated to figure 29]
-    distance, sound_speed   0.5 m, 343 m/s: 1.46 ms [paper: Kroeger, Neubauer, Popp (2008), section 4d]
+    distance    0.5 m: 1.46 ms [paper: Kroeger, Neubauer, Popp (2008), section 4d]
+    sound_speed 343 m/s [public: air at 20 degrees Celsius]
     paths, reflection   echoes with paths of 1.4, 2.6 and 4.1 m; each attenuated by its length and by 0.5, delayed to
                 the nearest sample [calibrated]
     resonance, quality, highpass   23 kHz, 0.7, 4 Hz [public: 1/2 inch, 6.3 Hz to 20 kHz within 2 dB]
