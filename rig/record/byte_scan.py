@@ -38,9 +38,12 @@ from rig.record.mcap_file import MAGIC
 Data = bytes | mmap.mmap
 
 HEAD = np.dtype(
-    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("time", "<u8")]
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("published", "<u8")]
 )
-"""What precedes the payload of a message: head of the record, channel, number, log time and simulated time [ns]."""
+"""What precedes the payload of a message: head of the record, channel, number, log time and publish time [ns]."""
+_WALL_NS = 10**18
+"""Log times from here on are the wall clock of format 1: as times since 1970 they are after 2001, as simulated times
+after 31 years. The metadata that states the format may be damaged."""
 _HEAD = struct.Struct("<BQ")
 _LARGEST = 1 << 28  # bytes of a chunk's content; a damaged length must not claim the memory of the machine
 _START = re.compile(rb"[\x01-\x0f](?=....\x00{4})", re.DOTALL)
@@ -125,6 +128,13 @@ class Messages(NamedTuple):
     def only(self, here: NDArray[np.bool_]) -> Messages:
         """The messages whose entry in `here` is true."""
         return Messages(self.content, self.begin[here], self.head[here])
+
+    def times(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Simulated time [ns], and the wall clock at reception [ns since 1970, UTC], of each message."""
+        log, published = self.head["log"], self.head["published"]
+        former = log >= _WALL_NS
+        found = np.where(former, published, log), np.where(former, log, published)
+        return found[0].astype(np.int64), found[1].astype(np.int64)
 
     def payload(self, number: int) -> bytes:
         """The payload of one message."""

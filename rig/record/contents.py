@@ -27,7 +27,7 @@ class Contents:
     """Name of the scene; empty if the recording does not state it."""
     title: str
     began_ns: int
-    """When it began, in ns since 1970 (UTC): log time of the first message."""
+    """The wall clock at simulated time 0, in ns since 1970 (UTC)."""
     seconds: float | None
     """Simulated time [s], of a window its length; None if unknown: it was cut off, or an older version saved it."""
     timing: str
@@ -96,12 +96,13 @@ def _contents(path: Path, file: BinaryIO) -> Contents:
     described = _json(scene.decode(errors="replace"), {})
     stored_summary = noted.get("summary", {})
     seconds = _json(noted.get("recording", {}).get("seconds", "null"), None)
+    began = _json(noted.get("recording", {}).get("began", "null"), None)
     begin = _json(noted.get("trigger", {}).get("begin", "0"), 0.0)
     simulated = noted.get("log", {}).get("made") == "saved"
     return Contents(
         scene=str(described.get("name", "")) if isinstance(described, dict) else "",
         title=str(described.get("title", "")) if isinstance(described, dict) else "",
-        began_ns=summary.statistics.message_start_time,
+        began_ns=began if isinstance(began, int) else summary.statistics.message_start_time,  # as in format 1
         seconds=seconds - begin if isinstance(seconds, float) and isinstance(begin, int | float) else None,
         timing="simulated" if simulated else str(_json(stored_summary.get("verdict", '""'), "")),
         messages=summary.statistics.message_count,

@@ -12,6 +12,7 @@ of this project ignore these topics: they contain nothing that is not elsewhere 
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -101,11 +102,12 @@ class Curves:
                 window.begin(int(numbers[begin]))
             window.add(t_ns[begin:end], v[begin:end])
 
-    def rest(self) -> Iterator[Point]:
-        """Yield the points of the windows that are not complete at the end of a run."""
+    def complete(self, until_ns: float = math.inf) -> Iterator[Point]:
+        """Yield the points of the windows before `until_ns`, of which every sample is there."""
         for topic, window in self._open.items():
-            yield from window.points(self.topics[topic])
-            window.begin(window.number)
+            if window.number < until_ns // WINDOW_NS:
+                yield from window.points(self.topics[topic])
+                window.begin(window.number)
 
 
 class _Window:
@@ -145,11 +147,11 @@ def schema(topic: str) -> tuple[str, str, bytes, str]:
     return "std_msgs/msg/Float64MultiArray", SchemaEncoding.ROS2, SCHEMA.encode(), MessageEncoding.CDR
 
 
-def log(event: Any, source: str, log_ns: int) -> bytes | None:
+def log(event: Any, source: str, t_ns: int) -> bytes | None:
     """The foxglove.Log message of an Event of a process; None for an event that is not logged."""
     if event.kind in _SILENT:
         return None
-    seconds, nanos = divmod(log_ns, 10**9)
+    seconds, nanos = divmod(t_ns, 10**9)
     text = f"t = {event.t_ns * 1e-9:.3f} s, {event.kind}: {event.text}"
     content = _log()(
         timestamp={"seconds": seconds, "nanos": nanos}, level=_LEVELS.get(event.kind, _INFO), message=text, name=source

@@ -43,9 +43,12 @@ from rig.errors import LogError
 
 MAGIC = b"\x89MCAP0\r\n"
 PROFILE = "friction-rig"
-FORMAT = 1
+FORMAT = 2
 """Format of recordings: their attachments, metadata and topics, and what these mean. The metadata record "log"
-states it; a recording without it has format 1. The scene in a recording has its own format (`Scene.from_json`)."""
+states it; a recording without it has format 1. The scene in a recording has its own format (`Scene.from_json`).
+In format 1 `publish_time` was simulated time and `log_time` the wall clock (`rig.record.byte_scan.Messages.times`)."""
+COPY = "copy/"
+"""Begin of the names of the attachments and metadata at the end of a file: other programs warn about equal names."""
 CRC, DIGEST = "crc32", "digest"
 SHARE = 25
 """Largest size of a chunk, as a share of the messages before it."""
@@ -119,11 +122,11 @@ class Writer:
         self._indexes: dict[int, bytearray] = {}
         self._span = ((1 << 64) - 1, 0)
 
-    def attach(self, name: str, media_type: str, raw: bytes, time_ns: int) -> None:
-        """Add an attachment."""
+    def attach(self, name: str, media_type: str, raw: bytes, made_ns: int, log_ns: int = 0) -> None:
+        """Add an attachment. `made_ns`: the wall clock when it was made."""
         self._end_chunk()
-        packed = _packed(Attachment(time_ns, time_ns, name, media_type, raw))
-        index = AttachmentIndex(self._offset, len(packed), time_ns, time_ns, len(raw), name, media_type)
+        packed = _packed(Attachment(made_ns, log_ns, name, media_type, raw))
+        index = AttachmentIndex(self._offset, len(packed), log_ns, made_ns, len(raw), name, media_type)
         self._attached.append(index)
         self._put(packed)
 
@@ -157,13 +160,13 @@ class Writer:
         self._parts.append(raw)
         self._size += len(raw)
 
-    def add(self, channel: int, log_ns: int, payload: bytes, t_ns: int, seq: int) -> None:
+    def add(self, channel: int, log_ns: int, payload: bytes, published_ns: int, seq: int) -> None:
         """Add a message; close the chunk if it is large enough."""
         index = self._indexes.get(channel)
         if index is None:
             index = self._indexes[channel] = bytearray()
         index += _INDEXED.pack(log_ns, self._size)
-        self._hold(_MESSAGE.pack(Opcode.MESSAGE, 22 + len(payload), channel, seq, log_ns, t_ns) + payload)
+        self._hold(_MESSAGE.pack(Opcode.MESSAGE, 22 + len(payload), channel, seq, log_ns, published_ns) + payload)
         self._span = (min(self._span[0], log_ns), max(self._span[1], log_ns))
         self.counts[channel] += 1
         self._held += 1

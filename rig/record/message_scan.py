@@ -21,7 +21,7 @@ from rig.errors import BusError, LogError
 from rig.record.byte_scan import Data, Found, Hole, Message, Messages, inside, walk
 from rig.record.foreign import why
 from rig.record.mapped_file import crc_of, mapped, sha256_of, summary_start
-from rig.record.mcap_file import CRC, DIGEST, MAGIC, checksum, refuse_newer
+from rig.record.mcap_file import COPY, CRC, DIGEST, MAGIC, checksum, refuse_newer
 
 _SEQUENCE = 1 << 32
 _COPY = "a copy of a chunk before it,"
@@ -38,7 +38,8 @@ class Record(NamedTuple):
     payload: bytes
     t_ns: int
     seq: int
-    log_ns: int
+    wall_ns: int
+    """The wall clock when it was received [ns since 1970, UTC]."""
 
 
 class Skipped(NamedTuple):
@@ -84,7 +85,7 @@ class Scan:
         self.fault = ""
         self.skipped: list[Skipped] = []
         self.began_ns = 0
-        """When simulated time was 0, by the log time of the first message [ns since 1970, UTC]."""
+        """The wall clock at simulated time 0, by the first message of the plant [ns since 1970, UTC]."""
         self._begun_ns = 0
         """Latest simulated time of a message; that of a block is the time of its first sample."""
         self._blocks: dict[int, tuple[Messages, int]] = {}
@@ -109,16 +110,17 @@ class Scan:
         """Channel -> number of its latest message, and the number of skipped places before it."""
 
     def __iter__(self) -> Iterator[Record]:
-        for message in self.messages():
-            topic = self.channels[message.channel_id].topic
-            yield Record(topic, message.data, message.publish_time, message.sequence, message.log_time)
+        for found in self._chunks():
+            columns = (column.tolist() for column in (found.head["channel"], found.head["sequence"], *found.times()))
+            for channel, sequence, t_ns, wall_ns, payload in zip(*columns, found.payloads()):
+                yield Record(self.channels[channel].topic, payload, t_ns, sequence, wall_ns)
 
     def messages(self) -> Iterator[Message]:
-        """Yield the messages in the order of the file. Raises LogError for a file that is not a recording."""
+        """Yield the messages as stored, in the order of the file. Raises LogError for a file of another kind."""
         for found in self._chunks():
-            columns = (found.head[name].tolist() for name in ("channel", "sequence", "log_time", "time"))
-            for channel, sequence, log_ns, t_ns, payload in zip(*columns, found.payloads()):
-                yield Message(channel, sequence, log_ns, t_ns, payload)
+            columns = (found.head[name].tolist() for name in ("channel", "sequence", "log", "published"))
+            for channel, sequence, log_ns, published_ns, payload in zip(*columns, found.payloads()):
+                yield Message(channel, sequence, log_ns, published_ns, payload)
 
     def payloads(self, topics: tuple[str, ...]) -> dict[str, list[bytes]]:
         """Read the whole file: topic -> payloads in its order, for topics that begin with one of `topics`.
@@ -203,11 +205,11 @@ class Scan:
     def _count(self, found: Messages) -> None:
         head = found.head
         self.count += head.size
-        timed = head[np.isin(head["channel"], list(self._of_plant))]  # others may state any time
-        if timed.size:
-            self._begun_ns = max(self._begun_ns, int(timed["time"].max()))
-        if timed.size and not self.began_ns:
-            apart = timed["log_time"].astype(np.int64) - timed["time"].astype(np.int64)
+        t_ns, wall_ns = found.only(np.isin(head["channel"], list(self._of_plant))).times()  # others may state any time
+        if t_ns.size:
+            self._begun_ns = max(self._begun_ns, int(t_ns.max()))
+        if t_ns.size and not self.began_ns:
+            apart = wall_ns - t_ns
             self.began_ns = int(apart[np.argmax(apart != 0)])
         channels, numbers = head["channel"].tolist(), head["sequence"].tolist()
         first, last = dict(zip(reversed(channels), reversed(numbers))), dict(zip(channels, range(head.size)))
@@ -238,16 +240,17 @@ class Scan:
         elif isinstance(body, DataEnd):
             self._end = part
         elif isinstance(body, Attachment):
+            body.name = body.name.removeprefix(COPY)
             self.attachments[body.name] = body
         elif isinstance(body, Metadata):
-            values = dict(body.metadata)
+            values, name = dict(body.metadata), body.name.removeprefix(COPY)
             if values.pop(CRC, None) not in (None, checksum(body.name, values)):
                 self._skip(Hole(part.begin, part.end, "metadata"))
-            elif body.name == DIGEST:
+            elif name == DIGEST:
                 self._digest_at, self.metadata[DIGEST] = part.begin, values
             else:
-                self.metadata[body.name] = values
-                if body.name == "log":
+                self.metadata[name] = values
+                if name == "log":
                     refuse_newer(self.path, values)
         else:
             self._describe(body)

@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel
 
 from rig.errors import LogError, OutputError, UsageError
+from rig.record.mcap_file import COPY
 from rig.record.mcap_file import Writer as Mcap
 from rig.record.message_scan import Scan
 from rig.record.reader import Decoder
@@ -130,15 +131,16 @@ def _copy(found: Recovered, scan: Scan, file: BinaryIO) -> None:
     decode = Decoder(setup_of(scan))
     attachments, metadata, known = dict(scan.attachments), dict(scan.metadata), dict(scan.schemas)
     metadata["recovered"] = {"from": scan.path.name, "fault": found.fault, "lost": found.losses()}
+    metadata["recording"] = {"began": str(scan.began_ns), **metadata.get("recording", {})}
     out = Mcap(file, CHUNK)
     schemas: dict[int, int] = {}
     channels: dict[int, int] = {}
 
-    def describe() -> None:
-        for one in attachments.values():
-            out.attach(one.name, one.media_type, one.data, one.log_time)
+    def describe(copy: str) -> None:
+        for name, one in attachments.items():
+            out.attach(copy + name, one.media_type, one.data, one.create_time, one.log_time)
         for name, values in metadata.items():
-            out.note(name, values)
+            out.note(copy + name, values)
 
     def number(channel: Channel) -> int:
         if channel.id not in channels:
@@ -150,12 +152,12 @@ def _copy(found: Recovered, scan: Scan, file: BinaryIO) -> None:
         return channels[channel.id]
 
     try:
-        describe()
+        describe("")
         for message in scan.messages():
             channel = scan.channels[message.channel_id]
             if decode(channel.topic, message.data) is not None:
                 out.add(number(channel), message.log_time, message.data, message.publish_time, message.sequence)
-        describe()
+        describe(COPY)
         out.finish()
         synced(file)
     finally:

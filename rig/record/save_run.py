@@ -26,7 +26,7 @@ def save(
     name: str = "simulate",
     replace: bool = True,
 ) -> None:
-    """Write `run` to `path`. Log times are those of a run in real time that began at `run.began_ns`.
+    """Write `run` to `path`. The wall clock is that of a run in real time that began at `run.began_ns`.
 
     An existing file is overwritten only with `replace`, else OutputError is raised.
     """
@@ -44,9 +44,11 @@ def save(
     writer = Writer(path, setup, "saved", replace)
     try:
         sequence: dict[str, int] = {}
-        for t_ns, topic, payload in _messages(run):
-            seq = sequence[topic] = sequence.get(topic, -1) + 1
-            writer.write(topic, payload, t_ns, seq, run.began_ns + t_ns)
+        for stop_ns, found in _slices(run):
+            for t_ns, topic, payload in found:
+                seq = sequence[topic] = sequence.get(topic, -1) + 1
+                writer.write(topic, payload, t_ns, seq, run.began_ns + t_ns)
+            writer.settle(stop_ns)
         writer.close(
             {"messages": writer.messages, "seconds": _end_ns(run) * 1e-9},
             {**run.summary, "energy": run.energy, "fault": run.fault},
@@ -67,8 +69,8 @@ def _period(t_ns: Integers) -> int:
     return round(float(np.median(np.diff(t_ns)))) if t_ns.size > 1 else 0
 
 
-def _messages(run: RunData) -> Iterator[Stamped]:
-    """All messages in order of time, slice by slice."""
+def _slices(run: RunData) -> Iterator[tuple[int, list[Stamped]]]:
+    """End of a slice of the run [ns], and all messages in it in order of time."""
     time_ns = np.rint(run.time * 1e9).astype(np.int64)
     series = {f"truth/{name}": (time_ns, v) for name, v in run.signals.items()}
     if run.mode.size:
@@ -96,7 +98,7 @@ def _messages(run: RunData) -> Iterator[Stamped]:
         while done < len(events) and (events[done]["t_ns"] < stop or stop > end):
             found.append(_event(events[done]))
             done += 1
-        yield from sorted(found, key=lambda message: message[0])
+        yield stop, sorted(found, key=lambda message: message[0])
 
 
 def _blocks(topic: str, t_ns: Integers, v: Reals, frame_ns: int, begin: int, stop: int) -> Iterator[Stamped]:

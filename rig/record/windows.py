@@ -40,7 +40,7 @@ class _Waiting(NamedTuple):
     payload: bytes
     t_ns: int
     seq: int
-    log_ns: int
+    wall_ns: int
 
 
 def path_of(base: Path, number: int) -> Path:
@@ -120,13 +120,13 @@ class Windows:
         """The sample that came closest to the level: distance, value, time [ns]."""
         self._former = replaceable(base, replace)
 
-    def write(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
+    def write(self, topic: str, payload: bytes, t_ns: int, seq: int, wall_ns: int) -> None:
         """Take a message: write it if a window is open, else keep it for the next one."""
         if topics.of_plant(topic):  # nobody else moves a window
             self.last_ns = max(self.last_ns, t_ns)
         if self._writer is not None and self.last_ns > self._ends_ns + _SLACK_NS:
             self._close("the window of the trigger ended", {})
-        self._wait(_Waiting(topic, payload, t_ns, seq, log_ns))
+        self._wait(_Waiting(topic, payload, t_ns, seq, wall_ns))
         if topic == self._bound.topic:
             self._look(payload)
 
@@ -162,7 +162,7 @@ class Windows:
     def _open(self, fired_ns: int, value: float) -> None:
         path = path_of(self.path, len(self.paths) + 1)
         wanted_ns = max(fired_ns - self._before_ns, self._armed_ns + 1, 0)
-        begin_ns = min((one.t_ns for one in self._waiting), default=fired_ns)
+        begin_ns = min((one.t_ns for one in self._waiting if topics.of_plant(one.topic)), default=fired_ns)
         if self._dropped_ns >= wanted_ns:
             begin_ns = max(begin_ns, self._dropped_ns)
         self._ends_ns = self._armed_ns = fired_ns + self._after_ns
@@ -229,7 +229,7 @@ class Windows:
             writer.abandon()
 
     def flush_if_due(self) -> None:
-        """Pass what is written to the system if 250 ms have passed since the last time."""
+        """Pass what is written to the system if it is time (`Writer.flush_if_due`)."""
         if self._writer is not None:
             self._writer.flush_if_due()
 

@@ -1,8 +1,13 @@
 """A writer of one run to an MCAP file that stays readable if the writer is killed.
 
-Scene and provenance are written at the front and again at the end, so that no single damage destroys both. Chunks are
-closed every 250 ms, which is the most that can be lost. Messages are stored as received. `log_time` is the time of
-reception, `publish_time` is simulated time. Curves and log for other programs are derived (rig.record.curves).
+Scene and provenance are written at the front, and copies under other names at the end, so that no single damage
+destroys both. The payloads of messages are stored as received. `log_time` is simulated time since the begin of the run,
+`publish_time` is the wall clock when the message was received. Curves and log for other programs are derived
+(rig.record.curves).
+
+The messages in the file are in order of simulated time, although they arrive in another one: an event overtakes the
+samples before it, and a point of a curve is known when its window ends. They wait until `FLUSH_NS` later nothing that
+belongs before them can arrive. A writer that is killed loses the messages of two such times, and one window of a curve.
 """
 
 from __future__ import annotations
@@ -13,11 +18,11 @@ import json
 import os
 import stat
 import time
-from collections import deque
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace as changed
-from itertools import chain, islice
-from operator import attrgetter
+from itertools import chain
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -30,16 +35,16 @@ from rig.bus import messages, topics
 from rig.bus.run_setup import Setup
 from rig.errors import BusError, OutputError
 from rig.record import curves, model_attachments
-from rig.record.mcap_file import FORMAT
+from rig.record.mcap_file import COPY, FORMAT
 from rig.record.mcap_file import Writer as Mcap
 from rig.user_files import WRITTEN, takes
 
 CHUNK = 256 * 1024
+_Waiting = tuple[int, str, bytes, int, int]
+"""A message that is not in the file yet: simulated time, topic, payload, number, wall clock."""
 _OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # not inherited by children, no newline translation
-FLUSH_NS = 250_000_000
-_NOTED_NS = 5_000_000
-"""Shortest simulated time between two times of reception that are noted, for the log times of curves."""
-_NOTED = 64
+FLUSH_NS = 125_000_000
+"""Wall time between two flushes; longer than a message is under way on the bus."""
 
 
 def opened_new(path: Path, replace: bool) -> BinaryIO:
@@ -96,9 +101,19 @@ class Writer:
         self._fields = _reader([messages.field_name(name) for name in setup.outputs])
         self._derived: dict[str, int] = {}
         """Number of messages of each derived topic."""
-        self._noted: deque[tuple[int, int]] = deque(maxlen=_NOTED)
-        """Simulated time and time of reception of the latest messages."""
-        self._log_ns = 0
+        self._waiting: list[_Waiting] = []
+        self._older = 0
+        """Number of the waiting messages that waited at the last flush."""
+        self._settled_ns = round(float(trigger["begin"]) * 1e9) if trigger is not None else 0
+        """Simulated time before which every message is in the file."""
+        self._reached_ns = 0
+        """Simulated time that the plant had reached at the last flush."""
+        self._lag_ns = max(topics.BLOCK_NS, setup.frame_ns)
+        """Longest simulated time from a sample to the message that contains it."""
+        self.began_ns: int | None = None
+        """The wall clock at simulated time 0, by the first message of the plant [ns since 1970, UTC]."""
+        self._wall_ns = 0
+        """The wall clock at the latest message."""
         self._flush_due = time.monotonic_ns() + FLUSH_NS
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -112,18 +127,17 @@ class Writer:
             self.abandon()
             raise
 
-    def _describe(self) -> None:
+    def _describe(self, copy: str = "") -> None:
         setup, now = self.setup, time.time_ns()
         for name, text in (("scene.json", setup.scene), ("setup.json", changed(setup, scene="", models=()).to_text())):
-            self._mcap.attach(name, "application/json", text.encode(), now)
+            self._mcap.attach(copy + name, "application/json", text.encode(), now)
         for model in setup.models:
-            self._mcap.attach(
-                model_attachments.name(model), model_attachments.MEDIA_TYPE, model_attachments.packed(model), now
-            )
-        self._mcap.note("provenance", setup.provenance)
-        self._mcap.note("log", {"made": self._made, "run": setup.run, "format": str(FORMAT)})
+            name, packed = model_attachments.name(model), model_attachments.packed(model)
+            self._mcap.attach(copy + name, model_attachments.MEDIA_TYPE, packed, now)
+        self._mcap.note(copy + "provenance", setup.provenance)
+        self._mcap.note(copy + "log", {"made": self._made, "run": setup.run, "format": str(FORMAT)})
         if self._trigger is not None:
-            self._mcap.note("trigger", self._trigger)
+            self._mcap.note(copy + "trigger", self._trigger)
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:
@@ -174,29 +188,54 @@ class Writer:
         unit = setup.outputs.get(name, "") if first == "truth" else setup.sensors.get(name, ("", 0))[0]
         return messages.TYPES[topics.of(topic).message], {"v": unit} if unit else {}
 
-    def write(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
-        """Add a message unchanged; `seq`: its number on the topic, `log_ns`: time of reception."""
-        with self._guarded():
-            self._add(topic, payload, t_ns, seq, log_ns)
-            if topics.of_plant(topic) and (not self._noted or t_ns >= self._noted[-1][0] + _NOTED_NS):
-                self._noted.append((t_ns, self._log_ns))
-            try:
-                if topic.startswith("event/"):
-                    self._log(topic[6:], payload, t_ns)
-                else:
-                    self._draw(self._points(topic, payload, t_ns))
-            except (DecodeError, BusError, ValueError):  # no valid message: recorded as received, nothing derived
-                pass
+    def write(self, topic: str, payload: bytes, t_ns: int, seq: int, wall_ns: int) -> None:
+        """Add a message; `t_ns`: simulated time that it states, `seq`: its number on the topic, `wall_ns`: the wall
+        clock when it was received. Times of other senders that cannot be are replaced by those of the plant.
+        """
+        self._wall_ns = wall_ns
+        if topics.of_plant(topic):
+            self.last_ns = max(self.last_ns, t_ns)
+            if self.began_ns is None:
+                self.began_ns = wall_ns - t_ns
+        else:
+            t_ns = max(t_ns, self._settled_ns)
+        self._wait(topic, payload, t_ns, seq, wall_ns)
+        try:
+            if topic.startswith("event/"):
+                self._log(topic[6:], payload, t_ns)
+            else:
+                self._draw(self._points(topic, payload, t_ns))
+        except (DecodeError, BusError, ValueError):  # no valid message: recorded as received, nothing derived
+            pass
 
-    def _add(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
-        channel = self._channels.get(topic)
-        if channel is None:
-            channel = self._channels[topic] = self._channel(topic)
-        self._log_ns = max(self._log_ns, log_ns)  # readers need it monotone, but clocks are sometimes set back
-        if t_ns > self.last_ns and topics.of_plant(topic):
-            self.last_ns = self._mcap.reached_ns = t_ns
-        self._mcap.add(channel, self._log_ns, payload, t_ns, seq & 0xFFFFFFFF)
+    def _wait(self, topic: str, payload: bytes, t_ns: int, seq: int, wall_ns: int) -> None:
+        if topic not in self._channels:
+            self._channels[topic] = self._channel(topic)
+        self._waiting.append((t_ns, topic, payload, seq & 0xFFFFFFFF, wall_ns))
         self.messages += 1
+
+    def settle(self, until_ns: int) -> None:
+        """Write the waiting messages from before the simulated time `until_ns`, rounded to whole windows of curves."""
+        self._settled_ns = max(self._settled_ns, until_ns // curves.WINDOW_NS * curves.WINDOW_NS)
+        self._draw(self._curves.complete(self._settled_ns))
+        with self._guarded():
+            self._put(self._settled_ns, self._older)
+        self._older = len(self._waiting)
+
+    def _put(self, until_ns: int | None, certain: int) -> None:
+        """Write the messages from before `until_ns`; None: all. The first `certain` are from no later than the plant:
+        they have waited long enough for the plant's message of their time.
+        """
+        waiting, last_ns = self._waiting, self.last_ns
+        for i in [i for i, one in enumerate(waiting[:certain]) if one[0] > last_ns]:
+            waiting[i] = (last_ns, *waiting[i][1:])
+        waiting.sort(key=itemgetter(0))
+        count = len(waiting) if until_ns is None else bisect_left(waiting, until_ns, key=itemgetter(0))
+        self._waiting = waiting[count:]
+        for t_ns, topic, payload, seq, wall_ns in waiting[:count]:
+            if t_ns > self._mcap.reached_ns and topics.of_plant(topic):
+                self._mcap.reached_ns = t_ns
+            self._mcap.add(self._channels[topic], t_ns, payload, wall_ns, seq)
 
     def _points(self, topic: str, payload: bytes, t_ns: int) -> Iterator[curves.Point]:
         """Points of curves that a message completes. A run on the bus sends outputs as states, a saved one as truth."""
@@ -221,50 +260,37 @@ class Writer:
 
     def _draw(self, points: Iterable[curves.Point]) -> None:
         for point in points:
-            self._derive(point.topic, point.payload, point.t_ns, self._received(point.t_ns))
+            self._derive(point.topic, point.payload, point.t_ns)
 
     def _log(self, source: str, payload: bytes, t_ns: int) -> None:
-        content = curves.log(messages.decode(f"event/{source}", payload), source, self._log_ns)
+        content = curves.log(messages.decode(f"event/{source}", payload), source, t_ns)
         if content is not None:
-            self._derive(f"log/{source}", content, t_ns, self._log_ns)
+            self._derive(f"log/{source}", content, t_ns)
 
-    def _derive(self, topic: str, payload: bytes, t_ns: int, log_ns: int) -> None:
-        """Add a derived message. Its log time may be before that of the latest message: a point is known late."""
-        channel = self._channels.get(topic)
-        if channel is None:
-            channel = self._channels[topic] = self._channel(topic)
+    def _derive(self, topic: str, payload: bytes, t_ns: int) -> None:
         number = self._derived[topic] = self._derived.get(topic, -1) + 1
-        self._mcap.add(channel, log_ns, payload, t_ns, number & 0xFFFFFFFF)
-        self.messages += 1
-
-    def _received(self, t_ns: int) -> int:
-        """Time of reception that belongs to a simulated time, from the noted ones around it."""
-        if not self._noted:
-            return self._log_ns
-        after, log_ns = self._noted[-1]
-        if self._made == "saved" or t_ns >= after:
-            return log_ns + (t_ns - after if self._made == "saved" else 0)
-        for before, earlier_ns in islice(reversed(self._noted), 1, None):
-            if before <= t_ns:
-                return earlier_ns + (log_ns - earlier_ns) * (t_ns - before) // (after - before)
-            after, log_ns = before, earlier_ns
-        return log_ns
+        began_ns = self.began_ns if self._made == "saved" else None
+        self._wait(topic, payload, t_ns, number, self._wall_ns if began_ns is None else began_ns + t_ns)
 
     def flush_if_due(self) -> None:
-        """Close the chunk and pass it to the system if 250 ms have passed since the last time."""
+        """Write what has waited, close the chunk and pass it to the system if `FLUSH_NS` have passed since the last
+        time.
+        """
         if (now := time.monotonic_ns()) >= self._flush_due:
             self._flush_due = now + FLUSH_NS
+            self.settle(self._reached_ns - self._lag_ns)
+            self._reached_ns = self.last_ns
             with self._guarded():
                 self._mcap.flush()
                 self._check()
 
     def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
         """Finish the file with an account of the recording and the summary of the run, and sync it to the disk."""
+        self._draw(chain(self._outputs(), self._curves.complete()))
         with self._guarded():
-            if self._noted:
-                self._draw(chain(self._outputs(), self._curves.rest()))
-            self._describe()
-            for name, found in (("recording", recording), ("summary", summary)):
+            self._put(None, len(self._waiting))
+            self._describe(COPY)
+            for name, found in (("recording", {**recording, "began": self.began_ns}), ("summary", summary)):
                 self._mcap.note(name, {key: json.dumps(value) for key, value in found.items()})
             self._mcap.finish()
             synced(self._file)

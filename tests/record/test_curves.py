@@ -65,7 +65,7 @@ def test_each_output_and_sensor_has_a_curve_in_its_unit(messages):
 
 def test_a_curve_has_the_extremes_of_each_window_at_their_own_times(run, messages):
     t_ns, v = run.measurements["microphone"]
-    points = [(m.publish_time, value_of(m.data)) for _, _, m in messages["measured/microphone_in_Pa"]]
+    points = [(m.log_time, value_of(m.data)) for _, _, m in messages["measured/microphone_in_Pa"]]
     assert all(v[np.searchsorted(t_ns, now)] == value for now, value in points)
     for begin in range(0, int(t_ns[-1]) + 1, WINDOW_NS):
         inside = v[(t_ns >= begin) & (t_ns < begin + WINDOW_NS)]
@@ -89,9 +89,10 @@ def test_a_point_is_a_valid_message_of_ros(messages):
     assert struct.unpack_from("<d", body, 16) == (3.0,)  # a double lies at a multiple of 8 behind the header
 
 
-def test_log_times_are_those_of_a_run_in_real_time(messages):
+def test_log_times_are_simulated_and_publish_times_those_of_a_run_in_real_time(messages):
     for topic, found in messages.items():
-        assert all(m.log_time == BEGAN + m.publish_time for _, _, m in found), topic
+        assert all(m.publish_time == BEGAN + m.log_time for _, _, m in found), topic
+    assert max(found[-1][2].log_time for found in messages.values()) == 300_000_000
 
 
 def test_events_are_log_messages_that_foxglove_knows(run, tmp_path):
@@ -100,7 +101,7 @@ def test_events_are_log_messages_that_foxglove_knows(run, tmp_path):
         log = make_reader(file, decoder_factories=[DecoderFactory()])
         said = [found for *_, found in log.iter_decoded_messages(topics=["log/plant"])]
     assert [(one.message, one.level, one.name) for one in said] == [("t = 0.000 s, step: hold", 2, "plant")]
-    assert said[0].timestamp.seconds * 10**9 + said[0].timestamp.nanos == BEGAN + 5
+    assert said[0].timestamp.seconds * 10**9 + said[0].timestamp.nanos == 5
 
 
 def test_a_run_has_no_trace_of_them(run, tmp_path):
@@ -138,7 +139,7 @@ def test_blocks_of_any_length_give_the_same_points(samples, length):
         points = [
             p for i in range(0, len(samples), size) for p in curves.add("truth/x", t_ns[i : i + size], v[i : i + size])
         ]
-        found.append(points + list(curves.rest()))
+        found.append(points + list(curves.complete()))
     assert found[0] == found[1]
     assert {point.t_ns for point in found[0]} <= set(t_ns.tolist())
     assert len(found[0]) <= 2 * np.unique(t_ns // WINDOW_NS).size

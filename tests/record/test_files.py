@@ -14,10 +14,10 @@ import pytest
 from full_disk import largest_file
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from rig.bus import encode
+from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
 from rig.errors import LogError, OutputError
 from rig.record import mcap_file, reader, writer
@@ -221,6 +221,7 @@ def test_a_disk_that_fills_up_is_told_with_what_was_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
     log = Writer(path, SETUP, "saved")
     log.write("meas/s", b"", 1_500_000_000, 0, 0)
+    log.settle(1_520_000_000)
     log.flush_if_due()
     log.write("meas/s", b"", 1_580_000_000, 1, 0)  # of a chunk that is not written any more
     with (
@@ -229,6 +230,38 @@ def test_a_disk_that_fills_up_is_told_with_what_was_kept(tmp_path, monkeypatch):
     ):
         log.close({}, {})
     log.abandon()
+
+
+def test_log_times_are_simulated_times_in_order_whatever_order_messages_arrive_in(tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
+    log, ms, wall = Writer(tmp_path / "run.mcap", SETUP, "recorded"), 1_000_000, 1_800_000_000 * 10**9
+    event = {"tick": 0, "kind": "note", "text": "", "data": {}}
+    for k in range(1000):
+        if k % 100 == 0:  # it overtakes the samples before it; a stranger states times that cannot be
+            stated = (k + 100) * ms
+            log.write("event/plant", messages.event(stated, source="plant", **event), stated, k, wall)
+            for stated in (0, 2**63):
+                log.write("event/nf", messages.event(0, source="nf", **event), stated, k, wall)
+        log.write("meas/s", encode.block(k, k * ms, ms, [float(k)]), k * ms, k, wall + 3 * k * ms)
+        if k % 200 == 199:
+            log.flush_if_due()
+    log.close({}, {})
+    with (tmp_path / "run.mcap").open("rb") as file:
+        found = [
+            (channel.topic, message.log_time, message.publish_time)
+            for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False)
+        ]
+        file.seek(0)
+        summary = make_reader(file).get_summary()
+    logged = [t_ns for _, t_ns, _ in found]
+    assert logged == sorted(logged)
+    assert [t_ns for topic, t_ns, _ in found if topic == "meas/s"] == [k * ms for k in range(1000)]
+    assert [t_ns for topic, t_ns, _ in found if topic == "event/plant"] == [(k + 100) * ms for k in range(0, 1000, 100)]
+    assert all(0 <= t_ns <= 1000 * ms for t_ns in logged)
+    assert all(wall_ns == wall + 3 * t_ns for topic, t_ns, wall_ns in found if topic == "meas/s")
+    assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (0, 1000 * ms)
+    for names in ([one.name for one in summary.attachment_indexes], [one.name for one in summary.metadata_indexes]):
+        assert len(set(names)) == len(names)
 
 
 def test_a_recording_just_begun_knows_its_scene(tmp_path):
@@ -315,7 +348,7 @@ def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypat
     tracemalloc.start()
     for k in range(6000):
         for sensor in range(8):
-            log.write(f"meas/s{sensor}", payload, k, k, k)
+            log.write(f"meas/s{sensor}", payload, k * 100_000_000, k, k)
         log.flush_if_due()  # a chunk each: as after a day
         if k in (1000, 5999):
             taken.append(tracemalloc.get_traced_memory()[0])
