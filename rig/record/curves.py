@@ -105,7 +105,7 @@ class Curves:
     def complete(self, until_ns: float = math.inf) -> Iterator[Point]:
         """Yield the points of the windows before `until_ns`, of which every sample is there."""
         for topic, window in self._open.items():
-            if window.number < until_ns // WINDOW_NS:
+            if (window.number + 1) * WINDOW_NS <= until_ns:
                 yield from window.points(self.topics[topic])
                 window.begin(window.number)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import NonSeekingReader
 
 import rig
 from rig.analysis.three_stages import stages
@@ -75,6 +76,14 @@ def test_a_golden_recording_holds(path):
     assert found.passed, found.text()
     assert found.simulated
     assert found.compared > 2000
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda path: path.stem)
+def test_other_programs_find_the_times_of_the_run_in_order(path):
+    with path.open("rb") as file:
+        times = [message.log_time for *_, message in NonSeekingReader(file).iter_messages(log_time_order=False)]
+    assert times == sorted(times)
+    assert (times[0], times[-1] * 1e-9) == (0, pytest.approx(rig.open(path).time[-1]))
 
 
 def test_the_pendulum_shows_the_cycle_and_its_break_down():

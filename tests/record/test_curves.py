@@ -142,4 +142,5 @@ def test_blocks_of_any_length_give_the_same_points(samples, length):
         found.append(points + list(curves.complete()))
     assert found[0] == found[1]
     assert {point.t_ns for point in found[0]} <= set(t_ns.tolist())
+    assert {point.t_ns // WINDOW_NS for point in found[0]} == set((t_ns[~np.isnan(v)] // WINDOW_NS).tolist())
     assert len(found[0]) <= 2 * np.unique(t_ns // WINDOW_NS).size
