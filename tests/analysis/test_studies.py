@@ -82,6 +82,8 @@ def test_the_dataset_has_units_coordinates_and_provenance(grid, tmp_path):
     assert json.loads(found.attrs["scene_json"])["name"] == "belt"
     grid.save(tmp_path / "found.nc")
     with xarray.open_dataset(tmp_path / "found.nc", engine="h5netcdf") as back:
+        assert back.coords
+        assert not [name for name, one in back.coords.items() if "_FillValue" in one.encoding]
         assert np.array_equal(back["cycle.period"].values, found["cycle.period"].values)
         assert json.loads(str(back["scene_json"].values))["name"] == "belt"
 

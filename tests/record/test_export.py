@@ -166,6 +166,7 @@ def test_hdf5_and_netcdf(run, tmp_path, to):
             }
         assert file["outputs/velocity"].attrs["units"] == "m/s"
         assert file["outputs/time"].attrs["units"] == "s"
+        assert not [name for name in TABLES if "_FillValue" in file[name]["time"].attrs]
         assert {name: file[name].asstr()[()] for name in description(run)} == description(run)
     same(read, run)
     with xr.open_datatree(path, engine="h5netcdf") as tree:

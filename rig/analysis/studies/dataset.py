@@ -51,6 +51,8 @@ def dataset(found: StudyData) -> Dataset:
     attributes |= {"scene": found.work.scene.name, "sampling": plan.sampling, "study_seed": plan.seed,
                    "scene_json": found.work.scene.to_json(), "measures": json.dumps(found.names)}  # fmt: skip
     made: Dataset = xarray.Dataset(variables, coordinates, attributes)
+    for one in made.coords.values():
+        one.encoding["_FillValue"] = None  # CF allows no missing values in a coordinate
     return made
 
 

@@ -38,7 +38,8 @@ def tree(tables: Iterable[Table], facts: Mapping[str, str]) -> DataTree:
     parts = {"/": xarray.Dataset({name: ((), text) for name, text in facts.items()})}
     for table in tables:
         variables = {one.name: ((TIME,), one.values, _attributes(one)) for one in table.columns}
-        parts[table.name] = xarray.Dataset(variables, {TIME: ((TIME,), table.time, {"units": "s"})})
+        whole = {"_FillValue": None}  # CF allows no missing values in a coordinate
+        parts[table.name] = xarray.Dataset(variables, {TIME: ((TIME,), table.time, {"units": "s"}, whole)})
     found: DataTree = xarray.DataTree.from_dict(parts)
     return found
 
