@@ -25,7 +25,8 @@ LOST = "lost"
 NEVER = 1 << 62
 """Tick of the next answer of a controller that is lost."""
 CALLS: list[Callable[[str], object]] = []
-"""Called with the name of each controller before it is called: whoever waits for this process learns who ended it."""
+"""Called with the name of each controller before it is called, and with "" when it has answered: whoever waits for this
+process learns who ended it."""
 _EXPECTED: Counter[type] = Counter()
 _TRIED: set[int] = set()
 """Addresses of compiled controllers that have passed this comparison in this process."""
@@ -36,11 +37,14 @@ def loop_of(name: str, controller: Controller) -> Loop:
     for call in CALLS:
         call(name)
     try:
-        return Loop(controller)
+        loop = Loop(controller)
     except (ControllerLost, Untrusted):
         raise
     except (Exception, SystemExit) as error:
         raise failure(name, 0, error) from error
+    for call in CALLS:
+        call("")
+    return loop
 
 
 def asked_often(controller: Controller) -> None:
@@ -126,6 +130,8 @@ class ControllerInProcess:
         try:
             answer = loop.answer(t_ns, heard)
             said = loop.controller.take_messages() if self._speaks else ()  # type: ignore[attr-defined]
+            for call in CALLS:
+                call("")
         except ControllerLost:
             raise
         except (Exception, SystemExit) as error:

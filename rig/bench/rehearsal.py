@@ -11,10 +11,14 @@ the plant process calls in short frames are compiled here and compared with Pyth
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from rig import controllers, design
@@ -24,10 +28,12 @@ from rig.bench.job import Job
 from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import carry_out
-from rig.errors import ControllerFailed, RigError
+from rig.errors import ControllerFailed, ExitCode, RigError
 from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
 
+FATAL = [signal.SIGSEGV, signal.SIGABRT, signal.SIGFPE, signal.SIGILL]
+"""Signals of code that crashes, on every system."""
 LONGEST_S = 3.0
 """Longest duration of a rehearsal [s]. # chosen: all but one of the shipped scenes need less"""
 
@@ -36,22 +42,53 @@ LONGEST_S = 3.0
 def marked(path: Path | None) -> Iterator[None]:
     """Keep in the file `path`, until the end of the block, the name of the controller that is being called.
 
-    Controllers run in this process here, and one that crashes takes it along.
+    Controllers run in this process here, and one that crashes takes it along. Without a file nobody else could tell
+    which one: this process writes it to standard error as its last words.
     """
     if path is None:
-        yield
+        calling = [""]
+        put = partial(calling.__setitem__, 0)
+        with _last_words(lambda: calling[0]), _heard(put):
+            yield
         return
     with path.open("wb", buffering=0) as file:
-
-        def call(name: str) -> None:
-            os.pwrite(file.fileno(), f"{name}\n".encode(), 0)
-
-        CALLS.append(call)
-        try:
+        with _heard(lambda name: os.pwrite(file.fileno(), f"{name}\n".encode(), 0)):
             yield
-        finally:
-            CALLS.remove(call)
-            file.truncate(0)
+        file.truncate(0)
+
+
+@contextmanager
+def _heard(call: Callable[[str], object]) -> Iterator[None]:
+    CALLS.append(call)
+    try:
+        yield
+    finally:
+        CALLS.remove(call)
+
+
+@contextmanager
+def _last_words(calling: Callable[[], str]) -> Iterator[None]:
+    """Name the controller whose code ends this process by a fatal signal, such as SIGSEGV, and exit with code 1."""
+    if sys.platform == "win32":
+        yield
+        return
+    libc = ctypes.CDLL(None)
+    libc.signal.restype, libc.signal.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
+
+    def fatal(number: int) -> None:  # a second such signal within it kills this process
+        name = signal.Signals(number).name
+        who = f"the code of controller {calling()}" if calling() else "a library"
+        os.write(2, f"{who} has crashed, which ends this process ({name})\n".encode())
+        os._exit(ExitCode.FAILED)
+
+    kept = ctypes.CFUNCTYPE(None, ctypes.c_int)(fatal)  # as long as it may be called
+    handler = ctypes.cast(kept, ctypes.c_void_p)
+    former = {number: libc.signal(number, handler) for number in FATAL}
+    try:
+        yield
+    finally:
+        for number, before in former.items():
+            libc.signal(number, before)
 
 
 def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, ...]:

@@ -47,6 +47,8 @@ WRITE_S = 120.0
 """Time [s] in which the recorder must finish its file. # chosen: a slow disk takes 100 MB in it"""
 TELL_S = 2.0
 """Time [s] after which it is told that the recorder is waited for."""
+SILENT_S = 5.0
+"""Time [s] after which it is told that the rehearsal waits for a controller. # chosen"""
 PRINTED = 5
 """Most lines that a process prints which are shown at a time, ten times a second; others are counted."""
 
@@ -152,11 +154,15 @@ class RunProcesses:
 
     def run(self, live: Live, interrupts: list[str]) -> Outcome:
         """Wait for the run, start the other processes, observe until the plant has ended, then end all others."""
+        told = False
         while not self.name:
             if self.plant.wait(0.02):
                 break
             self._interrupt(interrupts)
             self._hear()
+            if not told and (silent := self._silent()):
+                told = True
+                self._say(f"the plant rehearses the run; {silent}. Ctrl-C ends it")
         if self.name:
             self._start()
         session = self._join()
@@ -261,7 +267,7 @@ class RunProcesses:
             name = interrupts.pop()
             if not self.name:  # before the first frame it has nothing to save
                 self.plant.send(signal.SIGTERM)
-                raise Interrupted(f"stopped by {name} before the first frame")
+                raise Interrupted(f"stopped by {name} before the first frame{self._called()}")
             if not self._asked:
                 self._say("ending the run; press Ctrl-C again to end at once")
                 self.plant.send(signal.SIGINT)
@@ -312,11 +318,22 @@ class RunProcesses:
 
     def _called(self) -> str:
         """Which controller the plant was calling in its rehearsal when it ended, as the end of a sentence."""
-        try:
-            name = self._summary.with_name(CALLING).read_text().partition("\n")[0]
-        except OSError:
-            return ""
+        name, _ = self._calling()
         return f", while it rehearsed the run and called the controller {name}" if name else ""
+
+    def _silent(self) -> str:
+        """Which controller has not answered the rehearsal for `SILENT_S`; "" if none."""
+        name, since = self._calling()
+        silent = name and time.time() - since > SILENT_S
+        return f"the controller {name} has not answered for {SILENT_S:g} s" if silent else ""
+
+    def _calling(self) -> tuple[str, float]:
+        """The controller that the rehearsal is calling, "" if none, and since when (time.time)."""
+        file = self._summary.with_name(CALLING)
+        try:
+            return file.read_text().partition("\n")[0], file.stat().st_mtime
+        except OSError:
+            return "", 0.0
 
     def _owns(self, path: Path) -> bool:
         """Whether a file is a recording of this run, and not of another run."""
@@ -327,14 +344,16 @@ class RunProcesses:
 
     def _obituary(self) -> dict[str, Any]:
         """The summary for a plant that died without publishing one."""
-        known = self._health
+        known, ending, within = self._health, self.plant.ending, sorted(Scene.from_json(self.job.scene).in_plant)
+        if within:
+            ending += f"; it called {', '.join(within)} in its own process"
         return {
             "run": self.name,
             "verdict": "INVALID",
-            "reasons": [self.plant.ending],
+            "reasons": [ending],
             "exit_code": ExitCode.FAILED,
             "ended": "the plant died",
-            "fault": self.plant.ending,
+            "fault": ending,
             "mode": "lockstep" if self.job.in_lockstep else "paced",
             "ticks": known.get("tick", 0),
             "seconds": known.get("t", 0.0),

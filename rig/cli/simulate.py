@@ -210,13 +210,15 @@ def _simulated(
 ) -> Run:
     """Simulate a scene, or continue a recording."""
     import rig
+    from rig.bench.rehearsal import marked
 
-    if start is None:
-        assert scene is not None
-        return rig.simulate(scene, length, stop)
-    log, at = instant_of(start)
-    allow(log, trust)
-    return rig.branch(log, at, {key: plain(value) for key, value in overrides.items()}, length, stop)
+    with marked(None):
+        if start is None:
+            assert scene is not None
+            return rig.simulate(scene, length, stop)
+        log, at = instant_of(start)
+        allow(log, trust)
+        return rig.branch(log, at, {key: plain(value) for key, value in overrides.items()}, length, stop)
 
 
 @contextmanager

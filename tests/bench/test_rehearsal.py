@@ -20,7 +20,7 @@ from rig.bench.plant_process import carry_out
 from rig.bench.prepared_rigs import MOST, PreparedRigs
 from rig.bench.rehearsal import visited
 from rig.bench.simulate import begun, simulate
-from rig.errors import UsageError
+from rig.errors import Interrupted, UsageError
 from rig.motion import ready
 from rig.motion.motion import Motion
 from rig.scenes.scene import Scene
@@ -213,3 +213,31 @@ def test_a_controller_that_crashes_in_the_rehearsal_is_named(runs, tmp_path, cra
     scene = scenes.load("belt", {"controllers.mine.kind": str(tmp_path / "crashes.py")})
     with pytest.raises(UsageError, match=f"the plant {told}.* called the controller mine"):
         supervise.run(scene, duration=0.5, record=False, say=lambda _: None)
+
+
+@pytest.mark.parametrize("command", ["simulate", "plant"])
+@pytest.mark.parametrize(("crash", "signal"), [("ctypes.string_at(8)", "SIGSEGV"), ("os.abort()", "SIGABRT")])
+def test_a_controller_that_crashes_in_the_process_of_a_command_is_named(runs, tmp_path, command, crash, signal):
+    (tmp_path / "crashes.py").write_text(CRASHES.format(crash))
+    arguments = ["-p", f"controllers.mine.kind={tmp_path / 'crashes.py'}", "--duration", "0.5"]
+    done = subprocess.run([sys.executable, "-m", "rig", command, "belt", *arguments], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert (
+        done.stderr.splitlines()[-1] == f"the code of controller mine has crashed, which ends this process ({signal})"
+    )
+
+
+def test_a_controller_that_does_not_return_in_the_rehearsal_is_named(runs, tmp_path, monkeypatch):
+    monkeypatch.setattr(supervise, "SILENT_S", 0.5)
+    (tmp_path / "crashes.py").write_text(CRASHES.format("import time; time.sleep(60.0)"))
+    scene = scenes.load("belt", {"controllers.mine.kind": str(tmp_path / "crashes.py")})
+    said, interrupts = [], []
+
+    def say(text):
+        said.append(text)
+        if "has not answered" in text:
+            interrupts.append("SIGINT")
+
+    with pytest.raises(Interrupted, match="called the controller mine"):
+        supervise.run(scene, duration=0.5, record=False, say=say, interrupts=interrupts)
+    assert said == ["the plant rehearses the run; the controller mine has not answered for 0.5 s. Ctrl-C ends it"]
