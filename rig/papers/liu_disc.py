@@ -150,6 +150,8 @@ def growing(figure: Figure) -> Iterator[Comparison]:
     ):
         still = rig.modes(at(case, 100.0, speed)).sliding
         yield Comparison(f"case {case}: growth rate", "1/s", still.growth, expected, "reference", relative=1e-6)
+        more = rig.modes(at(case, 100.0, speed, disc__modes=20)).sliding.growth
+        yield Comparison(f"case {case}: growth rate with 20 modes of the disc", "1/s", more, math.nan, "paper")
         start: dict[str, Any] = {"start__displacement": 1.01 * still.equilibrium["displacement"],
                  "start__height": still.equilibrium["height"]}  # fmt: skip
         ran = run(at(case, 100.0, speed, **start), seconds)
@@ -264,7 +266,9 @@ ENTRIES = (
     Entry("liu000-8", "liu000", "Figure 8", "where sliding is unstable, over speed and preload",
           ("disc_slider",), instability,
           f"{_GAPS} White in (b) and (c): steady sliding would need a tensile contact force.", (9.6, 7.2)),
-    Entry("liu000-9", "liu000", "Figure 9", "growth from near sliding", ("disc_slider",), growing, size=(9.6, 5.6)),
+    Entry("liu000-9", "liu000", "Figure 9", "growth from near sliding", ("disc_slider",), growing,
+          "The disc has the seven modes of the paper. With more modes the growth of case b is 7 % lower.",
+          (9.6, 5.6)),
     Entry("liu000-10", "liu000", "Figure 10", "the same under dither", ("disc_slider_dither",), quenched,
           size=(9.6, 5.6)),
     Entry("liu000-11", "liu000", "Figure 11", "stabilising dither over its frequency", ("disc_slider_dither",),
