@@ -12,18 +12,17 @@ import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import llvmlite.binding
 import numpy as np
 
 from rig import kernel
-from rig.analysis.pool import Arrays, carry_out, temporary
+from rig.analysis.pool import Arrays, Work, carry_out, temporary
 from rig.bench.runner import PlantRunner
-from rig.errors import NumericsError, WorkerError
+from rig.errors import NumericsError
 from rig.file_locks import own_bytes, own_file
 from rig.kernel_store import INSTEAD
 from rig.model.method import chosen, crowded
@@ -127,48 +126,19 @@ class Progress:
         return f"at most {each * -(-(len(self._missing) - len(self.spent)) // self._workers):.0f} s left"
 
 
-@dataclass(frozen=True)
-class Compilations:
-    """The compilation for each of some scenes (JSON texts) as a work of worker processes (rig.analysis.pool).
+def _compile(scene: Scene) -> Arrays:
+    """Compile for a scene; return the time it took [s].
 
     Kernels that several workers need are compiled by each, unless another was faster; one at a time stores them.
     """
-
-    scenes: tuple[str, ...]
-    name = "compilations"
-    digest = ""
-
-    @property
-    def total(self) -> int:
-        """Number of scenes."""
-        return len(self.scenes)
-
-    def prepare(self) -> None:
-        """Nothing is compiled before."""
-
-    def compute(self, unit: int) -> Arrays:
-        """Compile for a scene; return the time it took [s]."""
-        begin = time.perf_counter()
-        run_briefly(Scene.from_json(self.scenes[unit]))
-        return {"seconds": np.array(time.perf_counter() - begin)}
-
-    def failed(self, unit: int, why: str) -> Arrays:
-        """Raise WorkerError: nothing runs without its kernels."""
-        raise WorkerError(f"{json.loads(self.scenes[unit])['name']}: {why}")
-
-    def to_json(self) -> str:
-        """Return the work as JSON text."""
-        return json.dumps({"scenes": self.scenes})
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the work of a text by `to_json`."""
-        return cls(tuple(json.loads(text)["scenes"]))
+    begin = time.perf_counter()
+    run_briefly(scene)
+    return {"seconds": np.array(time.perf_counter() - begin)}
 
 
 def together(scenes_: list[Scene], workers: int, progress: Progress) -> None:
     """Compile for these scenes in several processes."""
-    work = Compilations(tuple(scene.to_json() for scene in scenes_))
+    work = Work(_compile, scenes_)
     told: set[int] = set()
     progress.starts()
     with temporary(work) as store:

@@ -66,7 +66,7 @@ def optimise(
         idle(loaded, *(one.axis for one in work.factors))
     if scripted(cluster, dry_run, workers):
         return
-    store = Store.of(work, at(out))
+    store = Store.of(work.work, at(out))
     refuse(store.folder, ("search.csv",), force)
     with printing.kept(store, "points"), printing.bar("points") as progress:
         found = search(work, out, workers, progress, cluster)

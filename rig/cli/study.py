@@ -130,7 +130,7 @@ def study(
         idle(loaded, *(one.axis for one in work.plan.factors))
     if scripted(cluster, dry_run, workers):
         return
-    store = Store.of(work, at(out))
+    store = Store.of(work.work, at(out))
     refuse(store.folder, ("study.csv",), force)
     with printing.kept(store, "points", work.total), printing.bar("points") as progress:
         found = carry_out(work, out, workers, progress, given.get("keep"), cluster)

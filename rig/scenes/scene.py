@@ -15,7 +15,7 @@ from rig import controllers
 from rig.controllers import controller_drives
 from rig.effects import knock
 from rig.errors import SceneError
-from rig.parts import Parts
+from rig.parts import Parts, trust_scene
 from rig.plants.structures import model_store
 from rig.quantities import Section, faults_of
 from rig.scenes import migration, rooms
@@ -178,6 +178,9 @@ class Scene:
             ensure_ascii=False,
         )
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _of_own_process, (self.to_json(),)
+
     @classmethod
     def from_json(cls, text: str, where: str = "the recorded scene") -> Scene:
         """The scene of `to_json`. What was once a checked scene is only read again, not judged again.
@@ -235,6 +238,12 @@ class Scene:
         raw = json.loads(self.to_json())
         kept = {key: raw[key] for key in raw.keys() - {"format", "name", "title", "about", "origins", "models"}}
         return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _of_own_process(text: str) -> Scene:
+    """A scene that another process of the same work has pickled, with the parts that this one trusts."""
+    trust_scene(text)
+    return Scene.from_json(text)
 
 
 def _faults(error: Exception) -> Iterator[str]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pool_works import Trial
+from pool_works import counts, trial
 
 import rig as lab
 from rig.analysis.pool import Store, carry_out, cluster
@@ -93,7 +93,7 @@ def squares(found):
 def test_a_worker_that_is_killed_costs_nothing_and_values_have_the_same_bits(processes, tmp_path):
     """Two workers, one of which is killed in mid-work; then a study of four points."""
     victim, _ = processes.worker(), processes.worker()
-    work = Trial(str(tmp_path), total=30, seconds=0.05)
+    work = trial(str(tmp_path), total=30, seconds=0.05)
 
     def kill(count, total):
         if count >= 8:
@@ -113,7 +113,7 @@ def test_no_scheduler_is_told_within_a_bound(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "ANSWER", 1.0)
     begin = time.monotonic()
     with pytest.raises(UsageError, match=r"--cluster tcp://127\.0\.0\.1:9: no scheduler answers within 1 s"):
-        done(Trial(str(tmp_path)), tmp_path, "tcp://127.0.0.1:9")
+        done(trial(str(tmp_path)), tmp_path, "tcp://127.0.0.1:9")
     assert time.monotonic() - begin < 20.0
 
 
@@ -161,7 +161,7 @@ def sbatch(tmp_path, monkeypatch):
 
 
 def test_a_job_that_is_refused_is_told(tmp_path, sbatch, monkeypatch):
-    work = Trial(str(tmp_path))
+    work = trial(str(tmp_path))
     sbatch("echo 'sbatch: error: invalid partition' >&2", "exit 1")
     with pytest.raises(WorkerError, match=r"the batch system refused a job: sbatch: error: invalid partition$"):
         done(work, tmp_path, "slurm", workers=2)
@@ -175,7 +175,7 @@ def test_a_job_that_is_refused_is_told(tmp_path, sbatch, monkeypatch):
 def test_jobs_of_a_batch_system_compute(tmp_path, sbatch, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{SUPPORT}")
     sbatch(f'sh "$1" > {tmp_path}/said.txt 2>&1 &', "echo 'Submitted batch job 17'")
-    work = Trial(str(tmp_path), total=10)
+    work = trial(str(tmp_path), total=10)
     assert squares(done(work, tmp_path, "slurm", workers=2)) == {unit: unit**2 for unit in range(10)}
 
 
@@ -193,7 +193,7 @@ def test_workers_of_a_scheduler_that_runs_cannot_be_counted():
 
 def test_an_address_without_certificates_tells_where_they_are_stated(tmp_path):
     with pytest.raises(UsageError, match=r"names no certificates: state distributed\.comm\.tls\.ca-file"):
-        done(Trial(str(tmp_path)), tmp_path, "tls://127.0.0.1:9")
+        done(trial(str(tmp_path)), tmp_path, "tls://127.0.0.1:9")
 
 
 def test_the_job_script_of_slurm_is_printed_and_the_scheduler_listens_on_loopback(rig, tmp_path):
@@ -216,7 +216,7 @@ def test_the_job_script_of_slurm_is_printed_and_the_scheduler_listens_on_loopbac
 def test_a_scheduler_that_is_killed_is_told_and_the_same_call_continues(processes, tmp_path):
     scheduler = processes.started[0]
     first = [processes.worker(), processes.worker()]
-    work = Trial(str(tmp_path), total=24, seconds=0.2)
+    work = trial(str(tmp_path), total=24, seconds=0.2)
 
     def kill(count, total):
         if count >= 6:
@@ -226,18 +226,18 @@ def test_a_scheduler_that_is_killed_is_told_and_the_same_call_continues(processe
         done(work, tmp_path, processes.address, kill)
     for process in first:
         process.wait(90.0)
-    saved = {unit: work.counts()[unit] for unit in Store.of(work, tmp_path).load()}
+    saved = {unit: counts(tmp_path)[unit] for unit in Store.of(work, tmp_path).load()}
     assert 6 <= len(saved) < 24
     processes.scheduler()
     processes.worker()
     assert squares(done(work, tmp_path, processes.address)) == {unit: unit**2 for unit in range(24)}
-    assert {unit: work.counts()[unit] for unit in saved} == saved
+    assert {unit: counts(tmp_path)[unit] for unit in saved} == saved
 
 
 @pytest.mark.slow
 def test_a_unit_that_ends_its_worker_is_a_row_with_its_reason(tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(SUPPORT))
-    work = Trial(str(tmp_path), total=8, does={"5": "kill"})
+    work = trial(str(tmp_path), total=8, does={"5": "kill"})
     found = done(work, tmp_path, "local", workers=2)
     assert {unit: v for unit, v in squares(found).items() if unit != 5} == {u: u**2 for u in range(8) if u != 5}
     assert str(found[5]["name"]) == "ended every worker that dask gave it to"
@@ -252,13 +252,13 @@ def test_workers_of_another_version_are_named(processes, tmp_path):
     processes.worker(path=tmp_path / "other")
     time.sleep(8.0)
     with pytest.raises(UsageError, match=r"other sources than this process \(friction-rig [^)]*\):\n  tcp://127"):
-        done(Trial(str(tmp_path)), tmp_path, processes.address)
+        done(trial(str(tmp_path)), tmp_path, processes.address)
 
 
 @pytest.mark.slow
 def test_a_fault_of_a_unit_is_told_in_its_words(processes, tmp_path):
     processes.worker()
-    work = Trial(str(tmp_path), total=4, does={"2": "fault"})
+    work = trial(str(tmp_path), total=4, does={"2": "fault"})
     with pytest.raises(WorkerError, match=r"nothing is as it should be\. Finished results are kept in"):
         done(work, tmp_path, processes.address)
 
@@ -267,7 +267,7 @@ def test_a_fault_of_a_unit_is_told_in_its_words(processes, tmp_path):
 def test_a_cluster_without_workers_is_told_within_a_bound(processes, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "JOIN", 2.0)
     with pytest.raises(WorkerError, match="no worker has joined"):
-        done(Trial(str(tmp_path)), tmp_path, processes.address)
+        done(trial(str(tmp_path)), tmp_path, processes.address)
 
 
 @pytest.mark.slow
@@ -290,6 +290,6 @@ def test_connections_use_the_certificates_of_the_configuration_of_dask(tmp_path,
         assert found.address.startswith("tls://")
         found.worker()
         with dask.config.set(tls):
-            assert len(done(Trial(str(tmp_path), total=3), tmp_path, found.address)) == 3
+            assert len(done(trial(str(tmp_path), total=3), tmp_path, found.address)) == 3
     finally:
         found.end()

@@ -10,7 +10,7 @@ import pytest
 
 import rig
 from rig.analysis import map as maps
-from rig.analysis.map.compute import MapUnits
+from rig.analysis.map.compute import units
 from rig.errors import SceneError
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "two_dof.json").read_text())["dither_boundary"]
@@ -54,19 +54,19 @@ def test_the_gap_to_the_leading_order_closes_with_the_square_of_the_frequency(fo
 def test_more_friction_needs_more_dither():
     scene = rig.load("two_dof_dither", {"friction.mu": 0.8})
     job = maps.job(scene, frequencies(10, 20, 2), "dither.amplitude=5 N:80 N:16")
-    low, high = MapUnits(job).compute(0)["simulated"] / (SPEED * RATE * 10.0)
+    low, high = units(job).compute(0)["simulated"] / (SPEED * RATE * 10.0)
     assert 0.5 * (low + high) == pytest.approx(REFERENCE["sim"]["mu0.8_V0.3_r10"]["a_over_V"], abs=0.005)
 
 
 def test_a_rig_that_slides_anyway_needs_no_dither():
     scene = rig.load("two_dof_dither", {"friction.mu": 0.3})
     job = maps.job(scene, frequencies(10, 20, 2), "dither.amplitude=5 N:80 N:4")
-    assert all(np.all(found == 0.0) for found in MapUnits(job).compute(0).values())
+    assert all(np.all(found == 0.0) for found in units(job).compute(0).values())
 
 
 def test_dither_that_is_too_weak_throughout_has_no_boundary():
     job = maps.job(rig.load("two_dof_dither"), frequencies(10, 20, 2), "dither.amplitude=5 N:20 N:4")
-    found = MapUnits(job).compute(0)
+    found = units(job).compute(0)
     assert np.isinf(found["averaged"])
     assert found["simulated"].tolist() == [20.0, math.inf]
 

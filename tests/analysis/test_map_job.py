@@ -1,5 +1,6 @@
 """The work of a map: parts, workers, interruptions, folders."""
 
+import pickle
 import signal
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import pytest
 import rig
 from rig.analysis import map as maps
 from rig.analysis.axis import Axis
-from rig.analysis.map.compute import MapUnits
+from rig.analysis.map import compute as of_map
+from rig.analysis.map.compute import units
 from rig.analysis.map.job import RUNS, Job, Settings, Unit
 from rig.analysis.map.row import Row
 from rig.analysis.map.steady_state import NAMES
@@ -33,7 +35,7 @@ def whole(job):
 
 
 def computed(job):
-    work = MapUnits(job)
+    work = units(job)
     return {unit: work.compute(unit) for unit in range(work.total)}
 
 
@@ -45,9 +47,9 @@ def same(a, b):
 
 
 def test_numbers_do_not_depend_on_how_the_work_is_cut(job, whole, tmp_path):
-    work = MapUnits(job)
+    work = units(job)
     assert same(whole, {unit: work.compute(unit) for unit in reversed(range(work.total))})
-    assert same(whole, computed(Job.from_json(job.to_json())))
+    assert same(whole, computed(pickle.loads(pickle.dumps(job))))
 
 
 def test_numbers_do_not_depend_on_the_number_of_workers(job, whole, tmp_path):
@@ -89,16 +91,16 @@ def test_the_growth_rates_of_parts_are_those_of_the_whole_row():
 
 def test_a_broken_run_goes_on_where_it_was(job, whole, tmp_path, monkeypatch):
     store = maps.store_of(job, tmp_path)
-    with store.open(MapUnits(job)):
+    with store.open(units(job)):
         store.save({1: whole[1], 2: whole[2]})
     (store.folder / "000003.npz").write_bytes(b"half a file")
     asked = []
 
-    def compute(self, unit):
-        asked.append(unit)
-        return whole[unit]
+    def compute(job, unit):
+        asked.append(job.units.index(unit))
+        return whole[asked[-1]]
 
-    monkeypatch.setattr(MapUnits, "compute", compute)
+    monkeypatch.setattr(of_map, "compute", compute)
     found = maps.chart(job, tmp_path, workers=1)
     assert asked == [0, 3]
     assert same(whole, Store(found.folder).load())
@@ -139,8 +141,8 @@ def test_the_batch_of_a_worker_that_is_killed_is_computed_by_another_one(job, wh
 
 
 def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_path):
-    work = MapUnits(job)
-    row = work.failed(2, "ended its worker twice: worker 1 was killed by SIGSEGV")
+    work = units(job)
+    row = work.given_up(2, "ended its worker twice: worker 1 was killed by SIGSEGV")
     found = maps.gathered(job, {unit: work.compute(unit) if unit != 2 else row for unit in range(4)}, tmp_path)
     assert NAMES[found.state[0, 2, 0]] == "stopped"
     assert "a run had to stop at 3 of 12 points" in found.text()
@@ -163,7 +165,7 @@ def test_an_interruption_ends_the_workers(job, tmp_path, monkeypatch):
 
 def test_two_runs_of_one_map_keep_apart(job, tmp_path):
     with (
-        maps.store_of(job, tmp_path).open(MapUnits(job)),
+        maps.store_of(job, tmp_path).open(units(job)),
         pytest.raises(UsageError, match="another process computes this at the moment"),
     ):
         maps.chart(job, tmp_path)

@@ -398,7 +398,7 @@ def test_a_study_without_any_value_fails(rig, tmp_path):
 def test_the_folder_of_another_study_is_refused_and_stays(belt, tmp_path):
     one, other = (prepared(belt, {"load.force": [value]}, ["cycle.period"]) for value in (10.0, 20.0))
     study(one, tmp_path, workers=1)
-    folder = Store.of(one, tmp_path).folder
-    folder.rename(Store.of(other, tmp_path).folder)
+    folder = Store.of(one.work, tmp_path).folder
+    folder.rename(Store.of(other.work, tmp_path).folder)
     with pytest.raises(UsageError, match="holds the results of another"):
         study(other, tmp_path, workers=1)

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
+from rig.analysis.pool import Work
 from rig.qualify.benchmarks import rates
 from rig.qualify.benchmarks.rates import Rate, Workers, compared, rate
-from rig.qualify.benchmarks.studies import Empty, overhead_ms, points
+from rig.qualify.benchmarks.studies import overhead_ms, points, row
 
 
 @pytest.mark.parametrize("what", ["P1", "loop"])
 def test_the_works_are_studies(what):
     work = points(what, 3)
-    assert work.total == 3
-    assert all(work.scene_of(k) for k in range(3))
+    assert [set(work.compute(k)) for k in range(work.total)] == 3 * [{"values", "units", "reason"}]
 
 
 def test_a_point_costs_less_than_a_millisecond():
@@ -24,7 +24,7 @@ def test_a_rate_counts_from_the_instant_at_which_all_workers_have_finished_a_uni
     times = [(1.0, t, t + 1.0) for t in range(7)] + [(2.0, t + 2.5, t + 3.5) for t in range(3)]
     found = {k: {"#times": np.array(one)} for k, one in enumerate(times)}
     monkeypatch.setattr(rates, "carry_out", lambda *a, **kw: found)
-    assert rate(Empty(10), Workers(2)).units == pytest.approx((3.5 + 2.0) / 3.5)
+    assert rate(Work(row, range(10)), Workers(2)).units == pytest.approx((3.5 + 2.0) / 3.5)
 
 
 def test_efficiency_is_the_median_of_the_rounds():

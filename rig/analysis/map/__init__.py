@@ -15,7 +15,7 @@ from pathlib import Path
 from rig.analysis.axis import Axis, axes
 from rig.analysis.many_points import refuse
 from rig.analysis.map.chart import Map, gathered
-from rig.analysis.map.compute import MapUnits
+from rig.analysis.map.compute import units
 from rig.analysis.map.dither import Boundary, put_together
 from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, checked
 from rig.analysis.pool import Arrays, Progress, Store, carry_out
@@ -66,14 +66,14 @@ def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Pro
 
 def store_of(job: Job, root: Path = ROOT) -> Store:
     """Return the store of a map under `root`."""
-    return Store.of(MapUnits(job), root)
+    return Store.of(units(job), root)
 
 
 def _carried_out(
     job: Job, root: Path, workers: int | None, progress: Progress | None
 ) -> tuple[dict[int, Arrays], Path]:
     """The results of all units, and their folder."""
-    work, store = MapUnits(job), store_of(job, root)
+    work, store = units(job), store_of(job, root)
     with store.open(work):
         return carry_out(work, store, workers, progress), store.folder
 

@@ -137,18 +137,11 @@ class Job:
             found.update(path.name.encode() + path.read_bytes())
         return found.hexdigest()[:12]
 
-    def to_json(self) -> str:
-        """Return the job as JSON text; `from_json` restores an equal job."""
+    @property
+    def about(self) -> dict[str, Any]:
+        """Scene, axes and settings as JSON values."""
         axes = [asdict(self.x), self.y and asdict(self.y)]
-        return json.dumps({"scene": json.loads(self.scene.to_json()), "axes": axes, "settings": asdict(self.settings)})
-
-    @classmethod
-    def from_json(cls, text: str) -> Job:
-        """Return the job of a text by `to_json`."""
-        raw = json.loads(text)
-        x, y = (a and Axis(**{**a, "values": tuple(a["values"])}) for a in raw["axes"])
-        settings = Settings(**{**raw["settings"], "runs": tuple(raw["settings"]["runs"])})
-        return cls(Scene.from_json(json.dumps(raw["scene"])), x, y, settings)
+        return {"scene": json.loads(self.scene.to_json()), "axes": axes, "settings": asdict(self.settings)}
 
 
 def _parts(count: int, size: int) -> list[tuple[int, int]]:

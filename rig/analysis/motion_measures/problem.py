@@ -19,9 +19,10 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,10 @@ class Problem:
     slips: int = 0
     leaves: str = ""
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        rest = {one.name: getattr(self, one.name) for one in fields(self)[3:]}
+        return _remade, (self.scene, self.system.start, rest)
+
     @property
     def step(self) -> float:
         """Sample step [s]."""
@@ -117,6 +122,12 @@ class Problem:
         for name, value in self.values.items():
             runner.apply(name, value)
         return runner
+
+
+def _remade(scene: Scene, start: Array, rest: dict[str, Any]) -> Problem:
+    """A problem that another process has pickled, made from its scene and its start."""
+    assembly = scene.assemble()
+    return Problem(scene, assembly, replace(assembly.system(), start=start), **rest)
 
 
 def _tolerant(scene: Scene) -> Scene:

@@ -1,6 +1,6 @@
 """Many independent units of work, on all cores or on a cluster, with results in a folder from which they continue.
 
-work      what a work is: numbered units, each a pure function of its description
+work      what a work is: a pure function over numbered items
 store     results in a folder, one file for each batch
 schedule  batches, and the second attempt for units whose worker was lost
 local     worker processes of this machine               worker   such a process

@@ -29,7 +29,7 @@ def carry_out(
 
     `workers`: processes, one for each core by default; a single one computes in this process, unless `apart`.
     `cluster`: that of rig.analysis.pool.cluster.Cluster instead. A unit whose worker is lost is tried again once. One
-    that ends its worker twice has the result of `Work.failed`, which is not stored: the next call tries it again.
+    that ends its worker twice has the result of `Work.given_up`, which is not stored: the next call tries it again.
     Raises WorkerError for a fault that ends the whole work; what is finished stays in the store.
     """
     say = progress or (lambda done, total: None)
@@ -41,7 +41,7 @@ def carry_out(
         return ready
     with pool(work, store, workers, len(todo), apart, cluster) as found:
         found.compute(dict.fromkeys(todo, ()), lambda new: say(done + new, work.total))
-    return store.load() | {unit: work.failed(unit, why) for unit, why in found.failed.items()}
+    return store.load() | {unit: work.given_up(unit, why) for unit, why in found.failed.items()}
 
 
 @contextmanager
@@ -60,7 +60,7 @@ def pool(
     if count == 1 and not apart:
         yield Here(work, store)
         return
-    with WorkerProcesses(store, count) as processes:
+    with WorkerProcesses(work, store, count) as processes:
         work.prepare()  # while the workers start
         yield processes
 

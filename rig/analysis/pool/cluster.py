@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import logging
+import pickle
 import queue
 import signal
 import sys
@@ -19,13 +20,13 @@ from functools import lru_cache
 from types import TracebackType
 from typing import Any, Self
 
-from rig import kernel, parts
+from rig import kernel
 from rig.analysis.pool import slurm
 from rig.analysis.pool.handshake import unanswered
 from rig.analysis.pool.identity import sources, this_processor
 from rig.analysis.pool.schedule import Schedule
 from rig.analysis.pool.store import Store
-from rig.analysis.pool.work import MOST_WORKERS, Arrays, Work, from_text, to_text
+from rig.analysis.pool.work import MOST_WORKERS, Arrays, Work
 from rig.errors import RigError, UsageError, WorkerError
 from rig.extras import needed
 from rig.quantities import whole
@@ -61,7 +62,7 @@ class Cluster:
 
     def __init__(self, work: Work, store: Store, where: str, workers: int | None) -> None:
         self._work, self._store, self._where, self._workers = work, store, check(where, workers), workers
-        self._text = to_text(work)
+        self._pickled = pickle.dumps(work)
         self.failed: dict[int, str] = {}
 
     def __enter__(self) -> Self:
@@ -169,7 +170,7 @@ class Cluster:
         """Let a worker compute a batch; return its future."""
         given = [(unit, *units[unit]) for unit in batch]
         key = f"friction-rig-{batch[0]}-{time.time_ns()}"
-        future = self._client.submit(_compute, self._text, given, sources(), pure=False, key=key)
+        future = self._client.submit(_compute, self._pickled, given, sources(), pure=False, key=key)
         out[future] = batch
         return future
 
@@ -271,13 +272,15 @@ def _identity() -> str:
     return sources()
 
 
-def _compute(text: str, batch: list[tuple[float, ...]], expected: str) -> tuple[str, dict[int, Arrays], float, str]:
+def _compute(
+    pickled: bytes, batch: list[tuple[float, ...]], expected: str
+) -> tuple[str, dict[int, Arrays], float, str]:
     """Compute a batch on a worker: a fault ("" if there is none), results, seconds, type of the processor."""
     if sources() != expected:
         return f"a worker has other sources: {sources()}, not {expected}", {}, 0.0, ""
     with _TAKEN:
         try:
-            work = _work(text)
+            work = _work(pickled)
             begin = time.perf_counter()
             found = {int(unit): work.compute(int(unit), *given) for unit, *given in batch}
             return "", found, time.perf_counter() - begin, this_processor()
@@ -286,11 +289,10 @@ def _compute(text: str, batch: list[tuple[float, ...]], expected: str) -> tuple[
 
 
 @lru_cache(maxsize=2)
-def _work(text: str) -> Work:
-    """The work of a text, its kernels compiled: once in each worker, by one process of a machine at a time."""
+def _work(pickled: bytes) -> Work:
+    """A work, its kernels compiled: once in each worker, by one process of a machine at a time."""
     _keep_memory()
-    parts.trust_scene(text)
-    work = from_text(text)
+    work: Work = pickle.loads(pickled)
     with kernel.FOLDER.claimed("pool", _PREPARING):
         work.prepare()
     return work

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import pickle
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import Self
 
 from rig.analysis.pool.schedule import Schedule
 from rig.analysis.pool.store import Store
+from rig.analysis.pool.work import Work
 from rig.child_process import Child, end
 from rig.errors import WorkerError
 
@@ -47,13 +50,14 @@ class _Member:
 
 
 class WorkerProcesses:
-    """`count` worker processes that compute the work of `store`, from `with` to its end.
+    """`count` worker processes that compute `work` into `store`, from `with` to its end.
 
     `failed`: units that ended their worker twice, with the reason.
     """
 
-    def __init__(self, store: Store, count: int) -> None:
+    def __init__(self, work: Work, store: Store, count: int) -> None:
         self._store, self._count = store, count
+        self._work = base64.b64encode(pickle.dumps(work)).decode()
         self._heard = threading.Event()
         self._members: list[_Member] = []
         self._started = 0
@@ -71,7 +75,9 @@ class WorkerProcesses:
 
     def _start(self) -> _Member:
         self._started += 1
-        return _Member(f"worker {self._started}", self._store.folder, self._heard)
+        member = _Member(f"worker {self._started}", self._store.folder, self._heard)
+        member.child.feed(self._work)
+        return member
 
     def compute(self, units: Mapping[int, tuple[float, ...]], progress: Callable[[int], object]) -> None:
         """Compute `units` (number -> values that they are given) and save them.

@@ -1,7 +1,7 @@
 """The folder with the results of a work: one file per batch, written atomically, so that an interrupted work continues.
 
 maps/belt-1a2b3c4d5e6f/     named by the digest of scene, axes, settings and sources: another work, another folder
-  job.json                  the work
+  job.json                  what the work is
   000012.npz                a batch, named by its first unit
   lock                      locked while a process computes
 
@@ -23,7 +23,7 @@ import numpy as np
 
 from rig import file_locks
 from rig.analysis.pool.identity import this_processor
-from rig.analysis.pool.work import Arrays, Work, from_text, to_text
+from rig.analysis.pool.work import Arrays, Work
 from rig.errors import UsageError
 from rig.user_files import DATA, contents, draft_of, regular, write_file
 
@@ -61,7 +61,7 @@ class Store:
         with lock:
             try:
                 self._check(work)
-                write_file(self._at / _JOB, to_text(work).encode())
+                write_file(self._at / _JOB, json.dumps({"digest": work.digest, **work.about}).encode())
                 yield
             except BaseException:
                 self._remove_empty(new)
@@ -98,10 +98,6 @@ class Store:
                     f"{self.folder}: holds the results of another work ({digest}, not {work.digest}); "
                     "name another folder with --out, or move this one away"
                 )
-
-    def work(self) -> Work:
-        """Return the work."""
-        return from_text(contents(self._at / _JOB, DATA).decode())
 
     def save(self, found: dict[int, Arrays], processor: str = "") -> None:
         """Save the results of a batch, computed on a type of `processor`, by default this one. Raises OutputError."""

@@ -1,14 +1,16 @@
-"""What a work is: numbered units, each a pure function of the work's description."""
+"""What a work is: a pure function over numbered items."""
 
 from __future__ import annotations
 
-import importlib
 import json
-from collections.abc import Callable
-from typing import Any, Protocol, Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rig.errors import WorkerError
 
 Arrays = dict[str, NDArray[Any]]
 """The result of one unit: arrays by name."""
@@ -18,54 +20,43 @@ MOST_WORKERS = 256
 """Largest number of worker processes."""
 
 
-class Work(Protocol):
-    """Units `0` to `total - 1`. Worker processes restore the work from its text; its class is found by its name."""
+@dataclass(frozen=True)
+class Work:
+    """`function` of each of `items`; the numbers of the units are those of the items. A work can be pickled.
 
-    @property
-    def name(self) -> str:
-        """What the folder of the results is called, before the digest."""
+    function  depends on nothing but its item and the values that a unit is given; raises RigError for a fault that
+              ends the whole work
+    name      what the folder of the results is called, before the digest
+    digest    hash of everything that the results depend on, sources included
+    prepare   compiles what all units need, before several workers ask for it; raises RigError for a work in vain
+    failed    function of an item and a reason: the result of an item that ended its worker twice. By default, and if
+              it raises WorkerError, there can be none, and the work ends
+    about     what the folder says of the work, as JSON values
+    """
 
-    @property
-    def digest(self) -> str:
-        """Hash of everything that the results depend on, sources included."""
+    function: Callable[..., Arrays]
+    items: Sequence[Any]
+    name: str = "work"
+    digest: str = ""
+    prepare: Callable[[], object] = bool
+    failed: Callable[[Any, str], Arrays] | None = None
+    about: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def total(self) -> int:
-        """Number of units; 0 for a work that learns its units while it runs."""
+        """Number of units."""
+        return len(self.items)
 
-    def prepare(self) -> None:
-        """Compile what all units need, before several workers ask for it. Raises RigError for a work in vain."""
+    def compute(self, unit: int, *given: float) -> Arrays:
+        """Return the result of a unit, for the values that it is given, if any."""
+        return self.function(self.items[unit], *given)
 
-    @property
-    def compute(self) -> Callable[..., Arrays]:
-        """Function of the number of a unit, and of the values that it is given, if any, which computes it.
-
-        Raises RigError for a fault that ends the whole work.
-        """
-
-    def failed(self, unit: int, why: str) -> Arrays:
-        """Return the result of a unit that ended its worker twice. Raises RigError if there can be none."""
-
-    def to_json(self) -> str:
-        """Return the work as JSON text, an object; `from_json` restores an equal work."""
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the work of a text by `to_json`."""
-
-
-def to_text(work: Work) -> str:
-    """Return a work with the name of its class as JSON text."""
-    cls = type(work)
-    head = {"work": f"{cls.__module__}:{cls.__qualname__}", "digest": work.digest}
-    return json.dumps(head | json.loads(work.to_json()))
-
-
-def from_text(text: str) -> Work:
-    """Return the work of `to_text`."""
-    module, _, name = json.loads(text)["work"].partition(":")
-    work: Work = getattr(importlib.import_module(module), name).from_json(text)
-    return work
+    def given_up(self, unit: int, why: str) -> Arrays:
+        """Return the result of a unit that ended its worker twice. Raises WorkerError if there can be none."""
+        item = self.items[unit]
+        if self.failed is None:
+            raise WorkerError(f"{getattr(item, 'name', item)}: {why}")
+        return self.failed(item, why)
 
 
 def packed(raw: Any) -> Arrays:

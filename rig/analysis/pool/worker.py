@@ -1,6 +1,7 @@
 """A worker process: `python -m rig.analysis.pool.worker FOLDER` computes the batches that it reads, and saves them.
 
-It reads a line for each batch on standard input, a list of [unit, value, ...], and ends when there are no more. What it
+It reads the work on standard input, then a line for each batch, a list of [unit, value, ...], and ends when there are
+no more. What it
 tells (`rig.process.tell`):
 
 ready        waits for batches             at N   units of the batch that are finished
@@ -9,8 +10,10 @@ done S       the batch is saved, S s       fault TEXT   the whole work has to en
 
 from __future__ import annotations
 
+import base64
 import json
 import os
+import pickle
 import signal
 import sys
 import time
@@ -32,7 +35,7 @@ def main() -> int:
     with_parent(lambda: os.kill(os.getpid(), signal.SIGTERM))
     batches = _batches()
     try:
-        work = store.work()
+        work = pickle.loads(base64.b64decode(batches.readline()))
         tell("ready")
         while line := batches.readline():
             begin = time.perf_counter()

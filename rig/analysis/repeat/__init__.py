@@ -14,7 +14,7 @@ from collections.abc import Callable
 from rig.analysis.pool import carry_out, temporary, unpacked
 from rig.analysis.repeat.measure import Seen
 from rig.analysis.repeat.random import REMEDY, sources
-from rig.analysis.repeat.runs import SeedRuns
+from rig.analysis.repeat.runs import seed_runs
 from rig.analysis.repeat.spread import Repeats
 from rig.errors import UsageError
 from rig.quantities import run_length_ns, whole
@@ -44,7 +44,7 @@ def repeat(
         raise UsageError(f"{scene.name}: nothing in it is random, so that all {count} runs are the same. {REMEDY}")
     if run_length_ns(duration) is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
-    work, ended = SeedRuns(scene, tuple(range(scene.seed, scene.seed + count)), duration), ""
+    work, ended = seed_runs(scene, range(scene.seed, scene.seed + count), duration), ""
 
     def watch(done: int, total: int) -> None:
         progress(done, total)
@@ -57,7 +57,7 @@ def repeat(
         except _Stopped as stopped:
             runs, ended = store.load(), str(stopped)
     seen = tuple(Seen.from_json(unpacked(runs[unit])) for unit in sorted(runs))
-    return Repeats(scene.name, found, work.seeds, seen, ended)
+    return Repeats(scene.name, found, tuple(work.items), seen, ended)
 
 
 class _Stopped(Exception):

@@ -2,63 +2,34 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, replace
-from typing import Self
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 from rig.analysis.kernel_shapes import prepare
-from rig.analysis.pool import Arrays, packed
+from rig.analysis.pool import Arrays, Work, packed
 from rig.analysis.repeat.measure import Seen, measure
 from rig.bench.simulate import simulate
 from rig.quantities import run_length_ns
 from rig.scenes.scene import Scene
 
 
-@dataclass(frozen=True)
-class SeedRuns:
-    """`scene` with each of `seeds`, for `duration` [s] or the length of its protocol."""
+def seed_runs(scene: Scene, seeds: Sequence[int], duration: float | None) -> Work:
+    """Return the runs of `scene` with each of `seeds`, for `duration` [s] or the length of its protocol."""
+    return Work(partial(_run, scene, duration), seeds, scene.name, scene.digest, partial(_prepare, scene), _failed)
 
-    scene: Scene
-    seeds: tuple[int, ...]
-    duration: float | None
 
-    @property
-    def name(self) -> str:
-        """The scene."""
-        return self.scene.name
+def _prepare(scene: Scene) -> None:
+    """Compile the kernels. Raises SceneError as a run does."""
+    prepare([scene])
+    simulate(scene, duration_ns=scene.frame_ns)
 
-    @property
-    def digest(self) -> str:
-        """Hash of the scene."""
-        return self.scene.digest
 
-    @property
-    def total(self) -> int:
-        """Number of seeds."""
-        return len(self.seeds)
+def _run(scene: Scene, duration: float | None, seed: int) -> Arrays:
+    run = simulate(replace(scene, seed=seed), duration_ns=run_length_ns(duration), audited=False)
+    return packed(measure(run, seed).to_json())
 
-    def prepare(self) -> None:
-        """Compile the kernels. Raises SceneError as a run does."""
-        prepare([self.scene])
-        simulate(self.scene, duration_ns=self.scene.frame_ns)
 
-    def compute(self, unit: int) -> Arrays:
-        """Simulate with one seed and measure."""
-        seed = self.seeds[unit]
-        duration_ns = run_length_ns(self.duration)
-        run = simulate(replace(self.scene, seed=seed), duration_ns=duration_ns, audited=False)
-        return packed(measure(run, seed).to_json())
-
-    def failed(self, unit: int, why: str) -> Arrays:
-        """Return a run without numbers."""
-        return packed(Seen(self.seeds[unit], 0.0, {}, fault=why).to_json())
-
-    def to_json(self) -> str:
-        """Return the work as JSON text."""
-        return json.dumps({"scene": self.scene.to_json(), "seeds": self.seeds, "duration": self.duration})
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the work of a text by `to_json`."""
-        raw = json.loads(text)
-        return cls(Scene.from_json(raw["scene"]), tuple(raw["seeds"]), raw["duration"])
+def _failed(seed: int, why: str) -> Arrays:
+    """A run without numbers."""
+    return packed(Seen(seed, 0.0, {}, fault=why).to_json())

@@ -105,17 +105,18 @@ def study(
                 "or compute in this process with one worker"
             )
         workers = 1
-    store = Store.of(work, root)
-    with store.open(work):
+    points = work.work
+    store = Store.of(points, root)
+    with store.open(points):
         own = work.portable and any(one.function for one in work.measures)  # a function can end its process
-        found = carry_out(work, store, workers, progress, own, cluster)
+        found = carry_out(points, store, workers, progress, own, cluster)
     result = gathered(work, found, _provenance(work, store), store.folder)
     if keep is None:
         return result
     wanted = condition(keep, work.measures)
-    points = [k for k, value in enumerate(result.values[:, wanted.measure].tolist()) if wanted.holds(value)]
+    chosen = [k for k, value in enumerate(result.values[:, wanted.measure].tolist()) if wanted.holds(value)]
     return replace(
-        result, recordings=keep_recordings(work, points, store.folder / "runs", None if cluster else workers)
+        result, recordings=keep_recordings(work, chosen, store.folder / "runs", None if cluster else workers)
     )
 
 

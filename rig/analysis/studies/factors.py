@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -32,18 +32,6 @@ class Factor:
     def key(self) -> str:
         """Dotted key of the parameter."""
         return self.axis.key
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, raw: Mapping[str, Any]) -> Self:
-        """Return the factor of `to_json`."""
-        given = raw["distribution"]
-        values = tuple((name, value) for name, value in given["values"]) if given else ()
-        axis = Axis(**{**raw["axis"], "values": tuple(raw["axis"]["values"])})
-        return cls(axis, Distribution(given["kind"], values) if given else None)
 
 
 def factors(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:

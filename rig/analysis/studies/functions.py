@@ -46,10 +46,6 @@ class Function:
         """Whether other processes can run it."""
         return bool(self.file)
 
-    def to_json(self) -> dict[str, str]:
-        """Return the fields as JSON values."""
-        return vars(self)
-
     def value(self, run: Run) -> tuple[float, str, str]:
         """Return its value, the unit and, for a value that is missing, the reason."""
         try:

@@ -76,15 +76,6 @@ class Measure:
         """Whether it is a number of the whole run, with protocol, sensors and controllers."""
         return self.source in ("run", "")
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
-        return vars(self) | {"function": self.function and self.function.to_json()}
-
-    @classmethod
-    def from_json(cls, raw: dict[str, Any]) -> Measure:
-        """Return the measure of `to_json`."""
-        return cls(**{**raw, "function": raw["function"] and Function(**raw["function"])})
-
 
 def measures(scene: Scene, given: Iterable[str | Callable[[Run], Any]]) -> tuple[Measure, ...]:
     """Return the measures of a study by name or function. Raises SceneError with every fault."""

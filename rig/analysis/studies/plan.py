@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,6 @@ MOST = 10_000_000
 MOST_SEED = 2**62
 """Largest seed; those of all points then fit in 64 bits."""
 _EDGE = 1e-12
-_PLAIN = ("samples", "sampling", "repeat", "seed")
 SAMPLE, REPEAT = "sample", "repeat"
 """Dimensions of the results beside those of the grid."""
 
@@ -116,16 +115,6 @@ class Plan:
     def seed_of(self, number: int) -> int:
         """Return the seed of a point."""
         return self.seed + number
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields as JSON values."""
-        plain = {name: getattr(self, name) for name in _PLAIN}
-        return {"factors": [one.to_json() for one in self.factors], **plain}
-
-    @classmethod
-    def from_json(cls, raw: Mapping[str, Any]) -> Self:
-        """Return the plan of `to_json`."""
-        return cls(tuple(map(Factor.from_json, raw["factors"])), **{name: raw[name] for name in _PLAIN})
 
 
 def plan(

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
-from rig.analysis.pool import Arrays, Progress, carry_out, temporary
+from rig.analysis.pool import Arrays, Progress, Work, carry_out, temporary
 from rig.analysis.studies.runs import StudyRuns
 from rig.bench.simulate import simulate
 from rig.errors import OutputError, RigError, WorkerError
@@ -32,7 +29,7 @@ def keep(
     missing = tuple(point for point, path in found.items() if not path.exists())
     if missing:
         folder.mkdir(parents=True, exist_ok=True)
-        work = Recordings(study.to_json(), missing, str(folder))
+        work = Work(partial(_record, study, folder), missing)
         try:
             with temporary(work) as store:
                 carry_out(work, store, workers if study.portable else 1, progress)
@@ -43,56 +40,19 @@ def keep(
     return {point: path for point, path in found.items() if path.exists()}
 
 
-@dataclass(frozen=True)
-class Recordings:
-    """The recordings of `points` of a study (JSON text) in `folder` as a work (rig.analysis.pool)."""
-
-    study: str
-    points: tuple[int, ...]
-    folder: str
-    name = "recordings"
-    digest = ""
-
-    @cached_property
-    def _runs(self) -> StudyRuns:
-        return StudyRuns.from_json(self.study)
-
-    @property
-    def total(self) -> int:
-        """Number of recordings."""
-        return len(self.points)
-
-    def prepare(self) -> None:
-        """Nothing is compiled here: the study has run before."""
-
-    def compute(self, unit: int) -> Arrays:
-        """Simulate a point and record it. Raises OutputError; a run that the scene refuses is not recorded."""
-        point, study = self.points[unit], self._runs
-        scene = study.scene_of(point)
-        try:
-            run = simulate(scene, duration_ns=run_length_ns(study.duration))
-        except RigError:
-            return {"recorded": np.array(False)}
-        run.provenance = provenance(scene.seed)
-        path = Path(self.folder) / f"{point:06d}.mcap"
-        try:
-            with draft_of(path) as draft:
-                save(run, draft)
-        except OutputError as fault:
-            why = str(fault).partition("cannot be written: ")[2].partition(";")[0]
-            raise OutputError(f"{path} cannot be written: {why or fault}") from None
-        return {"recorded": np.array(True)}
-
-    def failed(self, unit: int, why: str) -> Arrays:
-        """Raise WorkerError: a recording is missing."""
-        raise WorkerError(f"recording of point {self.points[unit]}: {why}")
-
-    def to_json(self) -> str:
-        """Return the work as JSON text."""
-        return json.dumps({"study": self.study, "points": self.points, "folder": self.folder})
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the work of a text by `to_json`."""
-        raw = json.loads(text)
-        return cls(raw["study"], tuple(raw["points"]), raw["folder"])
+def _record(study: StudyRuns, folder: Path, point: int) -> Arrays:
+    """Simulate a point and record it. Raises OutputError; a run that the scene refuses is not recorded."""
+    scene = study.scene_of(point)
+    try:
+        run = simulate(scene, duration_ns=run_length_ns(study.duration))
+    except RigError:
+        return {"recorded": np.array(False)}
+    run.provenance = provenance(scene.seed)
+    path = folder / f"{point:06d}.mcap"
+    try:
+        with draft_of(path) as draft:
+            save(run, draft)
+    except OutputError as fault:
+        why = str(fault).partition("cannot be written: ")[2].partition(";")[0]
+        raise OutputError(f"{path} cannot be written: {why or fault}") from None
+    return {"recorded": np.array(True)}

@@ -1,19 +1,16 @@
-"""The points of a study as a work (rig.analysis.pool): each unit is one point with its values and its seed."""
+"""The points of a study: each has its values and its seed, and is computed for itself."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
 
 import numpy as np
 
 from rig import kernel
 from rig.analysis.kernel_shapes import prepare
-from rig.analysis.pool import Arrays
+from rig.analysis.pool import Arrays, Work
 from rig.analysis.studies.factors import changed
 from rig.analysis.studies.measures import Measure, Measured, evaluate
 from rig.analysis.studies.plan import Plan
@@ -50,10 +47,12 @@ class StudyRuns:
         """Whether other processes can compute it: every function of a measure is in a file."""
         return all(one.function is None or one.function.portable for one in self.measures)
 
-    @cached_property
-    def digest(self) -> str:
-        """Hash (12 hex digits) of everything that the numbers depend on, sources included."""
-        return digest(self.scene, self.to_json())
+    @property
+    def work(self) -> Work:
+        """The study as a work (rig.analysis.pool): each unit is a point."""
+        what = [self.plan, self.duration, *self.measures]
+        hash_ = digest(self.scene, repr(what))
+        return Work(self.compute, range(self.total), self.name, hash_, self.prepare, self.failed)
 
     def prepare(self) -> None:
         """Compile the kernels. Raises SceneError for a scene whose controllers cannot be designed."""
@@ -77,19 +76,6 @@ class StudyRuns:
         """Return a point without values."""
         units = tuple(one.unit for one in self.measures)
         return as_arrays(Measured((float("nan"),) * len(units), units, why))
-
-    def to_json(self) -> str:
-        """Return the work as JSON text."""
-        raw = {"scene": json.loads(self.scene.to_json()), "plan": self.plan.to_json(), "duration": self.duration}
-        return json.dumps(raw | {"measures": [one.to_json() for one in self.measures]})
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the work of a text by `to_json`."""
-        raw: dict[str, Any] = json.loads(text)
-        scene = Scene.from_json(json.dumps(raw["scene"]))
-        measures = tuple(map(Measure.from_json, raw["measures"]))
-        return cls(scene, Plan.from_json(raw["plan"]), measures, raw["duration"])
 
 
 def as_arrays(found: Measured) -> Arrays:

@@ -8,20 +8,18 @@ those of a study: when the same search is started again, it reads them and conti
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from rig.analysis.kernel_shapes import prepare
-from rig.analysis.pool import Arrays, Progress, Store, pool
+from rig.analysis.pool import Arrays, Progress, Store, Work, pool
 from rig.analysis.pool.cluster import check as check_cluster
 from rig.analysis.studies.factors import Factor, changed, factors
 from rig.analysis.studies.functions import check_not_loading
@@ -45,7 +43,7 @@ _LEAST = 5  # points that differential evolution needs
 
 @dataclass(frozen=True)
 class SearchRuns:
-    """The points of a search as a work (rig.analysis.pool), which learns them while it runs.
+    """The points of a search, which are known while it runs.
 
     `factors`: the parameters with the ends of their ranges. Every point is run with `seed`.
     """
@@ -57,7 +55,6 @@ class SearchRuns:
     evaluations: int
     seed: int
     duration: float | None
-    total = 0
 
     @property
     def name(self) -> str:
@@ -74,14 +71,14 @@ class SearchRuns:
         """The ends of the ranges (SI)."""
         return [(one.axis.values[0], one.axis.values[1]) for one in self.factors]
 
-    @cached_property
-    def digest(self) -> str:
-        """Hash (12 hex digits) of everything that the points and values depend on, sources included.
+    @property
+    def work(self) -> Work:
+        """The search as a work (rig.analysis.pool), which learns its points while it runs.
 
         More evaluations continue a search: its points are the same up to there.
         """
-        raw = {name: value for name, value in json.loads(self.to_json()).items() if name != "evaluations"}
-        return digest(self.scene, f"{scipy.__version__} {json.dumps(raw)}")
+        what = [self.factors, self.measure, self.largest, self.seed, self.duration, scipy.__version__]
+        return Work(self.compute, range(MOST), self.name, digest(self.scene, repr(what)), self.prepare, self.failed)
 
     @property
     def population(self) -> int:
@@ -104,20 +101,6 @@ class SearchRuns:
     def failed(self, unit: int, why: str) -> Arrays:
         """Return a point without a value."""
         return as_arrays(Measured((math.nan,), (self.measure.unit,), why))
-
-    def to_json(self) -> str:
-        """Return the work as JSON text."""
-        raw: dict[str, Any] = {name: getattr(self, name) for name in ("largest", "evaluations", "seed", "duration")}
-        raw |= {"scene": json.loads(self.scene.to_json()), "measure": self.measure.to_json()}
-        return json.dumps(raw | {"factors": [one.to_json() for one in self.factors]})
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the work of a text by `to_json`."""
-        raw: dict[str, Any] = json.loads(text)
-        given = {name: raw[name] for name in ("largest", "evaluations", "seed", "duration")}
-        scene, measure = Scene.from_json(json.dumps(raw["scene"])), Measure.from_json(raw["measure"])
-        return cls(scene=scene, factors=tuple(map(Factor.from_json, raw["factors"])), measure=measure, **given)
 
 
 def prepared(
@@ -192,10 +175,11 @@ def search(
         check_cluster(cluster, workers)
     if not work.portable and (workers is not None or cluster) and workers != 1:
         raise UsageError(f"measure {work.measure.name}: worker processes cannot load it; define it in a .py file")
-    store, say = Store.of(work, root), progress or (lambda done, total: None)
+    units = work.work
+    store, say = Store.of(units, root), progress or (lambda done, total: None)
     with (
-        store.open(work),
-        pool(work, store, workers if work.portable else 1, work.population, cluster=cluster) as processes,
+        store.open(units),
+        pool(units, store, workers if work.portable else 1, work.population, cluster=cluster) as processes,
     ):
         found = store.load()
         asked = 0

@@ -6,17 +6,16 @@ seconds to start, whatever follows. Of a unit that is under way at the first ins
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rig.analysis.pool import Arrays, Work, carry_out, temporary
-from rig.analysis.pool.work import from_text, to_text
 
 
 class Workers(NamedTuple):
@@ -34,48 +33,19 @@ class Rate:
     start: float
 
 
-@dataclass(frozen=True)
-class Timed:
-    """A work whose results are process, begin and end of each unit, as a work (rig.analysis.pool)."""
-
-    work: Work
-    name = "timed"
-    digest = ""
-
-    @property
-    def total(self) -> int:
-        """Number of units."""
-        return self.work.total
-
-    def prepare(self) -> None:
-        """Compile what the units need."""
-        self.work.prepare()
-
-    def compute(self, unit: int) -> Arrays:
-        """Compute a unit; return when. The clock is the same in all processes."""
-        begin = time.monotonic()
-        found = self.work.compute(unit)
-        return found | {"#times": np.array([os.getpid(), begin, time.monotonic()])}
-
-    def failed(self, unit: int, why: str) -> Arrays:
-        """Return the result of the work."""
-        return self.work.failed(unit, why)
-
-    def to_json(self) -> str:
-        """Return the work as JSON text."""
-        return json.dumps({"timed": to_text(self.work)})
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the work of a text by `to_json`."""
-        return cls(from_text(json.loads(text)["timed"]))
+def timed(work: Work, unit: int) -> Arrays:
+    """Compute a unit; return its result with process, begin and end. The clock is the same in all processes."""
+    begin = time.monotonic()
+    found = work.compute(unit)
+    return found | {"#times": np.array([os.getpid(), begin, time.monotonic()])}
 
 
 def rate(work: Work, workers: Workers) -> Rate:
     """Measure a work with one kind of workers."""
     began = time.monotonic()
-    with temporary(timed := Timed(work)) as store:
-        found = carry_out(timed, store, workers.number, apart=True, cluster=workers.cluster)
+    every = Work(partial(timed, work), range(work.total), prepare=work.prepare)
+    with temporary(every) as store:
+        found = carry_out(every, store, workers.number, apart=True, cluster=workers.cluster)
     process, begin, end = np.array([one["#times"] for one in found.values()]).T
     first = max(end[process == one].min() for one in np.unique(process))
     counted = np.clip(end - np.maximum(begin, first), 0.0, None) / (end - begin)

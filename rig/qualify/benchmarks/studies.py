@@ -9,11 +9,9 @@ One worker, two, and two of dask take turns, for some seconds each; efficiencies
 
 from __future__ import annotations
 
-import json
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -28,42 +26,18 @@ _ROUND, _ROUNDS = 6.0, 5  # s of a round
 _QUICK, _FEW = 3.0, 3
 
 
-@dataclass(frozen=True)
-class Empty:
-    """Units whose result is a row of a study, computed in no time, as a work (rig.analysis.pool)."""
-
-    total: int
-    name = "empty"
-    digest = ""
-
-    def prepare(self) -> None:
-        """Nothing is compiled."""
-
-    def compute(self, unit: int) -> Arrays:
-        """Return the row."""
-        return {"values": np.zeros(3), "units": np.array(["m", "s", "1"]), "reason": np.array("")}
-
-    def failed(self, unit: int, why: str) -> Arrays:
-        """Return the row."""
-        return self.compute(unit)
-
-    def to_json(self) -> str:
-        """Return the work as JSON text."""
-        return json.dumps({"total": self.total})
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the work of a text by `to_json`."""
-        return cls(json.loads(text)["total"])
+def row(unit: int) -> Arrays:
+    """Return a row of a study, computed in no time."""
+    return {"values": np.zeros(3), "units": np.array(["m", "s", "1"]), "reason": np.array("")}
 
 
 def points(what: str, count: int) -> Work:
     """Return the study "P1" or "loop" with `count` points."""
     if what == "P1":
         scene = load(str(P1))
-        return prepared(scene, {"load.force": f"9 N:11 N:{count}"}, ["run.rms"], duration=100.0)
+        return prepared(scene, {"load.force": f"9 N:11 N:{count}"}, ["run.rms"], duration=100.0).work
     scene = load("pendulum")
-    return prepared(scene, {"controllers.nf.gain": f"100 N*s/m:400 N*s/m:{count}"}, ["run.rms"], duration=2.0)
+    return prepared(scene, {"controllers.nf.gain": f"100 N*s/m:400 N*s/m:{count}"}, ["run.rms"], duration=2.0).work
 
 
 def measured(what: str, quick: bool, dask: bool) -> dict[str, Any]:
@@ -81,7 +55,7 @@ def measured(what: str, quick: bool, dask: bool) -> dict[str, Any]:
 
 def overhead_ms(quick: bool) -> float:
     """Return what an empty point costs with two workers [ms], from the first result to the last one read again."""
-    work = Empty(5_000 if quick else 50_000)
+    work = Work(row, range(5_000 if quick else 50_000))
     told: list[tuple[float, int]] = []
     with temporary(work) as store:
         carry_out(work, store, 2, lambda done, _: told.append((time.perf_counter(), done)), apart=True)
