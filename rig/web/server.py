@@ -5,17 +5,19 @@ from __future__ import annotations
 import asyncio
 import secrets
 import socket
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 import websockets  # noqa: F401 (uvicorn imports it in the thread of the server, where a lack would go unseen)
 
 from rig.errors import UsageError
-from rig.process import told_to_stop
+from rig.process import MORE_FILES, NO_FILES, told_to_stop
 from rig.scheduling import stand_back
 from rig.web.app import Bench, app
 from rig.web.guard import Guard
@@ -23,6 +25,8 @@ from rig.web.guard import Guard
 HOST = "127.0.0.1"
 LARGEST_MESSAGE = 1 << 12
 """Largest message of a page on a web socket [bytes]; those of our page have 30."""
+OPEN_FILES = 64
+"""Open files that the server of a page needs beside those of a run. # chosen"""
 _NICE, _CLOSE_S = 5, 5.0
 
 
@@ -43,7 +47,7 @@ class Server:
             ) from None
         self.port: int = self._socket.getsockname()[1]
         self.token = secrets.token_urlsafe(24)
-        self.bench = Bench(folder, say)
+        self.bench, self._say = Bench(folder, say), say
         guarded = Guard(app(self.bench), self.port, self.token)
         config = uvicorn.Config(
             guarded,
@@ -76,7 +80,18 @@ class Server:
     def _serve(self) -> None:
         stand_back(_NICE)
 
+        def failed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+            if getattr(context.get("exception"), "errno", None) in NO_FILES:
+                if not told:  # too many connections: the server accepts more when some have closed
+                    told.append(True)
+                    self._say(MORE_FILES)
+            elif not (told and "_start_serving" in context["message"]):  # it tries again after it has ended
+                loop.default_exception_handler(context)
+
+        told: list[bool] = []
+
         async def serve() -> None:
+            asyncio.get_running_loop().set_exception_handler(failed)
             self.bench.attach()
             await self._server.serve(sockets=[self._socket])
 
@@ -88,6 +103,12 @@ def serve(port: int = 0, browser: bool = True, say: Callable[[str], object] = pr
 
     The first Ctrl-C ends the present run in order, a second one ends its processes at once. Raises UsageError.
     """
+    if sys.platform != "win32":
+        import resource
+
+        allowed = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        if 0 <= allowed < OPEN_FILES:
+            raise UsageError(f"rig web needs {OPEN_FILES} open files; {MORE_FILES} (the limit is {allowed})")
     asked = threading.Event()
     with Server(port, Path(), say) as server:
 

@@ -2,11 +2,14 @@
 
 import os
 import re
+import resource
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +20,7 @@ import pytest
 import rig as package
 from rig import scenes
 from rig.bench.plant_process import warm
+from rig.process import MORE_FILES
 
 ROOT = Path(__file__).parents[2]
 
@@ -99,3 +103,29 @@ def test_without_its_packages_it_says_how_to_install_them(rig, monkeypatch, lack
     code, _, err = rig(*command)
     assert code == 2
     assert f"needs {lacking}, which is not installed; to install it: python -m pip install -e '.[{extra}]'" in err
+
+
+@pytest.mark.parametrize(("allowed", "told"), [(63, "rig web needs 64 open files"), (64, MORE_FILES)])
+def test_few_open_files_are_told_without_a_traceback(tmp_path, allowed, told):
+    """Below the limit it does not start; at the limit more connections than files are refused for a while."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rig", "web", "--no-open"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, allowed)),
+    )
+    said = process.stdout.readline()
+    if address := re.search(r"http://127.0.0.1:(\d+)", said):
+        with ExitStack() as stack:
+            for _ in range(80):
+                stack.enter_context(socket.create_connection(("127.0.0.1", int(address[1])), timeout=5.0))
+            while told not in said:
+                said += process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+    said += process.communicate(timeout=30.0)[0]
+    assert told in said
+    assert "Traceback" not in said
+    assert process.returncode == (0 if address else 2)
