@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -313,7 +314,7 @@ def share(given: str | None, option: str = "--budget") -> float | None:
 
 
 def at(folder: Path) -> Path:
-    """A folder that exists or can be made."""
+    """A folder that exists or can be made, and be written to."""
     try:
         there = next(one for one in (folder, *folder.parents) if one.exists())
     except OSError as fault:  # a name that is too long
@@ -321,6 +322,8 @@ def at(folder: Path) -> Path:
     if not there.is_dir():
         what = "is a file" if there == folder else f"{there} is a file"
         raise UsageError(f"--out {folder}: {what}; expected a folder (it is made if it does not exist)")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise UsageError(f"--out {folder} cannot be written: you may not write to {there}; name another folder")
     return folder
 
 

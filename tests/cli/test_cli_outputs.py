@@ -188,6 +188,14 @@ def test_places_that_cannot_be_written_are_told_before_anything_is_computed(rig,
         assert "no_such_scene" not in err
 
 
+@pytest.mark.parametrize("command", [("torture",), ("cost", "belt_c")])
+def test_a_folder_that_may_not_be_written_is_told_before_anything_is_computed(rig, tmp_path, monkeypatch, command):
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != tmp_path)  # root may write everywhere
+    code, err = rig(*command, "--out", str(tmp_path / "new"))
+    assert code == 2
+    assert f"--out {tmp_path / 'new'} cannot be written: you may not write to {tmp_path}" in " ".join(err.split())
+
+
 def test_every_command_that_draws_is_among_those_of_these_tests():
     draws = {name for name, one in program.program.commands.items() if any("--figure" in p.opts for p in one.params)}
     assert draws == {command[0] for command in FILES if command[-1] == "--figure"}
