@@ -101,6 +101,23 @@ def test_a_second_tab_shows_the_same_and_a_page_that_closes_changes_nothing(page
     assert "emergency stop" in page.text("outcome")
 
 
+def test_a_change_is_not_replaced_by_values_that_were_read_before_it(page, server):
+    start(page)
+    page.run("""
+        const send = window.fetch, late = (one) => new Promise((done) => { setTimeout(done, 1000, one); });
+        window.fetch = (...request) => (request[0].endsWith("/set") ? late().then(() => send(...request)) : send(...request));
+    """)
+    page.show("slider-drive.speed").send_keys(Keys.END)
+    field = page.one("live-load.force")
+    server.bench.control.set({"key": "load.force", "value": "21 N"})
+    page.until(lambda: float(field.get_attribute("value")) == 21.0)  # all values have come, the speed as it was
+    assert float(page.value("live-drive.speed")) == 0.12
+    page.until(lambda: any("drive.speed" in event["text"] for event in server.bench.control.events))
+    shown = page.time
+    page.until(lambda: page.time > shown + 2.5)
+    assert float(page.value("live-drive.speed")) == 0.12
+
+
 def test_a_new_run_wears_nothing_of_the_one_before(page):
     live = "return [...document.querySelectorAll('#events, #trust, #steps')].map((one) => one.checkVisibility())"
     shown = "return ['phase', 'time', 'verdict', 'cause'].map((id) => document.getElementById(id).textContent)"

@@ -4,6 +4,7 @@ import { h, number, pane, quantity, typed } from "/page/dom.js";
 
 const EVERY = 100; // [ms] between two values of a slider that is being moved
 const STEPS = 1000; // of a slider
+const LATE = 2000; // [ms] after the answer to a change, in which values may still come that were read before it
 
 /** The value at a place from 0 to STEPS of a slider {low, high, least}; with `least` its scale is logarithmic beside 0. */
 export function valueAt({ low, high, least }, place) {
@@ -27,14 +28,20 @@ export function create(bench) {
   const controllers = h("div"), box = h("div");
   const rows = new Map();
 
-  async function set(key, value) {
+  /** Change a value; the row shows nothing else until it has been read back, or LATE has passed. */
+  async function set(key, value, last = () => true) {
+    const row = rows.get(key), known = () => store.values.find((one) => one.key === key);
+    row?.expect(undefined, Infinity);
     try {
       const answer = await bench.set(key, value);
       const owner = answer.overruled?.[key];
       fault.textContent = owner ? `${owner} drives ${key}: the value takes effect when ${owner} is disconnected` : "";
+      if (last()) row?.expect(answer.values?.[key.replace(`controllers.${known()?.of}.`, "")], performance.now() + (owner ? 0 : LATE));
+      setTimeout(() => row?.show(known()), LATE + 1); // it was limited, or another operator has changed it
     } catch (error) {
       fault.textContent = error.message;
-      rows.get(key)?.show(store.values.find((one) => one.key === key));
+      row?.expect(undefined, 0);
+      row?.show(known());
     }
   }
 
@@ -47,10 +54,10 @@ export function create(bench) {
       busy = true;
       const value = waiting;
       waiting = null;
-      await set(key, value);
+      await set(key, value, () => waiting === null);
       setTimeout(() => { busy = false; next(); }, EVERY);
     }
-    return (value) => { waiting = value; next(); };
+    return (value) => { waiting = value; rows.get(key)?.expect(undefined, Infinity); next(); };
   }
 
   function row(entry) {
@@ -59,6 +66,10 @@ export function create(bench) {
     const field = h("input", { type: "text", class: "value", id: `live-${key}`, "aria-label": key, placeholder: "not set", onchange: (e) => set(key, typed(e.target.value)) });
     const owner = h("span", { class: "small warn" });
     let slider = null, held = false;
+    let wanted, until = 0; // what has been set: values that were read before do not replace it
+
+    function expect(value, time) { [wanted, until] = [value, time]; }
+
     if (entry.kind === "switch") {
       slider = h("input", { type: "checkbox", "aria-label": key, onchange: (e) => set(key, e.target.checked) });
     } else if (entry.slider && entry.slider.low < entry.slider.high) {
@@ -77,15 +88,14 @@ export function create(bench) {
     const element = h("div", { class: "small", title: `${key}\n${range}` },
       h("div", { class: "row" }, h("span", { class: "grow" }, key.replace(`controllers.${entry.of}.`, "")), field, unit === "1" ? "" : unit), slider, owner);
     function show(now) {
-      if (!now) return;
+      if (!now || (now.value !== wanted && performance.now() < until)) return;
+      until = 0;
       if (document.activeElement !== field && !held) field.value = now.value === null ? "" : number(now.value, 6);
       if (slider?.type === "checkbox") slider.checked = Boolean(now.value);
-      else if (slider && !held && document.activeElement !== slider) {
-        slider.value = placeOf(entry.slider, now.value);
-      }
+      else if (slider && !held) slider.value = placeOf(entry.slider, now.value);
       owner.textContent = now.owner ? `driven by ${now.owner}` : "";
     }
-    return { element, show };
+    return { element, show, expect };
   }
 
   function control(name, { drives }) {
