@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,6 +49,12 @@ Web = Annotated[bool, typer.Option("--web", help="Show the run live on a page in
 Figure = Annotated[
     Path | None, typer.Option(metavar="FILE", callback=new, help="Draw a figure of the run (PNG, SVG, PDF).")
 ]
+Only = Annotated[
+    str | None,
+    typer.Option(
+        "--only", metavar="NAMES", help="Sensors and outputs that --figure draws over time, separated by commas."
+    ),
+]
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
 
@@ -89,6 +95,7 @@ def run(
     name: NewName = None,
     out: Out = None,
     figure: Figure = None,
+    only: Only = None,
     when: When = None,
     before: Before = None,
     after: After = None,
@@ -100,6 +107,7 @@ def run(
 ) -> None:
     """Run a scene in real time, with plant, controllers and recorder as processes."""
     factor, length, given = pace(speed, lockstep), seconds(duration), changes(p)
+    names = listed(only, figure)
     links = linked(net, given)
     windows = trigger(when, before, after, most)
     if windows is not None and figure is not None:
@@ -109,6 +117,7 @@ def run(
 
     loaded = the_scene(scene, given, {"--controller": added(controller), "--net": links})
     there(controller, loaded)
+    drawable(names, loaded)
     keeps_up(loaded, factor)
     loaded = configured(loaded, given, precision, budget)
     if windows is not None:  # the recorder would find what is wrong only when the run has begun
@@ -136,8 +145,31 @@ def run(
     else:
         printing.line(outcome.text())
     if figure is not None and outcome.log:
-        _draw(outcome.log, figure)
+        _draw(outcome.log, figure, names)
     raise typer.Exit(outcome.exit_code)
+
+
+def listed(only: str | None, figure: Path | None) -> list[str]:
+    """The names that --only lists. Raises UsageError without a figure or without names."""
+    names = [name.strip() for name in (only or "").split(",") if name.strip()]
+    if only is not None and figure is None:
+        raise UsageError("--only: chooses what --figure draws; add --figure FILE")
+    if only is not None and not names:
+        raise UsageError("--only: expected names of sensors or outputs, separated by commas")
+    return names
+
+
+def drawable(names: Collection[str], scene: Scene) -> None:
+    """Raise UsageError for a name that a run of the scene will not have."""
+    if not names:
+        return
+    from rig.record.names import listing, unknown
+
+    outputs = {name: output.unit for name, output in scene.assemble().outputs.items()}
+    known = listing({name: sensor.delivers for name, sensor in scene.sensors.items()}, outputs)
+    for name in names:
+        if name not in known and name not in outputs:
+            raise unknown(name, known, "scene")
 
 
 def configured(scene: Scene, overrides: Mapping[str, object], precision: float | None, budget: str | None) -> Scene:
@@ -153,7 +185,7 @@ def configured(scene: Scene, overrides: Mapping[str, object], precision: float |
         return chosen(scene, wanted, most, printing.note, report=progress)
 
 
-def _draw(log: str, figure: Path) -> None:
+def _draw(log: str, figure: Path, only: Collection[str] = ()) -> None:
     """Draw a recording."""
     from rig.cli.logs import opened, without_outputs
     from rig.view.run_figure import draw
@@ -162,7 +194,7 @@ def _draw(log: str, figure: Path) -> None:
     if nothing := without_outputs(run, log):
         printing.note(f"no figure: {nothing}")
         return
-    draw(run, figure)
+    draw(run, figure, only)
     printing.note(f"figure {figure}")
 
 

@@ -33,7 +33,7 @@ from rig.cli.options import (
     there,
 )
 from rig.cli.outputs import new_recording
-from rig.cli.runs import Figure, configured
+from rig.cli.runs import Figure, Only, configured, drawable, listed
 from rig.errors import ControllerFailed, ExitCode, UsageError
 from rig.process import told_to_stop
 
@@ -109,6 +109,7 @@ def simulate(
     ] = None,
     out: Written = None,
     figure: Figure = None,
+    only: Only = None,
     force: Force = False,
     budget: Budget = None,
     precision: Accuracy = None,
@@ -126,12 +127,15 @@ def simulate(
     from there. Values given with -p and a --duration count from that instant.
     """
     length, overrides = seconds(duration), changes(p)
+    names = listed(only, figure)
     links = linked(net, overrides)
     by_method = {} if method is None else {"clock.method": method}
     if by_method.keys() & overrides.keys():
         raise UsageError("--method and -p: both give clock.method; leave out one of them")
     if repeat is not None and out is not None:
         raise UsageError("--out: --repeat writes no recordings; leave out one of the two")
+    if repeat is not None and names:
+        raise UsageError("--only: --repeat draws the results of all runs; leave out one of the two")
     if start is not None:
         given = {
             "SCENE": scene,
@@ -155,6 +159,7 @@ def simulate(
         }
         loaded = the_scene(scene, overrides, by_option)
         there(controller, loaded)
+        drawable(names, loaded)
         loaded = configured(loaded, overrides | by_method, precision, budget)
         printing.run_warnings(loaded, length)
         if repeat is not None:
@@ -189,7 +194,7 @@ def simulate(
     if figure is not None:
         from rig.view.run_figure import draw
 
-        draw(found, figure)
+        draw(found, figure, names)
     if failed:
         raise typer.Exit(ExitCode.FAILED)
     if found.fault or any(event["kind"] == "limit" for event in found.plant_events):

@@ -15,8 +15,13 @@ MEASURED, TRUE = "meas/", "truth/"
 
 def signals(run: RunData) -> dict[str, str]:
     """Return name and unit of every sensor and plant output of a recording."""
-    found = {name: run.units.get(MEASURED + name, "") for name in run.measurements}
-    return found | {TRUE * (name in found) + name: run.units.get(name, "") for name in run.signals}
+    sensors = {name: run.units.get(MEASURED + name, "") for name in run.measurements}
+    return listing(sensors, {name: run.units.get(name, "") for name in run.signals})
+
+
+def listing(sensors: Mapping[str, str], outputs: Mapping[str, str]) -> dict[str, str]:
+    """Return the names by which sensors and outputs (name -> unit) are selected, with their units."""
+    return {**sensors, **{TRUE * (name in sensors) + name: unit for name, unit in outputs.items()}}
 
 
 def unknown(name: str, names: Mapping[str, str], where: str = "recording") -> UsageError:

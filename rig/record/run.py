@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -46,10 +47,14 @@ class Run(RunData):
 
         return tree(tables(self), description(self))
 
-    def plot(self) -> Figure:
-        """Return the figure of the run, as `rig simulate --figure` draws it; `savefig` writes it to a file."""
+    def plot(self, only: Collection[str] = ()) -> Figure:
+        """Return the figure of the run, as `rig simulate --figure` draws it; `savefig` writes it to a file.
+
+        `only`: names of the sensors and outputs that are drawn over time, instead of the plots of the rig. Raises
+        rig.errors.UsageError for a name that the run does not have.
+        """
         module, _, name = FIGURE.partition(":")
-        figure: Figure = getattr(importlib.import_module(module), name)(self)
+        figure: Figure = getattr(importlib.import_module(module), name)(self, only)
         return figure
 
     def save(self, path: Path | str) -> None:

@@ -22,13 +22,13 @@ def scene_of(run: Run) -> dict[str, Any]:
 
 
 def caption(axes: Axes, run: Run, modes: Integers) -> None:
-    """Write the caption of `run`; the stick share comes from `modes`, the contact states of the first contact."""
+    """Write the caption of `run`; the stick share comes from `modes`, the contact states [contact, row]."""
     axes.set_axis_off()
     rows = [("scene", scene_of(run).get("name", "")), *_rows(run, modes)]
     for i, (name, text) in enumerate(rows):
         y = 1.0 - i / 6.2
-        axes.text(-0.2, y, name, transform=axes.transAxes, va="top", fontsize=9.5, color="#777777")
-        axes.text(0.08, y, text, transform=axes.transAxes, va="top", fontsize=9.5, color="#111111")
+        axes.text(-0.04, y, name, transform=axes.transAxes, ha="right", va="top", fontsize=9.5, color="#777777")
+        axes.text(0.0, y, text, transform=axes.transAxes, va="top", fontsize=9.5, color="#111111")
 
 
 def _rows(run: Run, modes: Integers) -> list[tuple[str, str]]:
@@ -38,7 +38,8 @@ def _rows(run: Run, modes: Integers) -> list[tuple[str, str]]:
     steps = f"{run.step_ns / 1e6:g} ms"
     rows = [("integration", f"{plant.get('method', 'unknown')}, {steps} samples, {plant.get('events', 0)} events")]
     if modes.size:
-        rows.append(("stick share", f"{(modes == 0).mean():.1%} of {timeline.end_of(run):g} s"))
+        mean = f", mean of {len(modes)} contacts" if len(modes) > 1 else ""
+        rows.append(("stick share", f"{(modes == 0).mean():.1%} of {timeline.end_of(run):g} s{mean}"))
     if run.energy:
         supplied = run.energy.get("drive", run.energy.get("supplied", 0.0))
         rows.append(("energy", f"{supplied:.4g} J from the drive, residual {abs(run.energy.get('error', 0.0)):.0e}"))

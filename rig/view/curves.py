@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+import math
+import re
+import textwrap
+from collections.abc import Iterable, Mapping
+from enum import Enum
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +16,28 @@ from rig.record.run import Reals, Run
 from rig.view import contact, timeline
 from rig.view.caption import scene_of
 from rig.view.channels import Channels
-from rig.view.palette import ALARM, GREEN
+from rig.view.palette import ALARM, GREEN, LINES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_CIRCUIT = "#7a5fb0"
+_INK, _FAINT, _CIRCUIT = "#111111", "#777777", "#7a5fb0"
 COLUMNS = 2400
+LEFT, RIGHT, TOP, BOTTOM = 0.076, 0.985, 0.95, 0.072
+"""Edges of the plots of a figure, as shares of its width and height."""
 Bools = NDArray[np.bool_]
 _MEASURED = 0.35
-_LETTERS = 125.0
-"""Number of characters that fit above the time axis of a whole run."""
+_STEP, _MARK = 8.5, 9.5
+"""Size of the letters of a step of the protocol and of a mark [pt]."""
+_ROW, _ROWS = 1.45, 7
+"""Height of a row of marks in heights of its letters, and most rows."""
+_PREFIXED = re.compile(r"(m|rad|N|V|A|Pa)(?![A-Za-z])")
+_PREFIXES = ((5e-2, 1.0, ""), (5e-5, 1e3, "m"), (5e-8, 1e6, "u"), (0.0, 1e9, "n"))
+"""Least value, factor and prefix."""
+_VISIBLE, _NOISY, _LASTING = 0.02, 3.0, 3
+"""Samples show a faster motion if they leave the line between two states by this share of their range, by so many
+times the difference of neighbours (which noise does not), and in so many intervals one after the other."""
 
 
 def thinned(t: Reals, v: Reals, columns: int = COLUMNS) -> tuple[Reals, Reals]:
@@ -46,8 +60,8 @@ def apart(x: Reals, y: Reals, jumps: Bools) -> tuple[Reals, Reals]:
 
 
 def line(axes: Axes, t: Reals, v: Reals, **style: Any) -> None:
-    """Draw a line, reduced to what is visible."""
-    axes.plot(*thinned(t, v), **style)
+    """Draw a line, reduced to what is visible; or points, all of them."""
+    axes.plot(*((t, v) if style.get("ls") == "none" else thinned(t, v)), **style)
 
 
 def channels_of(run: Run) -> Channels:
@@ -56,17 +70,70 @@ def channels_of(run: Run) -> Channels:
     return Channels(contact.read(run.scene), {name: run.units.get(name, "") for name in run.signals}, sensors)
 
 
-def measured(run: Run, channels: Channels, reads: str) -> list[tuple[str, Reals, Reals]]:
-    """Sensors that read an output: name, times [s], values in the unit of the output."""
-    return [
-        (
-            name,
-            np.multiply(run.measurements[name].t_ns, 1e-9, dtype=np.float64),
-            run.measurements[name].v * channel.factor,
-        )
-        for name, channel in channels.measured.items()
-        if channel.reads == reads
-    ]
+def reduced(run: Run) -> bool:
+    """Whether the outputs were recorded at a lower rate than that of the steps, as in a live run."""
+    gaps = np.diff(run.time)
+    return bool(gaps.size) and float(np.median(gaps)) > 1.5e-9 * run.step_ns
+
+
+class Known(Enum):
+    """What the recorded outputs of a run show."""
+
+    ALL = "lines between them"
+    SAMPLES = "each sample, and nothing between"
+    ALIAS = "a motion that there was not"
+
+
+def known(run: Run) -> Known:
+    """What the recorded outputs show. If their rate was reduced, that follows from the sensors that are faster."""
+    if not reduced(run):
+        return Known.ALL
+    fine = [one for one in run.measurements.values() if one.v.size > 4 * run.time.size]
+    if not fine:
+        return Known.SAMPLES
+    return Known.ALIAS if any(_faster(np.asarray(1e-9 * one.t_ns), one.v, run.time) for one in fine) else Known.ALL
+
+
+def _faster(t: Reals, v: Reals, at: Reals) -> bool:
+    """Whether samples v(t) show a motion between the times `at` that the values at these times do not."""
+    known = np.isfinite(v)
+    t, v = t[known], v[known]
+    if v.size < 2:
+        return False
+    rows = np.unique(np.searchsorted(t, at).clip(0, t.size - 1))
+    begins = rows[:-1]
+    if not begins.size:
+        return False
+    beside = np.maximum.reduceat(np.abs(v - np.interp(t, t[rows], v[rows])), begins)
+    changes = np.add.reduceat(np.diff(v, append=v[-1]) ** 2, begins) / np.diff([*begins, v.size])
+    fast = beside > np.maximum(_VISIBLE * np.ptp(v), _NOISY * np.sqrt(changes))
+    return bool(np.convolve(fast, np.ones(_LASTING, int)).max() >= _LASTING)
+
+
+class Scales:
+    """One unit for each quantity of a figure, so that its largest value is a number of the usual size.
+
+    `names`: the outputs that the figure shows. `others`: the largest value of what else it shows in a unit.
+    """
+
+    def __init__(self, run: Run, names: Iterable[str], others: Mapping[str, float] | None = None) -> None:
+        self._most = dict(others or {})
+        for name in names:
+            unit = run.units.get(name, "")
+            self._most[unit] = max(self._most.get(unit, 0.0), largest(run.signals[name]))
+
+    def of(self, unit: str, v: Reals | None = None) -> tuple[float, str]:
+        """Factor from `unit` to the unit that the figure shows, and this unit; of values `v` that are no output."""
+        most = self._most.get(unit, 0.0 if v is None else largest(v))
+        if not _PREFIXED.match(unit) or not 0.0 < most < math.inf:
+            return 1.0, unit
+        factor, prefix = next((factor, prefix) for least, factor, prefix in _PREFIXES if most >= least)
+        return factor, prefix + unit
+
+
+def largest(*values: Reals) -> float:
+    """Largest absolute value; 0 without any."""
+    return max((float(np.nanmax(np.abs(v), initial=0.0)) for v in values), default=0.0)
 
 
 def plain(name: str) -> str:
@@ -84,21 +151,107 @@ def legend(axes: Axes, columns: int) -> None:
         handle.set_linewidth(2.2)
 
 
-def curves(axes: Axes, run: Run, channels: Channels, outputs: Iterable[str]) -> None:
-    """Draw outputs of the run, the first one on top, their measurements, and a legend."""
-    count = 0
+class Sheet(NamedTuple):
+    """A run as a figure shows it."""
+
+    run: Run
+    channels: Channels
+    scales: Scales
+    known: Known
+
+    @classmethod
+    def of(
+        cls, run: Run, channels: Channels, outputs: Iterable[str], others: Mapping[str, float] | None = None
+    ) -> Sheet:
+        """The sheet of a figure that shows these outputs; `others`: see `Scales`."""
+        return cls(run, channels, Scales(run, outputs, others), known(run))
+
+    def sensors(self, output: str) -> list[str]:
+        """Sensors that measure an output."""
+        return [name for name, channel in self.channels.measured.items() if channel.reads == output]
+
+    def sampled(self, sensor: str, factor: float) -> tuple[Reals, Reals]:
+        """Times [s] and values of a sensor, those of one that measures an output in the unit of the output."""
+        samples, channel = self.run.measurements[sensor], self.channels.measured.get(sensor)
+        factor *= 1.0 if channel is None else channel.factor
+        return np.multiply(samples.t_ns, 1e-9, dtype=np.float64), samples.v * factor
+
+    def fine(self, output: str) -> str | None:
+        """The sensor to be drawn in place of an output of which the recorded values do not show all."""
+        return next(iter(self.sensors(output)), None) if self.known is not Known.ALL else None
+
+    @property
+    def style(self) -> dict[str, Any]:
+        """How recorded outputs are drawn: joined, or as points."""
+        return {} if self.known is Known.ALL else {"ls": "none", "marker": ".", "ms": 2.5, "mew": 0.0}
+
+
+def curves(axes: Axes, sheet: Sheet, outputs: Iterable[str], sensors: Iterable[str], factor: float = 1.0) -> None:
+    """Draw outputs of the run, the first one on top, sensors, and a legend. `factor`: to the unit of the axes."""
+    run, channels = sheet.run, sheet.channels
+    outputs = [name for name in outputs if name in run.signals]
+    sensors, count = list(sensors), 0
+    instead = {fine: name for name in outputs if (fine := sheet.fine(name)) in sensors}
+    missing = [name for name in outputs if name not in instead.values()] if sheet.known is Known.ALIAS else []
+    style: dict[str, Any]
+    for name in sensors:
+        full = not outputs or name in instead
+        style = {"zorder": 2.5} if full else {"alpha": _MEASURED, "lw": 2.6, "zorder": 2}
+        colour, label = channels.colour_of(name), f"{plain(name)} (measured)"
+        line(axes, *sheet.sampled(name, factor), color=colour, label=label, **style)
+        count += 1
     for output in outputs:
-        if output not in run.signals:
+        if output in (*missing, *instead.values()):
             continue
-        colour = channels.colours[output]
-        for name, t, v in measured(run, channels, output):
-            label = f"{plain(name)} (measured)"
-            line(axes, t, v, color=colour, alpha=_MEASURED, lw=2.6, label=label, zorder=2)
-            count += 1
-        line(axes, run.time, run.signals[output], color=colour, label=plain(output), zorder=3.0 - 0.01 * count)
+        label = plain(output) + (f" ({rate(run)} samples/s)" if sheet.style else "")
+        colour = channels.colours.get(output, LINES[0])
+        line(
+            axes,
+            run.time,
+            factor * run.signals[output],
+            color=colour,
+            label=label,
+            zorder=3 - 0.01 * count,
+            **sheet.style,
+        )
         count += 1
     if count:
         legend(axes, min(count, 4))
+    if missing:
+        too_few(axes, run, ", ".join(map(plain, missing)), not count)
+
+
+def too_few(axes: Axes, run: Run, what: str, alone: bool) -> None:
+    """Write that the samples of `what` are too few to be drawn; `alone`: the axes show nothing else."""
+    text = f"{what}:\n{rate(run)} samples per second,\ntoo few for this vibration"
+    at, place = (0.5, "center") if alone else (0.04, "bottom")
+    axes.text(0.5, at, text, transform=axes.transAxes, ha="center", va=place, fontsize=_MARK, color=_FAINT)
+    if alone:
+        axes.set_yticks([])
+
+
+def rate(run: Run) -> str:
+    """Number of recorded outputs per second."""
+    return f"{1.0 / float(np.median(np.diff(run.time))):.4g}"
+
+
+def stacked(
+    figure: Figure, run: Run, header: Header, count: int, box: tuple[float, float, float]
+) -> tuple[list[Axes], float]:
+    """Axes for `count` plots over time, one below the other, under the header; and their upper edge.
+
+    `box`: left and right edge, lower edge, as shares of the figure.
+    """
+    (left, right, bottom), height = box, figure.bbox.height
+    top, gap = TOP - header.height / height, 23.0 / height
+    each = (top - bottom - gap * (count - 1)) / count
+    grid = figure.add_gridspec(count, 1, left=left, right=right, top=top, bottom=bottom, hspace=gap / each)
+    times = figure.add_subplot(grid[0])
+    times.set_xlim(timeline.begin_of(run), timeline.end_of(run) or 1.0)
+    drawn = [times, *(figure.add_subplot(grid[row], sharex=times) for row in range(1, count))]
+    place = (left, top + 6.0 / height, right - left, header.height / height)
+    header.draw(figure.add_axes(place, sharex=times))
+    return drawn, top
 
 
 def shade(axes: Axes, run: Run, closed: list[timeline.Span]) -> None:
@@ -111,68 +264,107 @@ def shade(axes: Axes, run: Run, closed: list[timeline.Span]) -> None:
         axes.axvline(mark.time, color="#777777", lw=0.8, ls=(0, (4, 3)), zorder=1)
 
 
-def name_circuits(axes: Axes, closed: list[timeline.Span]) -> None:
-    """Write the names of the closed circuits at the lower end of the curves, if there is space."""
-    whole = axes.get_xlim()[1]
-    for span in closed:
-        if text := _fitting(span.text, _LETTERS / whole * (span.end - span.begin) - 1):
-            axes.text((span.begin + span.end) / 2, 0.04, text, transform=axes.get_xaxis_transform(), ha="center",
-                      fontsize=8.5, color=_CIRCUIT)  # fmt: skip
-
-
-def _fitting(text: str, width: float) -> str:
-    """`text` cut to `width` characters; empty if `width` is less than 6."""
-    if len(text) <= width:
-        return text
-    return text[: int(width) - 1].rstrip() + "…" if width >= 6 else ""
-
-
-def heading(figure: Figure, run: Run) -> None:
-    """Write the title of the run's scene and, if the run stopped early, the reason."""
+def heading(figure: Figure, run: Run, left: float) -> None:
+    """Write the title of the run's scene and, if the run stopped early, the reason; `left`: share of the width."""
     about = scene_of(run)
-    figure.text(0.076, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
+    figure.text(left, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
     if run.fault:
         first = run.fault.partition("\n")[0]
         figure.text(0.985, 0.968, first[:110], color=ALARM, ha="right", fontsize=10.5)
 
 
-def phases(axes: Axes, run: Run) -> None:
-    """Draw two lines of text above the curves: marks, and the steps of the protocol as a band."""
-    end = timeline.end_of(run) or 1.0
-    letters = _LETTERS / end  # characters that fit into one second
-    axes.set_ylim(0.0, 2.0)
-    axes.grid(False)
-    axes.set_axis_off()
-    for i, span in enumerate(timeline.phases(run)):
-        axes.axvspan(span.begin, span.end, 0.02, 0.46, color="#e9edf3" if i % 2 else "#d9e0ea", lw=0)
-        room = letters * (span.end - span.begin) - 1
-        shorter = (span.text, "to" + span.text.partition(" to")[2], span.text.rpartition(" to ")[2])
-        text = next((t for t in shorter if len(t) <= room and t != "to"), _fitting(span.text, room))
-        axes.text(
-            (span.begin + span.end) / 2,
-            0.48,
-            text,
-            ha="center",
-            va="center",
-            fontsize=8.5,
-            color="#333333",
-            clip_on=True,
-        )
-    marks, taken = timeline.marks(run), 0.0
-    letters *= 0.75  # larger ones, and no mark is cut off at the edge
-    for mark, after in zip(marks, [m.time for m in marks[1:]] + [end]):
-        axes.plot([mark.time, mark.time], [0.0, 1.9], color="#777777", lw=0.8, ls=(0, (4, 3)), clip_on=False)
-        room, before = letters * (after - mark.time) - 1, letters * (mark.time - taken) - 1
-        left = mark is marks[-1] and room < min(len(mark.text), before)  # near the end of the run
-        text = _fitting(mark.text, before if left else room)
-        taken = mark.time + (0.0 if left else (len(text) + 1) / letters)
-        axes.text(
-            mark.time + (-0.004 if left else 0.004) * end,
-            1.45,
-            text,
-            ha="right" if left else "left",
-            va="center",
-            fontsize=9.5,
-            color="#111111",
-            clip_on=True,
-        )
+class _Label(NamedTuple):
+    """A text above the curves: time [s] of what it names, left and right edge [px], row, text, colour.
+
+    `rises`: whether a line rises to it.
+    """
+
+    time: float
+    left: float
+    right: float
+    row: int
+    text: str
+    colour: str
+    rises: bool
+
+
+class Header:
+    """What is written above the curves: the steps of the protocol as a band, marks in as many rows as they need.
+
+    `beside`: spans with texts that are written with the marks. `width`: of the curves [px]. No text is cut: one that
+    does not fit into its span is among the marks, and those for which there are no rows are counted.
+    """
+
+    def __init__(self, figure: Figure, run: Run, width: float, beside: Iterable[timeline.Span] = ()) -> None:
+        from matplotlib.font_manager import FontProperties
+
+        self._begin, self._end = timeline.begin_of(run), timeline.end_of(run) or 1.0
+        self._scale, self._width = width / (self._end - self._begin or 1.0), width
+        renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+        self._row = figure.dpi / 72.0 * _MARK * _ROW
+
+        def long(text: str, size: float) -> float:
+            return float(renderer.get_text_width_height_descent(text, FontProperties(size=size), False)[0])
+
+        self._bands = [span for span in timeline.phases(run) if span.end > self._begin]
+        self._inside: dict[int, str] = {}
+        loose = [(mark.time, mark.text, _INK, True) for mark in timeline.marks(run)]
+        for i, (begin, end, text) in enumerate(self._bands):
+            shorter = (text, "to" + text.partition(" to")[2], text.rpartition(" to ")[2])
+            room = self._scale * (end - max(begin, self._begin)) - 6.0
+            fitting = next((one for one in shorter if one not in ("", "to") and long(one, _STEP) <= room), "")
+            if fitting:
+                self._inside[i] = fitting
+            else:
+                loose.append((begin, text, _FAINT, False))
+        first = {text: begin for begin, _, text in reversed(list(beside))}
+        loose += [(begin, text, _CIRCUIT, False) for text, begin in first.items()]
+        self._labels: list[_Label] = []
+        self._left_out = 0
+        for time, text, colour, rises in sorted(loose):
+            if self._begin <= time <= self._end:
+                self._place(time, text, colour, rises, long)
+        self._rows = 1 + max((label.row for label in self._labels), default=-1) + (self._left_out > 0)
+
+    def _place(self, time: float, text: str, colour: str, rises: bool, long: Any) -> None:
+        per_letter = max(long(text, _MARK) / len(text), 1.0)
+        lines = textwrap.wrap(text, max(int(0.95 * self._width / per_letter), 8))[::-1]
+        size = max(long(one, _MARK) for one in lines) + 4.0
+        at = self._scale * (time - self._begin)
+        left = at + 4.0 if at + 4.0 + size <= self._width else max(min(at - 4.0, self._width) - size, 0.0)
+        taken = {one.row for one in self._labels if one.left < left + size + 12.0 and left < one.right + 12.0}
+        fits = (row for row in range(_ROWS + 1 - len(lines)) if taken.isdisjoint(range(row, row + len(lines))))
+        row = next(fits, None)
+        if row is None:
+            self._left_out += 1
+            return
+        for i, one in enumerate(lines):
+            self._labels.append(_Label(time, left, left + size, row + i, one, colour, rises and i == 0))
+
+    @property
+    def height(self) -> float:
+        """Height [px]."""
+        return self._row * (self._rows + 1.2)
+
+    def draw(self, axes: Axes) -> None:
+        """Draw everything into axes of this width and height, which have the times of the curves."""
+        axes.set_ylim(0.0, self._rows + 1.2)
+        axes.grid(False)
+        axes.set_axis_off()
+        for i, (begin, end, _) in enumerate(self._bands):
+            begin, end = max(begin, self._begin), min(end, self._end)
+            colour = "#e9edf3" if i % 2 else "#d9e0ea"
+            axes.fill_between((begin, end), 0.05, 0.95, color=colour, lw=0, label="_step")
+            text = self._inside.get(i, "")
+            middle = (begin + end) / 2
+            axes.text(middle, 0.48, text, ha="center", va="center", fontsize=_STEP, color=_INK, zorder=4)
+        white = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+        for time, left, _, row, text, colour, rises in self._labels:
+            top = row + 1.65
+            if rises:
+                axes.plot([time, time], [0.0, top + 0.3], color="#777777", lw=0.8, ls=(0, (4, 3)), clip_on=False)
+            at = self._begin + left / self._scale
+            axes.text(at, top, text, va="center", fontsize=_MARK, color=colour, bbox=white, zorder=4)
+        if self._left_out:
+            text = f"and {self._left_out} more: see the events of the run"
+            axes.text(self._end, self._rows + 0.65, text, ha="right", va="center", fontsize=_MARK, color=_FAINT)

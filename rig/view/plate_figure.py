@@ -18,18 +18,21 @@ import numpy as np
 from rig.record.film_points import Points, points_of
 from rig.record.pressure_instants import Instant, characteristic
 from rig.record.run import Reals, Run
-from rig.view import timeline
 from rig.view.caption import caption
-from rig.view.channels import Channels
 from rig.view.curves import (
+    BOTTOM,
+    LEFT,
+    RIGHT,
+    Header,
+    Sheet,
     channels_of,
     curves,
     heading,
     legend,
     line,
-    phases,
     plain,
     shade,
+    stacked,
 )
 from rig.view.pressure_maps import draw_map, draw_scale
 
@@ -43,23 +46,22 @@ _MEANS = 160
 
 
 class Panel(NamedTuple):
-    """A panel: label of its axis, its outputs, factor to the unit of the axis, and whether to draw means."""
+    """A panel: title of its axis, its outputs, and whether to draw means."""
 
-    label: str
+    title: str
     outputs: tuple[str, ...]
-    factor: float = 1.0
     means: bool = False
 
 
 _PANELS = (
-    Panel("acceleration [m/s^2]", ("slider_acceleration",)),
-    Panel("force [N]", ("friction_force", "normal_force")),
+    Panel("acceleration", ("slider_acceleration",)),
+    Panel("force", ("friction_force", "normal_force")),
     Panel("contact fraction", ("contact_fraction",), means=True),
-    Panel("pressure centre [mm]", ("pressure_centre_x", "pressure_centre_y"), 1e3, means=True),
+    Panel("pressure centre", ("pressure_centre_x", "pressure_centre_y"), means=True),
 )
 _ALONE = (
-    Panel("acceleration [m/s^2]", ("plate_acceleration",)),
-    Panel("displacement [um]", ("plate_displacement",), 1e6),
+    Panel("acceleration", ("plate_acceleration",)),
+    Panel("displacement", ("plate_displacement",)),
 )
 
 
@@ -69,63 +71,45 @@ def compose(figure: Figure, run: Run) -> None:
     if points is not None and run.signals.keys().isdisjoint(points.names):
         points = None
     panels = [p for p in (*_PANELS, *_ALONE) if _recorded(run, p) and (points is None or p not in _ALONE)]
-    grid = figure.add_gridspec(
-        1 + len(panels), 2, width_ratios=(2.0, 1), height_ratios=(0.3, *[4.4 / len(panels)] * len(panels)),
-        hspace=0.13, wspace=0.13, left=0.076, right=0.985, top=0.94, bottom=0.072,
-    )  # fmt: skip
-    channels = channels_of(run)
-    times = figure.add_subplot(grid[1, 0])
-    drawn = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, 1 + len(panels)))]
-    phases(figure.add_subplot(grid[0, 0], sharex=times), run)
-    times.set_xlim(timeline.begin_of(run), timeline.end_of(run) or 1.0)
+    outputs = [name for panel in panels for name in _recorded(run, panel)]
+    sheet = Sheet.of(run, channels_of(run), outputs, {"m": 0.01} if points is not None else None)  # the maps are in mm
+    split = LEFT + (RIGHT - LEFT) * 0.64
+    header = Header(figure, run, (split - LEFT) * figure.bbox.width)
+    drawn, top = stacked(figure, run, header, len(panels), (LEFT, split, BOTTOM))
     found = characteristic(run) if points is not None and run.time.size else []
     for axes, panel in zip(drawn, panels):
-        _panel(axes, run, channels, panel)
+        _panel(axes, sheet, panel)
         shade(axes, run, [])
         for instant in found:
             axes.axvline(run.time[instant.sample], ymax=0.85, color="#555555", lw=0.6, zorder=4)
         axes.tick_params(labelbottom=axes is drawn[-1])
     drawn[-1].set_xlabel("time [s]")
-    if thin := thinning(run):
-        axes = drawn[:2][-1]
-        axes.text(0.995, 0.97, thin, transform=axes.transAxes, ha="right", va="top", fontsize=9, color="#777777")
     figure.align_ylabels(drawn)
+    right = figure.add_gridspec(
+        2, 1, left=split + 0.045, right=RIGHT, top=top, bottom=BOTTOM, height_ratios=(5.6, 1.0), hspace=0.2
+    )
     if points is not None and found:
-        right = grid[:, 1].subgridspec(2, 1, height_ratios=(5.6, 1.0), hspace=0.2)
         _maps(figure, right[0], run, points, found)
-        side = right[1]
-    else:
-        side = grid[:, 1].subgridspec(2, 1, height_ratios=(5.6, 1.0))[1]
-    words = side.subgridspec(1, 2, width_ratios=(0.13, 1.0))[1]  # the names of the rows are to the left of it
+    words = right[1].subgridspec(1, 2, width_ratios=(0.13, 1.0))[1]  # the names of the rows are to the left of it
     caption(figure.add_subplot(words), run, np.empty(0, np.int64))
-    heading(figure, run)
+    heading(figure, run, LEFT)
 
 
-def thinning(run: Run) -> str:
-    """A note for outputs that a live run recorded at a reduced rate; "" if every sample was recorded."""
-    gaps = np.diff(run.time)
-    if not gaps.size or float(np.median(gaps)) < 1.5e-9 * run.step_ns:
-        return ""
-    rate = 1.0 / float(np.median(gaps))
-    return f"outputs: {rate:.0f} per second; faster vibration appears as aliases"
-
-
-def _panel(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
-    axes.set_ylabel(panel.label)
-    if not panel.means:
-        if panel.factor == 1.0:
-            curves(axes, run, channels, _recorded(run, panel))
-        else:
-            _lines(axes, run, channels, panel)
+def _panel(axes: Axes, sheet: Sheet, panel: Panel) -> None:
+    run, outputs = sheet.run, _recorded(sheet.run, panel)
+    factor, unit = sheet.scales.of(run.units.get(outputs[0], ""))
+    axes.set_ylabel(f"{panel.title} [{unit}]" if unit not in ("", "1") else panel.title)
+    if not panel.means or sheet.style:
+        curves(axes, sheet, outputs, [sensor for output in outputs for sensor in sheet.sensors(output)], factor)
         return
     size = max(run.time.size // _MEANS, 1)
-    for output in _recorded(run, panel):
-        colour = channels.colours[output]
-        v = panel.factor * run.signals[output]
+    for output in outputs:
+        colour = sheet.channels.colours[output]
+        v = factor * run.signals[output]
         fast = v.size > 4 * _MEANS
         line(axes, run.time, v, color=colour, alpha=0.35 if fast else 1.0, lw=0.8, label=plain(output), zorder=2)
         if fast:
-            mean = f"mean of {1e-6 * size * run.step_ns:.2g} ms"
+            mean = f"mean of {1e3 * size * float(np.median(np.diff(run.time))):.2g} ms"
             axes.plot(_means(run.time, size), _means(v, size), color=colour, lw=1.8, label=mean, zorder=3)
     legend(axes, 4)
 
@@ -133,12 +117,6 @@ def _panel(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
 def _recorded(run: Run, panel: Panel) -> tuple[str, ...]:
     """The outputs of a panel, without those that a damaged recording has lost."""
     return tuple(output for output in panel.outputs if output in run.signals)
-
-
-def _lines(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
-    for output in _recorded(run, panel):
-        line(axes, run.time, panel.factor * run.signals[output], color=channels.colours[output], label=plain(output))
-    legend(axes, 4)
 
 
 def _means(v: Reals, size: int) -> Reals:

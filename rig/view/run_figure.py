@@ -1,22 +1,25 @@
 """The figure of a run, 1600 pixels wide as PNG.
 
-phases and marks of the protocol                        phase portrait, by controller or by time
-the first plots of the rig: of most rigs velocity,
+phases and marks of the protocol
+the first plots of the rig: of most rigs velocity,      phase portrait, by controller or by time
 forces, and the voltage of a piezo stack                close-up of some periods
-contact state                                            what the run was, and how it went
+state of every contact                                   what the run was, and how it went
 
-The parts of a rig declare its plots (rig.picture.Plot), and a plant may declare a figure of its own.
+The parts of a rig declare its plots (rig.picture.Plot), and a plant may declare a figure of its own. A user may choose
+what is plotted instead. Outputs of a live run, of which only some are recorded, are drawn so that no vibration appears
+that there was not (rig.view.curves.known).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rig.picture import IN_FIGURE
+from rig.record import names
 from rig.record.film_points import read
 from rig.record.run import Integers, Reals, Run
 from rig.scenes.rooms import plant_of
@@ -24,15 +27,23 @@ from rig.view import contact, timeline
 from rig.view.caption import caption
 from rig.view.channels import Channels, Panel
 from rig.view.curves import (
+    BOTTOM,
     COLUMNS,
+    LEFT,
+    RIGHT,
+    Header,
+    Known,
+    Sheet,
     channels_of,
     curves,
     heading,
+    largest,
     legend,
-    name_circuits,
-    phases,
     plain,
+    rate,
     shade,
+    stacked,
+    too_few,
 )
 from rig.view.palette import AMBER, BLUE, GREEN, PURPLE, VERMILION
 from rig.view.picture import drawer_of
@@ -43,7 +54,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FASTER = 5.0
-_SMALL = 5e-5  # m, rad: smaller displacements are shown in micrometres or microradians
+_LANES = 30
+"""Most contacts that have a strip each."""
+_LANE = 7.5
+"""Size of the letters beside the strips [pt]."""
 _SECTIONS = (BLUE, VERMILION, GREEN, AMBER, PURPLE)
 STYLE: dict[str, Any] = {
     "font.size": 10.5,
@@ -62,18 +76,22 @@ STYLE: dict[str, Any] = {
 }
 
 
-def draw(run: Run, path: Path | str) -> None:
-    """Draw `run` into the file `path` (PNG, SVG or PDF, by its suffix). Creates the folder.
+def draw(run: Run, path: Path | str, only: Collection[str] = ()) -> None:
+    """Draw `run` into the file `path` (PNG, SVG or PDF, by its suffix), as `figure` does. Creates the folder.
 
     Raises OutputError if the file cannot be written.
     """
+    made = figure(run, only)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    put(figure(run), path)
+    put(made, path)
 
 
-def figure(run: Run) -> Figure:
-    """Return the figure of `run`, 1600 x 1050 pixels as PNG."""
+def figure(run: Run, only: Collection[str] = ()) -> Figure:
+    """Return the figure of `run`, 1600 x 1050 pixels as PNG; with `only`, of these sensors and outputs over time.
+
+    Raises UsageError for a name that the run does not have.
+    """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -82,7 +100,10 @@ def figure(run: Run) -> Figure:
     with mpl.rc_context(style):  # type: ignore[arg-type]
         made = Figure(figsize=(12.8, 8.4), dpi=125, facecolor="white")
         FigureCanvasAgg(made)
-        _composer(run)(made, run)
+        if only:
+            _compose(made, run, only)
+        else:
+            _composer(run)(made, run)
     return made
 
 
@@ -96,174 +117,264 @@ def _composer(run: Run) -> Callable[[Figure, Run], None]:
     return found
 
 
-def _compose(figure: Figure, run: Run) -> None:
+def _compose(figure: Figure, run: Run, only: Collection[str] = ()) -> None:
     channels = channels_of(run)
-    shown = [panel for panel in channels.panels if panel.outputs]
-    shown = shown[:2] + [panel for panel in shown[2:] if panel.place <= IN_FIGURE]
-    count = max(len(shown), 1)
-    grid = figure.add_gridspec(
-        2 + count, 2, width_ratios=(2.35, 1), height_ratios=(0.30, *[4.4 / count] * count, 0.26), hspace=0.13,
-        wspace=0.21, left=0.076, right=0.985, top=0.94, bottom=0.072,
-    )  # fmt: skip
-    times = figure.add_subplot(grid[1, 0])
-    times.set_xlim(timeline.begin_of(run), timeline.end_of(run) or 1.0)
+    shown = _chosen(run, channels, only) if only else _usual(channels)
+    pair = channels.portrait or ()
+    curved = [n for panel in shown for n in panel.outputs if n not in _beyond(run, channels, panel)]
+    sheet = Sheet.of(run, channels, [*curved, *pair])
     system = contact.system_of(run.scene)
     modes = contact.Modes(system).indices(run.mode)
-    phases(figure.add_subplot(grid[0, 0], sharex=times), run)
-    drawn = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, 1 + count))]
-    for axes, panel in zip(drawn, shown):
-        draw_panel(axes, run, channels, panel)
-    strip = figure.add_subplot(grid[-1, 0], sharex=times)
-    _strip(strip, run, modes)
+    contacts = contact.Contacts(system)
+    lanes = contacts.indices(run.mode) if contacts.names and run.mode.size else modes[None, :]
+    labels = [plain(name) for name in contacts.names] if len(contacts.names) > 1 else ["contact"]
+    width, height = figure.get_size_inches() * figure.dpi
+    left = max(LEFT, _beside(figure, labels) / width)
+    split = left + (RIGHT - left) * 0.655
     closed = timeline.circuits(run, system)
+    header = Header(figure, run, (split - left) * width, closed)
+    strips = min(len(labels), _LANES) if len(labels) > 1 else 2.6
+    tall = strips * 1.25 * _LANE / 72.0 * figure.dpi / height
+    drawn, top = stacked(figure, run, header, max(len(shown), 1), (left, split, BOTTOM + tall + 0.022))
+    for axes, panel in zip(drawn, shown):
+        draw_panel(axes, sheet, panel)
+    strip = figure.add_axes((left, BOTTOM, split - left, tall), sharex=drawn[0])
+    _strip(strip, run, lanes, labels)
     for axes in drawn:
         axes.tick_params(labelbottom=False)
         shade(axes, run, closed)
-    name_circuits(drawn[-1], closed)
-    right = grid[:, 1].subgridspec(3, 1, height_ratios=(2.3, 1.5, 0.85), hspace=0.42)
+    bars = int(channels.portrait is not None and len(timeline.sections(run)) < 2)
+    right = figure.add_gridspec(
+        3, 1 + bars, height_ratios=(2.1, 1.5, 1.0), width_ratios=(1.0, 0.035)[: 1 + bars], left=split + 0.078,
+        right=RIGHT - 0.045 * bars, top=top, bottom=BOTTOM, hspace=0.42, wspace=0.04,
+    )  # fmt: skip
+    beside = []
     if channels.portrait is not None:
-        _portrait(figure.add_subplot(right[0]), run, *channels.portrait)
-    _close_up(figure.add_subplot(right[1] if channels.portrait else right[:2]), run, channels, modes)
-    caption(figure.add_subplot(right[2]), run, modes)
+        beside.append(figure.add_subplot(right[0, 0]))
+        _portrait(beside[0], figure.add_subplot(right[0, 1]) if bars else None, sheet, *channels.portrait)
+    beside.append(figure.add_subplot(right[1, 0] if beside else right[:2, 0]))
+    _close_up(beside[-1], sheet, modes, system.patches[0].name if system and len(labels) > 1 else "")
+    caption(figure.add_subplot(right[2, :]), run, lanes)
     figure.align_ylabels(drawn)
-    heading(figure, run)
+    figure.align_ylabels(beside)
+    heading(figure, run, left)
 
 
-def draw_panel(axes: Axes, run: Run, channels: Channels, panel: Panel) -> None:
-    """Draw the outputs of a plot over time. The speed of a drive that is much larger than all others is a text."""
+def _usual(channels: Channels) -> list[Panel]:
+    """The first two plots, and those that belong into every figure."""
+    shown = [panel for panel in channels.panels if panel.outputs]
+    return shown[:2] + [panel for panel in shown[2:] if panel.place <= IN_FIGURE]
+
+
+def _chosen(run: Run, channels: Channels, only: Collection[str]) -> list[Panel]:
+    """The plots of the sensors and outputs `only`. A name that both have means both."""
+    known = names.signals(run)
+    for name in only:
+        if name not in known and name not in run.signals:
+            raise names.unknown(name, known, "run")
+    outputs = {name.removeprefix(names.TRUE) for name in only} & run.signals.keys()
+    points = (Panel(f"{plain(n)} [{run.units.get(n, '')}]", (n,), (), 0) for n in channels.at_points)
+    found = []
+    for panel in (*channels.panels, *points):
+        shown = tuple(name for name in panel.outputs if name in outputs)
+        sensors = tuple(name for name in panel.sensors if name in only)
+        if shown or sensors:
+            found.append(panel._replace(outputs=shown, sensors=sensors))
+    return found
+
+
+def _beside(figure: Figure, labels: Collection[str]) -> float:
+    """Width [px] of the longest label, with its distance from the axes and from the edge."""
+    from matplotlib.font_manager import FontProperties
+
+    of: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    size = FontProperties(size=_LANE)
+    return float(max(of.get_text_width_height_descent(label, size, False)[0] for label in labels)) + 20.0
+
+
+def draw_panel(axes: Axes, sheet: Sheet, panel: Panel) -> None:
+    """Draw the outputs and sensors of a plot. The speed of a drive that is much larger than all others is a text."""
+    run, channels = sheet.run, sheet.channels
+    title, _, unit = panel.title.rpartition(" [")
+    unit = unit.removesuffix("]")
+    given = None if panel.outputs else sheet.sampled(panel.sensors[0], 1.0)[1]
+    factor, shown = sheet.scales.of(unit, given)
     fast = _beyond(run, channels, panel)
-    curves(axes, run, channels, [output for output in panel.outputs if output not in fast])
+    curves(axes, sheet, [output for output in panel.outputs if output not in fast], panel.sensors, factor)
     for row, output in enumerate(fast):
-        speed = f"{plain(output)}: {_largest(run, output):.3g} {run.units.get(output, '')}"
+        size = factor * largest(run.signals[output])
+        speed = f"{plain(output)}: {f'{size:.3g}' if size < 1000 else f'{size:.0f}'} {shown}"
         axes.text(0.995, 0.97 - 0.07 * row, speed, transform=axes.transAxes, ha="right", va="top", fontsize=9.5,
                   color=channels.colours[output])  # fmt: skip
-    axes.set_ylabel(panel.title)
-
-
-def _largest(run: Run, *outputs: str) -> float:
-    return max((float(np.nanmax(np.abs(run.signals[name]), initial=0.0)) for name in outputs), default=0.0)
+    axes.set_ylabel(f"{title} [{shown}]")
 
 
 def _beyond(run: Run, channels: Channels, panel: Panel) -> list[str]:
     """Drives of a plot that are so much faster than the other outputs that these would look flat."""
-    most = _largest(run, *(name for name in panel.outputs if name not in channels.drives))
-    return [n for n in panel.outputs if n in channels.drives and _largest(run, n) > _FASTER * most > 0.0]
+    drives, known = channels.drives, [name for name in panel.outputs if name in run.signals]
+    most = largest(*(run.signals[name] for name in known if name not in drives))
+    return [name for name in known if name in drives and largest(run.signals[name]) > _FASTER * most > 0.0]
 
 
-def _strip(axes: Axes, run: Run, modes: Integers) -> None:
-    """Draw the contact state over time; where modes alternate within a pixel, their colours mix by their shares."""
-    axes.set_yticks([])
+def _strip(axes: Axes, run: Run, lanes: Integers, labels: list[str]) -> None:
+    """Draw the states of contacts [contact, row] over time, one below the other.
+
+    Where modes alternate within a pixel, or contacts are too many for a strip each, their colours mix by their shares.
+    """
     axes.grid(False)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel("contact", rotation=0, ha="right", va="center")
-    if not modes.size:
+    if not lanes.size:
+        axes.set_yticks([])
+        axes.set_ylabel("contact", rotation=0, ha="right", va="center")
         axes.text(0.5, 0.5, "not recorded", transform=axes.transAxes, ha="center", va="center", color="#777777")
         return
     palette = np.array([contact.rgb(colour) for colour in contact.COLOURS]) / 255.0
-    columns = min(COLUMNS, modes.size)
-    starts = np.arange(columns) * modes.size // columns
-    counts = np.diff([*starts, modes.size])
-    mixed = np.add.reduceat(palette[modes], starts, axis=0) / counts[:, None]
-    axes.imshow(mixed[None], aspect="auto", extent=(0.0, timeline.end_of(run), 0.0, 1.0), interpolation="nearest")
+    columns = min(COLUMNS, lanes.shape[1])
+    starts = np.arange(columns) * lanes.shape[1] // columns
+    counts = np.diff([*starts, lanes.shape[1]])
+    mixed = np.array([np.add.reduceat(palette[modes], starts, axis=0) / counts[:, None] for modes in lanes])
+    if len(lanes) > _LANES:
+        mixed, labels = mixed.mean(axis=0)[None], [f"{len(lanes)} contacts"]
+    count = len(labels)
+    extent = (timeline.begin_of(run), timeline.end_of(run), float(count), 0.0)
+    axes.imshow(mixed, aspect="auto", extent=extent, interpolation="nearest")
+    axes.set_yticks(np.arange(count) + 0.5, labels, fontsize=_LANE if count > 1 else None)
+    axes.tick_params(axis="y", length=0.0)
+    for row in range(1, count):
+        axes.axhline(row, color="white", lw=0.8)
     from matplotlib.patches import Patch
 
-    seen = [Patch(color=contact.COLOURS[i], label=contact.NAMES[i]) for i in np.unique(modes)]
-    axes.legend(handles=seen, loc="upper right", bbox_to_anchor=(1.0, -0.62), ncols=len(seen), handlelength=1.1)
+    seen = [Patch(color=contact.COLOURS[i], label=contact.NAMES[i]) for i in np.unique(lanes)]
+    below = -36.0 / axes.get_window_extent().height
+    axes.legend(handles=seen, loc="upper right", bbox_to_anchor=(1.0, below), ncols=len(seen), handlelength=1.1,
+                borderaxespad=0.0)  # fmt: skip
 
 
-def _portrait(axes: Axes, run: Run, displacement: str, velocity: str) -> None:
-    """Draw velocity over displacement."""
-    x, v = run.signals[displacement], run.signals[velocity]
-    unit = run.units.get(displacement, "")
-    factor, prefix = (1e6, "u") if _largest(run, displacement) < _SMALL else (1e3, "m")
-    if unit not in ("m", "rad"):
-        factor, prefix = 1.0, ""
-    axes.set_title("phase portrait")
-    axes.set_xlabel(f"{plain(displacement)} [{prefix}{unit}]")
-    axes.set_ylabel(f"{plain(velocity)} [{run.units.get(velocity, '')}]")
-    if not x.size:
+def _portrait(axes: Axes, bar: Axes | None, sheet: Sheet, displacement: str, velocity: str) -> None:
+    """Draw velocity over displacement, with `bar` in the colour of the time. Points are not joined where lines lie."""
+    run = sheet.run
+    (factor, unit), (speed, per_time) = (sheet.scales.of(run.units.get(n, "")) for n in (displacement, velocity))
+    x, v = factor * run.signals[displacement], speed * run.signals[velocity]
+    axes.set_title(f"phase portrait, {rate(run)} points per second" if sheet.style else "phase portrait")
+    axes.set_xlabel(f"{plain(displacement)} [{unit}]")
+    axes.set_ylabel(f"{plain(velocity)} [{per_time}]")
+    axes.locator_params(axis="x", nbins=4)
+    if not x.size or sheet.known is Known.ALIAS:
+        if bar is not None:
+            bar.set_axis_off()
+        if x.size:
+            axes.set(title="phase portrait", xticks=[])
+            too_few(axes, run, f"{plain(displacement)}, {plain(velocity)}", alone=True)
         return
-    x = factor * x
-    axes.locator_params(axis="x", nbins=5)
+    dots = sheet.style or {"lw": 0.8}
+    if bar is not None:
+        _by_time(axes, bar, sheet, x, v)
+        return
     sections = timeline.sections(run)
-    if len(sections) > 1:
-        names = list(dict.fromkeys(section.text for section in sections))
-        first = dict.fromkeys(names, True)
-        for section in sorted(sections, key=lambda s: s.text != "free"):
-            inside = (run.time >= section.begin) & (run.time <= section.end)
-            colour = _SECTIONS[names.index(section.text) % len(_SECTIONS)]
-            label = section.text if section.text == "free" else f"with {section.text}"
-            axes.plot(x[inside], v[inside], color=colour, lw=0.8, alpha=0.85,
-                      label=label if first[section.text] else None)  # fmt: skip
-            first[section.text] = False
-        legend(axes, len(names))
-    else:
-        _by_time(axes, run, x, v)
+    titles = list(dict.fromkeys(section.text for section in sections))
+    first = dict.fromkeys(titles, True)
+    for section in sorted(sections, key=lambda s: s.text != "free"):
+        inside = (run.time >= section.begin) & (run.time <= section.end)
+        colour = _SECTIONS[titles.index(section.text) % len(_SECTIONS)]
+        label = section.text if section.text == "free" else f"with {section.text}"
+        axes.plot(x[inside], v[inside], color=colour, alpha=0.85, label=label if first[section.text] else None, **dots)
+        first[section.text] = False
+    legend(axes, len(titles))
 
 
-def _by_time(axes: Axes, run: Run, x: Reals, v: Reals) -> None:
+def _by_time(axes: Axes, bar: Axes, sheet: Sheet, x: Reals, v: Reals) -> None:
     from matplotlib.collections import LineCollection
     from matplotlib.ticker import MaxNLocator
 
+    time = sheet.run.time
     every = max(x.size // 40_000, 1)
-    points = np.stack((x[::every], v[::every]), axis=1)
-    lines = LineCollection(list(np.stack((points[:-1], points[1:]), axis=1)), cmap="viridis_r", lw=0.9)
-    unit, scale = _clock(run)
-    lines.set_array(scale * run.time[::every][:-1])
-    axes.add_collection(lines)
-    axes.autoscale_view()
-    bar = axes.figure.colorbar(lines, ax=axes, pad=0.02, aspect=28, ticks=MaxNLocator(6, integer=True))  # type: ignore[union-attr]
-    bar.set_label(f"time [{unit}]")
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    points, at = np.stack((x[::every], v[::every]), axis=1), time[::every]
+    shown: Any
+    if sheet.style:
+        shown = axes.scatter(points[:, 0], points[:, 1], 3.0, at, lw=0, cmap="viridis_r")
+    else:
+        shown = LineCollection(list(np.stack((points[:-1], points[1:]), axis=1)), cmap="viridis_r", lw=0.9)
+        shown.set_array(at[:-1])
+        axes.add_collection(shown)
+        axes.autoscale_view()
+    drawn = axes.figure.colorbar(shown, cax=bar, ticks=MaxNLocator(6))  # type: ignore[union-attr]
+    bar.grid(False)
+    drawn.set_label("time [s]")
+    drawn.outline.set_visible(False)  # type: ignore[operator]
 
 
-def _clock(run: Run) -> tuple[str, float]:
-    """Unit of time for short labels, and the factor from seconds to it."""
-    return ("ms", 1e3) if timeline.end_of(run) < 1.0 else ("s", 1.0)
-
-
-def _close_up(axes: Axes, run: Run, channels: Channels, modes: Integers) -> None:
-    """Draw some periods from the part of the run with the strongest vibration."""
+def _close_up(axes: Axes, sheet: Sheet, modes: Integers, patch: str) -> None:
+    """Draw some periods from the part of the run with the strongest vibration; `patch`: the contact of `modes`."""
+    run, channels = sheet.run, sheet.channels
     watched = channels.portrait[1] if channels.portrait else next(iter(channels.colours), "")
-    begin, end = _liveliest(run, watched, modes)
-    unit, scale = _clock(run)
-    axes.set_xlabel(f"time [{unit}]")
+    t, v = run.time, run.signals.get(watched, np.empty(0))
+    fine = sheet.fine(watched)
+    if fine is not None:
+        t, v = sheet.sampled(fine, 1.0)
+    factor, unit = sheet.scales.of(run.units.get(watched, ""), v)
+    begin, end = _liveliest(t, v, run, modes)
+    axes.set_xlabel("time [s]")
+    title = "close-up" if fine is None else f"close-up: {plain(fine)}"
     if watched:
-        axes.set_ylabel(f"{plain(watched)} [{run.units.get(watched, '')}]")
+        axes.set_ylabel(f"{plain(watched)} [{unit}]")
     inside = (run.time >= begin) & (run.time <= end)
-    axes.set_title("close-up")
-    if modes.size:
+    if modes.size and not sheet.style:
         stuck = (modes[inside] == 0).astype(np.int8)
         if stuck.any():
-            axes.set_title("close-up; shaded: stick")
+            title += f"; shaded: {plain(patch)} sticks" if patch else "; shaded: stick"
         edges = np.flatnonzero(np.diff(np.concatenate(([0], stuck, [0]))))
-        t = np.append(run.time[inside], end)
+        at = np.append(run.time[inside], end)
         for low, high in edges.reshape(-1, 2):
-            axes.axvspan(scale * t[low], scale * t[high], color=contact.COLOURS[0], alpha=0.16, lw=0)
+            axes.axvspan(at[low], at[high], color=contact.COLOURS[0], alpha=0.16, lw=0)
+    axes.set_title(title)
     if panel := channels.panel_of(watched):
         fast = _beyond(run, channels, panel)
         drives = [name for name in panel.outputs if name in channels.drives and name not in fast]
-        for name in dict.fromkeys((*drives, watched)):
-            axes.plot(scale * run.time[inside], run.signals[name][inside], color=channels.colours[name], lw=1.4)
-    axes.set_xlim(scale * begin, scale * end)
-    axes.locator_params(axis="x", nbins=4)
+        for name in (one for one in drives if one != watched):
+            axes.plot(run.time[inside], factor * run.signals[name][inside], color=channels.colours[name], lw=1.4)
+        inside = (t >= begin) & (t <= end)
+        style = {"lw": 1.4} if fine is not None else sheet.style or {"lw": 1.4}
+        if fine is None and sheet.known is Known.ALIAS:
+            too_few(axes, run, plain(watched), alone=True)
+        else:
+            axes.plot(t[inside], factor * v[inside], color=channels.colours[watched], **style)
+    axes.set_xlim(begin, end)
+    axes.ticklabel_format(axis="x", useOffset=False)
+    axes.locator_params(axis="x", nbins=3)
 
 
-def _liveliest(run: Run, output: str, modes: Integers) -> tuple[float, float]:
-    """Begin and end [s] of four periods, or a tenth of the run, in which an output varies most."""
-    v, end = run.signals.get(output, np.empty(0)), timeline.end_of(run)
+def _liveliest(t: Reals, v: Reals, run: Run, modes: Integers) -> tuple[float, float]:
+    """Begin and end [s] of four periods, or a tenth of the run, in which the values v(t) vary most."""
+    end = timeline.end_of(run)
     if v.size < 20:
         return 0.0, end or 1.0
-    width = end / 10
-    landings = run.time[1:][np.diff((modes == 0).astype(np.int8)) > 0] if modes.size else np.empty(0)
-    if landings.size > 4:
-        gaps = np.diff(landings)
-        width = float(np.clip(4.0 * _typical(gaps), end / 200, end / 2))
-    size = max(int(width / end * v.size), 2)
-    starts = np.arange(0, v.size - size + 1, max(size // 4, 1))
+    width = (end - float(t[0])) / 10
+    begin = _strongest(t, v, width)
+    turns = run.time[1:][np.diff((modes == 0).astype(np.int8)) > 0] if modes.size else np.empty(0)
+    if turns.size < 5:  # it hardly sticks
+        part = (t >= begin) & (t <= begin + width)
+        turns = _crossings(t[part], v[part])
+    if turns.size < 5:
+        turns = _crossings(t, v)
+    if turns.size > 1:
+        width = float(np.clip(4.0 * _typical(np.diff(turns)), 4.0 * float(np.median(np.diff(t))), (end - t[0]) / 2))
+        begin = _strongest(t, v, width)
+    return begin, min(begin + width, end)
+
+
+def _crossings(t: Reals, v: Reals) -> Reals:
+    """Times at which v(t) crosses its mean upwards."""
+    known = np.isfinite(v)
+    above = v[known] > (float(v[known].mean()) if known.any() else 0.0)
+    return np.asarray(t[known][1:][above[1:] > above[:-1]])
+
+
+def _strongest(t: Reals, v: Reals, width: float) -> float:
+    """Begin of the first part of this width [s] whose values vary about as much as in any other."""
+    size = max(int(width / (t[-1] - t[0] or 1.0) * v.size), 2)
+    starts = np.arange(0, max(v.size - size, 0) + 1, max(size // 4, 1))
     swings = np.array([_swing(v[s : s + size]) for s in starts])
-    best = float(run.time[starts[int(np.argmax(swings >= 0.98 * swings.max()))]])
-    return best, min(best + width, end)
+    return float(t[starts[int(np.argmax(swings >= 0.98 * swings.max()))]])
 
 
 def _swing(v: Reals) -> float:

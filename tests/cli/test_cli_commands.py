@@ -165,6 +165,24 @@ def test_simulate_modes_and_cycle_report_in_json(rig, tmp_path):
     assert json.loads(out)["period"] == pytest.approx(0.28337885481892366, rel=1e-9)
 
 
+@pytest.mark.parametrize("command", ["run", "simulate"])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--only", "velocity"), "--only: chooses what --figure draws"),
+        (("--only", ",", "--figure", "a.png"), "--only: expected names"),
+        (
+            ("--only", "velocity,vibrometr", "--figure", "a.png"),
+            "no 'vibrometr' in this scene: did you mean vibrometer",
+        ),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_before_the_run(rig, command, options, said):
+    code, _, err = rig(command, "belt", *options)
+    assert code == 2
+    assert said in err
+
+
 def test_a_run_that_diverges_ends_with_code_4(rig, monkeypatch):
     def diverge(*_):
         raise Diverged("the state left its limit", 1.5, "slip+", {"x": 1e9})

@@ -25,7 +25,8 @@ SMALLEST = 3.3
 
 def faults(figure):
     """Return what makes `figure`, which was drawn before, hard to read: one sentence for each fault."""
-    return [*_labels(figure), *_overlaps(figure), *_legends(figure), *_colour_bars(figure), *_page(figure)]
+    rules = (_labels, _units, _overlaps, _cut, _legends, _colour_bars, _page)
+    return [fault for rule in rules for fault in rule(figure)]
 
 
 def _labels(figure):
@@ -43,6 +44,18 @@ def _labels(figure):
             counted = any(tick.label1.get_visible() and tick.label1.get_text() for tick in axis.get_major_ticks())
             if counted and not UNIT.search(text) and not PURE.search(text):
                 yield f"label {text!r} has no unit"
+
+
+def _units(figure):
+    """A quantity has one unit: not displacement in m on one axis, and in mm on another."""
+    known = {}
+    for axes in figure.axes:
+        if not axes.axison or not axes.get_visible():
+            continue
+        for axis in (axes.xaxis, axes.yaxis):
+            words, _, unit = axis.get_label_text().strip().partition(" [")
+            if unit and axis.get_visible() and known.setdefault(words, unit) != unit:
+                yield f"{words!r} in [{known[words]} and in [{unit}"
 
 
 def _axis_texts(axis):
@@ -71,6 +84,19 @@ def _boxes(figure):
     for legend in (*figure.legends, *(axes.get_legend() for axes in figure.axes)):
         if legend is not None and legend.get_visible():
             yield "legend", legend.get_window_extent()
+
+
+def _cut(figure):
+    """A text ends with its words, and is not cut by the axes."""
+    texts = [text for axes in figure.axes if axes.get_visible() for text in axes.texts]
+    for text in (*figure.texts, *texts):
+        if not text.get_visible() or not text.get_text().strip():
+            continue
+        if text.get_text().rstrip().endswith(("…", "...")):
+            yield f"{text.get_text()!r} is not whole"
+        clip, box = text.get_clip_on() and text.get_clip_box(), text.get_window_extent()
+        if clip and box.overlaps(clip) and not (clip.x0 - 2 <= box.x0 and box.x1 <= clip.x1 + 2):
+            yield f"{text.get_text()!r} is cut"
 
 
 def _overlaps(figure):

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import rig
+from rig.errors import UsageError
 from rig.record.run import Commands, Run, Samples
 from rig.scenes import shipped
 from rig.view import contact, timeline
-from rig.view.curves import channels_of, thinned
+from rig.view.curves import Known, Sheet, channels_of, known, thinned
 from rig.view.run_figure import draw
 
 NOTHING = Samples(np.empty(0, np.int64), np.empty(0))
@@ -151,11 +152,108 @@ def test_a_surface_far_faster_than_the_body_does_not_flatten_its_curve(run):
     for one, below in ((run, True), (slow, False)):
         axes = Figure().subplots()
         channels = channels_of(one)
-        run_figure.draw_panel(axes, one, channels, channels.panel_of("velocity"))
+        panel = channels.panel_of("velocity")
+        run_figure.draw_panel(axes, Sheet.of(one, channels, panel.outputs), panel)
         drawn = {line.get_label(): line.get_color() for line in axes.get_lines()}
         assert ("surface speed" in drawn) is below
         assert drawn["velocity"] == channels.colours["velocity"]
         assert axes.get_ylim()[1] < 1.0
+
+
+def live(seconds=2.0, rate=10_000.0, motion=lambda t: np.sin(20 * t), noise=0.0):
+    """A live run of the belt as it is recorded, with states at 200 Hz; its vibrometer is ideal but for the noise."""
+    run = rig.simulate("belt", 0.1)
+    t = np.arange(0.0, seconds, 0.005)
+    fine = np.arange(0.0, seconds, 1.0 / rate)
+    measured = motion(fine) + noise * np.random.default_rng(1).standard_normal(fine.size)
+    return replace(
+        run,
+        time=t,
+        mode=np.full(t.size, run.mode[-1]),
+        signals={name: motion(t) for name in run.signals},
+        measurements={"vibrometer": Samples(np.rint(1e9 * fine).astype(np.int64), measured)} if rate else {},
+    )
+
+
+@pytest.mark.parametrize(
+    ("run", "shows"),
+    [
+        ({}, Known.ALL),
+        ({"noise": 0.05}, Known.ALL),
+        ({"motion": lambda t: np.where(t % 0.3 < 0.1, -1.0, t % 0.3)}, Known.ALL),  # jumps
+        ({"motion": lambda t: t + 0.2 * np.sin(2 * np.pi * 401.0 * t)}, Known.ALIAS),
+        ({"motion": lambda t: np.sin(2 * np.pi * 600.0 * t), "noise": 0.05}, Known.ALIAS),
+        ({"motion": lambda t: np.exp(-5 * t) * np.sin(2 * np.pi * 600.0 * t)}, Known.ALIAS),
+        ({"rate": 400.0}, Known.SAMPLES),
+    ],
+)
+def test_what_the_states_of_a_live_run_show_follows_from_a_faster_sensor(run, shows):
+    assert known(live(**run)) is shows
+    assert known(rig.simulate("belt", 0.1)) is Known.ALL
+
+
+def test_a_live_run_shows_no_vibration_that_there_was_not(tmp_path):
+    squeal = live(motion=lambda t: 0.02 * np.sin(2 * np.pi * 601.0 * t))  # an alias of 1 Hz in the states
+    draw(squeal, tmp_path / "run.png")
+    velocity, forces, portrait, close_up = (
+        axes for axes in squeal.plot().axes if axes.get_ylabel() in ("velocity [mm/s]", "forces [mN]")
+    )
+    [line] = [one for one in velocity.get_lines() if len(one.get_xdata()) > 9]
+    assert line.get_label() == "vibrometer (measured)"
+    for axes in (forces, portrait):
+        assert not [one for one in axes.get_lines() if len(one.get_xdata()) > 9]
+        assert "200 samples per second" in axes.texts[0].get_text()
+    crossings = np.diff(np.sign(close_up.get_lines()[-1].get_ydata())) > 0
+    assert 3 <= crossings.sum() <= 5
+
+
+@pytest.mark.parametrize(
+    ("scene", "only", "labels"),
+    [
+        ("belt", ["velocity"], ["velocity [m/s]"]),
+        ("belt", ["vibrometer", "slip_speed"], ["velocity [m/s]", "slip speed [m/s]"]),
+        ("brake_shunt_listener", ["microphone", "truth/stack_voltage"], ["stack voltage [V]", "microphone [Pa]"]),
+        ("brake_shunt_listener", ["displacement"], ["displacement [nm]"]),
+    ],
+)
+def test_any_sensor_and_output_can_be_drawn_alone(scene, only, labels, tmp_path):
+    run = rig.simulate(scene, 0.02)
+    draw(run, tmp_path / "run.png", only)
+    figure = run.plot(only)
+    assert [axes.get_ylabel() for axes in figure.axes[: len(labels)]] == labels
+    drawn = [line.get_label() for axes in figure.axes[: len(labels)] for line in axes.get_lines()]
+    names = {name.removeprefix("truth/").replace("_", " ") for name in only}
+    assert {label.removesuffix(" (measured)") for label in drawn if not label.startswith("_")} == names
+    with pytest.raises(UsageError, match="no 'microphon' in this run"):
+        run.plot(["microphon"])
+
+
+def test_every_contact_has_its_strip_and_its_name(tmp_path):
+    run = rig.simulate("brake", 0.01)
+    draw(run, tmp_path / "run.png")
+    [strip] = [axes for axes in run.plot().axes if axes.images]
+    names = ["inner left", "inner right", "outer left", "outer right"]
+    assert [tick.get_text() for tick in strip.get_yticklabels()] == names
+    assert strip.images[0].get_array().shape[0] == len(names)
+
+
+def test_no_text_of_the_protocol_or_of_an_event_is_cut(tmp_path):
+    run = made_up(3.0, 1_000_000)
+    marks = [(t, f"mark {t:.2f} s, of which there is more to say than its time") for t in np.arange(0.1, 2.9, 0.2)]
+    long = " ".join(["the reason, in many words, for which a run has stopped"] * 5)
+    for texts in (marks, [(1.5, long), (2.99, "at the end")]):
+        events = [
+            {"t_ns": int(t * 1e9), "tick": 0, "source": "plant", "kind": "mark", "text": text, "data": {}}
+            for t, text in texts
+        ]
+        marked = replace(run, events=[*run.events, *events])
+        draw(marked, tmp_path / "run.png")  # which judges its texts
+        header = next(axes for axes in marked.plot().axes if any("hold" in one.get_text() for one in axes.texts))
+        said = [one.get_text() for one in header.texts if one.get_text()]
+        left_out = sum(int(one.split()[1]) for one in said if one.startswith("and "))
+        whole = " ".join(reversed(said))
+        assert sum(text in whole for _, text in texts) == len(texts) - left_out
+        assert (left_out > 0) == (texts is marks)
 
 
 def test_a_window_of_a_longer_run_fills_the_figure(run):

@@ -64,6 +64,18 @@ def unnamed_bar(axes):
     axes.figure.colorbar(axes.pcolormesh(np.eye(3)))
 
 
+def two_units(axes):
+    axes.twinx().set_ylabel("velocity [mm/s]")
+
+
+def shortened(axes):
+    axes.text(0.1, 3.0, "drive.speed to 0.3…")
+
+
+def cut(axes):
+    axes.text(1.5, 3.0, "a long text at the edge", clip_on=True)
+
+
 def outside(axes):
     axes.figure.text(0.97, 0.5, "a long text at the edge")
 
@@ -80,6 +92,9 @@ def outside(axes):
         (over_a_map, "covers a coloured map"),
         (without_a_bar, "without a colour bar"),
         (unnamed_bar, "a colour bar without a label"),
+        (two_units, "'velocity' in [m/s] and in [mm/s]"),
+        (shortened, "is not whole"),
+        (cut, "is cut"),
         (outside, "leaves the figure"),
     ],
 )

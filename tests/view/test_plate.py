@@ -194,10 +194,9 @@ def test_a_recording_that_has_lost_an_output_becomes_a_figure(run, tmp_path, los
     assert imread(tmp_path / "plate.png").shape[2] == 4
 
 
-def test_a_figure_of_a_live_run_says_that_its_outputs_are_thinned(run, tmp_path):
-    from rig.view.plate_figure import thinning
-
-    assert thinning(run) == ""
-    live = replace(run, step_ns=10_000)
-    assert thinning(live) == "outputs: 1000 per second; faster vibration appears as aliases"
+def test_a_figure_of_a_live_run_joins_no_thinned_outputs(run, tmp_path):
+    live = replace(run, step_ns=10_000, measurements={})
     draw(live, tmp_path / "run.png")
+    drawn = [one for axes in live.plot().axes[:4] for one in axes.get_lines() if len(one.get_xdata()) > 9]
+    assert {one.get_linestyle() for one in drawn} == {"None"}
+    assert all("1000 samples/s" in one.get_label() for one in drawn)

@@ -104,8 +104,8 @@ def test_a_second_tab_shows_the_same_and_a_page_that_closes_changes_nothing(page
 def test_a_change_is_not_replaced_by_values_that_were_read_before_it(page, server):
     start(page)
     page.run("""
-        const send = window.fetch, late = (one) => new Promise((done) => { setTimeout(done, 1000, one); });
-        window.fetch = (...request) => (request[0].endsWith("/set") ? late().then(() => send(...request)) : send(...request));
+        const send = window.fetch, late = () => new Promise((done) => { setTimeout(done, 1000); });
+        window.fetch = async (...one) => { if (one[0].endsWith("/set")) await late(); return send(...one); };
     """)
     page.show("slider-drive.speed").send_keys(Keys.END)
     field = page.one("live-load.force")
