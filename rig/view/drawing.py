@@ -43,9 +43,15 @@ _SWITCH = {"connected": (58, 140, 96), "disconnected": (70, 74, 82)}
 
 
 class Drawing:
-    """The entities of a scene (JSON text) with these outputs and sensors (name -> unit)."""
+    """The entities of a scene (JSON text) with these outputs and sensors (name -> unit).
 
-    def __init__(self, scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> None:
+    `apart`: rate of outputs that were recorded too seldom to be joined, in words; `hidden`: they show a motion that
+    there was not, so that they are hidden until one clicks on their names.
+    """
+
+    def __init__(
+        self, scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str], apart: str = "", hidden: bool = False
+    ) -> None:
         found = contact.read(scene)
         system = found[1].system() if found else None
         self.scene = scene
@@ -62,10 +68,11 @@ class Drawing:
         if self.picture is not None:
             self.picture.paint(self.channels.colours)
         self._modes = contact.Modes(system)
-        self._mode = -1
+        self._bits = 0
         self._frame_ns = -FRAME_NS
-        self.pair = None if self.points else self.channels.portrait
-        """Outputs of the phase portrait, which a film of points does not have; None without any."""
+        self._apart, self._hidden = apart, hidden
+        self.pair = None if self.points or apart else self.channels.portrait
+        """Outputs of the phase portrait, of which a film of points and outputs apart from one another have none."""
         self._portrait = Portrait((outputs[self.pair[0]], outputs[self.pair[1]])) if self.pair else None
 
     @property
@@ -90,7 +97,10 @@ class Drawing:
 
         for name in self.curves:
             colour = contact.rgb(self.channels.colours[name])
-            line = rr.SeriesLines(names=_plain(name), colors=[colour], widths=1.6, aggregation_policy=_BAND)
+            line: Any = rr.SeriesLines(names=_plain(name), colors=[colour], widths=1.6, aggregation_policy=_BAND)
+            if self._apart:
+                label, shown = f"{_plain(name)} ({self._apart})", [not self._hidden]
+                line = rr.SeriesPoints(names=label, colors=[colour], marker_sizes=1.5, visible_series=shown)
             rec.log(f"plant/{name}", line, static=True)
         for name in self.channels.sensors:
             red, green, blue = contact.rgb(self.channels.colour_of(name))
@@ -103,7 +113,11 @@ class Drawing:
         rec.log("health/dropped", rr.SeriesLines(names="dropped by this viewer", widths=1.6), static=True)
         colours = [contact.rgb(colour) for colour in contact.COLOURS]
         if self.worded:
-            lanes = rr.StateConfiguration(values=contact.NAMES, labels=contact.NAMES, colors=colours)
+            words = [_states(bits) for bits in range(1, 1 << len(colours))]
+            mixed = [
+                _mixed([c for i, c in enumerate(colours) if 1 << i & bits]) for bits in range(1, 1 << len(colours))
+            ]
+            lanes = rr.StateConfiguration(values=words, labels=words, colors=mixed)
             rec.log("strip/contact", lanes, static=True)
         for name in self.controllers:
             states = rr.StateConfiguration(values=list(_SWITCH), labels=list(_SWITCH), colors=list(_SWITCH.values()))
@@ -117,31 +131,41 @@ class Drawing:
         channel = self.channels.measured.get(sensor)
         return [_curve(f"sensor/{sensor}", t_ns, v * channel.factor if channel else v)]
 
-    def states(
-        self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers, every: int = 1, frames: int = 1 << 30
-    ) -> list[Columns]:
-        """States of the plant: curves from every `every`-th row, and at most `frames` frames of the picture.
+    def modes(self, keys: Integers) -> Integers:
+        """Contact state of mode sets, as an index of `rig.view.contact.NAMES`."""
+        return self._modes.indices(keys)
 
-        `keys`: number of the mode set at each row.
-        """
-        modes = self._modes.indices(keys)
-        found = [_curve(f"plant/{name}", t_ns[::every], signals[name][::every]) for name in self.curves]
-        changed = np.flatnonzero(np.diff(modes, prepend=self._mode))
-        if changed.size and self.worded:
-            words = [contact.NAMES[mode] for mode in modes[changed]]
-            found.append(self._strip("contact", t_ns[changed], words))
-        self._mode = int(modes[-1])
-        if self.picture is not None:
-            known = {**dict.fromkeys(self._lost, np.full(t_ns.size, np.nan)), **signals}
-            found += self.picture.frames(t_ns, known, modes, self._frames(t_ns, frames))
-        return found
+    def states(self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers) -> list[Columns]:
+        """All steps of a run: curves, contact states and picture. `keys`: number of the mode set at each row."""
+        found = [self.curve(name, t_ns, signals[name]) for name in self.curves]
+        return found + self.contacts(t_ns, 1 << self.modes(keys)) + self.picture_of(t_ns, signals, keys)
 
-    def portrait(self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers) -> list[Columns]:
-        """The phase portrait of the latest states, of which these are the last; rows as in `states`."""
-        if self._portrait is None or self.pair is None:
+    def curve(self, output: str, t_ns: Integers, v: Reals) -> Columns:
+        """Values of an output."""
+        return _curve(f"plant/{output}", t_ns, v)
+
+    def contacts(self, t_ns: Integers, bits: Integers) -> list[Columns]:
+        """The strip of contact states; from each time on the states, a bit for each, follow one another."""
+        changed = np.flatnonzero(np.diff(bits, prepend=self._bits))
+        if not changed.size or not self.worded:
             return []
-        x, v = self.pair
-        self._portrait.add(t_ns, signals[x], signals[v], self._modes.indices(keys))
+        self._bits = int(bits[-1])
+        return [self._strip("contact", t_ns[changed], [_states(int(one)) for one in bits[changed]])]
+
+    def picture_of(
+        self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers, frames: int = 1 << 30
+    ) -> list[Columns]:
+        """At most `frames` frames of the picture."""
+        if self.picture is None:
+            return []
+        known = {**dict.fromkeys(self._lost, np.full(t_ns.size, np.nan)), **signals}
+        return self.picture.frames(t_ns, known, self.modes(keys), self._frames(t_ns, frames))
+
+    def portrait(self, t_ns: Integers, x: Reals, v: Reals, keys: Integers, step_ns: int) -> list[Columns]:
+        """The phase portrait of the latest steps, of which these are the last."""
+        if self._portrait is None:
+            return []
+        self._portrait.add(t_ns, x, v, self.modes(keys), step_ns)
         return self._portrait.draw()
 
     def _frames(self, t_ns: Integers, most: int) -> Integers:
@@ -194,6 +218,15 @@ class Drawing:
 
 def _plain(name: str) -> str:
     return name.replace("_", " ")
+
+
+def _states(bits: int) -> str:
+    """The words of contact states, a bit for each."""
+    return ", ".join(name for i, name in enumerate(contact.NAMES) if 1 << i & bits)
+
+
+def _mixed(colours: Sequence[tuple[int, int, int]]) -> list[int]:
+    return [round(sum(parts) / len(parts)) for parts in zip(*colours)]
 
 
 def _curve(path: str, t_ns: Integers, v: Reals) -> Columns:

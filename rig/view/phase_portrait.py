@@ -1,4 +1,7 @@
-"""The phase portrait of the live view: velocity over displacement in the last seconds, coloured by contact state.
+"""The phase portrait of the viewer: velocity over displacement at the latest steps, coloured by contact state.
+
+Its points are one stretch of steps, none left out, and at most 2 s of them: points farther apart than a fast vibration
+would be joined to a shape that there was not.
 
 rerun's 2D view has no axes with numbers. So the curve is divided by a round scale, which grows when needed, and drawn
 in a frame whose edges are labelled with the scale.
@@ -18,7 +21,7 @@ from rig.view import contact
 from rig.view.shapes import Columns
 
 SHOWN_NS = 2_000_000_000
-_POINTS = 800
+POINTS = 2000
 _FRAME = [[(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], [(-1, 0), (1, 0)], [(0, -1), (0, 1)]]
 _GREY = (110, 116, 128)
 
@@ -28,13 +31,14 @@ class Portrait:
 
     def __init__(self, units: tuple[str, str]) -> None:
         self._units = units
-        self._points: deque[tuple[int, float, float, int]] = deque(maxlen=_POINTS)
+        self._points: deque[tuple[int, float, float, int]] = deque(maxlen=POINTS)
         self._scale = (0.0, 0.0)
 
-    def add(self, t_ns: NDArray[np.int64], x: Any, v: Any, modes: Any) -> None:
-        """Add states; if there are too many, evenly spaced ones."""
-        every = max(-(-t_ns.size // _POINTS), 1)
-        for point in zip(*(a[::every].tolist() for a in (t_ns, x, v, modes))):
+    def add(self, t_ns: NDArray[np.int64], x: Any, v: Any, modes: Any, step_ns: int) -> None:
+        """Add steps, one every `step_ns`. If they do not follow the last one, they begin a new stretch."""
+        if self._points and not 0 < t_ns[0] - self._points[-1][0] <= 1.5 * step_ns:
+            self._points.clear()
+        for point in zip(*(a[-POINTS:].tolist() for a in (t_ns, x, v, modes))):
             if math.isfinite(point[1]) and math.isfinite(point[2]):
                 self._points.append(point)
 
@@ -77,13 +81,15 @@ class Portrait:
 
 
 def _with_unit(value: float, unit: str) -> str:
-    """A value with its unit; lengths and angles below 1 in mm or mrad."""
-    return f"{1e3 * value:g} m{unit}" if unit in ("m", "rad") and value < 1.0 else f"{value:g} {unit}"
+    """A value with its unit; small lengths and angles in mm, um, mrad or urad."""
+    if unit not in ("m", "rad") or value >= 1.0:
+        return f"{value:g} {unit}"
+    return f"{1e3 * value:g} m{unit}" if value >= 1e-4 else f"{1e6 * value:g} u{unit}"
 
 
 def _round_up(value: float) -> float:
-    """Round up to a number with one or two digits, at least 1e-5."""
-    value = max(value, 1e-5)
+    """Round up to a number with one or two digits, at least 1e-7."""
+    value = max(value, 1e-7)
     base = 10.0 ** math.floor(math.log10(value))
     return next(
         step * base for step in (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if value <= step * base * (1.0 + 1e-9)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import rerun as rr
 
 PAUSE_S = 0.08
-TOPICS = ("state", "meas/*", "applied/*", "health", "event/*", "total/plant")
+TOPICS = ("state", "band", "meas/*", "applied/*", "health", "event/*", "total/plant")
 DEPTH = 1024
 """Messages that wait for the viewer; those that find no room are lost, counted by topic."""
 _NICE = 5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,9 +12,10 @@ import numpy as np
 
 from rig.errors import OutputError
 from rig.process import stopping
-from rig.record.run import Run
+from rig.record.run import Integers, Run
 from rig.user_files import draft_of
 from rig.view import timeline
+from rig.view.curves import Known, known, rate
 from rig.view.drawing import Drawing, send
 
 if TYPE_CHECKING:
@@ -32,7 +33,9 @@ def drawing_of(run: Run) -> Drawing:
     """The entities of a run. Raises LogError if damage to the recording removed the scene."""
     outputs = {name: run.units.get(name, "") for name in run.signals}
     sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
-    return Drawing(run.scene_text(), outputs, sensors)
+    shows = known(run)
+    apart = "" if shows is Known.ALL else f"{rate(run)} samples/s"
+    return Drawing(run.scene_text(), outputs, sensors, apart, shows is Known.ALIAS)
 
 
 def view_run(
@@ -89,11 +92,13 @@ def write(run: Run, rec: rr.RecordingStream, drawing: Drawing) -> None:
     drawing.static(rec)
     t_ns = np.rint(run.time * 1e9).astype(np.int64)
     keys = run.mode if run.mode.size else np.full(t_ns.size, -1, np.int64)
-    for draw, length_ns in ((drawing.states, _BATCH_NS), (drawing.portrait, _PORTRAIT_NS)):
-        cuts = np.flatnonzero(np.diff(t_ns // length_ns)) + 1
-        for begin, end in pairwise([0, *cuts.tolist(), t_ns.size] if t_ns.size else []):
-            part = {name: v[begin:end] for name, v in run.signals.items()}
-            send(rec, draw(t_ns[begin:end], part, keys[begin:end]))
+    for rows in _parts(t_ns, _BATCH_NS):
+        send(rec, drawing.states(t_ns[rows], {name: v[rows] for name, v in run.signals.items()}, keys[rows]))
+    if drawing.pair is not None:
+        x, v = (run.signals[name] for name in drawing.pair)
+        step_ns = int(np.median(np.diff(t_ns))) if t_ns.size > 1 else run.step_ns
+        for rows in _parts(t_ns, _PORTRAIT_NS):
+            send(rec, drawing.portrait(t_ns[rows], x[rows], v[rows], keys[rows], step_ns))
     for name, samples in run.measurements.items():
         for begin in range(0, samples.v.size, _ROWS):
             rows = slice(begin, begin + _ROWS)
@@ -102,3 +107,9 @@ def write(run: Run, rec: rr.RecordingStream, drawing: Drawing) -> None:
         if commands.tick.size:
             send(rec, drawing.commands(name, commands.tick * run.frame_ns, commands.values))
     send(rec, drawing.events(event for event in run.events if event["kind"] != "contact"))
+
+
+def _parts(t_ns: Integers, length_ns: int) -> Iterator[slice]:
+    """Slices of times, each within one interval of this length."""
+    cuts = np.flatnonzero(np.diff(t_ns // length_ns)) + 1
+    yield from (slice(*ends) for ends in pairwise([0, *cuts.tolist(), t_ns.size] if t_ns.size else []))

@@ -121,7 +121,7 @@ class Follower:
                 bus.join(self.run, role="viewer", name="page", wait=_JOIN_S) as session,
                 bus.join(self.run, role="operator", name="page") as operator,  # controllers answer operators only
             ):
-                heard, plant = session.subscribe(*TOPICS, "band", depth=_DEPTH, polled=True), session.watch("plant/*")
+                heard, plant = session.subscribe(*TOPICS, depth=_DEPTH, polled=True), session.watch("plant/*")
                 setup = run_setup.fetch(session, _JOIN_S)
                 for model in setup.models:
                     model_store.offer(model)

@@ -29,13 +29,13 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.bus import messages, topics
 from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
 from rig.model.system import System
 from rig.view.contact import Contacts, Modes
+from rig.view.feed import Spans, latest, of_samples, of_steps
 from rig.web.picture import MovingPicture
 
 ROWS, SAMPLES, STEPS, EVENTS = 25, 50, 500, 40
@@ -136,69 +136,25 @@ class Frames:
     def _spans(self) -> dict[str, Any]:
         bands = list(self._bands)
         self._bands.clear()
-        begin_ns = np.concatenate([[band.t0_ns, *band.ends_ns[:-1]] for band in bands])
-        end_ns = np.concatenate([band.ends_ns for band in bands])
-        low, high = (
-            np.concatenate([np.reshape(column, (-1, len(self._fields))) for column in columns]).T
-            for columns in ([band.low for band in bands], [band.high for band in bands])
-        )
-        met = self._contacts.indices(np.concatenate([band.modes for band in bands]).astype(np.int64))
-        counts = np.concatenate([band.counts for band in bands])
-        bits = np.bitwise_or.reduceat(1 << met, np.cumsum(counts) - counts, axis=1)
-        rows = _joined(begin_ns, end_ns, low, high, bits, ROWS)
-        return {"rows": rows, **({"portrait": steps} if (steps := self._portrait(bands)) else {})}
-
-    def _portrait(self, bands: Sequence[Any]) -> dict[str, Any]:
-        """The last steps among `bands` that follow one another; empty if the rig has no phase portrait."""
-        taken: list[Any] = []
-        begin_ns, count = bands[-1].ends_ns[-1], 0
-        for band in reversed(bands):
-            if count < STEPS and band.ends_ns[-1] == begin_ns:
-                taken.insert(0, band)
-                count += len(band.pair_modes)
-                begin_ns -= len(band.pair_modes) * band.step_ns
-        if not count:
-            return {}
-        x, v = np.concatenate([np.reshape(band.pair, (-1, 2)) for band in taken])[-STEPS:].T
-        modes = self._modes.indices(np.concatenate([band.pair_modes for band in taken]).astype(np.int64))[-STEPS:]
-        step_ns = bands[-1].step_ns
-        begin_ns = bands[-1].ends_ns[-1] - x.size * step_ns
-        found = {"x": _plain(x), "v": _plain(v), "mode": modes.tolist()}
-        return {"from": begin_ns * 1e-9, "step": step_ns * 1e-9, **found}
+        found = {"rows": _columns(of_steps(bands, len(self._fields), self._contacts.indices, ROWS))}
+        if (steps := latest(bands, STEPS)) is not None:
+            begin_ns = steps.end_ns - steps.x.size * steps.step_ns
+            modes = self._modes.indices(steps.keys).tolist()
+            portrait = {"x": _plain(steps.x), "v": _plain(steps.v), "mode": modes}
+            found["portrait"] = {"from": begin_ns * 1e-9, "step": steps.step_ns * 1e-9, **portrait}
+        return found
 
     def _samples(self, sensor: str, blocks: Sequence[Any]) -> dict[str, Any]:
-        t_ns = np.concatenate([messages.times(block) for block in blocks])
-        v = np.concatenate([np.array(block.v, np.float64) for block in blocks])[None, :]
-        period_ns = self._setup.sensors[sensor][1]
-        begin_ns = np.concatenate([[self._ends.get(sensor, int(t_ns[0]) - period_ns)], t_ns[:-1]])
-        lost = t_ns - begin_ns > 1.5 * period_ns
-        begin_ns[lost] = t_ns[lost] - period_ns
-        self._ends[sensor] = int(t_ns[-1])
-        rows = _joined(begin_ns, t_ns, v, v, np.zeros(v.shape, np.int64), SAMPLES)
+        spans = of_samples(blocks, self._setup.sensors[sensor][1], self._ends.get(sensor), SAMPLES)
+        self._ends[sensor] = int(spans.ends_ns[-1])
+        rows = _columns(spans)
         return {"from": rows["from"], "t": rows["t"], "low": rows["low"][0], "high": rows["high"][0]}
 
 
-def _joined(
-    begin_ns: NDArray[np.int64],
-    end_ns: NDArray[np.int64],
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-    bits: NDArray[np.int64],
-    most: int,
-) -> dict[str, Any]:
-    """Spans [name, span] as columns of a frame: joined to `most`, but not over a gap, which becomes a row of null."""
-    count = end_ns.size
-    begins_run = np.flatnonzero(begin_ns[1:] > end_ns[:-1]) + 1
-    run = np.zeros(count, np.int64)
-    run[begins_run] = begins_run
-    first = np.flatnonzero((np.arange(count) - np.maximum.accumulate(run)) % -(-count // most) == 0)
-    gaps = np.flatnonzero(np.isin(first, begins_run))
-    ends = np.insert(end_ns[np.append(first[1:], count) - 1], gaps, begin_ns[first[gaps]])
-    low, high = np.fmin.reduceat(low, first, axis=1), np.fmax.reduceat(high, first, axis=1)
-    low, high = (np.insert(column, gaps, math.nan, axis=1) for column in (low, high))
-    bits = np.insert(np.bitwise_or.reduceat(bits, first, axis=1), gaps, 0, axis=1)
-    found = {"from": int(begin_ns[0]) * 1e-9, "t": (ends * 1e-9).tolist()}
-    return {**found, "low": _plain(low), "high": _plain(high), "contacts": bits.tolist()}
+def _columns(spans: Spans) -> dict[str, Any]:
+    """Spans as columns of a frame: null where nothing is known."""
+    found = {"from": spans.begin_ns * 1e-9, "t": (spans.ends_ns * 1e-9).tolist()}
+    return {**found, "low": _plain(spans.low), "high": _plain(spans.high), "contacts": spans.bits.tolist()}
 
 
 def _plain(values: Any) -> Any:

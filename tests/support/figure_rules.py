@@ -54,7 +54,7 @@ def _units(figure):
             continue
         for axis in (axes.xaxis, axes.yaxis):
             words, _, unit = axis.get_label_text().strip().partition(" [")
-            if unit and axis.get_visible() and known.setdefault(words, unit) != unit:
+            if unit and not unit.startswith("dB") and axis.get_visible() and known.setdefault(words, unit) != unit:
                 yield f"{words!r} in [{known[words]} and in [{unit}"
 
 

@@ -33,6 +33,11 @@ def scene():
     return Scene.from_json(json.dumps({**told, "sensors": {"laser": laser, "gauge": gauge}}))
 
 
+def swing(k):
+    """The outputs in frame k."""
+    return np.array([1e-3 * np.sin(k / 50), 0.02 * np.cos(k / 50), 3.0, 20.0, 0.06])
+
+
 class Plant:
     """Says on an in-process bus what a plant says: states of 200 Hz, a laser of 10 kHz in blocks, a gauge."""
 
@@ -58,10 +63,9 @@ class Plant:
         for k in range(first, first + frames):
             now = k * 1_000_000
             if k % 5 == 0:
-                key = self._keys[k % 1000 >= 500]
-                swing = np.array([1e-3 * np.sin(k / 50), 0.02 * np.cos(k / 50), 3.0, 20.0, 0.06])
-                self.put("state", self._state(now, k, key, swing), now)
+                self.put("state", self._state(now, k, self._keys[k % 1000 >= 500], swing(k)), now)
             if k % 20 == 0:
+                self.band(k, 20)
                 self.put("meas/laser", encode.block(k, now, 100_000, np.full(200, float(k))), now)
             self.put("meas/gauge", encode.block(k, now, 1_000_000, [1e-6 * k]), now)
             self.put("applied/nf", encode.applied(k, now, k - 1, 0, [20.0 + k]), now)
@@ -69,6 +73,15 @@ class Plant:
                 health = messages.TYPES["Health"](t_ns=now, tick=k, rate=1.0, stick_share=0.5, energy_error=1e-12)
                 self.put("health", health.SerializeToString(), now)
         self.session.flush()
+
+    def band(self, first, frames, swing=swing, spread=0.0):
+        """The steps of frames, which are spans of their own; `spread`: from their mean to their extremes."""
+        steps = np.arange(first + 1, first + frames + 1)
+        values = np.array([swing(k) for k in steps])
+        keys = np.array([self._keys[int(k % 1000 >= 500)] for k in steps])
+        ends, ones = steps * 1_000_000, np.ones(frames, np.int64)
+        content = (values - spread, values + spread, ones, keys, 1_000_000, values[:, :2], keys)
+        self.put("band", encode.band(first, first * 1_000_000, ends, *content), int(ends[-1]))
 
     def event(self, kind, text, t_ns=0, **data):
         self.put("event/plant", messages.event(t_ns, 0, "plant", kind, text, data), t_ns)

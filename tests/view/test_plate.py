@@ -158,6 +158,11 @@ def test_a_live_film_is_a_map_and_no_curve_for_each_point(scene, run, units):
         values = np.array([run.signals[name][k] for name in units])
         payload = bytes(encoder(k * 1_000_000, k, 0, values))
         feed.add([Message("state", payload, k, k * 1_000_000, said=state.FromString(payload))])
+        ends, ones, extremes = np.array([(k + 1) * 1_000_000]), np.ones(1, np.int64), values[None]
+        content = (ends, extremes, extremes, ones, ones * 0, 20_000, np.empty(0), np.empty(0, np.int64))
+        payload = encode.band(k, k * 1_000_000, *content)
+        said = messages.TYPES["Band"].FromString(payload)
+        feed.add([Message("band", payload, k, k * 1_000_000, said=said)])
     paths = [one.path for one in feed.take()]
     assert {"rig/film", "film/map", "film/centre", "plant/contact_fraction"} <= set(paths)
     assert not [path for path in paths if path.startswith("plant/pressure_1")]

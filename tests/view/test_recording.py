@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+import rig
 from rig.errors import OutputError
 from rig.record import reader
 from rig.record.run import Run
@@ -40,6 +41,23 @@ def test_everything_of_a_recording_is_in_the_rerun_file(run, tmp_path):
         assert f"/sensor/{name} " in printed
     for path in ("/command/nf", "/strip/protocol", "/strip/contact", "/event/plant", "/rig/", "/portrait"):
         assert path in printed, path
+
+
+def test_outputs_of_a_live_run_that_show_no_squeal_are_hidden_points_and_no_portrait(contents, tmp_path):
+    whole = rig.simulate("brake_shunt_listener", 0.15)
+    rows = slice(None, None, 250)  # as a live run is recorded
+    signals = {name: v[rows] for name, v in whole.signals.items()}
+    run = dataclasses.replace(whole, time=whole.time[rows], mode=whole.mode[rows], signals=signals)
+    view_run(run, "live", save=tmp_path / "run.rrd")
+    moving, static = contents(tmp_path / "run.rrd")
+    [row] = static["/plant/velocity"]
+    assert row["SeriesPoints:names"] == ["velocity (200 samples/s)"]
+    assert row["SeriesPoints:visible_series"] == [False]
+    assert not [path for path in moving if path.startswith("/portrait")]
+    view_run(whole, "simulated", save=tmp_path / "whole.rrd")
+    moving, static = contents(tmp_path / "whole.rrd")
+    assert static["/plant/velocity"][0]["SeriesLines:names"] == ["velocity"]
+    assert "/portrait/curve" in moving
 
 
 def test_rerun_makes_a_curve_of_each_output_and_sensor_without_our_tools(run, tmp_path):
