@@ -69,8 +69,14 @@ def limits(low: float | None, high: float | None) -> tuple[float, float]:
 
 
 def add(a: Assembly, drive: _Drive, unit: str, moved: Mapping[str, str]) -> Row:
-    """Add the drive's states and its actuator `drive.speed`; returns the row of its speed [`unit`]."""
+    """Add the drive's states and its actuator `drive.speed`; returns the row of its speed [`unit`].
+
+    With a lag the command is a state even if nothing moves it. A surface that has reached its command is then without
+    acceleration to the last bit; a multiple of the constant would leave a rounding error, divided by the lag.
+    """
     low, high = limits(drive.speed_min, drive.speed_max)
+    if drive.lag is not None:
+        moved = {"drive.speed": "held", **moved}
     return actuator(a, "drive.speed", unit, drive.speed, 0.0 if low <= 0.0 <= high else drive.speed,
                     (low, high), FASTEST[unit], drive.lag, "drive", moved)  # fmt: skip
 

@@ -85,16 +85,33 @@ def at_nodes(A: Array, landing: Array, cell: float) -> Array:
     return np.array([(np.eye(len(A)) + taylor(A, node * cell, ORDER)) @ landing for node in NODES])
 
 
-def work(nodes: Array, forms: Array, step: float, E: Array) -> Array:
-    """Integrals of the powers over step / 2^level, [level, term, n, n]. `nodes`: propagators in the finest cell."""
+def at_nodes_extended(A: Array, landing: Array, cell: float) -> NDArray[np.longdouble]:
+    """The same in extended precision, for `work` in stiff mode sets.
+
+    Their levels are many, and `work` doubles a rounding error from each level to the next.
+    """
+    one, out = np.eye(len(A), dtype=np.longdouble), []
+    for node in NODES:
+        C, series = A * (np.longdouble(node) * cell), one
+        for k in range(ORDER, 0, -1):
+            series = one + C @ series / k
+        out.append(series @ landing)
+    return np.array(out)
+
+
+def work(nodes: Array | NDArray[np.longdouble], forms: Array, step: float, E: Array) -> Array:
+    """Integrals of the powers over step / 2^level, [level, term, n, n]. `nodes`: propagators in the finest cell.
+
+    They are computed in the precision of `nodes`.
+    """
     levels = len(E)
-    out = np.zeros((levels, *forms.shape))
+    out = np.zeros((levels, *forms.shape), dtype=nodes.dtype)
     for Phi, weight in zip(nodes, WEIGHTS):
         out[-1] += weight * step / 2.0 ** (levels - 1) * (Phi.T @ forms @ Phi)
     for level in range(levels - 2, -1, -1):
-        Phi = np.eye(len(Phi)) + E[level + 1]
+        Phi = np.eye(len(Phi), dtype=nodes.dtype) + E[level + 1]
         out[level] = out[level + 1] + Phi.T @ out[level + 1] @ Phi
-    return out
+    return out.astype(np.float64)
 
 
 def gathered(forms: Array, sums: Array, count: int) -> Array:

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from rig.lent_records import Loan
 from rig.model import film_tables, friction_law, kick_tables, many_states_tables
-from rig.model.energy_forms import at_nodes, damping, gathered, loss_rows, powers, store, work
+from rig.model.energy_forms import at_nodes, at_nodes_extended, damping, gathered, loss_rows, powers, store, work
 from rig.model.formulation import ModeSet, assemble
-from rig.model.output_rows import changes, signal_rows
+from rig.model.output_rows import changes, reach, signal_rows
 from rig.model.system import System
 from rig.model.tables import UNROLLED, empty
-from rig.solve import expm
+from rig.solve import expm, segments
 from rig.solve.column_blocks import zeros
 from rig.solve.energy_balance import NODES, TERMS
 from rig.solve.roots import DEGREE
@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 _SAMPLES = 128
 STIFF, WIDE_STIFF = 7, 3
 """Deepest tick of a mode set, and of one with many states, whose cells are single segments: at most 64 a tick."""
+FAST = 50.0
+"""|lambda| step beyond which dopri5 leaves explicit steps, of which stability alone would take more than 15 a tick."""
 _MARGIN = 1.25
 
 
@@ -69,10 +71,9 @@ class ModeSets:
         guards = _padded(modes.guards, g)
         E = expm.ladder(modes.A, self.step)
         if not self._wide:
-            order, nodes = (
-                expm.order(modes.A, self.step),
-                at_nodes(modes.A, modes.landing, self.step / 2.0 ** (len(E) - 1)),
-            )
+            nodes_of = at_nodes_extended if len(E) - 1 > STIFF else at_nodes
+            nodes = nodes_of(modes.A, modes.landing, self.step / 2.0 ** (len(E) - 1))
+            order = expm.order(modes.A, self.step)
         else:
             E = E[: many_states_tables.depth(modes.A, self.step) + 1]
             terms = many_states_tables.series(modes.A, self.step / 2.0 ** (len(E) - 1))
@@ -98,6 +99,11 @@ class ModeSets:
         if self._wide:
             field = np.hstack([modes.A, modes.b])
             broad = many_states_tables.tables(terms, E, modes.landing, guards, bounds, field, rows, self.read)
+        curved = bool(modes.nonlinear.any()) or bool(system.products)
+        fast = curved and not self._kicks and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
+        levels = (expm.depth(modes.A, self.step) + 1) * fast
+        response = reach(modes.A, modes.b, self.step, levels)
+        constant = response[..., system.n :: segments.DEGREE + 1]
         mode_set_of = t.mode_set_of.copy()
         mode_set_of[key] = len(self.sets)
         new: dict[str, Any] = {
@@ -105,7 +111,10 @@ class ModeSets:
             "room": 0 if stiff else 2 ** (len(E) - 1),
             "along": changes(modes, np.vstack([guards, rows[: self.read]]), self.step, (len(E) - 1) * stiff),
             "order": order,
-            "curved": int(bool(modes.nonlinear.any()) or bool(system.products)),
+            "curved": int(curved),
+            "graded": levels,
+            "reach": response,
+            "gain": np.abs(constant).max(axis=1),
             "stuck": int(STICK in patch_modes),
             "lands": int(not np.array_equal(modes.landing, np.eye(system.n))),
             "static": np.array([law.static for law in met]),

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.model.formulation import ModeSet
 from rig.model.system import System
 from rig.solve import expm
+from rig.solve.segments import DEGREE
 from rig.solve.state_codes import HIGH, LOW
-from rig.solve.stiff_cells import PLACES
+from rig.solve.stiff_cells import PLACES, POWERS
 
 Array = NDArray[np.float64]
 
@@ -55,7 +58,35 @@ def changes(modes: ModeSet, rows: Array, step: float, levels: int) -> Array:
     A, landing, still = modes.A, modes.landing, modes.landing - np.eye(len(modes.landing))
     out = np.zeros((levels, len(rows), len(PLACES), len(A)))
     for p, place in enumerate(PLACES.tolist() if out.size else ()):
-        E = expm.ladder(A, place * step)[:levels]
-        rest = [expm.taylor(A, place * step / 2.0**level, expm.ORDER) for level in range(len(E), levels)]
-        out[:, :, p] = rows @ (still + landing @ np.concatenate([E, *(one[None] for one in rest)]) @ landing)
+        out[:, :, p] = rows @ (still + landing @ _ladder(A, place * step, levels) @ landing)
     return out
+
+
+def reach(A: Array, b: Array, step: float, levels: int) -> Array:
+    """The changes of the state, x' = A x + b T, from the begin of a cell to its PLACES: [level, place, n, n + columns].
+
+    The columns belong to x and, for each input, to its value at the begin and its changes to the nodes. The cells are
+    step / 2^level long; step in s.
+    """
+    n, inputs = b.shape
+    out = np.zeros((levels, len(PLACES), n, n + inputs * (DEGREE + 1)))
+    length = step / 2.0 ** np.arange(levels)[:, None]
+    scales = np.array([math.factorial(k) for k in range(DEGREE + 1)]) / length ** np.arange(DEGREE + 1)
+    chain = np.eye(n + DEGREE + 1, k=1)  # an input and its derivatives
+    chain[:n] = 0.0
+    chain[:n, :n] = A
+    for p, place in enumerate(PLACES.tolist() if levels else ()):
+        for k in range(inputs):
+            chain[:n, n] = b[:, k]
+            E, at = _ladder(chain, place * step, levels), n + k * (DEGREE + 1)
+            out[:, p, :, :n] = E[:, :n, :n]
+            out[:, p, :, at] = E[:, :n, n]
+            out[:, p, :, at + 1 : at + 1 + DEGREE] = (E[:, :n, n + 1 :] * scales[:, None, 1:]) @ POWERS
+    return out
+
+
+def _ladder(A: Array, length: float, levels: int) -> Array:
+    """exp(A length / 2^level) - 1 for so many levels, [level, n, n]."""
+    E = expm.ladder(A, length)[:levels]
+    rest = [expm.taylor(A, length / 2.0**level, expm.ORDER) for level in range(len(E), levels)]
+    return np.concatenate([E, *(one[None] for one in rest)])

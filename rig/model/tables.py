@@ -19,6 +19,7 @@ from rig.solve.film_records import FilmTables
 from rig.solve.kick import KickTables
 from rig.solve.many_states import ManyStatesTables
 from rig.solve.product_inputs import ProductTables
+from rig.solve.segments import DEGREE
 from rig.solve.stiff_cells import PLACES
 
 Array = NDArray[np.float64]
@@ -65,6 +66,11 @@ class Tables(NamedTuple):
     signals: Array  # [mode set, S, n] outputs that sensors read
     signals_t: Array  # [mode set, S, I]
     along: Array  # [mode set, level, guard and output, place, n] their changes in a cell, for stiff mode sets
+    graded: NDArray[np.int64]  # [mode set] levels of `reach`; 0: dopri5 takes explicit steps
+    reach: (
+        Array  # [mode set, level, place, n, n + inputs x nodes] change of the state in a cell (rig.solve.collocation)
+    )
+    gain: Array  # [mode set, level, n, inputs] largest change of a state in a cell by an input of 1
     output_needs_inputs: NDArray[np.int64]  # [mode set, S] 1: the output depends on the inputs
     coupled: NDArray[np.int64]  # [mode set] 1: a load depends on the friction forces T
     guard_needs_inputs: NDArray[np.int64]  # [mode set, guard] 1: the guard depends on the inputs
@@ -152,6 +158,9 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         signals=z((0, S, n)),
         signals_t=z((0, S, I)),
         along=z((0, 0, g + read, len(PLACES), n)),
+        graded=z(0, dtype=np.int64),
+        reach=z((0, 0, len(PLACES), n, n + I * (DEGREE + 1))),
+        gain=z((0, 0, n, I)),
         output_needs_inputs=z((0, S), dtype=np.int64),
         coupled=z(0, dtype=np.int64),
         guard_needs_inputs=z((0, g), dtype=np.int64),

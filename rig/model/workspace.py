@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from rig.model.system import System
-from rig.solve import energy_balance
+from rig.solve import energy_balance, segments
 from rig.solve.column_blocks import zeros
 from rig.solve.dense_output import PROBE
 from rig.solve.lanes import LANE
 from rig.solve.places import PART
 from rig.solve.records import Workspace
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
+from rig.solve.stiff_cells import PLACES
 
 
 def workspace(system: System, read: int, guards: int) -> Workspace:
@@ -52,6 +53,11 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         quarters=np.pad(np.linspace(0.0, 1.0, PART), (0, LANE - PART)),
         simpson=np.pad(np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0, (0, LANE - PART)),
         probes=np.pad([0.0, 0.25, 0.5, 0.75, 1.0, PROBE], (0, LANE - 6)),
+        cell_changes=np.zeros((len(PLACES), n)),
+        cell_inputs=np.zeros((len(PLACES), system.inputs)),
+        cell_size=np.zeros(n),
+        node_inputs=np.zeros(system.inputs * (segments.DEGREE + 1)),
+        input_powers=np.zeros((segments.DEGREE + 1, system.inputs)),
         nodes3=np.pad(0.5 * (nodes + 1.0), (PART, 0)),
         weights3=np.pad(0.5 * weights, (PART, 0)),
     )

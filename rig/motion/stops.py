@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from rig.errors import Chatter, Diverged, Jammed, NumericsError
 from rig.model.film import on
+from rig.model.mode_sets import FAST
 from rig.model.system import System
 from rig.motion.ready import Integration
 from rig.solve.contact_state import CHATTER, JAM, LOST, OVERFULL
 from rig.solve.records import EVENTS, MotionLog, MotionState
-from rig.stability.step_limits import STIFF, blame, fastest_eigenvalue
+from rig.stability.step_limits import blame, fastest_eigenvalue
 
 Why = tuple[type[NumericsError], str]
 
@@ -28,7 +29,7 @@ def why(status: int, system: System, integration: Integration, state: MotionStat
         finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(integration.method)
         what = f"more than {room} smooth segments in one frame, for the sensors to read"
         size = fastest_eigenvalue(system) * integration.step_ns * 1e-9
-        if integration.method in ("exact", "dopri5") and size > STIFF:
+        if integration.method in ("exact", "dopri5") and size > FAST:
             what += f"; |lambda| step = {size:.3g}. Leave out the fast lag or the fast element of the network"
             return NumericsError, f"{what}, or shorten clock.frame"
         return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"

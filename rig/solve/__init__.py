@@ -7,6 +7,7 @@ exact, many_states           exact propagation: quiet ticks, and the ticks that 
 stiff_cells                  the same for mode sets in which some states decay within a tiny part of a tick
 dopri5, rk4                  Runge-Kutta methods; runge_kutta_stage is their common stage, dense_output the quartic
                              between two steps
+collocation                  steps of dopri5 in mode sets with such states, with exact propagators
 kick, film_steps             symplectic steps for contacts that open and close all the time, and for a film of points
 contact_state, state_codes   the contact state that agrees with the equations at an instant, and its codes
 forces                       right-hand side of a mode set; friction_coefficient, product_inputs, random_input

@@ -16,6 +16,7 @@ import numpy as np
 
 from rig.kernel import inlined, inner
 from rig.lent_records import lent
+from rig.solve.collocation import take_cell
 from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.dense_output import evaluate_quartic, first_event, free_of_events, quartic_of_step
 from rig.solve.forces import derivative, inputs, right_hand_side
@@ -257,8 +258,9 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
     fc[STEP_LENGTH], its end in w.y, its stages in w.k and its dense output in w.derivatives; state, tick and place are
     those at its begin. Working arrays are only passed to inlined functions, so they stay in registers.
     """
-    n, tick_length, looked = state_count(shape), t.step[0], plan.with_energy or plan.emitting
-    ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
+    n, tick_length, mode_set = state_count(shape), t.step[0], t.mode_set_of[state.ic[KEY]]
+    ic, fc, x, size, graded = state.ic, state.fc, state.x, w.size, t.graded[mode_set] > 0
+    looked = plan.with_energy or plan.emitting or graded
     field = right_hand_side(t, mode_set, w.T, w.scratch)
     f, friction = lent(field), lent(patch_friction(shape, field, t, w, state, log, seg, plan))
     k, y, z, d = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives)
@@ -271,7 +273,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
         derivative(shape, f, True, here, k[0])
         for i in range(n):
             w.k[0, i] = k[0, i]
-        raise_scales(x, w.k[0], t.damping.shape[1], tick_length, size)
+        raise_scales(x, w.k[0], t.damping.shape[1], min(tick_length, next_h) if graded else tick_length, size)
     ends, refused = ENDED, 0
     while tick < ticks:
         left = ((ticks - tick) - place) * tick_length
@@ -340,6 +342,13 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     while (
         ic[TICK] < ticks and crossed == -1 and not (plan.emitting and nearly_full(t, mode_set, seg, ticks - ic[TICK]))
     ):
+        if t.graded[mode_set]:
+            crossed = take_cell(t, mode_set, w, state, log, seg, plan)
+            if crossed >= -1:
+                if ic[TRIALS] > ic[TRIAL_LIMIT]:
+                    return -2
+                continue
+            crossed, fc[SUGGESTED_LENGTH] = -1, 0.0
         ends = call(plan.take_steps, shape, t, w, state, log, seg, plan, ticks)
         if ends == FAILED:
             return -2

@@ -26,7 +26,7 @@ from rig.solve.roots import NONE, first_crossing
 from rig.solve.rows import dot, rounding
 from rig.solve.segment_output import emit_linear, nearly_full
 from rig.solve.specialised import call, local, state_count
-from rig.solve.stiff_cells import emit_cell, stays_positive
+from rig.solve.stiff_cells import emit_cell, first_event_of_fits
 
 FULL = -3  # of `stretch`: no room for the segments of a tick or a cell
 
@@ -103,9 +103,7 @@ def certified_cell(shape, t, w, state, log, seg, plan, level):
             continue
         if begins < -steepest and ends < -steepest and after > 0.0:
             continue
-        stiff = t.room[mode_set] == 0 and level < t.depth[mode_set]
-        if not (stiff and stays_positive(t, mode_set, level, k, x, w)):
-            return 0
+        return 0
     return 1
 
 
@@ -214,7 +212,7 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
     depth, terms = t.depth[mode_set], t.order[mode_set]
     cells = 2.0**depth
     ic[SUBDIVIDED] += 1
-    u = fc[PLACE]
+    u, event_at, event_of = fc[PLACE], NONE, -1  # event located beforehand: place in the tick, guard
     while u < 1.0:
         if plan.emitting and seg.count[0] + 2 > seg.start.shape[0]:
             return full(ic, fc, u)
@@ -229,7 +227,12 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
                 width *= 2.0
             found = False
             while not many_states or depth > 0:  # of a rig with many states, the whole tick was tried before
-                if call(plan.certified_cell, shape, t, w, state, log, seg, plan, level):
+                certified = call(plan.certified_cell, shape, t, w, state, log, seg, plan, level)
+                if event_of < 0 and certified == 0 and t.room[mode_set] == 0 and level < depth:
+                    event_at, event_of = first_event_of_fits(t, mode_set, level, x, w)
+                    certified = 1 if event_of == -1 else 0
+                    event_at = u + width * event_at if event_of >= 0 else NONE
+                if u + width <= event_at if event_of >= 0 else certified:
                     found = True
                     break
                 if level == depth:
@@ -247,7 +250,13 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
                 u += width
                 continue
         length = (int(position) + 1) / cells - u
-        if many_states:
+        if event_of >= 0:
+            place, guard = max(event_at - u, 0.0) / length, event_of
+            if many_states:
+                expand_cell(t, mode_set, x)
+            else:
+                taylor_terms(t.A[mode_set], x, length * h, terms, w.derivatives)
+        elif many_states:
             place, guard = first_event_of_cell(t, mode_set, x, w.size, length * cells, w.poly, w.roots)
             expand_cell(t, mode_set, x)
         else:

@@ -73,6 +73,11 @@ class Workspace(NamedTuple):
     quarters: Array  # [LANE] 0, 1/4, 1/2, 3/4, 1, then 0
     simpson: Array  # [LANE] weights of Simpson's rule at the quarters, for the energy terms of rk4
     probes: Array  # [LANE] the quarters and another place, at which guards that depend on inputs are evaluated
+    cell_changes: Array  # [PLACES, n] changes of the states to the places of a cell (rig.solve.collocation)
+    cell_inputs: Array  # [PLACES, inputs] and of the inputs
+    cell_size: Array  # [n] scales of the states for the errors of the cell
+    node_inputs: Array  # [inputs x (DEGREE + 1)] of each input its value at the begin, and its changes to the nodes
+    input_powers: Array  # [DEGREE + 1, inputs] coefficients of the inputs as polynomials of the place in the cell
     nodes3: Array  # [LANE] five times 0, then three Gauss-Legendre nodes in [0, 1] of the energy terms of dopri5
     weights3: Array  # [LANE] weights of `nodes3`
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
 from rig.solve.many_states import emit_cells
+from rig.solve.roots import NONE, first_crossing
 from rig.solve.rows import ROUND, dot, rounding
 from rig.solve.segment_output import emit_linear
 from rig.solve.segments import DEGREE
@@ -23,6 +24,7 @@ from rig.solve.segments import DEGREE
 PLACES = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, 2 * DEGREE + 1) / (2 * DEGREE))
 """In turn a check and a node; the node at the begin of the cell is left out."""
 _NEAR = 1e-9  # error of an output at a check, relative to its values at the ends of the cell
+_EXACT, _FAINT = 1e-12, 1.0 / 64.0  # error of a guard with which an event is located: of its changes, of its noise
 _OFF = 4.0  # safety factor on the error of a guard at the checks: bounds it everywhere
 
 
@@ -41,7 +43,7 @@ def _lagrange() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.fl
     return powers, checks, np.array(hulls) @ powers
 
 
-_POWERS, _CHECKS, _HULL = _lagrange()
+POWERS, CHECKS, _HULL = _lagrange()
 
 
 @inlined
@@ -53,28 +55,44 @@ def fit(rows, x, change):
     for c in range(DEGREE):
         off = -dot(rows[2 * c], x)
         for i in range(DEGREE):
-            off += _CHECKS[c, i] * change[i]
+            off += CHECKS[c, i] * change[i]
         worst = max(worst, abs(off))
     return worst
 
 
 @inner
-def stays_positive(t, mode_set, level, guard, x, w):
-    """Whether guard `guard` has no event over the cell of step / 2^level from x. w.poly is overwritten.
+def first_event_of_fits(t, mode_set, level, x, w):
+    """The first event of any guard over the cell of step / 2^level from x: its place in it, or NONE, and the guard.
 
-    A change within the rounding error of a guard that is about zero decides nothing; as in rig.solve.roots, the next
-    cell decides.
+    The guard is -1 without an event, and -2 if a polynomial is not accurate enough to locate one. w.poly and w.roots
+    are overwritten. A guard that falls is followed to its zero from any positive value: its terms may be so large
+    beside it (the force that holds a body to a surface behind a fast drive) that their rounding error is no small time.
+    A change within this error of a guard that is zero or less decides nothing; the next cell decides (rig.solve.roots).
     """
-    change, begin, zero = w.poly, dot(t.G[mode_set, guard], x), rounding(t.G[mode_set, guard], w.size)
-    off, lowest, largest = _OFF * fit(t.along[mode_set, level, guard], x, change), begin, 0.0
-    for b in range(DEGREE + 1):
-        bound = begin
+    first, guard, change = NONE, -1, w.roots[0]
+    for g in range(t.guards[mode_set]):
+        begin, zero = dot(t.G[mode_set, g], x), rounding(t.G[mode_set, g], w.size)
+        off, lowest, largest = _OFF * fit(t.along[mode_set, level, g], x, change), begin, 0.0
+        for b in range(DEGREE + 1):
+            bound = begin
+            for i in range(DEGREE):
+                bound += _HULL[b, i] * change[i]
+            lowest = min(lowest, bound)
         for i in range(DEGREE):
-            bound += _HULL[b, i] * change[i]
-        lowest = min(lowest, bound)
-    for i in range(DEGREE):
-        largest = max(largest, abs(change[i]))
-    return lowest > off + zero or (begin >= -zero and off + largest <= zero)
+            largest = max(largest, abs(change[i]))
+        if lowest > off + zero or (-zero <= begin <= 0.0 and off + largest <= zero):
+            continue
+        if off > _EXACT * largest + _FAINT * zero:
+            return NONE, -2
+        w.poly[0] = begin
+        for k in range(DEGREE):
+            w.poly[k + 1] = 0.0
+            for i in range(DEGREE):
+                w.poly[k + 1] += POWERS[k, i] * change[i]
+        u = first_crossing(w.poly, DEGREE, 0.0 if begin > 0.0 > w.poly[1] else zero, w.roots)
+        if u < first:
+            first, guard = u, g
+    return first, guard
 
 
 @inner
@@ -95,7 +113,7 @@ def fit_outputs(t, mode_set, level, x, seg, w):
         for k in range(DEGREE):
             coef[k + 1] = 0.0
             for i in range(DEGREE):
-                coef[k + 1] += _POWERS[k, i] * change[i]
+                coef[k + 1] += POWERS[k, i] * change[i]
     return True
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from rig.model import film_system
 from rig.model.build_checks import Finding
 from rig.model.friction_law import Law
+from rig.model.mode_sets import FAST
 from rig.model.singular import assembled
 from rig.model.system import System
 from rig.quantities import at_most
@@ -27,7 +28,6 @@ FILM_COARSE = 1.0
 """Up to this, the growth rate of the film's flutter has an error of at most 4 %, its first opening 1 %. # derived"""
 _FINE = 1e-4  # share of the width of a law: slip speed errors up to this keep its events right
 _COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
-STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
 _SPEEDS = 41  # slip speeds at which the steepest slope of a law is searched
 
 
@@ -213,12 +213,12 @@ def _eigenvalues(fastest: float, name: str, method: str, step: float, substeps: 
             size,
             f"rk4_step of {part(step, 0.1 / fastest)} or less",
         )
-    elif method == "dopri5" and size > STIFF:
+    elif method == "dopri5" and size > FAST:
         yield Finding(
-            "warning",
-            f"stiff for dopri5: |lambda| step = {size:.3g} in {name}; stability limits its steps, not the tolerance",
+            "info",
+            f"stiff in {name}: |lambda| step = {size:.3g}; dopri5 takes its steps there with exact propagators",
             size,
-            "remove the fast elements of the network (R = 0, L = 0), or use friction laws that method exact supports",
+            "results keep the tolerance",
         )
     elif method == "exact" and size > 1.0:
         yield Finding(

@@ -1,8 +1,12 @@
 """What the sensors get: smooth pieces that tile a frame and are the signals, jumps only between them."""
 
+import functools
+
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
+import rig
 from rig import scenes
 from rig.motion.motion import Motion
 from rig.solve.segments import DEGREE
@@ -140,3 +144,88 @@ def test_what_decays_within_a_tiny_part_of_a_tick_takes_few_segments(name, chang
     assert np.all(worst <= 1e-8 * size + rounding)
     assert abs(motion.energy()["error"]) < 1e-8
     assert motion.energy() == pytest.approx(fine.energy(), rel=1e-6, abs=1e-8)
+
+
+@functools.cache
+def run_of(name, **changes):
+    return rig.simulate(scenes.load(name, {key.replace("_", "."): value for key, value in changes.items()}), 0.4)
+
+
+@pytest.mark.parametrize("lag", [1e-9, 3e-8, 1e-7, 1e-6, 1e-5, 1e-3])
+@pytest.mark.parametrize("actuator", ["load", "drive"])
+@pytest.mark.parametrize("name", ["belt_c", "belt"])
+def test_the_lag_of_a_constant_command_changes_nothing(name, actuator, lag, tmp_path):
+    """A user's run with sensors, over stick and slip, with the methods exact and dopri5."""
+    run, plain = run_of(name, **{f"{actuator}_lag": lag}), run_of(name)
+    assert [e["text"] for e in run.events] == [e["text"] for e in plain.events]
+    times = [np.array([e["t_ns"] for e in one.events]) for one in (run, plain)]
+    assert times[0] == pytest.approx(times[1], abs=2)
+    assert abs(run.energy["error"]) < 1e-9
+    for signal, size in (("displacement", 6e-3), ("velocity", 0.1), ("friction_force", 10.0)):
+        assert run.signals[signal] == pytest.approx(plain.signals[signal], abs=1e-7 * size)
+    run.save(tmp_path / "run.mcap")
+    assert rig.open(tmp_path / "run.mcap").signals["displacement"] == pytest.approx(run.signals["displacement"])
+
+
+STACK = {"piezo.capacitance": 1e-6, "piezo.coupling": 0.01118, "shunt.kind": "series", "shunt.delta": -0.5}
+RESISTOR = {"shunt.resistance": 0.002, "shunt.inductance": 0.0}
+SLOW = {"shunt.resistance": 1e6, "shunt.inductance": 1e-3}
+JUMPS = {"load": (25.0, 15.0), "drive": (0.08, 0.05)}
+DRIVEN = [
+    ("belt", {"load.lag": 1e-9}, 1e-7),
+    ("belt", {"load.lag": 1e-6}, 1e-7),
+    ("belt", {"drive.lag": 1e-9}, 1e-7),
+    ("belt", {"drive.lag": 1e-6}, 1e-7),
+    ("belt", {"drive.lag": 1e-6}, 1e-10),
+    ("belt", {"body.damping": 1e9}, 1e-7),
+    ("belt", {"body.damping": 1e6}, 1e-7),
+    ("belt", STACK | RESISTOR, 1e-7),
+    ("belt", STACK | SLOW, 1e-7),
+    ("belt", STACK | {"shunt.resistance": 0.0, "shunt.inductance": 1e-6}, 1e-7),
+    ("belt", {"load.lag": 1e-9, "friction.speed_scale": 1e-3}, 1e-7),
+    ("belt_c", {"drive.lag": 1e-9}, 0.0),
+    ("belt_c", {"load.lag": 1e-9}, 0.0),
+    ("belt_c", {"body.damping": 1e9}, 0.0),
+    ("belt_c", STACK | RESISTOR, 0.0),
+    ("belt_c", STACK | SLOW, 0.0),
+]
+
+
+def by_radau(system, modes, x, time):
+    """x after `time` s in one mode set, by scipy's implicit method."""
+    law, slip, load = system.law(0, ()), modes.sigma[0] * system.slip_rows[0], modes.sigma[0] * modes.normal[0]
+
+    def rate(_, x):
+        return modes.A @ x + modes.b[:, 0] * (float(law.over(np.array([slip @ x]))[0]) * (load @ x))
+
+    def slopes(_, x):
+        mu, w = law.over(np.array([slip @ x]))[0], float(slip @ x)
+        return modes.A + np.outer(modes.b[:, 0], mu * load + law.slope(w) * (load @ x) * slip)
+
+    absolute = 1e-13 * np.maximum(np.abs(x), 1e-3)
+    return solve_ivp(rate, (0.0, time), x, "Radau", rtol=1e-9, atol=absolute, jac=slopes).y[:, -1]
+
+
+@pytest.mark.parametrize(("name", "changes", "tolerance"), DRIVEN)
+def test_fast_states_follow_jumps_of_commands_as_by_an_implicit_method(name, changes, tolerance, monkeypatch):
+    """Six ticks of slip, with jumps of the command that lags."""
+    moved = next((key[:-4] for key in changes if key.endswith(".lag")), None)
+    actuator = {"load": {"load.force": "held"}, "drive": {"drive.speed": "held"}}.get(moved, {})
+    scene = scenes.load(name, {"start.velocity": 0.0} | changes)
+    monkeypatch.setattr(type(scene), "moved", property(lambda _: actuator))
+    assembly = scene.assemble()
+    rows, system = [output.row for output in assembly.outputs.values()], assembly.system()
+    method = "dopri5" if tolerance else "exact"
+    motion = Motion(system, scene.step_ns, method, rows, read=len(rows), tolerance=tolerance or 1e-7)
+    motion.advance(1)
+    for tick in range(6):
+        x = motion.x.copy()
+        if moved and tick in (1, 4):
+            at = system.names.index(f"{moved}.command")
+            x[at] = JUMPS[moved][tick // 4]
+            motion.write(at, x[at])
+        motion.advance(1)
+        expected = by_radau(system, motion.mode_sets.sets[motion.mode_set], x, scene.step_ns * 1e-9)
+        assert motion.x == pytest.approx(expected, rel=max(tolerance, 1e-9), abs=1e-11)
+    assert not motion.events()
+    assert abs(motion.energy()["error"]) < 1e-9
