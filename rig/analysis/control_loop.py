@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from rig.design.linear_form import linear_form
 from rig.design.sampled import Sampled, sampled
 from rig.errors import PartError, SceneError, Singular
 from rig.quantities import unit_of
+from rig.results import Result
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 
@@ -47,13 +48,15 @@ GRID = 400
 
 
 @dataclass(frozen=True)
-class Loop:
+class Loop(Result):
     """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of its sensor and of the loop together.
 
     `gain`: gain of the controller; a controller without a gain parameter gets a factor on its input, nominally 1.
     `model`: the loop at a gain of one. `energy`: form over the states of the rig (rig.analysis.plant). `others`:
     controllers of the scene that are left open.
     """
+
+    FIGURE: ClassVar = "rig.analysis.loop_figure:loop_figure"
 
     scene: str
     controller: str
@@ -152,7 +155,7 @@ class Loop:
         """Frequencies [rad/s] below the Nyquist frequency at which f passes zero."""
         from scipy.optimize import brentq
 
-        w = self._frequencies
+        w = self.frequencies
         values = f(w)
         found = []
         for i in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0):
@@ -162,8 +165,8 @@ class Loop:
         return found
 
     @cached_property
-    def _frequencies(self) -> Array:
-        """A grid up to the Nyquist frequency, dense where the phase of the open or closed loop changes fast."""
+    def frequencies(self) -> Array:
+        """Angular frequencies up to that of Nyquist [rad/s], dense where a phase changes fast."""
         top = math.pi / self.model.period
         z = np.concatenate([np.linalg.eigvals(self.model.F), np.linalg.eigvals(self.model.closed(self.gain))])
         poles = np.log(z[np.abs(z) > VANISHED].astype(np.complex128)) / self.model.period

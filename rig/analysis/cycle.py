@@ -262,6 +262,7 @@ def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[st
 
     return Cycle(
         scene=orbit.scene.name,
+        rig=orbit.scene,
         method=orbit.method,
         found=True,
         why="",

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.analysis.cycle_report import Cycle
-from rig.scenes.scene import Scene
 from rig.view.channels import Channels
 from rig.view.palette import BLUE, VERMILION
 from rig.view.run_figure import STYLE
-from rig.view.save_figure import put
+from rig.view.save_figure import page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,24 +21,13 @@ _PLOTS = 3
 _STICK = "#d9dde3"
 
 
-def draw(scene: Scene, cycle: Cycle, path: Path | str) -> None:
-    """Draw the limit cycle of `scene` into the file `path` (PNG, SVG or PDF by its suffix).
-
-    A search that found none gives a figure with the reason. Raises rig.errors.OutputError if it cannot be written.
-    """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(12.8, 6.6), dpi=125, facecolor="white")
-        FigureCanvasAgg(figure)
+def figure(cycle: Cycle) -> Figure:
+    """Return the figure of a limit cycle; a search that found none gives one with the reason."""
+    with page(STYLE, 12.8, 6.6) as figure:
         figure.suptitle(_title(cycle), x=0.07, ha="left", wrap=True)
         if cycle.found:
-            _compose(figure, scene, cycle)
-        put(figure, path)
+            _compose(figure, cycle)
+    return figure
 
 
 def _title(cycle: Cycle) -> str:
@@ -50,8 +37,9 @@ def _title(cycle: Cycle) -> str:
     return f"limit cycle of {cycle.scene}: period {cycle.period:.6g} s, {cycle.frequency:.5g} Hz{sticks}"
 
 
-def _compose(figure: Figure, scene: Scene, cycle: Cycle) -> None:
-    channels = Channels((scene, scene.assemble()), {n: cycle.units[n] for n in cycle.outputs if n in cycle.units}, {})
+def _compose(figure: Figure, cycle: Cycle) -> None:
+    rig = (cycle.rig, cycle.rig.assemble()) if cycle.rig is not None else None
+    channels = Channels(rig, {n: cycle.units[n] for n in cycle.outputs if n in cycle.units}, {})
     panels = [panel for panel in channels.panels if panel.outputs][:_PLOTS]
     grid = figure.add_gridspec(1, 2, width_ratios=(1.4, 1), left=0.07, right=0.975, top=0.88, bottom=0.09, wspace=0.22)
     left = grid[0].subgridspec(len(panels), 1, hspace=0.28)

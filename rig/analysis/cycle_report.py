@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from rig.analysis.floquet import Floquet
 from rig.analysis.repetition import REPEAT
 from rig.analysis.text_table import columns
+from rig.results import Result
+from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-13  # of the largest output of the same unit: smaller values are shown as zero
 
 
 @dataclass(frozen=True)
-class Cycle:
+class Cycle(Result):
     """A limit cycle. Without one `found` is false and `why` has the reason; `decided` is false if the search was
     inconclusive.
 
@@ -32,6 +34,8 @@ class Cycle:
     floquet             multipliers: growth of a small disturbance over one period
     newton              steps of Newton's method that led to it; 0 if simulation alone did
     """
+
+    FIGURE: ClassVar = "rig.analysis.cycle_figure:figure"
 
     scene: str
     method: str
@@ -56,6 +60,8 @@ class Cycle:
     """Each plant output at these instants, [n]; both sides of a jump have the same instant."""
     sticking: tuple[tuple[float, float], ...] = ()
     """Begin and end [s] of each interval of this period in which the first contact sticks."""
+    rig: Scene | None = field(default=None, compare=False, repr=False)
+    """The scene."""
 
     @property
     def multiplier(self) -> float:
@@ -93,7 +99,7 @@ class Cycle:
             return {name: getattr(self, name) for name in kept}
         derived = {"frequency": self.frequency, "stick_share": self.stick_share, "amplitude": self.amplitude}
         derived |= {"events": [{"t": t, "what": what} for t, what in self.events], "floquet": self.floquet.to_json()}
-        drawn = ("time", "outputs")  # for figures and Python: thousands of numbers
+        drawn = ("time", "outputs", "rig")  # for figures and Python: thousands of numbers
         return {**{name: value for name, value in vars(self).items() if name not in drawn}, **derived}
 
     def text(self) -> str:

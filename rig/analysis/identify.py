@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from rig.analysis.text_table import columns
 from rig.errors import UsageError
 from rig.plants.lever import Parameters
 from rig.record.run import Run
+from rig.results import Result
 from rig.scenes.protocol import Hold, Repeat
 from rig.scenes.scene import Scene
 
@@ -61,8 +62,10 @@ class Fit(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Identified:
+class Identified(Result):
     """The result of an experiment. `readings`: column names and the fitted numbers, if there are any."""
+
+    FIGURE: ClassVar = "rig.analysis.identify_figure:figure"
 
     scene: str
     experiment: str

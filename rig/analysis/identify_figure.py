@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rig.analysis.identify import Identified
 from rig.view.palette import BLUE, VERMILION
 from rig.view.run_figure import STYLE
-from rig.view.save_figure import put
+from rig.view.save_figure import page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _MEASURED, _MODEL = BLUE, VERMILION
 
 
-def draw(found: Identified, path: Path | str) -> None:
-    """Draw `found` into the file `path` (PNG, SVG or PDF by its suffix).
-
-    The title has the identified parameters. Raises rig.errors.OutputError if the file cannot be written.
-    """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+def figure(found: Identified) -> Figure:
+    """Return the figure of `found`; its title has the identified parameters."""
     fit = found.fit
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(7.0, 4.2), dpi=125, facecolor="white", layout="constrained")
-        FigureCanvasAgg(figure)
+    with page(STYLE, 7.0, 4.2, layout="constrained") as figure:
         values = ", ".join(f"{one.key} = {one.found:.4g}{_unit(one.unit)}" for one in found.parameters)
         figure.suptitle(f"{found.scene}: {found.experiment}\n{values}", ha="center")
         axes = figure.add_subplot()
@@ -33,7 +27,7 @@ def draw(found: Identified, path: Path | str) -> None:
         axes.set_xlabel(fit.x_name)
         axes.set_ylabel(fit.y_name)
         axes.legend()
-        put(figure, path)
+    return figure
 
 
 def _unit(unit: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from rig.analysis.loop_budget import Item, budget, links
 from rig.analysis.loop_check import Checked, simulated
 from rig.analysis.text_table import columns
 from rig.errors import SceneError
+from rig.results import Result
 from rig.scenes.network import Link, Network
 from rig.scenes.network_text import described
 from rig.scenes.scene import Scene
@@ -37,11 +38,13 @@ class Curve:
 
 
 @dataclass
-class LoopReport:
+class LoopReport(Result):
     """What delays a loop, what it can still bear, and how its decay depends on the links.
 
     `found`: the loop with the mean age of its links as a constant delay. `point`: links of the simulated point.
     """
+
+    FIGURE: ClassVar = "rig.analysis.loop_figure:figure"
 
     scene: str
     found: Loop

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from rig.analysis.text_table import columns
 from rig.model.build_checks import Finding
 from rig.record.film_points import grouped
+from rig.results import Result
 
 _LEAST = 0.01  # of the energy: smallest share shown of a long shape, and how many at most
 _LONG, _MOST = 4, 6
@@ -72,7 +73,7 @@ class Sliding:
 
 
 @dataclass(frozen=True)
-class Modes:
+class Modes(Result):
     """The vibration modes of a scene at steady sliding (`rig.analysis.modes.modes`).
 
     `dithered`: the same with averaged dither of `amplitude` [unit] at `hertz`; None for a scene without dither. `slow`:
@@ -80,6 +81,8 @@ class Modes:
     `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: critical coefficients of friction in
     closed form (infinite: never reached).
     """
+
+    FIGURE: ClassVar = "rig.analysis.sweep_figure:modes_figure"
 
     scene: str
     mode: str

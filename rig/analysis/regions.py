@@ -14,8 +14,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,16 +28,20 @@ from rig.analysis.modes import GENERATOR, Slow, missing
 from rig.analysis.text_table import columns
 from rig.bench.rig_variant import with_values
 from rig.errors import Singular
+from rig.results import Result
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
-from rig.view.save_figure import put
+from rig.view.save_figure import page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 _GREY = "#b9b9b9"
 
 
 @dataclass(frozen=True)
-class Regions:
+class Regions(Result):
     """The result of `regions`: `growth` [1/s] and `frequency` [Hz] of the least stable mode, [y, x].
 
     Growth within rounding is 0. `exists`: whether steady sliding presses the contact; where the contact would have to
@@ -46,6 +49,8 @@ class Regions:
     y, the values of x at which unstable sliding begins (True) or ends (False): there it becomes stable, or steady
     sliding ceases to exist.
     """
+
+    FIGURE: ClassVar = "rig.analysis.regions:figure"
 
     scene: Scene
     x: Axis
@@ -224,19 +229,14 @@ def sliding(scene: Scene, values: dict[str, float]) -> Steady:
     return averaged(system, sine, cosine, on, leading=True)
 
 
-def draw(found: Regions, path: Path) -> None:
-    """Draw regions into the file `path` (PNG, or another format of matplotlib, by its suffix)."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def figure(found: Regions) -> Figure:
+    """Return the figure of the regions."""
     from matplotlib.colors import ListedColormap, SymLogNorm
-    from matplotlib.figure import Figure
 
     from rig.view.run_figure import STYLE
 
     x, y = found.x.shown_values, found.y.shown_values
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(9.6, 5.4), dpi=125, facecolor="white", layout="constrained")
-        FigureCanvasAgg(figure)
+    with page(STYLE, 9.6, 5.4, layout="constrained") as figure:
         axes = figure.add_subplot()
         axes.grid(visible=False)
         most = float(np.nanmax(np.abs(found.growth), initial=0.0)) or 1.0
@@ -260,4 +260,4 @@ def draw(found: Regions, path: Path) -> None:
         bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
         bar.outline.set_visible(False)  # type: ignore[operator]
         heading(figure, found.scene, (found.x, found.y))
-        put(figure, path)
+    return figure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from rig.analysis.growth_crossings import ROUNDING, none
 from rig.analysis.modes import dithers
 from rig.analysis.modes_report import shape_text
 from rig.analysis.text_table import columns
+from rig.results import Result
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -25,7 +26,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(Result):
     """Eigenvalues `rates` [value, branch] at the values of `axis`; NaN where a branch does not exist.
 
     `shapes` [value, branch, state]: amplitudes in the order of `states`. `exists` [value]: whether the rig slides
@@ -34,6 +35,8 @@ class Sweep:
     "" for none. `fixed`: the main parameters that the sweep holds constant, in words.
     `friction`: how a scene with dither is analysed, in words.
     """
+
+    FIGURE: ClassVar = "rig.analysis.sweep_figure:figure"
 
     scene: str
     axis: Axis

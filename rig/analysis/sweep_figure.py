@@ -1,18 +1,21 @@
-"""A sweep as a picture: growth and frequency over the key, and the root locus."""
+"""Eigenvalues as pictures. Of a scene: its modes in the plane of growth and frequency. Of a sweep: growth and frequency
+over the key, and the root locus.
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.modes_report import Modes
 from rig.analysis.sweep import Sweep
+from rig.errors import UsageError
 from rig.view.curves import Bools, apart
 from rig.view.palette import ALARM, GREY, LINES
 from rig.view.run_figure import STYLE
-from rig.view.save_figure import put
+from rig.view.save_figure import page
 
 Array = NDArray[np.float64]
 
@@ -24,19 +27,33 @@ _COLOURS = (*LINES, GREY)
 _MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
 
 
-def draw(sweep: Sweep, path: Path | str) -> None:
-    """Draw `sweep` into the file `path` (PNG, or another format of matplotlib, by its suffix). Directories are made."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(12.8, 6.6), dpi=125, facecolor="white")
-        FigureCanvasAgg(figure)
+def figure(sweep: Sweep) -> Figure:
+    """Return the figure of `sweep`."""
+    with page(STYLE, 12.8, 6.6) as figure:
         compose(figure, sweep)
-        put(figure, path)
+    return figure
+
+
+def modes_figure(found: Modes) -> Figure:
+    """Return the modes in the plane of growth rate and frequency. Raises UsageError without steady sliding."""
+    groups = [(found.sliding, "o", ""), (found.dithered, "D", "forced" if found.slow else "dithered")]
+    if not any(sliding and sliding.modes for sliding, *_ in groups):
+        raise UsageError(f"nothing to draw: no steady sliding at these values: {found.sliding.why}")
+    with page(STYLE, 8.4, 5.2, layout="constrained") as figure:
+        axes = figure.add_subplot()
+        for sliding, mark, how in groups:
+            for grows, colour in ((False, LINES[0]), (True, ALARM)):
+                rates = np.array([(m.growth, m.frequency) for m in (sliding.modes if sliding else ())])
+                if (shown := rates[(rates[:, 0] > 0.0) == grows] if rates.size else rates).size:
+                    label = ", ".join(filter(None, ("grows" if grows else "does not grow", how)))
+                    axes.plot(*shown.T, mark, color=colour, ms=6, mfc="none" if how else colour, label=label)
+        _zero(axes, upright=True)
+        axes.set(xlabel="growth rate [1/s]", ylabel="frequency [Hz]")
+        axes.set_ylim(-0.03 * axes.get_ylim()[1], 1.05 * axes.get_ylim()[1])
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+        what = "steady sliding" if found.sliding.coefficient else "at rest"
+        figure.suptitle(f"{found.scene}: vibration modes, {what}", x=0.01, ha="left", fontweight="bold")
+    return figure
 
 
 def compose(figure: Figure, sweep: Sweep) -> None:

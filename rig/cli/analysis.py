@@ -9,7 +9,7 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Changes, Force, Json, SceneName, added, changes, loop_option, named, seconds, the_scene
-from rig.cli.outputs import new
+from rig.cli.outputs import draw, new
 from rig.errors import ExitCode, SceneError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ Controller = Annotated[
     str | None, loop_option("Close the loop of this controller: eigenvalues, gain, phase and delay margins.")
 ]
 Picture = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the sweep (PNG, SVG, PDF).")
+    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
 ]
 Drawn = Annotated[
     Path | None,
@@ -62,7 +62,7 @@ def modes(
     controller = next(iter(named(asked)), None)
     if along is not None or controller is not None:
         printing.warnings(loaded)
-    faults = ["--figure: draws a sweep; add --sweep KEY=A:B:N"] if figure is not None and not along else []
+    faults = list[str]()
     found: Modes | Loop | Sweep | None = None
     try:
         if along is not None:
@@ -83,12 +83,7 @@ def modes(
         printing.report(found.to_json())
     else:
         printing.line(found.text())
-    if figure is not None:
-        from rig.analysis.sweep import Sweep
-        from rig.analysis.sweep_figure import draw
-
-        assert isinstance(found, Sweep)
-        draw(found, figure)
+    draw(found, figure)
     _refused(loaded, found)
 
 
@@ -165,10 +160,7 @@ def cycle(
         printing.line(found.text())
         if loaded.controllers or loaded.sensors:
             printing.line(f"  plant alone: without {_left_out(loaded)}")
-    if figure is not None:
-        from rig.analysis.cycle_figure import draw
-
-        draw(loaded, found, figure)
+    draw(found, figure)
     if not found.decided:
         raise typer.Exit(ExitCode.FAILED)
 
@@ -194,10 +186,7 @@ def identify(
         printing.report(found.to_json() | {"figure": figure})
     else:
         printing.line(found.text())
-    if figure is not None:
-        from rig.analysis.identify_figure import draw
-
-        draw(found, figure)
+    draw(found, figure)
 
 
 COMMANDS = {

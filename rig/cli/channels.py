@@ -9,6 +9,7 @@ import typer
 from rig.cli.evaluation import Faults, First, Last, Picture, Table, opened_span, show, write
 from rig.cli.logs import Log
 from rig.cli.options import Force, Json, Trust, number
+from rig.cli.outputs import draw
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
@@ -56,7 +57,6 @@ def response(
 ) -> None:
     """Estimate the frequency response and coherence between two channels; natural frequencies and damping ratios."""
     from rig.analysis.recorded import response as find
-    from rig.analysis.recorded.channel_figures import draw_response as draw
 
     faults = Faults()
     run, length, begin, end = opened_span(faults, log, window, first, last, trust)
@@ -67,8 +67,7 @@ def response(
     if csv is not None:
         head = ["frequency [Hz]", f"magnitude [{found.unit}]", "phase [degree]", "coherence", "random error"]
         write(csv, head, found.csv())
-    if figure is not None:
-        draw(found, figure)
+    draw(found, figure)
 
 
 def portrait(
@@ -86,7 +85,6 @@ def portrait(
 ) -> None:
     """Draw a phase portrait; with --section, find the Poincare section and the period of the motion."""
     from rig.analysis.recorded import portrait as find
-    from rig.analysis.recorded.channel_figures import draw_portrait as draw
 
     faults = Faults()
     run, _, begin, end = opened_span(faults, log, None, first, last, trust)
@@ -98,8 +96,7 @@ def portrait(
     if csv is not None:
         head = ["time [s]", f"{found.x_name} [{found.x_unit}]", f"{found.y_name} [{found.y_unit}]"]
         write(csv, head, found.csv())
-    if figure is not None:
-        draw(found, figure)
+    draw(found, figure)
 
 
 def _cut(run: Run, given: str) -> tuple[str, float] | None:

@@ -11,6 +11,7 @@ from rig.cli import printing
 from rig.cli.evaluation import Faults, First, Last, Picture, span
 from rig.cli.logs import opened, recording
 from rig.cli.options import Force, Json, Trust
+from rig.cli.outputs import draw
 from rig.errors import ExitCode
 
 Tolerance = Annotated[
@@ -50,10 +51,7 @@ def diff(
         printing.report(found.to_json() | {"figure": figure})
     else:
         printing.line(found.text())
-    if figure is not None:
-        from rig.analysis.recorded.comparison_figure import draw_comparison
-
-        draw_comparison(*runs, found, figure)
+    draw(found, figure)
     if not found.agree:
         raise typer.Exit(ExitCode.FAILED)
 

@@ -10,7 +10,7 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Force, Json, Trust, changes, pace, paired, plain, renamed, seconds
-from rig.cli.outputs import named, new, reads
+from rig.cli.outputs import draw, named, new, reads
 from rig.errors import ExitCode, LogError, UsageError
 
 if TYPE_CHECKING:
@@ -188,7 +188,6 @@ def sound(
 ) -> None:
     """Find squeals in the sound of a recording: level, frequency, times. Write a WAV file."""
     from rig.analysis.sound import hear
-    from rig.analysis.sound.figure import draw
     from rig.record.wav import write
     from rig.user_files import draft_of
 
@@ -205,8 +204,7 @@ def sound(
         printing.line(heard.text())
         if full is not None:
             printing.line(f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}")
-    if figure is not None:
-        draw(heard, run, figure)
+    draw(heard, figure)
 
 
 def amplitude(

@@ -9,7 +9,7 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Changes, Force, Json, Net, SceneName, added, changes, linked, loop_option, named, the_scene
-from rig.cli.outputs import new
+from rig.cli.outputs import draw, new
 from rig.errors import UsageError
 
 Controller = Annotated[str | None, loop_option("Controller of the loop. Default: the only one of the scene.")]
@@ -63,10 +63,7 @@ def loop(
         printing.report(found.to_json())
     else:
         printing.line(found.text())
-    if figure is not None:
-        from rig.analysis.loop_figure import draw
-
-        draw(found, figure)
+    draw(found, figure)
 
 
 COMMANDS = {"loop": (loop, "rig loop belt_normal_force --figure loop.png")}

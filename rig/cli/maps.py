@@ -9,7 +9,7 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Changes, Force, Json, SceneName, changes, seconds, the_scene
-from rig.cli.outputs import refuse
+from rig.cli.outputs import draw, refuse
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
@@ -71,7 +71,6 @@ def map_(
     interruption the same command continues. --force draws a finished map again.
     """
     from rig.analysis.map import chart, job, store_of
-    from rig.analysis.map.figure import draw
     from rig.user_files import write_file
 
     loaded = the_scene(scene, changes(p))
@@ -105,7 +104,6 @@ def idle(scene: Scene, *axes: Axis | None) -> None:
 def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, force: bool, as_json: bool) -> None:
     from rig.analysis.axis import axes
     from rig.analysis.map import store_of, survey, surveyed
-    from rig.analysis.regions import draw
     from rig.user_files import write_file
 
     if y is None:

@@ -10,7 +10,7 @@ import typer
 from rig.cli import printing
 from rig.cli.maps import Workers, idle
 from rig.cli.options import Changes, Duration, Force, Json, SceneName, at, changes, seconds, the_scene
-from rig.cli.outputs import refuse
+from rig.cli.outputs import draw, refuse
 from rig.cli.study import ClusterName, DryRun, scripted, values
 from rig.errors import ExitCode, UsageError
 
@@ -75,7 +75,7 @@ def optimise(
     else:
         printing.line(found.text())
         printing.line(f"\n{store.folder}/search.csv, search.png")
-    found.draw(store.folder / "search.png")
+    draw(found, store.folder / "search.png")
     write_file(store.folder / "search.csv", found.csv().encode())
     if found.best is None:
         raise typer.Exit(ExitCode.FAILED)

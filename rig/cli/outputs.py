@@ -12,6 +12,7 @@ from pathlib import Path
 import typer
 
 from rig.errors import UsageError
+from rig.results import Result
 from rig.user_files import figure_format, recording_name, takes, unused
 
 _TAKEN = "rig.cli.outputs"
@@ -141,3 +142,11 @@ def refuse(folder: Path, names: Iterable[str], force: bool) -> None:
     there = [name for name in names if (folder / name).exists()]
     if there and not force:
         raise UsageError(f"{folder}: has {', '.join(there)}; name another folder, or add --force to replace them")
+
+
+def draw(found: Result, figure: Path | None, *how: object) -> None:
+    """Write the figure of a result to a file, if one is given; `how`: arguments of its `plot`."""
+    if figure is not None:
+        from rig.view.save_figure import put
+
+        put(found.plot(*how), figure)

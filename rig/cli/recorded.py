@@ -10,6 +10,7 @@ import typer
 from rig.cli.evaluation import Faults, First, Last, Picture, Table, opened_span, show, write
 from rig.cli.logs import Log, opened, without_outputs
 from rig.cli.options import Force, Json, Trust, seconds
+from rig.cli.outputs import draw
 from rig.errors import LogError
 
 Signal = Annotated[
@@ -65,7 +66,6 @@ def hysteresis(
 ) -> None:
     """Compute the RMS of a vibration over rising and falling drive speed, and the speeds at which the contact stuck."""
     from rig.analysis.recorded import hysteresis as find
-    from rig.analysis.recorded.figure import draw_hysteresis as draw
     from rig.user_files import write_file
 
     faults = Faults()
@@ -76,8 +76,7 @@ def hysteresis(
     show(found.to_json(), found.text(), figure, csv, as_json)
     if csv is not None:
         write_file(csv, found.csv().encode())
-    if figure is not None:
-        draw(found, figure)
+    draw(found, figure)
 
 
 def spectrum(
@@ -96,7 +95,6 @@ def spectrum(
     """Compute power spectral density and spectrogram of a measurement or output; with --orders, its orders too."""
     from rig.analysis.recorded import orders
     from rig.analysis.recorded import spectrum as find
-    from rig.analysis.recorded.figure import draw_spectrum as draw
 
     faults = Faults()
     run, length, begin, end = opened_span(faults, log, window, first, last, trust)
@@ -112,7 +110,10 @@ def spectrum(
         rows = (*found.csv(), *(turned.csv() if turned else ()))
         write(csv, ["axis", "at", "unit", "density", "unit of density"], rows)
     if figure is not None:
-        draw(found, turned, figure)
+        from rig.analysis.recorded.figure import spectrum_figure
+        from rig.view.save_figure import put
+
+        put(spectrum_figure(found, turned), figure)
 
 
 def pressure(
@@ -126,7 +127,6 @@ def pressure(
 ) -> None:
     """Draw maps of the contact pressure under a slider at chosen instants."""
     from rig.analysis.recorded import pressure as find
-    from rig.analysis.recorded.figure import draw_pressure as draw
 
     faults = Faults()
     times = [faults(partial(seconds, one, "--at", 0.0), None) for one in at.split(",") if one.strip()]
@@ -138,8 +138,7 @@ def pressure(
     show(found.to_json(), found.text(), figure, csv, as_json)
     if csv is not None:
         write(csv, ["time [s]", "x [m]", "y [m]", "pressure [Pa]"], found.csv())
-    if figure is not None:
-        draw(found, figure)
+    draw(found, figure)
 
 
 COMMANDS = {

@@ -38,7 +38,7 @@ from rig.cli.options import (
     there,
     trigger,
 )
-from rig.cli.outputs import new
+from rig.cli.outputs import draw, new
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
@@ -188,7 +188,6 @@ def configured(scene: Scene, overrides: Mapping[str, object], precision: float |
 def _draw(log: str, figure: Path, only: Collection[str] = ()) -> None:
     """Draw a recording."""
     from rig.cli.logs import opened, without_outputs
-    from rig.view.run_figure import draw
 
     run = opened(Path(log))
     if nothing := without_outputs(run, log):

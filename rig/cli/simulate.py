@@ -32,7 +32,7 @@ from rig.cli.options import (
     the_scene,
     there,
 )
-from rig.cli.outputs import new_recording
+from rig.cli.outputs import draw, new_recording
 from rig.cli.runs import Figure, Only, configured, drawable, listed
 from rig.errors import ControllerFailed, ExitCode, UsageError
 from rig.process import told_to_stop
@@ -191,10 +191,7 @@ def simulate(
     for text in _notes(found):
         printing.note(text)
     lost = any(event["kind"] == "lost" for event in found.plant_events)
-    if figure is not None:
-        from rig.view.run_figure import draw
-
-        draw(found, figure, names)
+    draw(found, figure, names)
     if failed:
         raise typer.Exit(ExitCode.FAILED)
     if found.fault or any(event["kind"] == "limit" for event in found.plant_events):
@@ -252,9 +249,7 @@ def _repeated(scene: Scene, count: int, length: float | None, figure: Path | Non
         printing.report(found.to_json())
     else:
         printing.line(found.text())
-    if figure is not None and found.seen:
-        from rig.analysis.repeat.figure import draw
-
+    if found.seen:
         draw(found, figure)
     if asked:
         raise typer.Exit(ExitCode.INTERRUPTED)

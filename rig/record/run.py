@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from rig.record.run_data import Commands, Integers, Reals, RunData, Samples
+from rig.results import Result
 from rig.user_files import recording_name
 
 if TYPE_CHECKING:
@@ -17,12 +17,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Commands", "Integers", "Reals", "Run", "Samples"]
 
-FIGURE = "rig.view.run_figure:figure"
-"""The function that draws a run, as "module:function": the view is above this room, which may not import it."""
 
-
-class Run(RunData):
+class Run(RunData, Result):
     """A run: arrays with units, and what is done with them. Printed, it is an overview of one screen."""
+
+    FIGURE: ClassVar = "rig.view.run_figure:figure"
 
     def to_pandas(self) -> dict[str, DataFrame]:
         """Return one frame for each table: outputs, sensors of each rate, commands of each controller, events.
@@ -53,9 +52,7 @@ class Run(RunData):
         `only`: names of the sensors and outputs that are drawn over time, instead of the plots of the rig. Raises
         rig.errors.UsageError for a name that the run does not have.
         """
-        module, _, name = FIGURE.partition(":")
-        figure: Figure = getattr(importlib.import_module(module), name)(self, only)
-        return figure
+        return self._drawn(only)
 
     def save(self, path: Path | str) -> None:
         """Write the run as a recording (NAME.mcap), over an existing file.
@@ -74,7 +71,11 @@ class Run(RunData):
             raise self.failure
         return self
 
-    def __repr__(self) -> str:
+    def text(self) -> str:
+        """Return the overview as text."""
         from rig.record.overview import overview
 
         return overview(self)
+
+    def __repr__(self) -> str:
+        return self.text()

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import ValidationError
 
@@ -18,6 +18,7 @@ from rig.errors import SceneError
 from rig.parts import Parts, trust_scene
 from rig.plants.structures import model_store
 from rig.quantities import Section, faults_of
+from rig.results import Result
 from rig.scenes import migration, rooms
 from rig.scenes.clock import Clock
 from rig.scenes.faults import shown
@@ -35,8 +36,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Result):
     """A plant with its effects, sensors, controllers and protocol. Made by `rig.scenes.load` or `Scene.from_json`."""
+
+    FIGURE: ClassVar = "rig.view.run_figure:scene_figure"
 
     name: str
     title: str
@@ -150,6 +153,16 @@ class Scene:
         for name, fault in self.faults.items():
             found |= values_of(fault, f"faults.{name}")
         return found
+
+    def text(self) -> str:
+        """Return every value with its unit and origin, as text."""
+        rows = [("value (SI)", "", "unit", "origin")]
+        for key, (value, unit) in self.values().items():
+            shown = f"{value:.6g}" if isinstance(value, float) else f"{value!s:.60}"
+            rows.append((key, shown, unit, self.origins[key].origin if key in self.origins else "default"))
+        widths = [max(map(len, column)) for column in zip(*rows)]
+        lines = ["  ".join(f"{cell:{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows]
+        return "\n".join([f"{self.name}: {self.title}", "", *(f"  {line}" for line in lines)])
 
     def to_json(self) -> str:
         """The scene as JSON text; `from_json` gives an equal scene back."""

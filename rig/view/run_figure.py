@@ -1,4 +1,4 @@
-"""The figure of a run, 1600 pixels wide as PNG.
+"""The figure of a run, 1600 pixels wide as PNG; and the friction laws of a scene.
 
 phases and marks of the protocol
 the first plots of the rig: of most rigs velocity,      phase portrait, by controller or by time
@@ -13,16 +13,17 @@ that there was not (rig.view.curves.known).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rig.errors import UsageError
 from rig.picture import IN_FIGURE
 from rig.record import names
 from rig.record.film_points import read
 from rig.record.run import Integers, Reals, Run
 from rig.scenes.rooms import plant_of
+from rig.stability.linearisation import sliding_key, steady
 from rig.view import contact, timeline
 from rig.view.caption import caption
 from rig.view.channels import Channels, Panel
@@ -45,13 +46,15 @@ from rig.view.curves import (
     stacked,
     too_few,
 )
-from rig.view.palette import AMBER, BLUE, GREEN, PURPLE, VERMILION
+from rig.view.palette import AMBER, BLUE, GREEN, LINES, PURPLE, VERMILION
 from rig.view.picture import drawer_of
-from rig.view.save_figure import put
+from rig.view.save_figure import page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from rig.scenes.scene import Scene
 
 _FASTER = 5.0
 _LANES = 30
@@ -59,6 +62,8 @@ _LANES = 30
 _LANE = 7.5
 """Size of the letters beside the strips [pt]."""
 _SECTIONS = (BLUE, VERMILION, GREEN, AMBER, PURPLE)
+_FASTEST = 1.0
+"""Largest slip speed in the figure of a rig whose surfaces stand still [m/s]. # chosen"""
 STYLE: dict[str, Any] = {
     "font.size": 10.5,
     "axes.titlesize": 11,
@@ -76,30 +81,13 @@ STYLE: dict[str, Any] = {
 }
 
 
-def draw(run: Run, path: Path | str, only: Collection[str] = ()) -> None:
-    """Draw `run` into the file `path` (PNG, SVG or PDF, by its suffix), as `figure` does. Creates the folder.
-
-    Raises OutputError if the file cannot be written.
-    """
-    made = figure(run, only)
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    put(made, path)
-
-
 def figure(run: Run, only: Collection[str] = ()) -> Figure:
     """Return the figure of `run`, 1600 x 1050 pixels as PNG; with `only`, of these sensors and outputs over time.
 
     Raises UsageError for a name that the run does not have.
     """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     style = STYLE | {"text.parse_math": False}  # names and titles are texts of users: two "$" in them are no formula
-    with mpl.rc_context(style):  # type: ignore[arg-type]
-        made = Figure(figsize=(12.8, 8.4), dpi=125, facecolor="white")
-        FigureCanvasAgg(made)
+    with page(style, 12.8, 8.4, lasting=False) as made:  # a report writes long curves in its own way
         if only:
             _compose(made, run, only)
         else:
@@ -387,3 +375,32 @@ def _typical(gaps: Reals) -> float:
     """A typical gap: weighted by time, so that many short gaps (chatter) or one long pause have little influence."""
     ordered = np.sort(gaps)
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.4 * ordered.sum())])
+
+
+def scene_figure(scene: Scene) -> Figure:
+    """Return the friction coefficient of each contact of `scene` over its slip speed; dots: the static coefficients.
+
+    Raises UsageError for a rig without friction.
+    """
+    system = scene.assemble().system()
+    if not system.patches:
+        raise UsageError("nothing to draw: the rig has no contact with friction")
+    x = steady(system, sliding_key(system)).x.copy()
+    x[: 2 * len(system.coordinates)] = 0.0
+    surfaces = np.abs(system.slip_rows @ x)
+    top = 2.0 * float(surfaces.max()) or _FASTEST
+    speeds = np.linspace(0.0, top, 400)[1:]
+    with page(STYLE, 8.4, 4.6, layout="constrained") as figure:
+        axes = figure.add_subplot()
+        for i, (patch, surface) in enumerate(zip(system.patches, surfaces)):
+            colour = LINES[i % len(LINES)]
+            axes.plot(speeds, patch.law.over(speeds), color=colour, label=plain(patch.name))
+            axes.plot(0.0, patch.law.static, "o", color=colour)
+            if surface:
+                axes.axvline(surface, color=colour, lw=0.9, ls=":")
+        moving = "; dotted: speed of the surface" if surfaces.any() else ""
+        axes.set(xlabel=f"slip speed [m/s]{moving}", ylabel="friction coefficient", xlim=(-0.01 * top, top))
+        axes.set_ylim(0.0, None)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+        figure.suptitle(f"{scene.name}: friction", x=0.01, ha="left", fontweight="bold")
+    return figure

@@ -1,11 +1,14 @@
-"""Writes a figure, completely or not at all."""
+"""Makes a figure in a style, and writes it, completely or not at all."""
 
 from __future__ import annotations
 
 import io
 import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rig.user_files import figure_format, write_file
 
@@ -25,6 +28,44 @@ _SIGNS = (
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
+@contextmanager
+def page(
+    style: Mapping[str, Any], width: float, height: float, lasting: bool = True, **options: Any
+) -> Iterator[Figure]:
+    """A white figure of `width` x `height` [inches] to draw on in a `style`, which also holds whenever it is written.
+
+    `lasting`: false for a style that only holds meanwhile. `options`: of matplotlib's Figure. A notebook shows the
+    figure where it is the last value of a cell.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    with mpl.rc_context(dict(style)):  # type: ignore[arg-type]
+        figure: Any = _kind()(**{"figsize": (width, height), "dpi": 125, "facecolor": "white"} | options)
+        FigureCanvasAgg(figure)
+        figure.style = style if lasting else {}
+        yield figure
+
+
+@cache
+def _kind() -> Any:
+    """The class of the figures of `page`; matplotlib is imported where something is drawn."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    class Page(Figure):
+        style: Mapping[str, Any] = {}
+
+        def draw(self, renderer: Any) -> None:
+            with mpl.rc_context(dict(self.style)):  # type: ignore[arg-type] # ticks are made when they are drawn
+                super().draw(renderer)
+
+        def _repr_png_(self) -> bytes:
+            return encoded(self, "png")
+
+    return Page
+
+
 def put(figure: Figure, path: Path | str) -> None:
     """Write `figure` to the file `path` as PNG, SVG or PDF, by its suffix.
 
@@ -40,16 +81,21 @@ def encoded(figure: Figure, kind: str) -> bytes:
     Units in the texts of `figure` get their printed form, as m/s² for m/s^2.
     """
     import matplotlib as mpl
+
+    print_units(figure)
+    drawn = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "friction-rig"}):
+        figure.savefig(drawn, format=kind, metadata=_UNDATED.get(kind))
+    return drawn.getvalue()
+
+
+def print_units(figure: Figure) -> None:
+    """Give units in the texts of `figure` their printed form."""
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):
         assert isinstance(text, Text)
         text.set_text(_UNIT.sub(lambda unit: printed(unit[0]), text.get_text()))
-
-    drawn = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "friction-rig"}):
-        figure.savefig(drawn, format=kind, metadata=_UNDATED.get(kind))
-    return drawn.getvalue()
 
 
 def printed(unit: str) -> str:

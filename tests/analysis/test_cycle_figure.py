@@ -6,7 +6,7 @@ from matplotlib.image import imread
 
 import rig
 from rig.analysis.cycle import limit_cycle
-from rig.analysis.cycle_figure import draw
+from rig.view.save_figure import put
 
 
 @pytest.fixture(scope="module", params=["belt", "pin"])
@@ -56,8 +56,8 @@ def test_the_report_in_json_has_no_thousands_of_numbers(found):
 
 
 def test_the_figure_is_drawn(found, tmp_path):
-    scene, cycle = found
-    draw(scene, cycle, tmp_path / "cycle.png")
+    _, cycle = found
+    put(cycle.plot(), tmp_path / "cycle.png")
     assert imread(tmp_path / "cycle.png").std() > 0.02
 
 
@@ -65,5 +65,5 @@ def test_where_nothing_slides_the_figure_tells_the_reason(tmp_path):
     scene = rig.load("belt", {"drive.speed": 0.0})
     cycle = limit_cycle(scene)
     assert not cycle.found
-    draw(scene, cycle, tmp_path / "none.svg")
+    put(cycle.plot(), tmp_path / "none.svg")
     assert "no surface moves" in (tmp_path / "none.svg").read_text()

@@ -9,11 +9,11 @@ import pytest
 import rig as lab
 from rig.analysis.recorded import hysteresis, series, spectrum
 from rig.analysis.recorded.branches import branches
-from rig.analysis.recorded.figure import draw_hysteresis
 from rig.analysis.recorded.windows import moving_rms, slowest
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
+from rig.view.save_figure import put
 
 RATE = 1000
 T = np.arange(20 * RATE) / RATE
@@ -257,5 +257,5 @@ def test_the_command(tmp_path, rig):
 
 
 def test_a_picture(tmp_path):
-    draw_hysteresis(hysteresis(loop()), tmp_path / "loop.png")
+    put(hysteresis(loop()).plot(), tmp_path / "loop.png")
     assert (tmp_path / "loop.png").stat().st_size > 30_000

@@ -13,12 +13,12 @@ import rig
 from rig.analysis import jump_loop, loop_check, loop_report
 from rig.analysis.control_loop import loop
 from rig.analysis.jump_loop import ages, jump_growth, latencies, mean_age
-from rig.analysis.loop_figure import draw
 from rig.analysis.loop_report import report
 from rig.bus.impaired_link import HeardSensor
 from rig.cli.app import program
 from rig.errors import SceneError
 from rig.scenes.network import Link, Network
+from rig.view.save_figure import put
 
 MS = 1_000_000
 
@@ -123,7 +123,7 @@ def test_the_report_of_a_scene_with_links(monkeypatch, tmp_path):
     assert f"relative error {found.error:.2g}" in text
     assert "delay margin" in text
     assert found.to_json()["check"]["relative_error"] == found.error
-    draw(found, tmp_path / "loop.png")
+    put(found.plot(), tmp_path / "loop.png")
     assert (tmp_path / "loop.png").stat().st_size > 20_000
 
 

@@ -64,11 +64,8 @@ def test_a_bifurcation_diagram_keeps_the_maxima_of_each_point(belt):
     assert one == pytest.approx(highest[5], rel=1e-3)
 
 
-def test_no_curve_of_a_bifurcation_diagram_joins_vibration_and_sliding(belt, tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(figure, "put", lambda made, path: drawn.append(made))
-    figure.draw(belt, tmp_path / "map.png")
-    for axes in drawn[0].axes:
+def test_no_curve_of_a_bifurcation_diagram_joins_vibration_and_sliding(belt):
+    for axes in belt.plot().axes:
         for name, run in (("run-up", "up"), ("run-down", "down")):
             [loss] = np.flatnonzero(np.diff(belt.moves[RUNS.index(run), 0]))
             before, after = belt.job.x.values[loss : loss + 2]

@@ -10,7 +10,8 @@ import pytest
 import rig
 from rig.analysis.axis import axes
 from rig.analysis.map import survey
-from rig.analysis.regions import draw, regions, wide_bands
+from rig.analysis.regions import regions, wide_bands
+from rig.view.save_figure import put
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())
 
@@ -56,7 +57,7 @@ def test_regions_agree_with_the_closed_form_of_a_falling_law(tmp_path):
     expected = (slope * np.array(got.x.values) - np.array(got.y.values)[:, None]) / (2.0 * mass)
     assert got.growth == pytest.approx(expected, rel=1e-9, abs=1e-12)
     assert [row[0][0] for row in got.edges] == pytest.approx(np.array(got.y.values) / slope, rel=1e-6)
-    draw(got, tmp_path / "regions.png")
+    put(got.plot(), tmp_path / "regions.png")
     (tmp_path / "regions.csv").write_text(got.csv(), newline="")
     assert (tmp_path / "regions.png").stat().st_size > 10_000
     lines = (tmp_path / "regions.csv").read_text().splitlines()

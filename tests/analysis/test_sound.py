@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from rig.analysis.sound import hear
-from rig.analysis.sound.figure import draw
 from rig.analysis.sound.hearing import HOP, WINDOW
 from rig.cli import app
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
 from rig.record.wav import write
+from rig.view.save_figure import put
 
 RATE = 50_000
 T = np.arange(2 * RATE) / RATE
@@ -150,5 +150,5 @@ def test_the_command(tmp_path, capsys):
 
 
 def test_a_picture(heard, tmp_path):
-    draw(heard, run_of(whistle()), tmp_path / "made" / "whistle.png")
-    assert (tmp_path / "made" / "whistle.png").stat().st_size > 30_000
+    put(heard.plot(), tmp_path / "whistle.png")
+    assert (tmp_path / "whistle.png").stat().st_size > 30_000

@@ -9,10 +9,11 @@ import pytest
 
 import rig as lab
 from rig.analysis.recorded import orders, spectrum
-from rig.analysis.recorded.figure import draw_spectrum
+from rig.analysis.recorded.figure import spectrum_figure
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
+from rig.view.save_figure import put
 
 RATE = 1000
 T = np.arange(20 * RATE) / RATE
@@ -186,6 +187,6 @@ def test_the_command(tmp_path, rig):
 
 def test_a_picture(tmp_path):
     run = run_of(2.0 * np.sin(7.0 * TURN))
-    draw_spectrum(spectrum(run), orders(run), tmp_path / "orders.png")
-    draw_spectrum(spectrum(run), None, tmp_path / "spectrum.png")
+    put(spectrum_figure(spectrum(run), orders(run)), tmp_path / "orders.png")
+    put(spectrum(run).plot(), tmp_path / "spectrum.png")
     assert (tmp_path / "orders.png").stat().st_size > (tmp_path / "spectrum.png").stat().st_size > 30_000

@@ -10,6 +10,7 @@ from swept_matrices import beside, over, turning
 import rig
 from rig.analysis import sweep_figure
 from rig.cli import app
+from rig.view.save_figure import put
 
 
 def test_where_nothing_slides_the_report_says_why_and_not_none():
@@ -76,12 +77,12 @@ def test_growing_branches_are_dashed_and_decaying_ones_solid():
 def test_the_figure_is_drawn(tmp_path):
     from matplotlib.image import imread
 
-    sweep_figure.draw(rig.sweep("pin", "friction.mu", np.linspace(0.0, 1.5, 7)), tmp_path / "jams.png")
+    put(rig.sweep("pin", "friction.mu", np.linspace(0.0, 1.5, 7)).plot(), tmp_path / "jams.png")
     runners = rig.load("belt", {"drive.speed": 0.0})
-    sweep_figure.draw(rig.sweep(runners, "load.force", np.linspace(1.0, 4.0, 4)), tmp_path / "nothing.png")
+    put(rig.sweep(runners, "load.force", np.linspace(1.0, 4.0, 4)).plot(), tmp_path / "nothing.png")
     found = rig.sweep("north", "friction.mu", np.linspace(0.1, 0.5, 9))
-    sweep_figure.draw(found, tmp_path / "new" / "locus.png")
-    pixels = imread(tmp_path / "new" / "locus.png")
+    put(found.plot(), tmp_path / "locus.png")
+    pixels = imread(tmp_path / "locus.png")
     assert pixels.shape[:2] == (825, 1600)
     assert len(np.unique(pixels.reshape(-1, pixels.shape[2]), axis=0)) > 500
 
@@ -110,7 +111,6 @@ def test_the_command_sweeps_and_draws(capsys, tmp_path):
     [
         (("--sweep", "drive.sped=0:1 N:1"), ["did you mean drive.speed?", "count = 1: must be a whole number from 2"]),
         (("--sweep", "body=0:1:5"), ["is not a numeric parameter of this scene"]),
-        (("--figure", "a.png"), ["--figure: draws a sweep"]),
     ],
 )
 def test_nonsense_is_refused_in_words(capsys, arguments, told):

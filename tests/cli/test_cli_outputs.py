@@ -364,13 +364,16 @@ def test_every_command_that_writes_files_takes_force():
 @pytest.mark.parametrize(
     ("command", "drawn"),
     [
-        (("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "a.png"), "rig.analysis.sweep_figure.draw"),
+        (
+            ("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "a.png"),
+            "rig.analysis.sweep_figure.figure",
+        ),
         (("explain", "belt", "--measure", "--figure", "a.png"), "rig.qualify.effects_figure.draw"),
-        (("sound", "log.mcap", "--signal", "s", "--figure", "a.png"), "rig.analysis.sound.figure.draw"),
-        (("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--runs", "near"), "rig.analysis.map.figure.draw"),
+        (("sound", "log.mcap", "--signal", "s", "--figure", "a.png"), "rig.analysis.sound.figure.figure"),
+        (("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--runs", "near"), "rig.analysis.map.figure.figure"),
         (
             ("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--y", "load.force=10:20:2", "--eigenvalues"),
-            "rig.analysis.regions.draw",
+            "rig.analysis.regions.figure",
         ),
     ],
     ids=lambda one: one.split(".")[2] if isinstance(one, str) else one[0],

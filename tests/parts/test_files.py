@@ -18,7 +18,7 @@ from rig.scenes.scene import Scene
 from rig.scenes.variants import absent, dropped, without
 from rig.view import curves
 from rig.view.channels import Channels
-from rig.view.run_figure import draw
+from rig.view.save_figure import put
 
 
 def rewritten(file, *changes):
@@ -173,7 +173,7 @@ def test_a_plant_draws_a_figure_of_its_own_from_its_file(folder):
     for name in ("own", "common"):
         if name == "common":
             rewritten(folder / "example_plant.py", ('("table_velocity",)', '("not_there",)'))
-        draw(lab.simulate(lab.load(folder / "scene.toml"), 0.1), folder / f"{name}.png")
+        put(lab.simulate(lab.load(folder / "scene.toml"), 0.1).plot(), folder / f"{name}.png")
         dark.append(float(imread(folder / f"{name}.png")[..., :3].mean()))
     assert dark[0] < 0.05
     assert dark[1] > 0.5

@@ -52,11 +52,11 @@ def test_save_writes_the_recording(run, tmp_path):
 
 
 def test_plot_is_the_figure_that_the_commands_draw(tmp_path):
-    from rig.view.run_figure import draw
+    from rig.view.save_figure import put
 
     run = rig.simulate("belt", 0.1)
     run.plot().savefig(tmp_path / "a.png")
-    draw(run, tmp_path / "b.png")
+    put(run.plot(), tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 

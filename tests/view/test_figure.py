@@ -15,7 +15,7 @@ from rig.record.run import Commands, Run, Samples
 from rig.scenes import shipped
 from rig.view import contact, timeline
 from rig.view.curves import Known, Sheet, channels_of, known, thinned
-from rig.view.run_figure import draw
+from rig.view.save_figure import put
 
 NOTHING = Samples(np.empty(0, np.int64), np.empty(0))
 
@@ -70,8 +70,8 @@ def made_up(seconds, step_ns, **told):
 
 
 def test_a_simulated_run_becomes_a_picture_of_1600_pixels(run, tmp_path):
-    path = tmp_path / "new" / "belt.png"
-    draw(run, path)
+    path = tmp_path / "belt.png"
+    put(run.plot(), path)
     width, height, share = ink(path)
     assert width == 1600
     assert 900 <= height <= 1200
@@ -86,7 +86,7 @@ def test_any_run_can_be_drawn(kind, tmp_path):
         "long and fine": lambda: made_up(140.0, 100_000, measurements={"laser": NOTHING}),
         "stopped": lambda: made_up(2.5, 1_000_000, fault="diverged\n at t = 2.5 s", summary={"verdict": "INVALID"}),
     }  # fmt: skip
-    draw(runs[kind](), tmp_path / "run.png")
+    put(runs[kind]().plot(), tmp_path / "run.png")
     assert ink(tmp_path / "run.png")[0] == 1600
 
 
@@ -139,7 +139,7 @@ def test_a_circuit_is_closed_from_switch_to_switch(tmp_path):
     assert (span.begin, span.end) == pytest.approx((4e-3, 8e-3), abs=2.1e-5)
     assert span.text == "shunt connected"
     assert timeline.circuits(run, None) == []
-    draw(run, tmp_path / "run.png")
+    put(run.plot(), tmp_path / "run.png")
     assert ink(tmp_path / "run.png")[2] > 0.03
 
 
@@ -194,7 +194,7 @@ def test_what_the_states_of_a_live_run_show_follows_from_a_faster_sensor(run, sh
 
 def test_a_live_run_shows_no_vibration_that_there_was_not(tmp_path):
     squeal = live(motion=lambda t: 0.02 * np.sin(2 * np.pi * 601.0 * t))  # an alias of 1 Hz in the states
-    draw(squeal, tmp_path / "run.png")
+    put(squeal.plot(), tmp_path / "run.png")
     velocity, forces, portrait, close_up = (
         axes for axes in squeal.plot().axes if axes.get_ylabel() in ("velocity [mm/s]", "forces [mN]")
     )
@@ -218,7 +218,7 @@ def test_a_live_run_shows_no_vibration_that_there_was_not(tmp_path):
 )
 def test_any_sensor_and_output_can_be_drawn_alone(scene, only, labels, tmp_path):
     run = rig.simulate(scene, 0.02)
-    draw(run, tmp_path / "run.png", only)
+    put(run.plot(only), tmp_path / "run.png")
     figure = run.plot(only)
     assert [axes.get_ylabel() for axes in figure.axes[: len(labels)]] == labels
     drawn = [line.get_label() for axes in figure.axes[: len(labels)] for line in axes.get_lines()]
@@ -230,7 +230,7 @@ def test_any_sensor_and_output_can_be_drawn_alone(scene, only, labels, tmp_path)
 
 def test_every_contact_has_its_strip_and_its_name(tmp_path):
     run = rig.simulate("brake", 0.01)
-    draw(run, tmp_path / "run.png")
+    put(run.plot(), tmp_path / "run.png")
     [strip] = [axes for axes in run.plot().axes if axes.images]
     names = ["inner left", "inner right", "outer left", "outer right"]
     assert [tick.get_text() for tick in strip.get_yticklabels()] == names
@@ -247,7 +247,7 @@ def test_no_text_of_the_protocol_or_of_an_event_is_cut(tmp_path):
             for t, text in texts
         ]
         marked = replace(run, events=[*run.events, *events])
-        draw(marked, tmp_path / "run.png")  # which judges its texts
+        put(marked.plot(), tmp_path / "run.png")  # which judges its texts
         header = next(axes for axes in marked.plot().axes if any("hold" in one.get_text() for one in axes.texts))
         said = [one.get_text() for one in header.texts if one.get_text()]
         left_out = sum(int(one.split()[1]) for one in said if one.startswith("and "))

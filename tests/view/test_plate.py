@@ -18,7 +18,7 @@ from rig.view import contact, pressure_colours
 from rig.view.blueprint import blueprint
 from rig.view.drawing import Drawing
 from rig.view.feed import Feed
-from rig.view.run_figure import draw
+from rig.view.save_figure import put
 
 FILM = {"film.along": "5", "film.across": "4"}
 
@@ -185,7 +185,7 @@ def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
     }[kind]
     end = {"no opening": 250, "empty": 0}.get(kind, run.time.size)
     signals = {name: v[:end] for name, v in run.signals.items() if keep(name)}
-    draw(replace(run, time=run.time[:end], signals=signals, mode=run.mode[:end]), tmp_path / "run.png")
+    put(replace(run, time=run.time[:end], signals=signals, mode=run.mode[:end]).plot(), tmp_path / "run.png")
     picture = imread(tmp_path / "run.png")
     assert picture.shape[1] == 1600
     violet = np.abs(picture[..., :3] - pressure_colours.table()[0] / 255.0).max(axis=2) < 0.1
@@ -195,13 +195,13 @@ def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
 @pytest.mark.parametrize("lost", ["normal_force", "pressure_centre_y", "contact_fraction", "pressure_2_3"])
 def test_a_recording_that_has_lost_an_output_becomes_a_figure(run, tmp_path, lost):
     left = {name: v for name, v in run.signals.items() if name != lost}
-    draw(replace(run, signals=left), tmp_path / "plate.png")
+    put(replace(run, signals=left).plot(), tmp_path / "plate.png")
     assert imread(tmp_path / "plate.png").shape[2] == 4
 
 
 def test_a_figure_of_a_live_run_joins_no_thinned_outputs(run, tmp_path):
     live = replace(run, step_ns=10_000, measurements={})
-    draw(live, tmp_path / "run.png")
+    put(live.plot(), tmp_path / "run.png")
     drawn = [one for axes in live.plot().axes[:4] for one in axes.get_lines() if len(one.get_xdata()) > 9]
     assert {one.get_linestyle() for one in drawn} == {"None"}
     assert all("1000 samples/s" in one.get_label() for one in drawn)

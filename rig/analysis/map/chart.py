@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STOPPED, S
 from rig.analysis.pool import Arrays
 from rig.analysis.text_table import columns
 from rig.printable import counted
+from rig.results import Result
 
 Array = NDArray[np.float64]
 UNKNOWN, ONE, TWO, THREE, REST = range(5)
@@ -40,7 +41,7 @@ _ROWS = 12  # of boundaries, on the screen
 
 
 @dataclass(frozen=True)
-class Map:
+class Map(Result):
     """The result of `rig.map`, over [row, point]; a map with one axis has one row.
 
     state      results of rig.analysis.map.steady_state, [run, row, point], runs in the order of `RUNS`;
@@ -52,6 +53,8 @@ class Map:
     onsets     of each row: values at which the growth rate passes through zero
     ends       [run-up and run-down, row, 2]: last value with vibration in the carried run, first without it
     """
+
+    FIGURE: ClassVar = "rig.analysis.map.figure:figure"
 
     job: Job
     unit: str

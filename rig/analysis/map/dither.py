@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ from rig.errors import NumericsError
 from rig.model.method import chosen
 from rig.model.system import System
 from rig.motion.motion import Motion
+from rig.results import Result
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 
@@ -50,13 +51,15 @@ _LOST = 10.0  # initial displacements: a slow motion of this size has left slidi
 
 
 @dataclass(frozen=True)
-class Boundary:
+class Boundary(Result):
     """The result of `rig.map` over dither.frequency and dither.amplitude.
 
     averaged    boundary at each frequency (SI); 0 if sliding is stable at all amplitudes, inf if at none
     leading     the same to leading order
     simulated   [frequency, 2]: largest amplitude at which sliding was lost, smallest one above it at which it was kept
     """
+
+    FIGURE: ClassVar = "rig.analysis.map.figure:figure"
 
     job: Job
     averaged: Array

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from rig.analysis.map.dither import Boundary
 from rig.analysis.map.job import RUNS
 from rig.view.curves import apart, plain
 from rig.view.palette import AMBER, BLUE, GREEN, VERMILION
-from rig.view.save_figure import put
+from rig.view.save_figure import page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,15 +32,9 @@ _STYLE: dict[str, Any] = {
 }
 
 
-def draw(found: Map | Boundary, path: Path) -> None:
-    """Draw what `rig.map` found into the file `path` (PNG, or another format of matplotlib, by its suffix)."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(9.6, 6.4), dpi=125, facecolor="white", layout="constrained")
-        FigureCanvasAgg(figure)
+def figure(found: Map | Boundary) -> Figure:
+    """Return the figure of what `rig.map` found."""
+    with page(_STYLE, 9.6, 6.4, layout="constrained") as figure:
         if isinstance(found, Boundary):
             _dither(figure.add_subplot(), found)
         elif found.job.y is None:
@@ -49,7 +42,7 @@ def draw(found: Map | Boundary, path: Path) -> None:
         else:
             _regions(figure.add_subplot(), found)
         heading(figure, found.job.scene, [axis for axis in (found.job.x, found.job.y) if axis is not None])
-        put(figure, path)
+    return figure
 
 
 def _regions(axes: Axes, found: Map) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +14,7 @@ from rig.view.palette import ALARM, BLUE, GREY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _CURVE, _POINT, _AXIS = BLUE, ALARM, GREY
 _NAMED = 6
@@ -22,10 +22,10 @@ _NAMED = 6
 _DRAWN = 40_000  # samples of a portrait
 
 
-def draw_response(found: Response, path: Path) -> None:
-    """Draw magnitude with its random error, phase and coherence over frequency into the file `path`."""
+def response_figure(found: Response) -> Figure:
+    """Draw magnitude with its random error, phase and coherence over frequency."""
     title = f"{found.scene}: response of {plain(found.output)} to {plain(found.input)}"
-    with sheet(path, title, (12.0, 8.4)) as figure:
+    with sheet(title, (12.0, 8.4)) as figure:
         size, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.2, 0.9))
         h = np.abs(found.h)
         size.loglog(found.f, h, color=_CURVE)
@@ -55,13 +55,14 @@ def draw_response(found: Response, path: Path) -> None:
             coherence.set_title("unknown from a single window")
         coherence.set(ylabel="coherence", ylim=(0.0, 1.05), xlabel="frequency [Hz]")
         figure.align_ylabels([size, phase, coherence])
+    return figure
 
 
-def draw_portrait(found: Portrait, path: Path) -> None:
-    """Draw the portrait, with its section and the points of the section over time, into the file `path`."""
+def portrait_figure(found: Portrait) -> Figure:
+    """Draw the portrait, with its section and the points of the section over time."""
     section = found.section
     title = f"{found.scene}: {plain(found.y_name)} over {plain(found.x_name)}"
-    with sheet(path, title, (7.6, 6.6) if section is None else (14.0, 6.6)) as figure:
+    with sheet(title, (7.6, 6.6) if section is None else (14.0, 6.6)) as figure:
         curve, *beside = figure.subplots(1, 1 if section is None else 2, squeeze=False)[0]
         every = max(found.t.size // _DRAWN, 1)
         curve.plot(found.x[::every], found.y[::every], color=_CURVE, lw=0.8)
@@ -70,6 +71,7 @@ def draw_portrait(found: Portrait, path: Path) -> None:
         if section is not None:
             _cut(curve, found, section)
             _points(beside[0], found, section)
+    return figure
 
 
 def _cut(axes: Axes, found: Portrait, section: Section) -> None:

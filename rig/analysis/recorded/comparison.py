@@ -13,8 +13,8 @@ import json
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from rig.record.compare import Comparison, Difference, Series, series_of
 from rig.record.compare import compare as compare_signals
 from rig.record.run import Run
 from rig.record.statistics import whole_signals
+from rig.results import Result
 
 _PLAIN = ("format", "name", "title", "about", "origins", "models", "parts")
 """Parts of a recorded scene on which no result depends, or which only describe where values came from."""
@@ -73,8 +74,10 @@ class Measure(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Compared:
+class Compared(Result):
     """The comparison of two recordings over a time span [s]; `tolerance`: a share of the range of each channel."""
+
+    FIGURE: ClassVar = "rig.analysis.recorded.comparison_figure:figure"
 
     begin: float
     end: float
@@ -86,6 +89,8 @@ class Compared:
     measures: tuple[Measure, ...]
     notes: tuple[str, ...] = ()
     """Damage of the recordings."""
+    runs: tuple[Run, ...] = field(default=(), compare=False, repr=False)
+    """Both runs."""
 
     @property
     def agree(self) -> bool:
@@ -189,6 +194,7 @@ def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, 
         compare_signals(first, second, begin, end),
         tuple(_measures(first, second, low, high)),
         tuple(f"{which}: {note}" for which, run in (("A", first), ("B", second)) for note in _notes(run)),
+        (first, second),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,18 +10,21 @@ from rig.analysis.recorded.comparison import Compared
 from rig.analysis.recorded.figure import sheet
 from rig.analysis.recorded.series import scene_name
 from rig.record.compare import series_of
-from rig.record.run import Run
 from rig.record.statistics import whole_signals
 from rig.view.curves import plain, thinned
 from rig.view.palette import AMBER, BLUE, GREY
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _A, _B, _DIFFERENCE = BLUE, AMBER, GREY
 _DRAWN = 5
 """Most channels in a figure: those that differ first."""
 
 
-def draw_comparison(first: Run, second: Run, found: Compared, path: Path) -> None:
-    """Draw up to five channels of two runs, those that differ first, with their difference, into the file `path`."""
+def figure(found: Compared) -> Figure:
+    """Draw up to five channels of two runs, those that differ first, with their difference."""
+    first, second = found.runs
     one, two = (series_of(run, found.begin, found.end) for run in (first, second))
     known = {signal.topic: signal for signal in found.signals.signals}
     names = [
@@ -29,7 +32,7 @@ def draw_comparison(first: Run, second: Run, found: Compared, path: Path) -> Non
     ]
     names = sorted(names, key=lambda name: known[name].equal)[:_DRAWN]
     title = " and ".join(dict.fromkeys(scene_name(run) for run in (first, second)))
-    with sheet(path, f"{title}: two recordings", (14.0, 1.4 + 2.1 * len(names))) as figure:
+    with sheet(f"{title}: two recordings", (14.0, 1.4 + 2.1 * len(names))) as figure:
         rows = figure.subplots(max(len(names), 1), 2, squeeze=False, sharex=True, width_ratios=(1.5, 1.0))
         for (over, apart), name in zip(rows, names):
             unit = first.units.get(name, "")
@@ -52,3 +55,4 @@ def draw_comparison(first: Run, second: Run, found: Compared, path: Path) -> Non
             axes.set_xlabel("time [s]")
         figure.align_ylabels(rows[:, 0])
         figure.align_ylabels(rows[:, 1])
+    return figure

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +19,7 @@ from rig.view.curves import plain, thinned
 from rig.view.palette import AMBER, BLUE, GREY
 from rig.view.pressure_maps import draw_map, draw_scale
 from rig.view.run_figure import STYLE
-from rig.view.save_figure import put
+from rig.view.save_figure import page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,25 +35,17 @@ _ALL = 1e-4
 
 
 @contextmanager
-def sheet(path: Path, title: str, size: tuple[float, float]) -> Iterator[Figure]:
-    """Yield an empty figure of `size` [inches] to draw on and write it to `path` at the end; directories are made."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=size, dpi=125, facecolor="white", layout="constrained")
-        FigureCanvasAgg(figure)
+def sheet(title: str, size: tuple[float, float]) -> Iterator[Figure]:
+    """Yield an empty figure of `size` [inches] to draw on; it gets its title at the end."""
+    with page(STYLE, *size, layout="constrained") as figure:
         yield figure
         figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
-        put(figure, path)
 
 
-def draw_hysteresis(found: Hysteresis, path: Path) -> None:
-    """Draw the RMS over the speed, and both over time, into the file `path` (PNG or another format of matplotlib)."""
+def hysteresis_figure(found: Hysteresis) -> Figure:
+    """Draw the RMS over the speed, and both over time."""
     over, name = plain(found.over), plain(found.name)
-    with sheet(path, f"{found.scene}: {name} over {over}", (12.0, 8.0)) as figure:
+    with sheet(f"{found.scene}: {name} over {over}", (12.0, 8.0)) as figure:
         loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
         rms.sharex(speed)
         labelled = set()
@@ -82,12 +73,13 @@ def draw_hysteresis(found: Hysteresis, path: Path) -> None:
         rms.tick_params(labelbottom=False)
         speed.set(ylabel=f"{over}\n[{found.over_unit}]", xlabel="time [s]")
         figure.align_ylabels([rms, speed])
+    return figure
 
 
-def draw_spectrum(found: Spectrum, order: Orders | None, path: Path) -> None:
-    """Draw density and spectrogram, and those over orders, into the file `path`."""
+def spectrum_figure(found: Spectrum, order: Orders | None = None) -> Figure:
+    """Draw density and spectrogram, and those over orders."""
     size = (12.0, 7.6) if order is None else (15.0, 8.0)
-    with sheet(path, f"{found.scene}: spectrum of {plain(found.name)}", size) as figure:
+    with sheet(f"{found.scene}: spectrum of {plain(found.name)}", size) as figure:
         (density, *beside), (spectrogram, *below) = figure.subplots(2, 1 if order is None else 2, squeeze=False)
         _density(density, found.density, found.lines, f"{squared(found.unit)}/Hz", "Hz")
         density.set(
@@ -106,6 +98,7 @@ def draw_spectrum(found: Spectrum, order: Orders | None, path: Path) -> None:
             )
             _map(below[0], order.map, order.density, f"level [dB re 1 {squared(found.unit)}*{per}]")
             below[0].set(title=f"windows of {order.map_window:.4g} {per}", xlabel="time [s]", ylabel=f"order [1/{per}]")
+    return figure
 
 
 def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, axis: str) -> None:
@@ -138,11 +131,11 @@ def _map(axes: Axes, found: Map, density: Density, unit: str) -> None:
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
-def draw_pressure(found: Pressure, path: Path) -> None:
-    """Draw the maps, all on one scale, into the file `path`."""
+def pressure_figure(found: Pressure) -> Figure:
+    """Draw the maps, all on one scale."""
     across = 3 if len(found.maps) in (3, 5, 6, 9) else min(len(found.maps), 4)
     down = -(-len(found.maps) // across)
-    with sheet(path, f"{found.scene}: pressure of the film", (1.2 + 3.0 * across, 1.9 + 2.4 * down)) as figure:
+    with sheet(f"{found.scene}: pressure of the film", (1.2 + 3.0 * across, 1.9 + 2.4 * down)) as figure:
         drawn = figure.subplots(down, across, squeeze=False)
         largest = max(one.largest for one in found.maps)
         scale = found.points.scale
@@ -159,3 +152,4 @@ def draw_pressure(found: Pressure, path: Path) -> None:
             if number % across == 0:
                 axes.set_ylabel("y on the slider [mm]")
         draw_scale(drawn[0, 0], scale, largest > scale, ax=drawn, location="bottom", aspect=45, shrink=0.7)
+    return figure

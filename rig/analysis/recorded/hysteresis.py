@@ -12,7 +12,7 @@ import csv
 import io
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from rig.analysis.text_table import columns
 from rig.analysis.three_stages import short, stuck
 from rig.errors import UsageError
 from rig.record.run import Reals, Run
+from rig.results import Result
 
 _PERIODS = 5.0
 """Default window, in periods of the slowest strong vibration."""
@@ -59,7 +60,7 @@ class Curve(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Hysteresis:
+class Hysteresis(Result):
     """The result of `hysteresis`: `window` [s]; `frequency` [Hz] of the slowest strong vibration; curves in order of
     time.
 
@@ -67,6 +68,8 @@ class Hysteresis:
     recorded, which also show shorter sticks. `gaps`: missing samples, in words; `lost`: number of windows left out
     because less than half of their samples exist.
     """
+
+    FIGURE: ClassVar = "rig.analysis.recorded.figure:hysteresis_figure"
 
     scene: str
     name: str

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from rig.printable import counted
 from rig.record.names import TRUE
 from rig.record.roles import portrait_pair
 from rig.record.run import Reals, Run
+from rig.results import Result
 
 SAME = 1e-3
 """Share of the range of a channel: points of a section that are this close count as one."""
@@ -52,8 +53,10 @@ class Section(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Portrait:
+class Portrait(Result):
     """The result of `portrait`: samples `x` and `y` [n] at times `t` [s]; NaN where one is missing."""
+
+    FIGURE: ClassVar = "rig.analysis.recorded.channel_figures:portrait_figure"
 
     scene: str
     x_name: str

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from rig.errors import UsageError
 from rig.record.film_points import Points, points_of
 from rig.record.pressure_instants import Instant, characteristic
 from rig.record.run import Reals, Run
+from rig.results import Result
 
 MOST = 20
 """Largest number of maps in a figure."""
@@ -43,8 +44,10 @@ class Map(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Pressure:
+class Pressure(Result):
     """The result of `pressure`: the points of the film, and a map for each instant."""
+
+    FIGURE: ClassVar = "rig.analysis.recorded.figure:pressure_figure"
 
     scene: str
     points: Points

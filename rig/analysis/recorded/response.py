@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ from rig.analysis.text_table import columns
 from rig.errors import UsageError
 from rig.record.even_times import bridge
 from rig.record.run import Integers, Reals, Run
+from rig.results import Result
 
 _WINDOWS = 16
 """Hann windows, end to end, in the time span, by default."""
@@ -42,7 +43,7 @@ _LASTS = 1e-3  # RMS at the end of a window over that of the window: more is rep
 
 
 @dataclass(frozen=True)
-class Response:
+class Response(Result):
     """The result of `response`: `h` [n, complex, in `unit`] and `coherence` [n] at `f` [n, Hz].
 
     `error` [n]: random error of the magnitude as a share, also that of the phase in radians where it is small. `h` is
@@ -51,6 +52,8 @@ class Response:
     coherence at 95 % of the lines. `tapered`: Hann windows; otherwise the input is pulses, and the windows begin with
     them. `rest`: RMS of the output at their ends over that of the whole windows.
     """
+
+    FIGURE: ClassVar = "rig.analysis.recorded.channel_figures:response_figure"
 
     scene: str
     input: str

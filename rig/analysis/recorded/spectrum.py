@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.even_times import BRIDGED, bridge
 from rig.record.run import Reals, Run
+from rig.results import Result
 
 FEWEST = 32
 """Samples in a window."""
@@ -70,8 +71,10 @@ class Map(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class Spectrum(Result):
     """The result of `spectrum`: `window` [s] of the density, `map_window` [s] of the spectrogram; `bridged` samples."""
+
+    FIGURE: ClassVar = "rig.analysis.recorded.figure:spectrum_figure"
 
     scene: str
     name: str

@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.analysis.repeat.measure import ONSET
 from rig.analysis.repeat.spread import Repeats
+from rig.errors import UsageError
 from rig.view.palette import BLUE
 from rig.view.run_figure import STYLE
-from rig.view.save_figure import put
+from rig.view.save_figure import page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _MOST = 24  # numbers in the picture
 _COLOUR, _BAND = BLUE, "#b9cce4"
 
 
-def draw(found: Repeats, path: Path) -> None:
-    """Draw the spread into the file `path` (PNG, or another format of matplotlib, by its suffix)."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(12.0, 7.0), layout="constrained")
-        FigureCanvasAgg(figure)
+def figure(found: Repeats) -> Figure:
+    """Return the figure of the spread. Raises UsageError if no run was simulated."""
+    if not found.seen:
+        raise UsageError(f"nothing to draw: {found.ended or 'no run was simulated'}")
+    with page(STYLE, 12.0, 7.0, layout="constrained", dpi=100) as figure:
         left, right = figure.subplots(1, 2)
         _numbers(left, found)
         _spectrum(right, found)
         figure.suptitle(f"{found.scene}: {len(found.seen)} runs with seeds {found.seeds[0]} to {found.seeds[-1]}")
-        put(figure, path)
+    return figure
 
 
 def _numbers(axes: Axes, found: Repeats) -> None:

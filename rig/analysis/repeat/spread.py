@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from rig.analysis.repeat.measure import ONSET, Seen
 from rig.analysis.text_table import columns
+from rig.results import Result
 
 
 class Spread(NamedTuple):
@@ -24,12 +25,14 @@ class Spread(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Repeats:
+class Repeats(Result):
     """Runs of one scene with `seeds`: its `random` parts, the numbers `seen` in each run, the reason why they `ended`
     early.
 
     `ended` is empty if every seed was simulated.
     """
+
+    FIGURE: ClassVar = "rig.analysis.repeat.figure:figure"
 
     scene: str
     random: tuple[str, ...]

@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rig.analysis.sound.hearing import Sound
-from rig.record.run import Run
 from rig.view import timeline
 from rig.view.curves import plain
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 from rig.view.run_figure import STYLE
-from rig.view.save_figure import put
+from rig.view.save_figure import page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _LINE, _TONE, _WORK = BLUE, VERMILION, GREEN
 _COLUMNS = 2400
 _RANGE = 70.0  # dB of the spectrum that are shown
 
 
-def draw(sound: Sound, run: Run, path: Path) -> None:
-    """Draw `sound` of `run` into the file `path` (PNG, or another matplotlib format); make directories."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(12.0, 7.6), dpi=125, facecolor="white", layout="constrained")
-        FigureCanvasAgg(figure)
+def figure(sound: Sound) -> Figure:
+    """Return the figure of `sound`."""
+    with page(STYLE, 12.0, 7.6, layout="constrained") as figure:
         signal, spectrum, level = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.5, 1.0))
         every = -(-sound.v.size // _COLUMNS)
         edges = np.arange(0, sound.v.size, every)
@@ -36,8 +31,8 @@ def draw(sound: Sound, run: Run, path: Path) -> None:
         low, high = np.minimum.reduceat(sound.v, edges), np.maximum.reduceat(sound.v, edges)
         signal.fill_between(t, low, high, color=_LINE, lw=0.5)
         signal.set_ylabel(f"{plain(sound.channel)} [{sound.unit}]")
-        for span in timeline.controlled(run):
-            if span.begin > 0.0 or span.end < timeline.end_of(run):  # a controller that works throughout needs no mark
+        for span in timeline.controlled(sound.run):
+            if span.begin > 0.0 or span.end < timeline.end_of(sound.run):  # one that works throughout needs no mark
                 for axes in (signal, level):
                     axes.axvspan(span.begin, span.end, color=_WORK, alpha=0.12, lw=0)
                 signal.annotate(span.text, (span.begin, 1.01), xycoords=("data", "axes fraction"), color=_WORK)
@@ -57,4 +52,4 @@ def draw(sound: Sound, run: Run, path: Path) -> None:
         level.set_ylim(max(float(np.percentile(sound.tone, 1.0)) - 5.0, float(sound.level.max()) - 120.0), None)
         level.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
         figure.suptitle(f"{sound.scene}: {plain(sound.channel)}", x=0.01, ha="left", fontsize=13, fontweight="bold")
-        put(figure, path)
+    return figure

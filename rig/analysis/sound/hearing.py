@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from rig.analysis.recorded.series import scene_name
 from rig.errors import UsageError
 from rig.record.even_times import increasing, places
 from rig.record.run import Run
+from rig.results import Result
 
 Reals = NDArray[np.float64]
 
@@ -65,13 +66,15 @@ class Squeal:
 
 
 @dataclass(frozen=True)
-class Sound:
+class Sound(Result):
     """The sound at sensor `channel`: samples `v` [n] in `unit` at `rate` [Hz] from `start` [s] on.
 
     Of each window [k]: `times` [s] of its middle, `level` and level of its loudest tone above 1 kHz `tone` [dB],
     `frequency` [Hz] of that tone. `spectrum` [k, f] in dB at `frequencies` [f]. `threshold` [dB] of a squeal; `missing`
     samples count as silence.
     """
+
+    FIGURE: ClassVar = "rig.analysis.sound.figure:figure"
 
     scene: str
     channel: str
@@ -88,6 +91,8 @@ class Sound:
     spectrum: NDArray[np.float32]
     threshold: float
     squeals: tuple[Squeal, ...]
+    run: Run = field(compare=False, repr=False)
+    """The run that it was heard in."""
 
     @property
     def reference(self) -> str:
@@ -178,6 +183,7 @@ def hear(run: Run, channel: str = "") -> Sound:
         frequency=frequency,
         frequencies=frequencies,
         spectrum=_decibel(sizes / math.sqrt(2.0), unit),
+        run=run,
         threshold=threshold,
         squeals=tuple(_squeals(times, tone, frequency, threshold)),
     )

@@ -1,4 +1,5 @@
-"""The figures of a study: curves or a heat map over its grid, a scatter matrix of samples, a tornado of Sobol indices.
+"""The figures of studies: curves or a heat map over a grid, a scatter matrix of samples, a tornado of Sobol indices;
+and that of a search.
 
 Of dimensions that a figure does not show (samples, repeats, further parameters) it shows the median; curves show the
 range as well.
@@ -15,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.studies.words import in_words
+from rig.errors import UsageError
 from rig.view.run_figure import STYLE
-from rig.view.save_figure import put
+from rig.view.save_figure import page, put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,16 +26,17 @@ if TYPE_CHECKING:
 
     from rig.analysis.studies.factors import Factor
     from rig.analysis.studies.result_data import Indices, StudyData
+    from rig.analysis.studies.search_result import SearchResult
 
-_COLOUR, _BAND, _LIGHT = "#1d4f91", "#b9cce4", "#d1802f"
+_COLOUR, _BAND, _LIGHT, _BEST = "#1d4f91", "#b9cce4", "#d1802f", "#c03a76"
 _MOST = 6  # panels in a row of a scatter matrix
 _PANEL = 3.2  # inches
 _LINE = 18  # characters
 _TICKS, _APART = 8, 0.08  # values of an axis that are its ticks, if they are further apart than a share of the axis
 
 
-def draw(found: StudyData, folder: Path) -> list[Path]:
-    """Draw the figures that suit the plan into `folder` (PNG); return their files."""
+def _suiting(found: StudyData) -> dict[str, Callable[[StudyData], Figure]]:
+    """File name -> what draws it, for the figures that suit the plan."""
     plan = found.work.plan
     grid = [one for one in plan.grid if len(one.axis.values) > 1]
     wanted: dict[str, Callable[[StudyData], Figure]] = {}
@@ -46,24 +49,61 @@ def draw(found: StudyData, folder: Path) -> list[Path]:
             wanted["scatter.png"] = _scatter
         if (indices := found.indices) is not None and np.isfinite(indices.whole).any():
             wanted["tornado.png"] = lambda found: _tornado(found, indices)
-    import matplotlib as mpl
+    return wanted
 
+
+def draw(found: StudyData, folder: Path) -> list[Path]:
+    """Draw the figures that suit the plan into `folder` (PNG); return their files."""
     paths = []
-    for name, make in wanted.items():
-        with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-            put(make(found), folder / name)
+    for name, make in _suiting(found).items():
+        put(_styled(make, found), folder / name)
         paths.append(folder / name)
     return paths
 
 
-def _figure(found: StudyData, width: float, height: float, what: str) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def study_figure(found: StudyData) -> Figure:
+    """Return the first of the figures that suit the plan. Raises UsageError if there is none."""
+    for make in _suiting(found).values():
+        return _styled(make, found)
+    values = "one point" if np.isfinite(found.values).any() else "no point has a value"
+    raise UsageError(f"nothing to draw: {values}")
 
-    figure = Figure(figsize=(width, height), dpi=125, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
+
+def search_figure(found: SearchResult) -> Figure:
+    """Return the value over each parameter and over the course of the search."""
+    count = len(found.factors) + 1
+    title = in_words(found.measure, found.unit)
+    with page(STYLE, 9.6, 2.6 * count, layout="constrained") as figure:
+        figure.suptitle(f"{found.scene.title}: search", x=0.01, ha="left", fontweight="bold")
+        top, *rest = figure.subplots(count, 1, squeeze=False)[:, 0]
+        worst = -np.inf if found.largest else np.inf
+        course = np.where(np.isfinite(found.values), found.values, worst)
+        so_far = np.maximum.accumulate(course) if found.largest else np.minimum.accumulate(course)
+        numbers = np.arange(1, len(course) + 1)
+        top.plot(numbers, found.values, ".", ms=3.5, color=_BAND, label="points")
+        top.plot(numbers, np.where(np.isfinite(so_far), so_far, np.nan), color=_COLOUR, label="best so far")
+        top.set(xlabel="number of the evaluation", ylabel=title)
+        top.legend(loc="best")
+        for i, (axes, one) in enumerate(zip(rest, found.factors)):
+            axes.plot(found.points[:, i] / one.axis.scale, found.values, ".", ms=3.5, color=_COLOUR, alpha=0.5)
+            if found.best is not None:
+                axes.plot(found.points[found.best, i] / one.axis.scale, found.value, "o", color=_BEST, ms=6)
+            axes.set(xlabel=one.axis.title, ylabel=title)
+        figure.align_ylabels()
+    return figure
+
+
+def _styled(make: Callable[[StudyData], Figure], found: StudyData) -> Figure:
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
+        return make(found)
+
+
+def _figure(found: StudyData, width: float, height: float, what: str) -> Figure:
     count = len(found.values)
-    figure.suptitle(f"{found.work.scene.title}: {what}, {count} points", x=0.01, ha="left", fontweight="bold")
+    with page(STYLE, width, height, layout="constrained") as figure:
+        figure.suptitle(f"{found.work.scene.title}: {what}, {count} points", x=0.01, ha="left", fontweight="bold")
     return figure
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from rig.analysis.studies.figure import draw
 from rig.analysis.studies.measures import one_unit
 from rig.analysis.studies.result_data import COLUMNS, StudyData
 from rig.analysis.studies.runs import StudyRuns
+from rig.results import Result
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -21,8 +22,10 @@ if TYPE_CHECKING:
 __all__ = ["COLUMNS", "StudyResult", "gathered"]
 
 
-class StudyResult(StudyData):
+class StudyResult(StudyData, Result):
     """The result of `rig.study`. Printed, it is the report."""
+
+    FIGURE: ClassVar = "rig.analysis.studies.figure:study_figure"
 
     def to_xarray(self) -> Dataset:
         """Return the result as a Dataset over the dimensions of the plan, with units and provenance.

@@ -9,29 +9,29 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.studies.factors import Factor
-from rig.analysis.studies.words import in_words, with_unit
+from rig.analysis.studies.words import with_unit
 from rig.analysis.text_table import columns
+from rig.results import Result
 from rig.scenes.scene import Scene
-from rig.view.run_figure import STYLE
-from rig.view.save_figure import put
 
 Array = NDArray[np.float64]
-_COLOUR, _BEST, _LIGHT = "#1d4f91", "#c03a76", "#b9cce4"
 _APART = "not converged: the same search with more --evaluations and --force continues from here"
 _CLOSE = 0.01  # of the range: nearer to an end, the range limits the search
 
 
 @dataclass(frozen=True)
-class SearchResult:
+class SearchResult(Result):
     """The result of `rig.optimise`: `values` of the measure at `points` [point, parameter] (SI), in the order of the
     search; nan with a reason where there is none. `settled`: whether the points have converged.
     """
+
+    FIGURE: ClassVar = "rig.analysis.studies.figure:search_figure"
 
     scene: Scene
     factors: tuple[Factor, ...]
@@ -109,32 +109,3 @@ class SearchResult:
         for point, value, why in zip(self.points.tolist(), self.values.tolist(), self.reasons):
             writer.writerow([*point, value, why])
         return made.getvalue()
-
-    def draw(self, path: Path) -> None:
-        """Draw the value over each parameter and over the course of the search into a file (PNG, SVG, PDF)."""
-        import matplotlib as mpl
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        count = len(self.factors) + 1
-        title = in_words(self.measure, self.unit)
-        with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-            figure = Figure(figsize=(9.6, 2.6 * count), dpi=125, facecolor="white", layout="constrained")
-            FigureCanvasAgg(figure)
-            figure.suptitle(f"{self.scene.title}: search", x=0.01, ha="left", fontweight="bold")
-            top, *rest = figure.subplots(count, 1, squeeze=False)[:, 0]
-            worst = -np.inf if self.largest else np.inf
-            course = np.where(np.isfinite(self.values), self.values, worst)
-            so_far = np.maximum.accumulate(course) if self.largest else np.minimum.accumulate(course)
-            numbers = np.arange(1, len(course) + 1)
-            top.plot(numbers, self.values, ".", ms=3.5, color=_LIGHT, label="points")
-            top.plot(numbers, np.where(np.isfinite(so_far), so_far, np.nan), color=_COLOUR, label="best so far")
-            top.set(xlabel="number of the evaluation", ylabel=title)
-            top.legend(loc="best")
-            for i, (axes, one) in enumerate(zip(rest, self.factors)):
-                axes.plot(self.points[:, i] / one.axis.scale, self.values, ".", ms=3.5, color=_COLOUR, alpha=0.5)
-                if self.best is not None:
-                    axes.plot(self.points[self.best, i] / one.axis.scale, self.value, "o", color=_BEST, ms=6)
-                axes.set(xlabel=one.axis.title, ylabel=title)
-            figure.align_ylabels()
-            put(figure, path)

@@ -1,0 +1,92 @@
+"""What every result has: a figure, and a form for notebooks that contains its text and its figure.
+
+A class of results names the function that draws it in `FIGURE`. Commands write what `plot` returns to the file of
+`--figure`, so that both are one picture.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import importlib
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+from rig.errors import RigError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_CELL = '<td style="text-align:left;white-space:pre;padding:0 1.2em 0 0">'
+
+
+class Result:
+    """A result with `text`, `plot` and an HTML form."""
+
+    FIGURE: ClassVar[str]
+    """The function that draws it, as "module:function"; named, because most figures are in rooms above the result."""
+
+    def text(self) -> str:
+        """Return the report as text."""
+        raise NotImplementedError
+
+    def plot(self) -> Figure:
+        """Return its figure, which a notebook shows; `savefig` writes it to a file.
+
+        It is the figure that the option `--figure` of the command draws. Raises rig.errors.UsageError if there is
+        nothing to draw.
+        """
+        return self._drawn()
+
+    def _drawn(self, *how: object) -> Figure:
+        module, _, name = self.FIGURE.partition(":")
+        figure: Figure = getattr(importlib.import_module(module), name)(self, *how)
+        importlib.import_module("rig.view.save_figure").print_units(figure)
+        return figure
+
+    def _repr_html_(self) -> str:
+        """Return the text as tables and paragraphs, and the figure, or why there is none."""
+        try:
+            image = importlib.import_module("rig.view.save_figure").encoded(self.plot(), "png")
+        except RigError as fault:
+            return f"{html_of(self.text())}\n<p>No figure: {html.escape(str(fault))}</p>"
+        source = f"data:image/png;base64,{base64.b64encode(image).decode()}"
+        return f'{html_of(self.text())}\n<img alt="figure" style="max-width:100%" src="{source}">'
+
+
+def html_of(text: str) -> str:
+    """Return a report as HTML: lines with columns in common as tables, others as paragraphs."""
+    return "\n".join(_parts(text.splitlines()))
+
+
+def _parts(lines: Sequence[str]) -> Iterator[str]:
+    at = 0
+    while at < len(lines):
+        last, edges = at + 1, _edges(lines[at : at + 1])
+        while last < len(lines) and edges and (common := _edges(lines[at : last + 1])):
+            last, edges = last + 1, common
+        if edges and last > at + 1:
+            rows = (_row(_cells(line, edges)) for line in lines[at:last])
+            yield f'<table style="font-size:inherit">{"".join(rows)}</table>'
+        elif lines[at].strip():
+            yield f'<p style="margin:0;white-space:pre-wrap">{html.escape(lines[at])}</p>'
+        at = last
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"<tr>{''.join(f'{_CELL}{html.escape(cell)}</td>' for cell in cells)}</tr>"
+
+
+def _edges(lines: Sequence[str]) -> list[int]:
+    """Where the columns of a table begin, after the first one: at least two blanks are before it in every line."""
+    if not all(line.strip() for line in lines):
+        return []
+    width = max(map(len, lines))
+    blank = [all(line[i : i + 1] in ("", " ") for line in lines) for i in range(width)]
+    begin = blank.index(False)
+    return [i for i in range(begin + 2, width) if not blank[i] and blank[i - 1] and blank[i - 2]]
+
+
+def _cells(line: str, edges: Sequence[int]) -> list[str]:
+    """The cells of a line of a table."""
+    return [line[low:high].strip() for low, high in zip([0, *edges], [*edges, None])]

@@ -1,0 +1,168 @@
+"""Every result has a figure and an HTML form, made in one way."""
+
+import ast
+import inspect
+import os
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import figure_rules
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import rig
+from rig.analysis import recorded
+from rig.cli import app
+from rig.errors import UsageError
+from rig.results import Result, html_of
+from rig.view.save_figure import encoded
+
+GOLDEN = Path(__file__).parents[1] / "recordings" / "golden"
+NO_RESULTS = {"Path", "StateSpace", "Distribution"}
+
+
+def golden(name):
+    return rig.open(GOLDEN / f"{name}.mcap")
+
+
+def regions(folder):
+    from rig.analysis.axis import axes
+    from rig.analysis.map import survey
+
+    scene = rig.load("belt")
+    keys = {"--x": "drive.speed=0.05:0.4:4", "--y": "load.force=10:20:2"}
+    return survey(scene, *axes(scene, keys), folder, 1)[0]
+
+
+def loop_report(folder):
+    from rig.analysis.loop_report import report
+
+    return report(rig.load("belt_normal_force"), "nf")
+
+
+def identified(folder):
+    from rig.analysis.identify import identify
+
+    return identify(rig.load("lever_free_lever"))
+
+
+def sound(folder):
+    from rig.analysis.sound import hear
+
+    return hear(golden("brake_shunt"), "vibrometer")
+
+
+def compared(folder):
+    return rig.diff(rig.simulate("belt", 0.5), rig.simulate(rig.load("belt", {"load.force": "15 N"}), 0.5))
+
+
+MADE = {
+    "Scene": lambda folder: rig.load("pendulum"),
+    "Run": lambda folder: golden("pendulum"),
+    "Modes": lambda folder: rig.modes("brake"),
+    "Sweep": lambda folder: rig.sweep("belt", "drive.speed", np.linspace(0.05, 0.4, 9)),
+    "Loop": lambda folder: rig.loop("belt_normal_force", "nf"),
+    "LoopReport": loop_report,
+    "Cycle": lambda folder: rig.limit_cycle("belt"),
+    "Map": lambda folder: rig.map("belt", "drive.speed=0.05:0.4:3", folder=folder, workers=1),
+    "Boundary": lambda folder: rig.map(
+        "belt_dither", "dither.frequency=100:200:2", "dither.amplitude=0.05:0.4:2", folder=folder, workers=1
+    ),
+    "Regions": regions,
+    "Repeats": lambda folder: rig.repeat("pendulum", 2, 0.5, workers=1),
+    "StudyResult": lambda folder: rig.study(
+        "belt", {"load.force": [10, 20]}, ["cycle.amplitude"], folder=folder, workers=1
+    ),
+    "SearchResult": lambda folder: rig.optimise(
+        "belt", {"load.force": (10, 30)}, "cycle.amplitude", evaluations=15, folder=folder, workers=1
+    ),
+    "Compared": compared,
+    "Identified": identified,
+    "Hysteresis": lambda folder: recorded.hysteresis(golden("lever")),
+    "Spectrum": lambda folder: recorded.spectrum(golden("pendulum")),
+    "Pressure": lambda folder: recorded.pressure(golden("plate"), []),
+    "Response": lambda folder: recorded.response(golden("belt"), "friction_force", "velocity"),
+    "Portrait": lambda folder: recorded.portrait(golden("belt")),
+    "Sound": sound,
+}
+"""Class -> a small result of it."""
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_result_has_a_figure_and_an_html_form(name, tmp_path):
+    result = MADE[name](tmp_path)
+    assert type(result).__name__ == name
+    figure = result.plot()
+    assert isinstance(figure, Figure)
+    assert figure._repr_png_() == encoded(result.plot(), "png")  # a notebook shows what --figure writes
+    figure.draw_without_rendering()
+    assert not figure_rules.faults(figure)
+    html = result._repr_html_()
+    assert html.count("<img ") == 1
+    assert "data:image/png;base64," in html
+    assert html.startswith(html_of(result.text()))
+
+
+@pytest.mark.parametrize("command", ["cycle", "modes"])
+def test_a_command_draws_what_plot_returns(command, tmp_path):
+    result = {"cycle": rig.limit_cycle, "modes": rig.modes}[command]("belt")
+    with pytest.raises(SystemExit) as left:
+        app.run([command, "belt", "--figure", str(tmp_path / "a.png")])
+    assert not left.value.code
+    assert (tmp_path / "a.png").read_bytes() == encoded(result.plot(), "png")
+
+
+def test_every_class_of_results_is_tried():
+    for module in (
+        "recorded",
+        "sound",
+        "regions",
+        "identify",
+        "loop_report",
+        "studies",
+        "studies.search",
+        "control_loop",
+    ):
+        import_module(f"rig.analysis.{module}")
+
+    def below(kind):
+        return {one for sub in kind.__subclasses__() for one in (sub, *below(sub)) if "FIGURE" in vars(one)}
+
+    assert {one.__name__ for one in below(Result)} == MADE.keys()
+
+
+def test_what_a_function_of_rig_returns_is_a_result():
+    functions = [getattr(rig, name) for name in rig.__all__]
+    returned = [inspect.signature(one).return_annotation for one in functions if inspect.isfunction(one)]
+    names = {node.id for text in returned for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Name)}
+    assert names - NO_RESULTS <= MADE.keys()
+
+
+def test_lines_with_columns_in_common_become_a_table_and_nothing_is_markup():
+    rows = "  mode     growth 1/s\n  flutter         1.5\n  <i>          -20"
+    text = f"a <b>scene</b>: 2 modes\n\n{rows}\n  a line of words"
+
+    head, table, tail = html_of(text).splitlines()
+    assert "&lt;b&gt;scene&lt;/b&gt;: 2 modes" in head
+    assert table.count("<tr>") == 3
+    assert [cell.partition("<")[0] for cell in table.split('0">')[1:]] == [
+        "mode", "growth 1/s", "flutter", "1.5", "&lt;i&gt;", "-20"
+    ]  # fmt: skip
+    assert "a line of words" in tail
+
+
+def test_where_nothing_can_be_drawn_the_text_is_shown_with_the_reason():
+    scene = rig.load("plate_free")
+    with pytest.raises(UsageError, match="no contact with friction"):
+        scene.plot()
+    html = scene._repr_html_()
+    assert "plate.density" in html
+    assert html.endswith("<p>No figure: nothing to draw: the rig has no contact with friction</p>")
+
+
+def test_matplotlib_is_imported_where_something_is_drawn():
+    code = "import sys, rig; rig.load('belt'); rig.modes('belt').text(); assert 'matplotlib' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ)
