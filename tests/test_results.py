@@ -80,6 +80,7 @@ MADE = {
         "belt", {"load.force": (10, 30)}, "cycle.amplitude", evaluations=15, folder=folder, workers=1
     ),
     "Compared": compared,
+    "Amplitudes": lambda folder: recorded.amplitudes(golden("tip_knock")),
     "Identified": identified,
     "Hysteresis": lambda folder: recorded.hysteresis(golden("lever")),
     "Spectrum": lambda folder: recorded.spectrum(golden("pendulum")),
@@ -116,17 +117,11 @@ def test_a_command_draws_what_plot_returns(command, tmp_path):
 
 
 def test_every_class_of_results_is_tried():
-    for module in (
-        "recorded",
-        "sound",
-        "regions",
-        "identify",
-        "loop_report",
-        "studies",
-        "studies.search",
-        "control_loop",
-    ):
-        import_module(f"rig.analysis.{module}")
+    rooms = (
+        "recorded sound map regions identify loop_report repeat studies studies.search control_loop cycle sweep modes"
+    )
+    for room in rooms.split():
+        import_module(f"rig.analysis.{room}")
 
     def below(kind):
         return {one for sub in kind.__subclasses__() for one in (sub, *below(sub)) if "FIGURE" in vars(one)}

@@ -4,43 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.analysis.amplitude import Row
+from rig.analysis.recorded.amplitudes import Amplitudes
+from rig.errors import UsageError
 from rig.view.palette import BLUE
 from rig.view.run_figure import STYLE
-from rig.view.save_figure import put
+from rig.view.save_figure import page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _COLUMNS = 3
 _BAR = BLUE
 
 
-def draw(rows: Sequence[Row], scene: str, path: Path | str) -> None:
-    """Draw the rows of `rig.analysis.amplitude.measured` into the file `path` (PNG, SVG or PDF by its suffix).
-
-    `scene`: name in the title. Raises rig.errors.OutputError if the file cannot be written.
-    """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+def figure(amplitudes: Amplitudes) -> Figure:
+    """Return the figure of the amplitudes. Raises UsageError if no sensor has samples."""
+    rows = amplitudes.rows
     sensors = list(dict.fromkeys(row.sensor for row in rows))
-    columns = min(len(sensors), _COLUMNS) or 1
-    lines = math.ceil(len(sensors) / columns) or 1
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(4.4 * columns, 1.0 + 3.2 * lines), dpi=125, facecolor="white", layout="constrained")
-        FigureCanvasAgg(figure)
-        title = f"{scene}: amplitude in each stage", "(half of peak to valley) and frequency"
+    if not sensors:
+        raise UsageError("nothing to draw: no sensor has samples")
+    columns = min(len(sensors), _COLUMNS)
+    lines = math.ceil(len(sensors) / columns)
+    with page(STYLE, 4.4 * columns, 1.0 + 3.2 * lines, layout="constrained") as figure:
+        title = f"{amplitudes.scene}: amplitude in each stage", "(half of peak to valley) and frequency"
         figure.suptitle(("\n" if columns == 1 else " ").join(title), ha="center")
         for i, sensor in enumerate(sensors):
             _bars(figure.add_subplot(lines, columns, i + 1), [row for row in rows if row.sensor == sensor])
-        put(figure, path)
+    return figure
 
 
 def _bars(axes: Axes, rows: Sequence[Row]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -224,8 +223,7 @@ def amplitude(
     as_json: Json = False,
 ) -> None:
     """Compute amplitude and frequency of each measurement, stage by stage, and the speeds of first and last stick."""
-    from rig.analysis.amplitude import measured
-    from rig.analysis.three_stages import stages
+    from rig.analysis.recorded import amplitudes
 
     begin, end = seconds(first, "--from", low=0.0) or 0.0, seconds(last, "--to") or float("inf")
     run = opened(log, trust)
@@ -234,30 +232,14 @@ def amplitude(
     if begin >= min(end, float(run.time[-1])):
         raise UsageError(f"--from {begin:g} s to {min(end, float(run.time[-1])):g} s: the time span is empty; "
                          f"the recording has {run.time[0]:g} to {run.time[-1]:g} s")  # fmt: skip
-    rows = list(measured(run, begin, end))
-    turns = stages(run)
+    found = amplitudes(run, begin, end)
     if as_json:
-        found = [{**row._asdict(), "found": {**row.found._asdict(), "why": row.found.why}} for row in rows]
-        printing.report({"rows": found, "stages": turns._asdict() if turns else None})
+        printing.report(found.to_json())
     else:
-        cells = [
-            (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}",
-             "-" if math.isnan(row.found.half) else f"{row.found.half:.5g} {row.unit}", row.found.cycles,
-             f"{row.found.frequency:.5g} Hz" if row.found.cycles else row.found.why)
-            for row in rows
-        ]  # fmt: skip
-        printing.table(
-            "amplitude: half of peak to valley, mean over the cycles",
-            ("stage", "sensor", "mean", "amplitude", "cycles", "frequency"),
-            cells,
-        )
-        if turns:
-            printing.line(turns.text())
-    if figure is not None:
-        from rig.analysis.amplitude_figure import draw
-        from rig.analysis.recorded.series import scene_name
-
-        draw(rows, scene_name(run), figure)
+        printing.table(found.TITLE, found.COLUMNS, found.table())
+        if found.sticks:
+            printing.line(found.sticks.text())
+    draw(found, figure)
 
 
 COMMANDS = {

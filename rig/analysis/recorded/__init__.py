@@ -1,5 +1,6 @@
 """Analyses of recordings of any rig: sensors, plant outputs and commands, evenly sampled, with their gaps reported.
 
+amplitudes   amplitude and frequency of every sensor in each stage
 series       one channel of a recording, on an even grid, missing samples as NaN
 alignment    channels of different rates on one grid
 branches     where a drive speed rises and where it falls
@@ -19,6 +20,7 @@ figure, channel_figures, comparison_figure   pictures of these
 
 from __future__ import annotations
 
+from rig.analysis.recorded.amplitudes import Amplitudes, amplitudes
 from rig.analysis.recorded.comparison import Compared, compare
 from rig.analysis.recorded.hysteresis import Hysteresis, hysteresis
 from rig.analysis.recorded.orders import Orders, orders
@@ -30,6 +32,7 @@ from rig.analysis.recorded.series import Series, series
 from rig.analysis.recorded.spectrum import Spectrum, spectrum
 
 __all__ = [
+    "Amplitudes",
     "Compared",
     "Hysteresis",
     "Orders",
@@ -40,6 +43,7 @@ __all__ = [
     "Section",
     "Series",
     "Spectrum",
+    "amplitudes",
     "compare",
     "hysteresis",
     "orders",
