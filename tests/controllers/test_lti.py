@@ -75,6 +75,13 @@ def test_a_transfer_function_of_several_inputs_and_outputs_keeps_its_response():
         np.testing.assert_allclose(found(z), given(z), rtol=1e-12)
 
 
+def test_a_gain_without_states_is_read_as_python_control_writes_it():
+    gain = control.ss([], [], [], [[0.25]], dt=2e-3)
+    found = {name: getattr(gain, name).tolist() for name in "ABCD"} | {"dt": 2e-3}
+    assert system_file.system(found, "it").D.tolist() == [[0.25]]
+    assert system_file.system(found, "it").A.shape == (0, 0)
+
+
 def test_all_files_and_python_control_give_the_same_controller(tmp_path):
     found = {"A": [[0.9, 0.1], [0.0, 0.5]], "B": [[0.0], [1.0]], "C": [[1.0, 2.0]], "D": [[0.25]], "dt": 2e-3}
     names = {"inputs": ["vibrometer"], "outputs": ["load.force"]}

@@ -141,8 +141,6 @@ def of_control(given: Any) -> System:
         }
     elif isinstance(given, control.StateSpace):
         found = {name: getattr(given, name).tolist() for name in "ABCD"}
-        if not given.nstates:
-            found = {"D": found["D"]}
     else:
         raise ValueError(
             f"a {type(given).__name__} of python-control is not a linear system with a matrix form; "
@@ -221,7 +219,7 @@ def _state_space(found: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matr
         raise ValueError(f"{', '.join(missing)} is missing; state A, B, C, D, or num and den, or D alone for a gain")
     d = np.atleast_2d(_numbers(found["D"], "D"))
     outputs, inputs = d.shape
-    if missing:
+    if missing or not any(_numbers(found[name], name).size for name in "ABC"):
         return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0)), d
     a = np.atleast_2d(_numbers(found["A"], "A"))
     states = len(a)
