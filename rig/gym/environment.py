@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.gym.episode import Episode, Ranges, Reward
+from rig.quantities import whole
 from rig.scenes import load
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
+LARGEST_SEED = 2**63 - 1
 SEEDS = 1 << 31
 """Seeds that an environment draws for itself are below this number."""
 
@@ -37,7 +39,9 @@ class RigEnv(gymnasium.Env[Array, Array]):
         self.observation_space, self.action_space = box(episode.observed), box(episode.driven)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """Begin an episode; there are no options."""
+        """Begin an episode; there are no options. Raises UsageError for what is no seed."""
+        if seed is not None:
+            seed = whole("seed", seed, 0, LARGEST_SEED)
         super().reset(seed=seed)
         used = int(self.np_random.integers(SEEDS)) if seed is None else seed
         return np.array(self.episode.reset(used)), {"t": 0.0, "seed": used}

@@ -68,6 +68,7 @@ class Episode:
         assembly = scene.assemble()
         faults = [*_unknown("observe", observe, scene.sensors), *_unknown("act", act, assembly.inputs)]
         faults += [f"the scene already has a controller {AGENT}; rename it"] if AGENT in scene.controllers else []
+        faults += [] if callable(reward) else [f"reward = {brief(reward)}: must be a function of what is now"]
         length, wrong = _length(scene, duration)
         try:
             self._frames = whole("frames", frames, 1, MOST_FRAMES)

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.gym.environment import SEEDS, box
+from rig.gym.environment import LARGEST_SEED, SEEDS, box
 from rig.gym.episode import Episode, Ranges, Reward
 from rig.quantities import whole
 from rig.scenes import load
@@ -24,7 +24,6 @@ from rig.scenes.scene import Scene
 Array = NDArray[np.float64]
 MOST_RIGS = 10_000
 """Largest number of rigs in one environment. # chosen"""
-LARGEST_SEED = 2**63 - 1
 
 
 class RigVectorEnv(VectorEnv[Array, Array, Any]):
@@ -48,12 +47,12 @@ class RigVectorEnv(VectorEnv[Array, Array, Any]):
         Raises UsageError for what is no seed, and for a list that has not one seed for each rig.
         """
         given: Sequence[int | None] = [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
+        if isinstance(seed, Sequence | np.ndarray):
+            given = seed
+        elif seed is not None:
             first = whole("seed", seed, 0, LARGEST_SEED - self.num_envs)
             super().reset(seed=first)
             given = [first + i for i in range(self.num_envs)]
-        elif seed is not None:
-            given = seed
         if len(given) != self.num_envs:
             raise UsageError(f"{len(given)} seeds for {self.num_envs} rigs: state one for each, or one number")
         seeds = [self._drawn() if n is None else whole("seed", n, 0, LARGEST_SEED) for n in given]

@@ -143,8 +143,14 @@ def test_a_rig_whose_parameters_the_protocol_changed_is_made_anew(tmp_path):
 
 def test_all_faults_of_the_arguments_are_named():
     with pytest.raises(UsageError) as refused:
-        make(observe={"vibro": (0, 1)}, act={"load": (0, 1)}, frames=0, duration="-1 s")
-    for told in ("observe: there is no vibro; there are", "act: there is no load; there are", "frames = 0", "duration"):
+        make(observe={"vibro": (0, 1)}, act={"load": (0, 1)}, frames=0, duration="-1 s", reward=3)
+    for told in (
+        "reward = 3: must be a function",
+        "observe: there is no vibro; there are",
+        "act: there is no load; there are",
+        "frames = 0",
+        "duration",
+    ):
         assert told in str(refused.value)
     with pytest.raises(UsageError) as refused:
         make(observe={"vibrometer": (1.0, 0.0)}, act={"load.force": ("-1 N", "10 V")})
@@ -210,7 +216,13 @@ def test_a_number_of_rigs_or_of_frames_that_cannot_be_is_refused(count):
         make(frames=count)
 
 
-@pytest.mark.parametrize("seeds", [[1], [1, 2, 3], [1, -2], ["a", 1], [1, 2.5], -1])
+@pytest.mark.parametrize("seed", [-1, 2.5, "a", True, 2**63])
+def test_a_seed_that_cannot_be_is_refused(seed):
+    with pytest.raises(UsageError, match=r"seed = .*whole number from 0"):
+        make().reset(seed=seed)
+
+
+@pytest.mark.parametrize("seeds", [[1], [1, 2, 3], [1, -2], ["a", 1], [1, 2.5], -1, 2.5, True])
 def test_seeds_of_several_rigs_that_cannot_be_are_refused(seeds):
     rigs = rig.gym.make_vec("belt", 2, observe=OBSERVE, act=ACT, reward=squared, duration=0.2)
     with pytest.raises(UsageError, match="no episode has begun; call reset"):
