@@ -15,8 +15,12 @@ from matplotlib.figure import Figure
 
 import rig
 from rig.analysis import recorded
+from rig.analysis.motion_measures.settings import Setting
 from rig.cli import app
 from rig.errors import UsageError
+from rig.qualify.cost.report import CostReport
+from rig.qualify.cost.table import Row, Table
+from rig.qualify.cost.timing import Cost, Spread
 from rig.results import Result, html_of
 from rig.view.save_figure import encoded
 
@@ -55,6 +59,17 @@ def sound(folder):
     return hear(golden("brake_shunt"), "vibrometer")
 
 
+def cost_report(folder):
+    def row(tolerance, error, time):
+        spread = Spread(time, 0.9 * time, 1.1 * time)
+        cost = Cost(spread, spread, Spread(1e3 / time, 900.0 / time, 1100.0 / time), spread)
+        return Row(Setting("dopri5", tolerance), {"period": error}, {"period": 1e-11}, cost, 1e-3 * time, 10)
+
+    rows = [row(1e-4, 1e-4, 1.0), row(1e-6, 1e-6, 2.0), row(1e-8, 1e-8, 4.0)]
+    machine = dict.fromkeys(("processor", "cores", "python", "numba", "date"), "1")
+    return CostReport(Table("belt", "Mass on a belt", "", "cycle", 1.0, 1e-3, 1e-3, machine, {}, rows=rows))
+
+
 def compared(folder):
     return rig.diff(rig.simulate("belt", 0.5), rig.simulate(rig.load("belt", {"load.force": "15 N"}), 0.5))
 
@@ -88,6 +103,7 @@ MADE = {
     "Response": lambda folder: recorded.response(golden("belt"), "friction_force", "velocity"),
     "Portrait": lambda folder: recorded.portrait(golden("belt")),
     "Sound": sound,
+    "CostReport": cost_report,
 }
 """Class -> a small result of it."""
 

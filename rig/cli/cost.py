@@ -9,7 +9,7 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share, the_scene
-from rig.cli.outputs import refuse
+from rig.cli.outputs import draw, refuse
 from rig.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -57,8 +57,8 @@ def cost(
     from rig.errors import UsageError
     from rig.qualify.cost import cost as measure
     from rig.qualify.cost import folder_of, recommended
-    from rig.qualify.cost.figure import draw
-    from rig.qualify.cost.report import COLUMNS, lines, notes
+    from rig.qualify.cost.pareto import front
+    from rig.qualify.cost.report import COLUMNS, CostReport, lines, notes
     from rig.qualify.cost.waterfall import text
 
     loaded = the_scene(scene, changes(p))
@@ -90,7 +90,8 @@ def cost(
         for line in [*notes(found, by), *(one.text() for one in loops), *map(text, parts)]:
             printing.line(f"  {line}")
         printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
-    draw(found, by, pick, most, folder / "cost.png")
+    if front(found.rows, by):
+        draw(CostReport(found, by, pick, most), folder / "cost.png")
     _draw(found, loops, parts, folder)
     if not as_json:
         printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")

@@ -12,6 +12,7 @@ from rig.qualify.effects_measured import Part
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
 from rig.view.palette import BLUE
+from rig.view.save_figure import put
 
 ON, ABSENT = BLUE, "#9aa5b1"
 
@@ -22,7 +23,7 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
     shown = [(one, paired) for one, paired in measured if not math.isnan(paired.tick.value)]
     if not shown:
         raise UsageError("--figure: nothing to draw, none of its effects can be left out or added alone")
-    with sheet(f"{scene.name}: its effects, on or absent", provenance(scene.seed), path) as figure:
+    with sheet(f"{scene.name}: its effects, on or absent", provenance(scene.seed)) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         left.set_axisbelow(True)
         for place, (one, paired) in enumerate(shown):
@@ -53,3 +54,4 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
         right.set(xscale="log", xlabel="change if left out or added: share of the larger value")
         tick_labels(right)
         figure.supxlabel("\n", fontsize=8.5)  # room for the machine
+    put(figure, path)

@@ -16,13 +16,13 @@ from rig.analysis.motion_measures.problem import held, problem
 from rig.analysis.motion_measures.settings import Setting, eligible, ladder
 from rig.errors import Chatter, OutputError, UsageError
 from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended, reference
-from rig.qualify.cost.figure import draw
 from rig.qualify.cost.measuring import timed
 from rig.qualify.cost.pareto import front
 from rig.qualify.cost.reference import extrapolated
-from rig.qualify.cost.report import notes
+from rig.qualify.cost.report import CostReport, notes
 from rig.qualify.cost.timing import QUIET, Contender, Cost, Spread, measured, spread
 from rig.qualify.cost.trials import trials
+from rig.view.save_figure import put
 
 
 def row(error, p99, share=0.0, method="rk4", floor=0.0):
@@ -357,8 +357,9 @@ def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypat
     found = cost(rig.load("belt_c"), None, rounds=1)
     assert all("no reference" in one.fault and one.timed for one in found.rows)
     assert notes(found, "worst")[0].endswith("one of the references stops")
-    draw(found, "worst", None, None, tmp_path / "none.png")
-    assert not (tmp_path / "none.png").exists()
+    with pytest.raises(UsageError, match="nothing to draw"):
+        CostReport(found).plot()
+    assert "no reference" in CostReport(found)._repr_html_()
 
 
 def test_references_that_do_not_agree_are_drawn_and_told(belt, tmp_path):
@@ -369,7 +370,7 @@ def test_references_that_do_not_agree_are_drawn_and_told(belt, tmp_path):
     assert notes(apart, "worst")[0].endswith("the references do not agree: event times")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        draw(apart, "worst", rows[0], 0.4, tmp_path / "apart.png")
+        put(CostReport(apart, "worst", rows[0], 0.4).plot(), tmp_path / "apart.png")
 
 
 def test_delay_and_sampling_cost_what_the_first_order_says():

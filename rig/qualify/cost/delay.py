@@ -21,6 +21,7 @@ from rig.qualify.cost.table import WORST, Table
 from rig.scenes.scene import Scene
 from rig.user_files import csv_table, write_file
 from rig.view.palette import AMBER, PURPLE
+from rig.view.save_figure import put
 
 IDEAL = 1_000  # ns, the sample period of the ideal loop
 FINE = 20  # samples in a delay: so many pending commands are states of the loop
@@ -106,7 +107,7 @@ def write(found: Sequence[Delayed], path: Path) -> None:
 
 def draw(found: Sequence[Delayed], table: Table, path: Path) -> None:
     """Draw errors over time: delay, sample period, and integration step."""
-    with sheet(f"{table.title}: where accuracy is lost", table.machine, path) as figure:
+    with sheet(f"{table.title}: where accuracy is lost", table.machine) as figure:
         axes = figure.add_subplot()
         styles = (("delay of the loop", AMBER, "-"), ("sample period of the loop", PURPLE, "--"))
         for one in found:
@@ -129,3 +130,4 @@ def draw(found: Sequence[Delayed], table: Table, path: Path) -> None:
         axes.set(xscale="log", yscale="log", xlabel="time [s]: delay, sample period, integration step")
         axes.set_ylabel("relative error: of the loop's decay rate; of the plant's measures")
         figure.legend(loc="outside lower left", ncols=2)
+    put(figure, path)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rig.analysis.motion_measures.settings import THEORY
+from rig.errors import UsageError
 from rig.qualify.cost.pareto import front
+from rig.qualify.cost.report import CostReport
 from rig.qualify.cost.table import WORST, Row, Table
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, VERMILION
-from rig.view.save_figure import printed, put
+from rig.view.save_figure import page, printed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,17 +39,18 @@ STYLE: dict[str, Any] = {
 LEAST = 1e-16  # errors of zero are drawn at this value
 
 
-def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path: Path) -> None:
-    """Draw error over compute time, with Pareto front, budget and recommended setting (PNG, or as `path` ends).
+def figure(report: CostReport) -> Figure:
+    """Return error over compute time, with Pareto front, budget and recommended setting.
 
-    Left: frames as in a run. Right: the plant alone, without interruption. Nothing is drawn if no setting
-    has both an error and a cost.
+    Left: frames as in a run. Right: the plant alone, without interruption. Raises UsageError if no setting has both an
+    error and a cost.
     """
+    found, metric, pick = report.table, report.metric, report.pick
     if not front(found.rows, metric):
-        return
-    with sheet(f"{found.title}: error against compute time", found.machine, path) as figure:
+        raise UsageError("nothing to draw: no setting has both an error and a cost")
+    with sheet(f"{found.title}: error against compute time", found.machine) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
-        _frames(left, found, metric, budget)
+        _frames(left, found, metric, report.budget)
         _alone(right, found, metric)
         for axes, at in ((left, _of_frame), (right, _of_plant)):
             if pick is not None:
@@ -60,18 +62,13 @@ def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path
         left.set_ylabel("largest relative error of all measures" if metric == WORST else f"error of {metric}")
         labels = dict(zip(*reversed(left.get_legend_handles_labels())))
         figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=2)
+    return figure
 
 
 @contextlib.contextmanager
-def sheet(title: str, machine: dict[str, str], path: Path) -> Iterator[Figure]:
-    """Yield an empty figure with a title and the machine; it is saved at the end."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(10.8, 6.4), dpi=125, facecolor="white", layout="constrained")
-        FigureCanvasAgg(figure)
+def sheet(title: str, machine: dict[str, str]) -> Iterator[Figure]:
+    """Yield an empty figure with a title and the machine."""
+    with page(STYLE, 10.8, 6.4, layout="constrained") as figure:
         yield figure
         m = machine
         machine_text = (
@@ -79,7 +76,6 @@ def sheet(title: str, machine: dict[str, str], path: Path) -> Iterator[Figure]:
         )
         figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
         figure.text(0.99, 0.015, machine_text, ha="right", va="bottom", fontsize=8.5, color="#666666")
-        put(figure, path)
 
 
 def _of_frame(row: Row) -> float:

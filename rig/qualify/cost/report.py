@@ -1,14 +1,37 @@
-"""A cost table as text."""
+"""A cost table as a report: text, and the figure of `rig cost`."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import ClassVar
 
 from rig.analysis.motion_measures.settings import THEORY
+from rig.analysis.text_table import columns
 from rig.qualify.cost.pareto import front
-from rig.qualify.cost.table import Row, Table
+from rig.qualify.cost.table import WORST, Row, Table
+from rig.results import Result
 
 COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "rt factor", "")
+
+
+@dataclass(frozen=True)
+class CostReport(Result):
+    """Error by a measure against compute time: `pick` is the recommended setting, `budget` a share of a frame."""
+
+    FIGURE: ClassVar = "rig.qualify.cost.figure:figure"
+
+    table: Table
+    metric: str = WORST
+    pick: Row | None = None
+    budget: float | None = None
+
+    def text(self) -> str:
+        """Return the table and the notes on it as text."""
+        found = self.table
+        rows = columns([COLUMNS, *lines(found, self.metric, self.pick)], "<<><>>>>><")
+        told = (f"  {one}" for one in notes(found, self.metric))
+        return "\n".join([f"{found.scene}: error and compute time on this machine", "", *rows, "", *told])
 
 
 def lines(found: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:

@@ -11,6 +11,7 @@ from rig.qualify.cost.figure import sheet, tick_labels
 from rig.qualify.cost.table import Table
 from rig.user_files import csv_table, write_file
 from rig.view.palette import BLUE, VERMILION
+from rig.view.save_figure import put
 
 
 def write(found: Sequence[Paired], path: Path) -> None:
@@ -41,7 +42,7 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
     shown = [one.closed or one for one in found if not math.isnan((one.closed or one).tick.value)]
     if not shown:
         return
-    with sheet(f"{table.title}: what its effects cost", table.machine, path) as figure:
+    with sheet(f"{table.title}: what its effects cost", table.machine) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         places = range(len(shown) + 1)
         ticks = [one.shown_cost for one in shown]
@@ -74,6 +75,7 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
         right.set_xlim(*_range([size for one in shown for size in one.errors.values()]))
         tick_labels(right)
         figure.supxlabel("\n", fontsize=8.5)  # room for the machine
+    put(figure, path)
 
 
 def _range(errors: Sequence[float]) -> tuple[float, float]:

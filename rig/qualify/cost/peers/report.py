@@ -10,6 +10,7 @@ from rig.qualify.cost.figure import sheet
 from rig.qualify.cost.peers.race import OURS, Entry, cheapest
 from rig.user_files import csv_table, write_file
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, PURPLE, VERMILION
+from rig.view.save_figure import put
 
 COLUMNS = ("solver", "setting", "error of event times", "real-time factor", "rig is faster by", "")
 _COLOURS = (BLUE, GREEN, PURPLE, AMBER, VERMILION, GREY)
@@ -39,7 +40,7 @@ def write(found: Sequence[Entry], path: Path) -> None:
 
 def draw(found: Sequence[Entry], title: str, machine: dict[str, str], target: float, path: Path) -> None:
     """Draw the error of event times over compute time, a curve for each method of each solver."""
-    with sheet(f"{title}: beside other solvers", machine, path) as figure:
+    with sheet(f"{title}: beside other solvers", machine) as figure:
         axes = figure.add_subplot()
         for colour, peer in zip(_COLOURS, dict.fromkeys(one.peer for one in found)):
             mine = [one for one in found if one.peer == peer and math.isfinite(one.error)]
@@ -55,3 +56,4 @@ def draw(found: Sequence[Entry], title: str, machine: dict[str, str], target: fl
         axes.set(xscale="log", yscale="log", xlabel="compute in 1 ms of simulated time [us], samples every 1 ms")
         axes.set_ylabel("largest error of event times / period")
         figure.legend(loc="outside lower left", ncols=3)
+    put(figure, path)
