@@ -37,6 +37,7 @@ from rig.process import told_to_stop
 from rig.record.recorded_setup import head, setup_of
 from rig.scenes import names
 from rig.scenes.scene import Scene
+from rig.user_files import RUNS
 
 JOIN_S = 30.0
 """Longest wait of a process for the run, and of the plant for the processes."""
@@ -80,6 +81,12 @@ def run(
     entry acts as Ctrl-C does, and is its name. `begun` gets the name of the run when it can be joined.
     """
     address.directory()  # on a system without live runs this raises before anything starts
+    if record and out is None:
+        where = next(one for one in (RUNS, *RUNS.parents) if one.exists())
+        if not os.access(where, os.W_OK | os.X_OK):
+            raise UsageError(
+                f"{RUNS} cannot be written: you may not write to {where.resolve()}; name a file with --out"
+            )
     expect = [("controller", controller) for controller in scene.controllers if controller not in scene.in_plant]
     expect += [RECORDER] if record else []
     if view or web:

@@ -241,3 +241,10 @@ def test_a_controller_that_does_not_return_in_the_rehearsal_is_named(runs, tmp_p
     with pytest.raises(Interrupted, match="called the controller mine"):
         supervise.run(scene, duration=0.5, record=False, say=say, interrupts=interrupts)
     assert said == ["the plant rehearses the run; the controller mine has not answered for 0.5 s. Ctrl-C ends it"]
+
+
+def test_a_folder_that_may_not_be_written_is_told_before_the_run(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write everywhere
+    with pytest.raises(UsageError, match=r"recordings/runs cannot be written: .*; name a file with --out"):
+        supervise.run(scenes.load("belt"), duration=0.1, say=lambda _: None)
