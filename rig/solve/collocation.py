@@ -122,6 +122,9 @@ def solve_cell(t, mode_set, level, x, w, tolerance):
             w.cell_inputs[p, k] = w.T[k] - values[k * _NODES]
     for i in range(n):
         size[i] = max(w.size[i], abs(x[i]))
+    rows = t.reach[mode_set, level, PLACES.shape[0] - 1]
+    for i in range(n):  # at rest the changes are rounding
+        size[i] = max(size[i], (rounding(rows[i, :n], x) + rounding(rows[i, n:], values)) / tolerance)
     raise_cell_scales(x, X, t.damping.shape[1], size)
     gain, worst = t.gain[mode_set, level], 0.0
     for c in range(DEGREE):

@@ -146,9 +146,12 @@ def raise_to_rounding(t, mode_set, w, x, h, tolerance):
 
     Near an equilibrium large forces balance, and the largest value of a speed so far may itself be rounding. The terms
     of the rates give an absolute scale: each rate has the rounding error r of its terms, and couplings pass it on,
-    (h + h^2 |A| / 2 + h^3 |A|^2 / 6 + ...) r, one term for each stage.
+    (h + h^2 |A| / 2 + h^3 |A|^2 / 6 + ...) r, one term for each stage. A step longer than a finest cell of exact
+    propagation counts like such a cell, because the sum is a bound only while |A| h is small. Only a refused step needs
+    the scale.
     """
     n, size, error, sources = x.shape[0], w.size, w.y, w.y2
+    h = min(h, t.step[0] / 2.0 ** t.depth[mode_set])
     inputs(t, mode_set, x, w.T, w.scratch)
     for i in range(n):
         sources[i] = h * (rounding(t.A[mode_set, i], x) + rounding(t.b[mode_set, i], w.T))
@@ -274,7 +277,7 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
         for i in range(n):
             w.k[0, i] = k[0, i]
         raise_scales(x, w.k[0], t.damping.shape[1], min(tick_length, next_h) if graded else tick_length, size)
-    ends, refused = ENDED, 0
+    ends = ENDED
     while tick < ticks:
         left = ((ticks - tick) - place) * tick_length
         h = next_h if next_h < left - 1e-9 * tick_length else left
@@ -286,13 +289,10 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
             if next_h < 1e-14 * tick_length or ic[TRIALS] > most:
                 ends = FAILED
                 break
-            refused += 1
-            if refused > 3:  # as at rest; a step that meets waves or a change of the law is refused up to thrice
-                for i in range(n):
-                    x[i] = here[i]
-                raise_to_rounding(t, mode_set, w, x, next_h, plan.tolerance)
+            for i in range(n):
+                x[i] = here[i]
+            raise_to_rounding(t, mode_set, w, x, next_h, plan.tolerance)
             continue
-        refused = 0
         grow = step_factor(e)
         if h >= next_h or grow < 1.0:  # the error is likely to go on growing
             next_h = h * max(_SHRINK, min(grow, (grow * grow) * (h / hoped)))
