@@ -186,6 +186,11 @@ def announce_compiling(what: str) -> Iterator[None]:
         _PROGRESS.other = before
 
 
+def compiled() -> bool:
+    """Tell the user that all kernels have been compiled, and the time; return False if none was missing."""
+    return _PROGRESS.told()
+
+
 def called_by_address(function: Callable[..., Any]) -> Any:
     """Compile answer(line, t_ns, heard, command, memory) -> int as a C function; the last three are pointers."""
     numbers = types.CPointer(types.float64)  # type: ignore[no-untyped-call]

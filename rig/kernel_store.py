@@ -36,6 +36,7 @@ INSTEAD = "RIG_KERNELS to another folder"
 _SUM = 4
 _SHOWN_S, _LINE_S = 0.5, 5.0  # s between two progress messages on a terminal, and elsewhere
 _WORTH_S = 2.0  # s: shortest total that is noted for the next start
+_USUAL, _FEWEST = 55, 8  # kernels of one kind of rig, counted; those whose time is enough for an estimate
 _ASK_S = 0.02  # s between two checks whether another process has finished
 _log = logging.getLogger("rig")
 
@@ -264,6 +265,7 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
         self.other = ""
         """What is being compiled without being stored, in words; "" for kernels."""
         self._others: set[str] = set()
+        self._told = False
 
     def on_start(self, _: event.Event) -> None:
         """Called when a kernel is about to be compiled, possibly for another one."""
@@ -285,11 +287,11 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
             with suppress(OSError, ValueError):
                 seconds = float(file_locks.own_bytes(self._notes, INSTEAD))
                 last = f"; the last time it took {seconds:.0f} s"
-            text = f"compiling kernels, once for each kind of rig{last or ': half a minute to a minute'}"
+            text = f"compiling kernels, once for each kind of rig{last}"
         else:
             where = self._folder.root
             why = "cannot be written" if where == self._folder.path.parent else "is ignored"
-            text = f"compiling kernels at every start, because {where} {why}: half a minute to a minute; "
+            text = f"compiling kernels at every start, because {where} {why}; "
             text += "set RIG_KERNELS=/some/folder to store them elsewhere"
         sys.stderr.write(f"{text}\n")
         sys.stderr.flush()
@@ -308,12 +310,23 @@ class CompileProgress(event.Listener):  # type: ignore[misc]
             self._shown = now
             whole = self._spent + (now - self._begun if self._depth else 0.0)
             text = f"{self._count} compiled in {whole:.0f} s"
-            sys.stderr.write(f"\r{text} " if terminal else f"compiling kernels: {text}\n")
+            if _FEWEST <= self._count < _USUAL:  # at the speed of this machine so far
+                left = whole * (_USUAL / self._count - 1.0)
+                text = f"{self._count} of about {_USUAL} compiled in {whole:.0f} s, about {left:.0f} s left"
+            sys.stderr.write(f"\r{text:<60} " if terminal else f"compiling kernels: {text}\n")
             sys.stderr.flush()
+
+    def told(self) -> bool:
+        """Say how long it took, if kernels have been compiled; return whether that is so."""
+        if self._shown and not self._told:
+            self._told = True
+            text = f"{self._count} kernels compiled in {self._spent:.0f} s"
+            sys.stderr.write(f"\r{text:<60}\n" if sys.stderr.isatty() else f"{text}\n")
+        return self._told
 
     def _done(self) -> None:
         if sys.stderr.isatty():
-            sys.stderr.write(f"\r{self._count} kernels compiled in {self._spent:.0f} s\n")
+            self.told()
         if self._spent >= _WORTH_S and not self._depth:  # otherwise it was interrupted
             with suppress(OSError):
                 self._notes.write_text(f"{self._spent:.0f}")

@@ -26,7 +26,7 @@ def twice(x):
 
 print(twice({}))
 """
-TOLD = "compiling kernels, once for each kind of rig: half a minute to a minute\n"
+TOLD = "compiling kernels, once for each kind of rig\n"
 
 
 def run(folder, values="1.0", **environment):

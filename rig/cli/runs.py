@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -62,13 +63,16 @@ def demo(view: View = False, web: Web = False) -> None:
     """Run the pendulum with its controller. Write a recording, a figure and a summary."""
     from rig.analysis.kernel_shapes import prepare
     from rig.bench.supervise import run as supervise
+    from rig.kernel import compiled
     from rig.scenes import load
 
     scene = load("pendulum")
     printing.note(f"{scene.title}\n\n{scene.about}\n")
-    printing.note("1 of 3, compile: the kernels of this rig, once; half a minute to a minute, seconds the next time")
-    spent = sum(prepare([scene]).values())
-    printing.note(f"        {f'compiled in {spent:.0f} s' if spent else 'they are compiled already'}")
+    sys.stderr.write("1 of 3, ")  # the kernels say themselves that they are compiled, and how far it is
+    sys.stderr.flush()
+    prepare([scene])
+    if not compiled():
+        printing.note("compile: all kernels are compiled already")
     seconds = 1e-9 * (scene.duration_ns or 0)
     printing.note(f"2 of 3, run: plant, controller and recorder as processes, {seconds:g} s in real time")
     outcome = supervise(scene, view=view, web=web)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rig.record.run import Run
 
 MM = 1e3
-WINDOW = 5e-3  # s of the moving RMS: five periods
+WINDOW = 8e-3  # s of the moving RMS: two to three cycles of stick-slip
 _CONSTANTS = {"w": 5000.0, "c": 10.0806, "relief": 5.303475, "zeta": 0.2}
 """Constants fitted in the closed form: c = w N0 / k, the relief, and the damping; w alone has no influence."""
 
@@ -58,7 +58,11 @@ def diagram(run: Run, axis: Axes, window: float) -> None:
     """Draw the RMS of the acceleration over the speed of the disc, rising and falling."""
     for curve in hysteresis(run, "acceleration", "surface_speed", window).curves:
         rises = curve.branch.rises
-        axis.plot(MM * curve.speed, curve.rms, color=BLUE if rises else VERMILION, label="up" if rises else "down")
+        colour, marker, name = (BLUE, "o", "acceleration") if rises else (VERMILION, "^", "deceleration")
+        every = max(len(curve.speed) // 60, 1)
+        axis.plot(
+            MM * curve.speed[::every], curve.rms[::every], color=colour, marker=marker, ls=":", lw=1.0, ms=4, label=name
+        )
     axis.set(xlabel="speed of the disc [mm/s]", ylabel="RMS acceleration [m/s²]", ylim=(0.0, None))
     axis.legend()
 
@@ -66,12 +70,32 @@ def diagram(run: Run, axis: Axes, window: float) -> None:
 def transient(figure: Figure) -> Iterator[Comparison]:
     """Draw the acceleration over time, and its RMS over the speed of the disc."""
     made, even = run(load("tip")), run(load("tip", waviness=None))
-    over_time, over_speed = figure.subplots(2, 1)
-    over_time.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.5)
-    over_time.set(xlabel="time [s]", ylabel="acceleration [m/s²]")
-    diagram(made, over_speed, WINDOW)
     found = stages(made)
     assert found is not None
+    over_time, over_speed = figure.subplots(2, 1)
+    over_time.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.5)
+    over_time.set(title="figure 4", xlabel="time [s]", ylabel="acceleration [m/s²]", xlim=(0.0, made.time[-1]))
+    speeds = made.signals["surface_speed"]
+    turns = [0.0, *(float(made.time[i]) for i in np.flatnonzero(speeds > speeds.max() - 1e-6)[[0, -1]]), made.time[-1]]
+    most = 1.18 * float(made.signals["acceleration"].max())
+    for (begin, end), name in zip(
+        pairwise(turns), ("acceleration of the disc", "150 mm/s", "deceleration of the disc")
+    ):
+        over_time.text(0.5 * (begin + end), most, name, ha="center", fontsize=9)
+        over_time.axvline(end, color=GREY, lw=0.7, ls="--")
+    over_time.set_ylim(None, 1.2 * most)
+    diagram(made, over_speed, WINDOW)
+    over_speed.set(title="figure 5", xlim=(0.0, 155.0))
+    low, high = MM * found.down, MM * found.up
+    over_speed.axvspan(low, high, color=GREY, alpha=0.15, lw=0)
+    top = over_speed.get_ylim()[1]
+    for at, name in (
+        (0.5 * low, "stick-slip"),
+        (0.5 * (low + high), "bi-stable"),
+        (0.5 * (high + 155.0), "stable sliding"),
+    ):
+        over_speed.text(at, 1.04 * top, name, ha="center", fontsize=9)
+    over_speed.set_ylim(0.0, 1.14 * top)
     first = next(event["t_ns"] for event in made.plant_events if event["text"] == "contact releases +") * 1e-9
     speed = float(np.interp(first, made.time, made.signals["surface_speed"]))
     yield Comparison("first slip", "mm/s", MM * speed, 27.0, "paper", absolute=0.5)

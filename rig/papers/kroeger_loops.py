@@ -134,38 +134,53 @@ def loops(figure: Figure) -> Iterator[Comparison]:
 
 
 def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
-    """Draw the energy of normal-force feedback: constant friction dissipates E = -T mu K v^2 / 2 in a period."""
-    mu, gain = 0.25, 200.0
-    axes = figure.subplots(4, 1, sharex=True)
-    for K, colour, line in ((0.0, GREY, "--"), (gain, BLUE, "-")):
-        changes = {"friction__law": "constant", "friction__mu": mu, "start__displacement": mu * 20.0 / 2500.0,
-                   "start__velocity": 0.04, "controllers__nf__gain": K, "controllers__nf__enable_at": 0.0}  # fmt: skip
-        ran = run(load("belt_normal_force", **changes), 1.5)
-        v, T = ran.signals["velocity"], ran.signals["friction_force"]
-        put_in = np.concatenate([[0.0], np.cumsum(0.5 * (T[1:] * v[1:] + T[:-1] * v[:-1]) * np.diff(ran.time))])
-        for axis, shown in zip(axes, (1e3 * v, 1e3 * ran.signals["slip_speed"], T, 1e3 * put_in)):
-            axis.plot(ran.time, shown, line, color=colour, label=f"K = {K:g} N s/m")
-        if K:
-            top = np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] >= v[2:]) & (v[1:-1] > 1e-5)) + 1
-            rate = float(np.polyfit(ran.time[top], np.log(v[top]), 1)[0])
-            theory = -(2.0 + mu * K) / (2.0 * 5.0)
-            yield Comparison("constant mu: decay (d + mu K) / 2 m", "1/s", rate, theory, "theory", relative=0.01)
-    for axis, label in zip(
-        axes, ("velocity\n[mm/s]", "slip speed\n[mm/s]", "friction\nforce [N]", "energy from\nfriction [mJ]")
-    ):
-        axis.set_ylabel(label)
-    axes[2].legend(loc="upper right")
-    axes[-1].set_xlabel("time [s]")
-
-    mu0, fall, speed, force = 0.4, 0.8, 0.06, 20.0
+    """Draw a harmonic motion of characteristic B, with and without control (equations 4.2 to 4.4)."""
+    mu0, fall, speed, force, swing = 0.4, 0.8, 0.06, 20.0, 0.04
     law = law_of(load("belt_b"))
     period = 2.0 * math.pi * math.sqrt(5.0 / 2500.0)
-    swing = 0.04 * np.sin(np.linspace(0.0, 2.0 * math.pi, 4001)[:-1])
-    friction = np.array([law.mu(speed - v) for v in swing])
+
+    def histories(K: float, periods: int, samples: int) -> tuple[np.ndarray, ...]:
+        t = np.linspace(0.0, periods * period, periods * samples + 1)
+        v = swing * np.sin(2.0 * math.pi * t / period)
+        friction = np.array([law.mu(speed - one) for one in v]) * (force - K * v)
+        power = friction * v
+        return t, v, friction, np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))])
+
+    axes = figure.subplots(4, 1, sharex=True)
+    for K, colour, line, name in (
+        (0.0, GREY, "--", "constant normal force"),
+        (100.0, BLUE, "-", "controlled, K = 100 N s/m"),
+    ):
+        t, v, friction, put_in = histories(K, 2, 400)
+        share = t / period
+        for axis, shown in zip(axes, (1e3 * v, 1e3 * (speed - v), friction, 1e3 * put_in)):
+            axis.plot(share, shown, line, color=colour, label=name)
+        axes[3].plot(share[::400], 1e3 * put_in[::400], "o", color=colour, markersize=5)
+    labels = ("velocity\n[mm/s]", "relative\nvelocity [mm/s]", "friction\nforce [N]", "energy\ninput [mJ]")
+    for letter, axis, label in zip("abcd", axes, labels):
+        axis.set(ylabel=label, xlim=(0.0, 2.0))
+        axis.set_title(f"({letter})", fontsize=10)
+        for at in (1.0, 2.0):
+            axis.axvline(at, color=GREY, lw=0.6)
+    for axis in (axes[0], axes[3]):
+        axis.axhline(0.0, color=GREY, lw=0.6)
+    axes[1].axhline(1e3 * speed, color=GREY, lw=0.6)
+    axes[3].set_title("(d) points: after each period", fontsize=10)
+    axes[2].legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
+    axes[3].set_xlabel("time over the period, cycle")
     for K in (0.0, 100.0, 400.0):
-        found = float(np.mean(friction * (force - K * swing) * swing) * period)
-        theory = 0.5 * period * 0.04 * (fall * 0.04 * force - (mu0 - fall * speed) * K * 0.04)
+        found = float(histories(K, 1, 4000)[3][-1])
+        theory = 0.5 * period * swing * (fall * swing * force - (mu0 - fall * speed) * K * swing)
         yield Comparison(f"B, 40 mm/s, K = {K:g} N s/m: equation 4.4", "J", found, theory, "theory", relative=1e-9)
+    mu, gain = 0.25, 200.0
+    changes = {"friction__law": "constant", "friction__mu": mu, "start__displacement": mu * 20.0 / 2500.0,
+               "start__velocity": swing, "controllers__nf__gain": gain, "controllers__nf__enable_at": 0.0}  # fmt: skip
+    ran = run(load("belt_normal_force", **changes), 1.5)
+    v = ran.signals["velocity"]
+    top = np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] >= v[2:]) & (v[1:-1] > 1e-5)) + 1
+    rate = float(np.polyfit(ran.time[top], np.log(v[top]), 1)[0])
+    theory = -(2.0 + mu * gain) / (2.0 * 5.0)
+    yield Comparison("constant mu, simulated: decay (d + mu K) / 2 m", "1/s", rate, theory, "theory", relative=0.01)
     law = law_of(load("belt"))
     balance = (-law.slope(speed) * force - 2.0) / law.mu(speed)
     yield Comparison("A: gain at which it balances the damper", "N s/m", balance, 132.25, "reference", absolute=0.005)

@@ -118,6 +118,19 @@ def test_a_change_is_not_replaced_by_values_that_were_read_before_it(page, serve
     assert float(page.value("live-drive.speed")) == 0.12
 
 
+def test_the_first_start_says_that_it_compiles_and_how_far_it_is(page, tmp_path, monkeypatch):
+    monkeypatch.setenv("RIG_KERNELS", str(tmp_path / "none"))
+    monkeypatch.setenv("RIG_OWN_PROCESS", "1")  # as the command line sets it
+    page.choose("belt")
+    page.press("start")
+    page.until(lambda: "compiling kernels, once for each kind of rig" in page.text("doing"))
+    page.until(lambda: re.search(r"compiling kernels: \d+ .*compiled in \d+ s", page.text("doing")))
+    assert page.text("phase") == "starting"
+    page.picture("compiling")
+    page.press("stop")
+    page.until_phase("ended")
+
+
 def test_a_new_run_wears_nothing_of_the_one_before(page):
     live = "return [...document.querySelectorAll('#events, #trust, #steps')].map((one) => one.checkVisibility())"
     shown = "return ['phase', 'time', 'verdict', 'cause'].map((id) => document.getElementById(id).textContent)"
