@@ -32,8 +32,15 @@ def _leave_out_empty_folders(app: Sphinx, page: str, source: list[str]) -> None:
     source[0] = _FOLDER.sub(kept, source[0])
 
 
+def _widen_lessons(_: Sphinx, page: str, __: str, context: dict[str, object], ___: object) -> None:
+    """Leave out the list of sections beside a lesson: its figures take that width, so that one can read them."""
+    if page.startswith("lessons/") and page != "lessons/index":
+        context["meta"] = {**dict(context.get("meta") or {}), "html_theme.sidebar_secondary.remove": True}
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Change pages before and after they are read."""
     app.connect("source-read", _leave_out_empty_folders)
     app.connect("doctree-read", _lead_to_pages)
+    app.connect("html-page-context", _widen_lessons)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
