@@ -35,6 +35,7 @@ from rig.model.assembly import Input
 from rig.model.formulation import ModeSet, assemble
 from rig.model.method import as_integrated
 from rig.model.system import System
+from rig.model.system_parts import Normal
 from rig.motion.motion import Motion
 from rig.scenes.effects import declared, switches
 from rig.scenes.scene import Scene
@@ -98,7 +99,7 @@ class StateSamples:
         self._drives = self._drives or any(name.endswith(" limits") for name in dropped(scene))
         self.pulls: dict[str, Pull] = {}
         self.ticks = 0
-        self._sums: tuple[System | None, dict[str, list[int]]] = (None, {})
+        self._read: tuple[System | None, dict[str, int]] = (None, {})
 
     def begin(self, frame: int, time: float) -> None:
         """Keep states from frame `frame` at `time` [s] on."""
@@ -118,20 +119,19 @@ class StateSamples:
         if self._drives:
             self.history.follow(motion, scene)
         self.ticks += motion.kept
-        if self._sums[0] is not system:
-            self._sums = system, _readings(system, scene, outputs)
-        if not self._sums[1]:
+        if self._read[0] is not system:
+            self._read = system, _readings(system, scene, outputs)
+        if not self._read[1]:
             return
         if motion.kept == 1:  # each frame of a live run: arrays would cost as much as the frame
             now = motion.outputs_now()
-            for name, columns in self._sums[1].items():
-                force = sum([now.item(column) for column in columns])
-                if force < 0.0:
+            for name, column in self._read[1].items():
+                if (force := now.item(column)) < 0.0:
                     self._pulls(name, 1, force)
             return
         values = motion.outputs_at(motion.log.out[: motion.kept], motion.log.modes[: motion.kept])
-        for name, columns in self._sums[1].items():
-            forces = values[:, columns].sum(axis=1)
+        for name, column in self._read[1].items():
+            forces = values[:, column]
             if pulling := int(np.count_nonzero(forces < 0.0)):
                 self._pulls(name, pulling, float(forces.min()))
 
@@ -147,13 +147,13 @@ class StateSamples:
         shares = {name: (pull.count / self.ticks, pull.most) for name, pull in self.pulls.items()}
         for visited in self.kept:
             modes = comparison.modes(visited.system, visited.key)
-            if modes is None or not (unread := _can_pull(visited.system) - self._sums[1].keys()):
+            if modes is None or not (unread := _can_pull(visited.system).keys() - self._read[1].keys()):
                 continue
-            load = _forces(visited.system, modes, visited.x).load.tolist()
-            for patch, force in zip(visited.system.patches, load):
-                if patch.name in unread and force < 0.0:
-                    part, most = shares.get(patch.name, (0.0, 0.0))
-                    shares[patch.name] = part + 1.0 / len(self.kept), max(most, -force)
+            forces = _forces(visited.system, modes, visited.x).normal.tolist()
+            for normal, force in zip(visited.system.normals, forces):
+                if (name := _contact(visited.system, normal)) in unread and force < 0.0:
+                    part, most = shares.get(name, (0.0, 0.0))
+                    shares[name] = part + 1.0 / len(self.kept), max(most, -force)
         return shares
 
     def look(self, motion: Motion, scene: Scene, frame: int, steps: int) -> None:
@@ -171,23 +171,25 @@ class StateSamples:
             self.due = self._even - _scattered(self._even, min(self._every, _SCATTER))
 
 
-def _can_pull(system: System) -> set[str]:
-    """Contacts none of whose normal forces opens."""
-    closed, opening = ({system.patches[k.patch].name for k in system.normals if k.opens is on} for on in (False, True))
-    return closed - opening
+def _contact(system: System, normal: Normal) -> str:
+    """The name of a normal force for a user: that of its contact, unless this has several."""
+    alone = sum(other.patch == normal.patch for other in system.normals) == 1
+    return system.patches[normal.patch].name if alone else normal.name
 
 
-def _readings(system: System, scene: Scene, outputs: Sequence[str]) -> dict[str, list[int]]:
-    """Contacts that can pull -> the outputs that add up to their normal force, where there are such outputs."""
+def _can_pull(system: System) -> dict[str, str]:
+    """Normal forces that never open, as named by `_contact` -> the name of their row."""
+    return {_contact(system, normal): f"N:{normal.name}" for normal in system.normals if not normal.opens}
+
+
+def _readings(system: System, scene: Scene, outputs: Sequence[str]) -> dict[str, int]:
+    """Normal forces that can pull -> the number of the output that is this force, where there is one."""
     rows = {name: output.row for name, output in scene.assemble().outputs.items() if name in outputs}
-    found = {}
-    for patch in _can_pull(system):
-        parts = [f"N:{normal.name}" for normal in system.normals if system.patches[normal.patch].name == patch]
-        whole = [name for name, row in rows.items() if row == dict.fromkeys(parts, 1.0)][:1]
-        each = [name for part in parts for name in [n for n, row in rows.items() if row == {part: 1.0}][:1]]
-        if names := whole or each * (len(each) == len(parts)):
-            found[patch] = [list(outputs).index(name) for name in names]
-    return found
+    return {
+        contact: list(outputs).index(name)
+        for contact, force in _can_pull(system).items()
+        for name in [name for name, row in rows.items() if row == {force: 1.0}][:1]
+    }
 
 
 def _scattered(number: int, room: int) -> int:
@@ -297,9 +299,7 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
             part = comparison.share(variant, more)
         except (RigError, ValueError):  # no scene has values for it, or the method cannot integrate it
             continue
-        lifts = {
-            patch for patch in pulls if any(n.opens and other.patches[n.patch].name == patch for n in other.normals)
-        }
+        lifts = pulls.keys() & {_contact(other, normal) for normal in other.normals if normal.opens}
         patch, pulled, most = _most([(patch, *pulls.pop(patch)) for patch in lifts])
         yield JudgedEffect(name, False, part, *judged, like, "", patch, pulled, most)
     for patch, (pulled, most) in pulls.items():

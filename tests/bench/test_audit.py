@@ -232,18 +232,28 @@ def test_a_contact_that_pulls_is_told_with_its_time_and_size(name, values):
     assert live.state_samples.pulled(Comparison(()))["contact"] == (line["pulled"], line["pull"])
 
 
-@pytest.mark.parametrize("read", [True, False], ids=["with an output", "without an output"])
-def test_a_contact_of_an_own_plant_that_pulls_is_told(read, tmp_path):
-    """No effect of this plant lets the contact lift off, and perhaps no output tells its normal force."""
+@pytest.mark.parametrize(
+    ("read", "name"),
+    [(True, "left"), (False, "left"), (True, "nl"), (False, "nl")],
+    ids=["with an output", "without an output", "one of two forces", "one of two forces without an output"],
+)
+def test_a_contact_of_an_own_plant_that_pulls_is_told(read, name, tmp_path):
+    """No effect of this plant lets the contact lift off, and perhaps no output tells its normal force.
+
+    Of two normal forces of a contact one may pull while their sum presses.
+    """
     toys = Path(__file__).parent.parent / "parts" / "two_masses"
     shutil.copytree(toys, tmp_path, dirs_exist_ok=True)
     plant = (tmp_path / "twin.py").read_text()
     plant = plant.replace('"nl", "left", press', '"nl", "left", {**press, "r": -10000.0}, opens=False')
+    if name == "nl":
+        more = 'a.normal("n2", "left", press)'
+        plant = plant.replace('    a.normal("nr"', f'    {more}\n    a.normal("nr"')
     if read:
         plant = plant.replace('"T:left"', '"N:nl"')
     (tmp_path / "twin.py").write_text(plant)
     run = rig.simulate(rig.load(tmp_path / "scene.toml"), 2.0)
-    line = {one["effect"]: one for one in run.summary["audit"]}["lift-off at left"]
+    line = {one["effect"]: one for one in run.summary["audit"]}[f"lift-off at {name}"]
     pulling = run.signals["grip"][1:] < 0.0
     assert line["noted"]
     if read:
