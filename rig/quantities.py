@@ -24,7 +24,7 @@ from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, PlainSerializer, ValidationError
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from rig.about import About
 from rig.errors import UsageError
@@ -147,6 +147,15 @@ def in_words(kind: str, message: str, context: Mapping[str, Any] | None = None) 
         words, name = BOUNDS[kind]
         return f"must be {words} {(context or {})[name]:g}"
     return _WORDS.get(kind) or message.removeprefix("Value error, ")
+
+
+def refused(faults: Iterable[tuple[str, str]]) -> ValidationError:
+    """The exception by which a validator of a whole section refuses values: (their key, what is wrong) of each."""
+    details: list[InitErrorDetails] = [
+        {"type": PydanticCustomError("refused", "{what}", {"what": what}), "loc": tuple(key.split(".")), "input": None}
+        for key, what in faults
+    ]
+    return ValidationError.from_exception_data("section", details)
 
 
 def faults_of(error: ValidationError) -> list[tuple[str, str, Any]]:

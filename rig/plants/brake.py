@@ -23,8 +23,7 @@ import math
 from collections.abc import Mapping
 from typing import Literal, Self
 
-from pydantic import ValidationError, model_validator
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import model_validator
 
 from rig.effects import drive, inhomogeneity, piezo
 from rig.effects.disc_modes import Disc
@@ -57,6 +56,7 @@ from rig.quantities import (
     PositiveNumber,
     Ratio,
     Section,
+    refused,
 )
 
 PICTURES = (Own("rig.view.brake:Brake", ("displacement", "velocity", "surface_speed")),)
@@ -149,11 +149,7 @@ class Parameters(WithStack):
         if self.disc_modes is not None and (fault := self.disc_modes.off(self.linings.radius)):
             wrong.append(("linings.radius", fault))
         if wrong:
-            faults: list[InitErrorDetails] = [
-                {"type": PydanticCustomError("place", what), "loc": tuple(key.split(".")), "input": None}
-                for key, what in wrong
-            ]
-            raise ValidationError.from_exception_data("brake", faults)
+            raise refused(wrong)
         return self
 
 

@@ -45,6 +45,7 @@ from rig.quantities import (
     PositiveMetre,
     RadianPerSecond,
     Section,
+    refused,
 )
 
 PICTURES = (Own("rig.view.lumped:Slider", ("displacement", "height", "disc_speed")),)
@@ -108,9 +109,8 @@ class Parameters(Noisy):
     @model_validator(mode="after")
     def _on_the_disc(self) -> Self:
         named = {"slider.radius": self.slider.radius, "probe.radius": self.probe.radius}
-        faults = [f"{name} {radius:g} m {fault}" for name, radius in named.items() if (fault := self.disc.off(radius))]
-        if faults:
-            raise ValueError("; ".join(faults))
+        if wrong := [(name, fault) for name, radius in named.items() if (fault := self.disc.off(radius))]:
+            raise refused(wrong)
         return self
 
 

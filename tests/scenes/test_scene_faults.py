@@ -201,8 +201,8 @@ def test_all_faults_at_once(faults):
 @pytest.mark.parametrize(
     ("scene", "key", "value", "told"),
     [
-        ("disc_slider", "slider.radius", "0.13 m", "slider.radius 0.13 m is outside of the disc"),
-        ("disc_slider", "slider.radius", "0.04 m", "slider.radius 0.04 m is inside of the clamp"),
+        ("disc_slider", "slider.radius", "0.13 m", 'slider.radius = "0.13 m": is outside of the disc'),
+        ("disc_slider", "slider.radius", "0.04 m", 'slider.radius = "0.04 m": is inside of the clamp'),
         ("disc_slider", "probe.radius", "0.3 m", "at most outer_radius 0.12 m"),
         ("brake_disc_modes", "linings.radius", "0.06 m", "inside of the clamp: more than inner_radius 0.07 m"),
         ("plate", "probe.y", "1 m", "beside the plate"),
