@@ -29,10 +29,10 @@ UNKNOWN, ONE, TWO, THREE, REST = range(5)
 REGIONS = ("?", "I", "II", "III", "stuck")
 MEANING = ("undecided", "sliding, no vibration found", "sliding and vibration", "vibration only", "nothing moves")
 _STARTS = {
-    "near": "near sliding",
-    "far": "a standing start",
-    "up": "the point before (run-up)",
-    "down": "the point before (run-down)",
+    "near": "from near sliding",
+    "far": "from a standing start",
+    "up": "in the run-up",
+    "down": "in the run-down",
 }
 _UNITS = {"growth": "1/s", "frequency": "Hz", "period": "s", "spent": "s"} | dict.fromkeys(
     ("amplitude", "low", "high", "rms"), "output"
@@ -116,8 +116,9 @@ class Map(Result):
         )
         if (self.regions == ONE).any():
             starts = ", ".join(_STARTS[run] for run in RUNS if run in settings.runs)
-            lines += ["", f"  I: no vibration found from {starts}. Another start may reach one: carry the runs",
-                      "  from where the rig vibrates, with an axis that begins or ends there"]  # fmt: skip
+            lines += ["", f"  I: no vibration found {starts}",
+                      "     another start may reach one: carry the runs from where the rig vibrates, with an axis that",
+                      "     begins or ends there"]  # fmt: skip
         if "near" in settings.runs:
             both = ~np.isnan(self.growth)
             wrong = self.disagreement
