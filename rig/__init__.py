@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     from rig.analysis.control_loop import Loop
     from rig.analysis.cycle_report import Cycle
     from rig.analysis.map import Boundary, Map
-    from rig.analysis.modes_report import Modes
+    from rig.analysis.modes import Modes
     from rig.analysis.recorded.comparison import Compared
     from rig.analysis.repeat import Repeats
     from rig.analysis.studies import StudyResult
-    from rig.analysis.studies.distributions import Distribution
-    from rig.analysis.studies.search_result import SearchResult
+    from rig.analysis.studies.factors import Distribution
+    from rig.analysis.studies.search import SearchResult
     from rig.analysis.sweep import Sweep
     from rig.record.run import Run
     from rig.scenes.scene import Scene
@@ -123,8 +123,8 @@ def simulate(
     """
     from pathlib import Path
 
-    from rig.bench.given_controllers import divided, placed
-    from rig.bench.simulate import simulate as run
+    from rig.bench.run.local_controllers import divided, placed
+    from rig.bench.run.simulate import simulate as run
     from rig.quantities import run_length_ns
     from rig.record.provenance import provenance
 
@@ -151,7 +151,7 @@ def branch(
     """
     from pathlib import Path
 
-    from rig.bench.branch import branch as go_on
+    from rig.bench.again.branch import branch as go_on
     from rig.quantities import run_length_ns
 
     return go_on(Path(log), at, overrides, run_length_ns(duration), stop).checked()
@@ -352,7 +352,7 @@ def triangular(low: float | str, mode: float | str, high: float | str) -> Distri
 
 
 def _distribution(kind: str, **values: float | str | None) -> Distribution:
-    from rig.analysis.studies.distributions import made
+    from rig.analysis.studies.factors import made
 
     return made(kind, {name: value for name, value in values.items() if value is not None})
 

@@ -2,11 +2,14 @@
 
 File names, notes and messages of recordings may contain control characters, which a terminal would obey, and bytes that
 are not UTF-8, which Python keeps as lone surrogates and cannot write.
+
+Tables as text, with columns as wide as their content.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator, Sequence
 
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 """Control characters except tab and end of line, and lone surrogates."""
@@ -25,3 +28,18 @@ def printable(text: str) -> str:
 def counted(number: int, noun: str) -> str:
     """A number with its noun: "1 event", "2 events", "0 events"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+_INDENT, _BETWEEN = "  ", "  "
+
+
+def columns(rows: Iterable[Sequence[str]], align: str) -> Iterator[str]:
+    """Format `rows` of cells, including the head, as lines; `align`: "<" or ">" for each column.
+
+    At least two spaces separate the columns.
+    """
+    table = [tuple(row) for row in rows]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for row in table:
+        cells = (f"{cell:{side}{width}}" for cell, side, width in zip(row, align, widths, strict=True))
+        yield (_INDENT + _BETWEEN.join(cells)).rstrip()

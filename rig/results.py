@@ -41,13 +41,13 @@ class Result:
     def _drawn(self, *how: object) -> Figure:
         module, _, name = self.FIGURE.partition(":")
         figure: Figure = getattr(importlib.import_module(module), name)(self, *how)
-        importlib.import_module("rig.view.save_figure").print_units(figure)
+        importlib.import_module("rig.view.palette").print_units(figure)
         return figure
 
     def _repr_html_(self) -> str:
         """Return the text as tables and paragraphs, and the figure, or why there is none."""
         try:
-            image = importlib.import_module("rig.view.save_figure").encoded(self.plot(), "png")
+            image = importlib.import_module("rig.view.palette").encoded(self.plot(), "png")
         except RigError as fault:
             return f"{html_of(self.text())}\n<p>No figure: {html.escape(str(fault))}</p>"
         source = f"data:image/png;base64,{base64.b64encode(image).decode()}"

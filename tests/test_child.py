@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from rig import child_process
-from rig.child_process import Child, end
+from rig.machine import process
+from rig.machine.process import Child, end
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_files_of_the_working_folder_hide_no_module(module, tmp_path_factory, mo
 
 
 def test_each_step_is_bounded(module, monkeypatch):
-    monkeypatch.setattr(child_process, "STEPS", ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 5.0)))
+    monkeypatch.setattr(process, "STEPS", ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 5.0)))
     ignores = "import signal, time\nfor n in (2, 15): signal.signal(n, signal.SIG_IGN)\n"
     one = Child("stubborn", module(f"{ignores}print('up', flush=True)\ntime.sleep(60)"))
     said(one, "up")
@@ -83,7 +83,8 @@ def test_the_last_words_of_one_that_failed_are_told(module):
     ],
 )
 def test_what_it_prints_is_no_word(module, code, lines):
-    one = Child("child", module(f"import sys\nfrom rig.process import as_process, tell\ndef main():\n    {code}\n"
+    one = Child("child", module(f"import sys\nfrom rig.machine.process import as_process, tell\n"
+                                f"def main():\n    {code}\n"
                                 "    tell('run', 'mine')\nas_process(main)"))  # fmt: skip
     assert one.wait(20.0)
     assert (one.new_lines(), one.new_words(), one.tail) == (lines, [("run", "mine")], [*lines[:-1], lines[-1]])
@@ -98,7 +99,7 @@ def test_lines_that_nobody_shows_are_counted(module):
 
 def test_what_it_starts_cannot_speak_for_it(module):
     one = Child("child", module(
-        "import os, subprocess, sys\nfrom rig.process import as_process, tell\n"
+        "import os, subprocess, sys\nfrom rig.machine.process import as_process, tell\n"
         "code = 'import os; print(os.environ.get(\"RIG_PARENT\"), sorted(map(int, os.listdir(\"/dev/fd\"))))'\n"
         "def main():\n    tell('fault', 'mine')\n    subprocess.run([sys.executable, '-c', code], close_fds=False)\n"
         "    return 3\nas_process(main)"))  # fmt: skip

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from rig import kernel, sources
-from rig import kernel_store as kept
 from rig.analysis import kernel_shapes
-from rig.kernel_store import CheckedFile
+from rig.compiled import kernel, kernel_store
+from rig.compiled import kernel_store as kept
+from rig.compiled.kernel_store import CheckedFile
 
 CODE = """
-from rig.kernel import kernel
+from rig.compiled.kernel import kernel
 
 @kernel
 def twice(x):
@@ -53,7 +53,7 @@ def test_compiling_is_told_once_and_only_when_it_happens(tmp_path):
 
 
 OTHER = """
-from rig.kernel import as_python, announce_compiling
+from rig.compiled.kernel import as_python, announce_compiling
 
 @as_python
 def twice(x):
@@ -99,7 +99,9 @@ sys.addaudithook(refuse)
 def test_kernels_in_a_place_that_cannot_be_written_are_loaded(tmp_path, monkeypatch, rooms):
     """A user without rights, on a disk that is shared: nothing is compiled, nothing written; a new kernel is told."""
     kept = tmp_path / "kept"
-    monkeypatch.setattr(sys.modules[__name__], "CODE", f"from rig import kernel\nkernel.ROOMS = ({rooms!r},)\n{CODE}")
+    monkeypatch.setattr(
+        sys.modules[__name__], "CODE", f"from rig.compiled import kernel\nkernel.ROOMS = ({rooms!r},)\n{CODE}"
+    )
     assert run(tmp_path, RIG_KERNELS=str(kept)).stderr == TOLD
     before = {path for path in kept.rglob("*") if path.name != "seconds"}  # `run` removes it
     assert any(path.suffix == ".nbc" for path in before)
@@ -114,7 +116,7 @@ def test_kernels_in_a_place_that_cannot_be_written_are_loaded(tmp_path, monkeypa
 
 PART = """
 import numpy as np
-from rig.kernel import kernel
+from rig.compiled.kernel import kernel
 
 @kernel
 def powers(x, n):
@@ -129,7 +131,7 @@ import part
 print(part.powers({}, 4).sum(), "numba.np.arraymath" in sys.modules)
 """
 LINKED = """
-from rig.kernel import kernel
+from rig.compiled.kernel import kernel
 
 @kernel
 def whole(x):
@@ -311,7 +313,7 @@ def test_damaged_notes_of_a_warm_up_count_as_none(tmp_path, monkeypatch, text):
     assert list(tmp_path.iterdir()) == [kernel_shapes.notes()]
 
 
-ROOT = Path(kernel.__file__).parent.parent
+ROOT = Path(kernel.__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -322,7 +324,7 @@ def checkout(tmp_path_factory):
         shutil.copytree(ROOT / room, tmp_path / room, ignore=shutil.ignore_patterns("__pycache__"))
 
     def key():
-        return sources.key(tmp_path, tmp_path / "kept" / "sources.json", "0", "")
+        return kernel_store.key(tmp_path, tmp_path / "kept" / "sources.json", "0", "")
 
     return tmp_path, key
 
@@ -335,17 +337,17 @@ def checkout(tmp_path_factory):
         ("rig/qualify/benchmarks/kernels.py", "", "\nX = 1\n", True),
         ("rig/sensors/accelerometer.py", "", "\nX = 1\n", True),
         ("rig/scenes/belt.toml", "title", "# title\ntitle", True),
-        ("rig/kernel_store.py", "LIMIT = ", "LIMIT = 2 * ", True),
+        ("rig/compiled/kernel_store.py", "LIMIT = ", "LIMIT = 2 * ", True),
         ("rig/solve/advance.py", "def advance_block(", "# prose\ndef advance_block(", True),
         ("rig/solve/advance.py", '"""The compiled', '"""A compiled', True),
         ("rig/solve/advance.py", "_FLUSH = 1e-150", "_FLUSH = 1e-140", False),
         ("rig/solve/contact_state.py", "_SLACK = 1e-9", "_SLACK = 1e-8", False),
-        ("rig/solve/state_codes.py", "G_NEXT", "G_NEXT_ONE", False),
+        ("rig/solve/records.py", "G_NEXT", "G_NEXT_ONE", False),
         ("rig/model/system.py", "G_NEXT", "G_NEXT_ONE", True),
         ("rig/solve/sampling.py", "", "\nX = 1\n", False),
         ("rig/solve/specialised.py", "ROWS = 7", "ROWS = 8", False),
-        ("rig/lent_records.py", "frombuffer", "fromstring", False),
-        ("rig/kernel.py", '"nogil": True', '"nogil": False', False),
+        ("rig/compiled/records.py", "frombuffer", "fromstring", False),
+        ("rig/compiled/kernel.py", '"nogil": True', '"nogil": False', False),
         ("rig/motion/compiled_parts.py", "_HUNG = 120.0", "_HUNG = 60.0", True),
     ],
 )
@@ -371,7 +373,7 @@ def test_the_same_sources_elsewhere_find_the_same_kernels(checkout, tmp_path):
     (folder / "kept" / "sources.json").write_text("{damaged")
     (tmp_path / "file").write_text("")
     assert key() == before
-    assert sources.key(folder, tmp_path / "file" / "sources.json", "0", "") == before
+    assert kernel_store.key(folder, tmp_path / "file" / "sources.json", "0", "") == before
 
 
 STEPS = "\n".join(f"        s = s * 0.5 + x / (s + {k}.5) - (s * x) / ({k}.25 + s * s)" for k in range(60))
@@ -410,14 +412,14 @@ def test_two_checkouts_do_not_parse_their_sources_in_turns(checkout, tmp_path, m
     folder, _ = checkout
     shutil.copytree(folder / "rig", tmp_path / "rig", ignore=shutil.ignore_patterns("__pycache__"))
     shared, parsed = tmp_path / "kept" / "sources.json", []
-    parse = sources.ast.parse
+    parse = kernel_store.ast.parse
     for root in (folder, tmp_path):
-        sources.key(root, shared, "0", "")
-    monkeypatch.setattr(sources.ast, "parse", lambda source: (parsed.append(source), parse(source))[1])
-    assert sources.key(folder, shared, "0", "") == sources.key(tmp_path, shared, "0", "")
+        kernel_store.key(root, shared, "0", "")
+    monkeypatch.setattr(kernel_store.ast, "parse", lambda source: (parsed.append(source), parse(source))[1])
+    assert kernel_store.key(folder, shared, "0", "") == kernel_store.key(tmp_path, shared, "0", "")
     assert not parsed
     (tmp_path / "rig" / "solve" / "carry.py").write_text("X = 1\n")
-    sources.key(tmp_path, shared, "0", "")
+    kernel_store.key(tmp_path, shared, "0", "")
     assert len(parsed) == 1
 
 

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rig.kernel import kernel
-from rig.lent_records import Loan
+from rig.compiled.kernel import kernel
+from rig.compiled.records import Loan
 
 
 class Inside(NamedTuple):
@@ -47,5 +47,5 @@ def test_no_python_code_finds_the_type_of_a_record_while_a_kernel_is_called(monk
     def interrupted(*_):
         raise AssertionError("the type of a record is found again")
 
-    monkeypatch.setattr("rig.lent_records.lent_type", interrupted)
+    monkeypatch.setattr("rig.compiled.records.lent_type", interrupted)
     assert told(loan) == told(Loan(record, loan)) == (2.5, 3.0, -7.0, 9.0, 11)

@@ -10,8 +10,8 @@ from pathlib import Path
 from rig import controllers
 from rig.plants import PLANTS
 from rig.scenes import load
-from rig.scenes.effects import optional
 from rig.scenes.shipped import names
+from rig.scenes.variants import optional
 
 ROOT = Path(__file__).parent.parent
 WORDS = {
@@ -23,12 +23,11 @@ KNOWN = {
     "rig/design/designer.py": {"dither"},  # scales of a command are those without dither
     "rig/qualify/cost/peers/oscillator.py": {"belt"},  # the one rig that is written for other simulators
     "rig/qualify/cost/holdout.py": {"belt", "pendulum", "lever", "two_dof", "tread", "pin", "north"},  # scenes
-    "rig/analysis/forced.py": {"dither"},  # the motion under dither that is not fast
+    "rig/analysis/floquet.py": {"dither"},  # the motion under dither that is not fast
     "rig/analysis/identify.py": {"lever"},  # the experiments that identify this rig
     "rig/analysis/map/dither.py": {"dither"},  # friction averaged over dither, an analysis of its own
     "rig/analysis/map/job.py": {"dither"},
-    "rig/analysis/modes.py": {"dither"},
-    "rig/analysis/modes_report.py": {"dither"},  # a key of its JSON
+    "rig/analysis/modes.py": {"dither"},  # a key of its JSON
     "rig/analysis/regions.py": {"dither"},
     "rig/view/lever.py": {"lever"},  # drawers that a plant names
     "rig/view/plate.py": {"plate", "foam"},

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from twin import Twin
 
-from rig import bus, controllers, placement
+from rig import bus, controllers
 from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
 from rig.controllers.runtime import process
 from rig.design import numbers
+from rig.machine import scheduling
 from rig.scenes import load
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux says where a thread runs")
@@ -30,37 +31,37 @@ def allowed():
 
 
 def test_two_cores_of_those_that_this_process_may_use(allowed):
-    own, of_bus = placement.choose()
+    own, of_bus = scheduling.choose()
     assert own != of_bus
     assert {own, of_bus} <= allowed
 
 
 def test_with_one_core_nothing_is_placed(monkeypatch, allowed):
-    monkeypatch.setattr(placement, "ALLOWED", {0})
-    assert placement.choose() == (placement.ANY, placement.ANY)
-    with placement.placed(*placement.choose()):
+    monkeypatch.setattr(scheduling, "ALLOWED", {0})
+    assert scheduling.choose() == (scheduling.ANY, scheduling.ANY)
+    with scheduling.placed(*scheduling.choose()):
         assert os.sched_getaffinity(0) == allowed
 
 
 def test_the_least_busy_cores_are_chosen_where_there_are_more(monkeypatch):
     looks = iter([{0: 10, 1: 10, 2: 10, 3: 10}, {0: 11, 1: 19, 2: 10, 3: 20}])
-    monkeypatch.setattr(placement, "ALLOWED", {0, 1, 2, 3})
-    monkeypatch.setattr(placement, "idle_times", lambda: next(looks))
-    assert placement.choose() == (3, 1)
+    monkeypatch.setattr(scheduling, "ALLOWED", {0, 1, 2, 3})
+    monkeypatch.setattr(scheduling, "idle_times", lambda: next(looks))
+    assert scheduling.choose() == (3, 1)
 
 
 def test_the_thread_and_those_of_the_bus_are_placed_and_others_go_where_they_like(tmp_path, monkeypatch, allowed):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    own, of_bus = placement.choose()
+    own, of_bus = scheduling.choose()
     found = {}
 
     def look():
-        placement.anywhere()
+        scheduling.anywhere()
         found["other"] = os.sched_getaffinity(0)
 
     with bus.host("placed"):
-        with placement.placed(own, of_bus):
-            threads = placement.bus_threads()
+        with scheduling.placed(own, of_bus):
+            threads = scheduling.bus_threads()
             assert threads
             assert {frozenset(os.sched_getaffinity(thread)) for thread in threads} == {frozenset({of_bus})}
             assert os.sched_getaffinity(0) == {own}
@@ -83,7 +84,7 @@ def test_a_controller_that_computes_long_leaves_the_core_of_the_bus(allowed, pau
         "answer": lambda _, *given: (time.sleep(pause), answer(*given))[1],
     })()  # fmt: skip
     core = min(allowed)
-    with placement.placed(core, core):
+    with scheduling.placed(core, core):
         for tick in range(2 * process.LONG_ANSWERS):
             step = encode.step(tick, tick * MS, [0.01], np.ones(1, np.int64))
             worker.answer_step(messages.decode("step", step))

@@ -56,7 +56,7 @@ def test_no_test_imports_or_replaces_a_private_name():
         "monkeypatch.setattr('rig.scenes.loader._read', None)",
         "mock.patch.object(loader, '_read')",
         "getattr(scene, '_read')()",
-        "run(f'from rig import kernel\\nkernel._rooms = {rooms}')",
+        "run(f'from rig.compiled import kernel\\nkernel._rooms = {rooms}')",
         "run('from rig.scenes.loader import load, _read')",
     ],
 )

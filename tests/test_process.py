@@ -10,12 +10,12 @@ import threading
 
 import pytest
 
-from rig.bus.waiting import patiently
-from rig.process import no_garbage
+from rig.bus.session import patiently
+from rig.machine.process import no_garbage
 
 CODE = """
 import atexit, sys, threading, time
-from rig.process import as_process
+from rig.machine.process import as_process
 atexit.register(lambda: print("closed"))
 class Slow:
     def __del__(self): time.sleep(60)
@@ -71,7 +71,7 @@ def test_output_that_cannot_be_written_is_told():
 
 
 HEARS = """
-from rig.process import stopping
+from rig.machine.process import stopping
 with stopping() as stop:
     print("ready", flush=True)
     print(stop.wait({wait}))
@@ -97,7 +97,7 @@ def test_nohup_holds():
 def test_a_signal_whose_handler_outlasts_a_wait_does_not_make_it_endless():
     code = """
 import queue, signal, time
-from rig.bus.waiting import patiently
+from rig.bus.session import patiently
 signal.signal(signal.SIGALRM, lambda *_: time.sleep(0.05))
 signal.signal(signal.SIGTERM, lambda *_: time.sleep(0.05))
 import os, threading
@@ -139,7 +139,7 @@ def test_a_process_that_is_told_to_end_at_its_start_clears_away(tmp_path, name):
     code = """
 import signal, sys, time
 from pathlib import Path
-from rig.process import as_process
+from rig.machine.process import as_process
 signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever runs the tests may ignore it
 def main():
     try:

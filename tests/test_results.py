@@ -15,14 +15,14 @@ from matplotlib.figure import Figure
 
 import rig
 from rig.analysis import recorded
-from rig.analysis.motion_measures.settings import Setting
+from rig.analysis.motion_measures import Setting
 from rig.cli import app
 from rig.errors import UsageError
 from rig.qualify.cost.report import CostReport
 from rig.qualify.cost.table import Row, Table
 from rig.qualify.cost.timing import Cost, Spread
 from rig.results import Result, html_of
-from rig.view.save_figure import encoded
+from rig.view.palette import encoded
 
 GOLDEN = Path(__file__).parents[1] / "recordings" / "golden"
 NO_RESULTS = {"Path", "StateSpace", "Distribution"}
@@ -54,7 +54,7 @@ def identified(folder):
 
 
 def sound(folder):
-    from rig.analysis.sound import hear
+    from rig.analysis.recorded.sound import hear
 
     return hear(golden("brake_shunt"), "vibrometer")
 

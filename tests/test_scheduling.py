@@ -17,13 +17,13 @@ except OSError as fault:
 """
 FIRST = """
 import os
-from rig.scheduling import come_first
+from rig.machine.scheduling import come_first
 come_first()
 print(os.sched_getscheduler(0) == os.SCHED_OTHER, os.getpriority(os.PRIO_PROCESS, 0))
 """
 THREADS = """
 import os, resource, signal, threading, time
-from rig.scheduling import ahead
+from rig.machine.scheduling import ahead
 before = resource.getrlimit(resource.RLIMIT_RTTIME), signal.getsignal(signal.SIGXCPU)
 def of_all(): return {os.sched_getscheduler(int(t)) for t in os.listdir("/proc/self/task")}
 threading.Thread(target=time.sleep, args=(5,), daemon=True).start()
@@ -39,7 +39,7 @@ print("done")
 """
 HOGS = """
 import os, time
-from rig.scheduling import ahead
+from rig.machine.scheduling import ahead
 told = []
 with ahead(1, lambda: told.append("fell back")):
     end = time.perf_counter() + 10.0
@@ -49,7 +49,7 @@ with ahead(1, lambda: told.append("fell back")):
 """
 COMES_BACK = """
 import os, time
-from rig import scheduling
+from rig.machine import scheduling
 scheduling.AGAIN_S = 0.3
 def hog():
     end = time.perf_counter() + 10.0
@@ -72,7 +72,7 @@ assert os.sched_getscheduler(0) == os.SCHED_OTHER
 """
 ELSEWHERE = """
 import os, threading
-from rig.scheduling import ahead
+from rig.machine.scheduling import ahead
 def work():
     with ahead(1) as found:
         print(found.why, os.sched_getscheduler(0) == os.SCHED_OTHER)

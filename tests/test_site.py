@@ -56,7 +56,7 @@ def test_a_value_of_the_reference_has_its_unit_range_and_default():
     rows = {row[0]: row[1:] for row in scene_reference.rows(scene_reference.PLANTS["belt"].Parameters)}
     assert rows["`body.mass`"][:3] == ("`kg`", "1e-09 to 1e+06", "required")
     assert rows["`body.damping`"][:3] == ("`N*s/m`", "0 to 1e+09", "`0`")
-    clock = "\n".join(scene_reference.section("rig.scenes.clock:Clock"))
+    clock = "\n".join(scene_reference.section("rig.scenes.protocol:Clock"))
     assert "| `frame` | `s` | 1e-06 to 1 | `0.001` | loop period" in clock
     disc = "\n".join(scene_reference.section("rig.effects.disc_modes:Disc"))
     assert "| `poisson` | `1` | 0 to below 0.5 | required |" in disc

@@ -16,7 +16,7 @@ from rig.effects import friction
 from rig.model.formulation import assemble
 from rig.plants import PLANTS
 from rig.sensors import KINDS as SENSORS
-from rig.solve.state_codes import SLIP_PLUS, STICK
+from rig.solve.records import SLIP_PLUS, STICK
 
 DOCS = Path(__file__).parents[1] / "docs"
 THEORY = DOCS / "theory"

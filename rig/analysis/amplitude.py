@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.record.run import Run
-from rig.view.timeline import Span
+from rig.view.curves import Span
 
 Array = NDArray[np.float64]
 _BAND = 0.25

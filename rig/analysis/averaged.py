@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rig.model import friction_law
 from rig.model.friction_law import Law
 from rig.model.system import System
-from rig.solve.friction_coefficient import COULOMB
+from rig.solve.forces import COULOMB
 from rig.stability.linearisation import Steady, sliding_key, steady
 
 Array = NDArray[np.float64]

@@ -3,25 +3,32 @@
     drive.speed=0.05 m/s:0.4 m/s:50      drive.speed=0:8 rpm:81      load.force=10:30:21
 
 An end without a unit takes the unit of the other end. If neither has a unit, the numbers are SI.
+
+What a figure over one or two parameters holds constant.
 """
 
 from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from rig.bench.rig_variant import with_values
+from rig.bench.run.rig_variants import with_values
 from rig.errors import SceneError
 from rig.scenes.faults import near, shortened, shown, unit_of
 from rig.scenes.scene import Scene
 from rig.units import parted, si, with_point
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 Array = NDArray[np.float64]
 MOST, POINTS = 100_000, 10_000_000
@@ -227,3 +234,30 @@ def in_words(key: str, scene: Scene, declared: bool = False) -> str:
         section = section[part] if isinstance(section, Mapping) else getattr(section, part)
     title = type(section).model_fields[name].title
     return title or ("" if declared else " ".join([*path, name]).replace("_", " "))
+
+
+_LETTERS = 12.0
+"""Letters of the second line in an inch."""
+
+
+def fixed(scene: Scene, axes: Iterable[Axis]) -> str:
+    """Return the main parameters of `scene` that are on none of the axes, with their values.
+
+    Main are those whose field declares words for them: speed of the drive, load, coefficients of friction.
+    """
+    varied, values = {axis.key for axis in axes}, scene.values()
+    shown = []
+    for key, unit in sweepable(scene.parameters):
+        words = in_words(key, scene, declared=True)
+        if words and key not in varied and values[key][0] is not None:
+            shown.append(f"{words} {values[key][0]:.4g}{'' if unit == '1' else f' {unit}'}")
+    return ", ".join(shown)
+
+
+def heading(figure: Figure, scene: Scene, axes: Iterable[Axis], title: str = "") -> None:
+    """Write a title (by default that of the scene) and below it what is held constant."""
+    constant = fixed(scene, axes)
+    figure.suptitle(title or scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+    if constant:
+        text = textwrap.fill(f"fixed: {constant}", round(_LETTERS * figure.get_figwidth()))
+        figure.get_axes()[0].set_title(text, loc="left", fontsize=10)

@@ -27,11 +27,11 @@ from rig.analysis.axis import Axis
 from rig.analysis.eigenvalue_curves import Spectrum, absent, of_matrix
 from rig.analysis.plant import plant
 from rig.analysis.sweep import Sweep, along
-from rig.analysis.text_table import columns
 from rig.design import numbers
-from rig.design.linear_form import linear_form
+from rig.design.linearised import linear_form
 from rig.design.sampled import Sampled, sampled
 from rig.errors import PartError, SceneError, Singular
+from rig.printable import columns
 from rig.quantities import unit_of
 from rig.results import Result
 from rig.scenes.faults import near
@@ -56,7 +56,7 @@ class Loop(Result):
     controllers of the scene that are left open.
     """
 
-    FIGURE: ClassVar = "rig.analysis.loop_figure:loop_figure"
+    FIGURE: ClassVar = "rig.analysis.figures:loop_figure"
 
     scene: str
     controller: str

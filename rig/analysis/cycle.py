@@ -4,37 +4,284 @@ The run starts with every contact stuck to its surface and the structure unloade
 outside of the cycle, so that a cycle is also found where stable sliding exists beside it; else it may be missed. The
 motion has settled when the last cycles have the same mode set changes at the same times to `REPEAT` of a period, or the
 same turning points if there are none. For a cycle that attracts slowly, Newton's method continues from there
-(rig.analysis.shooting). Its result counts once the simulation repeats it and its multipliers are stable. Then one more
+(rig.analysis.cycle). Its result counts once the simulation repeats it and its multipliers are stable. Then one more
 cycle is read from the dense output, with extremes inside steps and at events. rig.analysis.floquet computes the
-multipliers; rig.analysis.settled decides when the motion has come to rest in sliding.
+multipliers; rig.analysis.cycle decides when the motion has come to rest in sliding.
+
+Test whether a motion has come to rest in steady sliding, with the kinetic energy as a norm.
+
+    |d|^2 = v^T M v + w^2 q^T M q      of the distance d = (q, v) from sliding, w = |lambda| of its least stable mode
+
+The mass matrix makes metres and radians comparable. The scale is the standing start of a cycle: every contact moves
+with its surface, the structure is unloaded. So the scale contains the static deflection and the speed of the drive.
+
+Turning points of a motion: zeros of one coordinate's falling velocity, with the state there.
+
+A motion without events, in which nothing sticks, is periodic if the states at its turning points repeat.
+
+Newton's method on the return map: finds a cycle for motions that approach it slowly.
+
+    phi_T(x + d) = x + d,  f(x) . d = 0      (P - 1) d + f dT = -(phi_T(x) - x)
+
+P: monodromy matrix, f: rate of the state at the section, in the middle of the longest slip. Events make the return map
+nonlinear: a step is halved until the same events occur and the return comes closer. The result is a state to continue
+from. Simulation alone then shows that it repeats, and its multipliers show that it attracts.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.cycle_report import Cycle
-from rig.analysis.floquet import floquet
+from rig.analysis.floquet import Return, floquet, middle, multipliers, returned
 from rig.analysis.many_points import refuse
-from rig.analysis.orbit import Orbit
-from rig.analysis.repetition import MOST, REPEAT, all_round, repeating, stick_times, time_of, turn_of
-from rig.analysis.settled import NEAR, Rest
-from rig.analysis.shooting import ShootingResult, shoot
-from rig.analysis.turning_points import Turns
+from rig.analysis.orbit import MOST, REPEAT, Orbit, all_round, repeating, stick_times, time_of, turn_of
+from rig.errors import NumericsError
 from rig.model.assembly import Assembly
 from rig.model.method import chosen
 from rig.model.system import System
-from rig.motion.memory import Event
+from rig.motion.motion import Event
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
 
 Array = NDArray[np.float64]
+NEAR = 1e-7
+"""Share of the scale. This close to stable sliding the rig is linear: a disturbance of this size decays."""
+
+
+class Rest:
+    """Steady sliding as the state in which a motion may end. `start`: the standing start [state]."""
+
+    def __init__(self, sliding: Steady, start: Array) -> None:
+        self._sliding, self._nq = sliding, len(sliding.system.coordinates)
+        self._free = not sliding.load.any()
+        """True if no contact is loaded: the structure vibrates freely and comes to rest where it would slide."""
+        there = sliding.exists or self._free
+        rates = sliding.eigenvalues() if there else np.zeros(0, dtype=np.complex128)
+        self.least = complex(rates[0]) if len(rates) else complex(math.nan, math.nan)
+        self._turn = abs(self.least)
+        self._scale = self._distance(start)
+
+    @property
+    def stable(self) -> bool:
+        """Whether every mode of sliding decays."""
+        return self.least.real < 0.0
+
+    def share(self, x: Array) -> float:
+        """Return the distance of state `x` from sliding, over the scale."""
+        return self._distance(x) / self._scale if self._scale > 0.0 else math.inf
+
+    def reached(self, x: Array) -> bool:
+        """Return whether a motion at `x` without stick can only decay."""
+        return self.stable and self.share(x) <= NEAR
+
+    def text(self, more: str = "") -> str:
+        """Return why there is no limit cycle, or none is found; `more`: a further observation."""
+        hertz = abs(self.least.imag) / (2.0 * math.pi)
+        at = f" at {hertz:.6g} Hz" if hertz else ""
+        decays = f"least stable mode decays with {-self.least.real:.6g} 1/s{at}"
+        if self._free:
+            return f"no limit cycle: no contact is loaded, and the {decays}{more}"
+        return (
+            f"no limit cycle found from a standing start: sliding is stable, its {decays}{more}. Another start may "
+            "reach one: rig map, over a range that begins or ends where the rig vibrates"
+        )
+
+    def _distance(self, x: Array) -> float:
+        d, nq, mass = x - self._sliding.x, self._nq, self._sliding.system.mass
+        q, v = d[:nq], d[nq : 2 * nq]
+        return math.sqrt(max(float(v @ mass @ v + self._turn**2 * (q @ mass @ q)), 0.0))
+
+
+ROUGH = 1e-6
+SETTLED = 32
+_MOST = 4  # most turning points in one cycle
+_ROUNDS = 3  # compared cycles: two could agree by chance
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A turning point: time [s], state, and range of each state since the one before."""
+
+    time: float
+    x: Array
+    span: Array
+
+
+class Turns:
+    """The turning points of an orbit since the last event, of the coordinate with the largest motion of its own."""
+
+    def __init__(self, orbit: Orbit, sliding: Steady) -> None:
+        self._orbit, self._sliding = orbit, sliding
+        rates, shapes = sliding.eigenvectors()
+        nq = len(sliding.system.coordinates)
+        self._growth = float(rates[0].real)
+        self._first = len(orbit.outputs)
+        self._velocity = self._first + nq + int(np.abs(shapes[nq : 2 * nq, 0]).argmax())
+        self._moving = sliding.moving
+        self.found: list[Turn] = []
+        self._history: list[float] = []
+        self._asked = 0
+        self._low = self._high = orbit.motion.x.copy()
+
+    def clear(self) -> None:
+        """Start again after an event."""
+        self.found.clear()
+        self._history.clear()
+        self._asked = 0
+
+    def add(self) -> None:
+        """Search the last block of the orbit for turning points."""
+        motion = self._orbit.motion
+        step, segments = motion.integration.step_ns * 1e-9, motion.segments
+        offset = (motion.tick - len(motion.states)) * step
+        self._low = np.minimum(self._low, motion.states.min(axis=0))
+        self._high = np.maximum(self._high, motion.states.max(axis=0))
+        n = int(segments.count[0])
+        velocity = segments.coef[:n, self._velocity]
+        ends = velocity.sum(axis=1)
+        for j in np.flatnonzero((velocity[:, 0] > 0.0) & (ends <= 0.0)):
+            u = _zero(velocity[j])
+            x = np.polynomial.polynomial.polyval(u, segments.coef[j, self._first :].T)
+            time = offset + float(segments.start[j] + u * segments.length[j])
+            self.found.append(Turn(time, np.asarray(x), self._high - self._low))
+            self._low = self._high = np.asarray(x)
+
+    def closes(self, repeat: float) -> tuple[float, float] | None:
+        """Return the period [s] of a motion that repeats, and its deviation over its range; None if it does not repeat.
+
+        It repeats to `repeat`, or as well as it can: to `ROUGH` at least and no better for `SETTLED` turns, as with a
+        friction law whose kink limits the integration.
+        """
+        if len(self.found) == self._asked:
+            return None
+        self._asked = len(self.found)
+        period, off = min((self._off(count) for count in range(1, _MOST + 1)), key=lambda one: one[1] > repeat)
+        self._history.append(off)
+        late, before = self._history[-SETTLED:], self._history[-2 * SETTLED : -SETTLED]
+        settled = len(before) == SETTLED and max(late) <= ROUGH and min(late) >= 0.5 * min(before)
+        return (period, max(late) if settled else off) if off <= repeat or settled else None
+
+    def _off(self, count: int) -> tuple[float, float]:
+        """Period [s] of `count` turns, and the largest difference between the last rounds, relative to the range."""
+        last = self.found[-(_ROUNDS - 1) * count - 1 :]
+        if len(last) <= (_ROUNDS - 1) * count:
+            return math.nan, math.inf
+        span = np.max([turn.span for turn in last], axis=0)[self._moving]
+        period = last[-1].time - last[-1 - count].time
+        off = [abs((b.time - a.time) / period - 1.0) for a, b in zip(last, last[count:])]
+        away = [np.abs(b.x - a.x)[self._moving] for a, b in zip(last, last[count:])]
+        off += [float(np.divide(one, span, out=np.full(len(span), math.inf), where=span > 0.0).max()) for one in away]
+        return period, max(off)
+
+    def dying(self, since: float) -> bool:
+        """Return whether the rest of the motion since `since` [s] decays as a small motion about sliding does."""
+        turns = [turn for turn in self.found if turn.time >= since]
+        if self._growth >= 0.0:
+            return False
+        if len(turns) < 2:
+            return True  # it has no turning points at all
+        size = np.max([turn.span for turn in turns], axis=0)[self._moving]
+        far = [float((np.abs(t.x - self._sliding.x)[self._moving] / np.maximum(size, 1e-300)).max()) for t in turns]
+        rate = math.log(max(far[0], 1e-300) / max(far[-1], 1e-300)) / (turns[-1].time - turns[0].time)
+        return rate >= -0.5 * self._growth
+
+
+def _zero(polynomial: Array) -> float:
+    """First zero in 0..1 of a polynomial that falls from above zero."""
+    from scipy.optimize import brentq
+
+    def value(u: float) -> float:
+        return float(np.polynomial.polynomial.polyval(u, polynomial))
+
+    return 1.0 if value(1.0) >= 0.0 else float(brentq(value, 0.0, 1.0, xtol=1e-15))
+
+
+CLOSE = 1e-10  # of the size of each state: a step of Newton's method that counts as zero
+_ROUGH = 1e-6  # the same if rounding, or the tolerance of dopri5, limits how close the return comes
+_STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
+_STEPS = 12
+_HALVINGS = 6
+_GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cycle
+
+
+@dataclass(frozen=True)
+class ShootingResult:
+    """The result of Newton's method: a state on the cycle, its period [s], the size of its largest multiplier."""
+
+    x: Array
+    period: float
+    multiplier: float
+    steps: int
+
+    @property
+    def stable(self) -> bool:
+        """Whether the cycle does not repel nearby motions."""
+        return self.multiplier <= 1.0 + _GROWS
+
+
+def shoot(orbit: Orbit, period: float) -> ShootingResult | None:
+    """Find the cycle near the present motion, which returns after about `period` [s]; None if there is none.
+
+    The orbit advances by one period and is otherwise unchanged.
+    """
+    try:
+        around = orbit.round(period)
+        x, span = around.states[middle(orbit, around)], np.ptp(around.states, axis=0)
+        at = returned(orbit, x, period, span)
+        for step in range(1, _STEPS + 1):
+            if at is None or np.any(np.delete(span, at.moving) > 0.0):  # driven: the period is not free
+                return None
+            by, later = _newton(at)
+            left = float(np.linalg.norm(by))
+            better = _along(orbit, at, by, later, period) if left > CLOSE else None
+            if better is None:
+                size = max((abs(v) for v in multipliers(at.matrix, driven=False).multipliers), default=0.0)
+                moves = float(np.linalg.norm(at.flow)) * period > _STILL
+                return ShootingResult(at.x, period, size, step) if left <= _ROUGH and moves else None
+            x, period = better
+            at = returned(orbit, x, period, span)
+    except NumericsError:
+        pass
+    return None
+
+
+def _newton(at: Return) -> tuple[Array, float]:
+    """The step of the state [i] and of the period [s] that closes the linearised return map."""
+    n = len(at.miss)
+    A = np.zeros((n + 1, n + 1))
+    A[:n, :n], A[:n, n], A[n, :n] = at.matrix - np.eye(n), at.flow, at.flow
+    found = np.linalg.lstsq(A, np.append(-at.miss, 0.0), rcond=1e-13)[0]
+    return found[:n], float(found[n])
+
+
+def _along(orbit: Orbit, at: Return, by: Array, later: float, period: float) -> tuple[Array, float] | None:
+    """State and period after the longest step with which the return comes closer and meets the same events."""
+    before = _open(at, at.miss)
+    for halving in range(_HALVINGS):
+        share = 0.5**halving
+        x, longer = at.shifted(share * by), period + share * later
+        if longer <= 0.5 * period:
+            continue
+        end, met = orbit.carried(x, longer)
+        after = _open(at, at.apart(end, x))
+        if met == at.met and after < before:
+            return x, longer
+    return None
+
+
+def _open(at: Return, miss: Array) -> float:
+    """Distance of a return from closing at any period: without its part along the motion."""
+    along = at.flow / max(float(np.linalg.norm(at.flow)), 1e-300)
+    return float(np.linalg.norm(miss - along * (along @ miss)))
+
+
 TIGHT = 1e-10
 LONGEST = 120.0  # s
 CHANGES = 500_000  # mode set changes: over a minute of a squeal at 3.4 kHz

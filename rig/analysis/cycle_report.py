@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.floquet import Floquet
-from rig.analysis.repetition import REPEAT
-from rig.analysis.text_table import columns
+from rig.analysis.orbit import REPEAT
+from rig.printable import columns
 from rig.results import Result
 from rig.scenes.scene import Scene
 
@@ -35,7 +35,7 @@ class Cycle(Result):
     newton              steps of Newton's method that led to it; 0 if simulation alone did
     """
 
-    FIGURE: ClassVar = "rig.analysis.cycle_figure:figure"
+    FIGURE: ClassVar = "rig.analysis.figures:cycle_figure"
 
     scene: str
     method: str

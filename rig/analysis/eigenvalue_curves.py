@@ -4,12 +4,23 @@ Two spectra are paired by the modal assurance criterion (MAC) of their left and 
 of the eigenvalues:
 
     MAC_ij = |(l_i r'_j)(l'_j r_i)| / |(l_i r_i)(l'_j r'_j)|      one for the same mode, whatever the units
+
+Zeros of growth rates along a parameter, and ends of the ranges in which they exist: brackets on a grid, then roots.
+
+    growths(value)   growth rates in falling order [1/s], and the size below which each is zero; None without steady
+                     sliding
+
+The grid is refined where the curvature of a rate allows a zero between two values, and up to the edges of stretches
+with steady sliding. A function that finds no steady sliding between two values of a stretch raises a `Hole`. Then the
+grid is refined up to the edges of the hole and searched again, so that no root lies in a range without steady sliding.
+Two crossings of one rate that are closer together than the grid can still be missed, and so can a hole.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,3 +135,234 @@ def absent(note: str, why: str, inertia: float = 1.0) -> Spectrum:
     """Return the empty spectrum of a place without steady sliding."""
     none = np.zeros((0, 0), dtype=np.complex128)
     return Spectrum(none.diagonal(), none, none, (), 0, 0, False, False, note, inertia, why)
+
+
+Found = TypeVar("Found")
+RELATIVE = 4.0 * float(np.finfo(float).eps)  # finest relative tolerance of a root
+NEUTRAL = 1e-9  # of |lambda|: growth below this is zero
+ROUNDING = 1e-12  # of the largest |lambda|
+EDGE = 1e-9  # of the gap between two values: tolerance of the end of a stretch
+_DEPTH = 6  # most halvings of a gap in which a rate could reach zero
+_SEARCH = 3  # halvings of a gap without steady sliding at both ends
+_CUSP = 4.0  # a minimum below this multiple of the rise beside it may reach zero: growth has a kink where modes meet
+_LEVEL = 1e-9
+_FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
+_BESIDE = (2.0**-3, 2.0**-6, 2.0**-9)  # of the way from the end of a stretch to the next value of the grid
+
+
+class Growth(NamedTuple):
+    """Growth rates in falling order [1/s], and for each the size that rounding can cause: below it the rate is zero."""
+
+    rates: Array
+    none: Array
+
+    def sign(self, k: int) -> int:
+        """Return the sign of rate number k; 0 if it is zero or does not exist."""
+        return int(np.sign(self.rates[k])) if k < len(self.rates) and abs(self.rates[k]) > self.none[k] else 0
+
+    @property
+    def clear(self) -> Array:
+        """The rates, with those below rounding set to zero."""
+        return np.where(np.abs(self.rates) <= self.none, 0.0, self.rates)
+
+
+def none(rates: NDArray[np.complex128]) -> Array:
+    """Return the growth rate [1/s] of each mode below which it is zero: rounding error of an undamped mode."""
+    size = np.abs(rates)
+    return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
+
+
+Growths = Callable[[float], Growth | None]
+
+
+class Hole(Exception):
+    """There is no steady sliding at `value`, which lies between two values of a stretch."""
+
+    def __init__(self, value: float) -> None:
+        super().__init__(value)
+        self.value = value
+
+
+class Bracket(NamedTuple):
+    """Rate number `k` changes its sign between `a` and `b`.
+
+    how   passes   it passes zero between them
+          begins   it is zero at one of them: an undamped mode begins to grow, which leaves zero between them
+          ends     it is zero at b, where the stretch ends, and below zero at a
+    """
+
+    k: int
+    a: float
+    b: float
+    how: Literal["passes", "begins", "ends"] = "passes"
+
+
+def looked(values: Sequence[float], growths: Growths, look: Callable[[list[float]], Found]) -> Found:
+    """Return the result of `look` on the refined grid of `values`; where it raises a `Hole`, the grid is cut there
+    first.
+    """
+    grid = refined(values, growths)
+    while True:
+        try:
+            return look(grid)
+        except Hole as hole:
+            grid = _cut(grid, hole.value, growths)
+
+
+def _cut(grid: Sequence[float], hole: float, growths: Growths) -> list[float]:
+    """The grid with the edges of the range without steady sliding around `hole`."""
+    falls = grid[0] > grid[-1]
+    i = next(i for i, value in enumerate(grid) if (value < hole if falls else value > hole))
+    a, b = grid[i - 1 : i + 1]
+    new = [a, _beside(hole, a, growths), hole, _beside(hole, b, growths), b]
+    return [*grid[: i - 1], *refined(list(dict.fromkeys(new)), growths), *grid[i + 1 :]]
+
+
+def _beside(hole: float, end: float, growths: Growths) -> float:
+    """The first value with steady sliding on the way from a hole to `end`, in steps that double.
+
+    The search for the edge begins close to the hole, because other holes may lie between it and the end.
+    """
+    share = _FIRST
+    while share < 1.0 and growths(value := hole + share * (end - hole)) is None:
+        share *= 2.0
+    return value if share < 1.0 else end
+
+
+def there(value: float, growths: Growths) -> Growth:
+    """Return the growth at a value inside of a stretch. Raises Hole if there is no steady sliding."""
+    found = growths(value)
+    if found is None:
+        raise Hole(value)
+    return found
+
+
+def root(bracket: Bracket, growths: Growths) -> float:
+    """Return the value in a bracket at which its rate passes zero, to rounding (Brent). Raises Hole."""
+    from scipy.optimize import brentq
+
+    k, a, b, how = bracket
+    if how == "ends":
+        return b
+
+    def growth(value: float) -> float:
+        found = there(value, growths)
+        return float(found.rates[k] - (found.none[k] if how == "begins" else 0.0))
+
+    return float(brentq(growth, a, b, xtol=1e-15 * max(abs(a), abs(b)), rtol=RELATIVE, maxiter=200))
+
+
+def refined(values: Sequence[float], growths: Growths) -> list[float]:
+    """Return `values` and the values between them that have to be examined, in their order."""
+    grid = [values[0]]
+    for a, b in pairwise(values):
+        grid += [*_between(a, b, growths, _DEPTH), b]
+    return grid
+
+
+def stretches(grid: Sequence[float], growths: Growths) -> list[list[float]]:
+    """Return the values of a grid with steady sliding, split where there is none."""
+    found: list[list[float]] = [[]]
+    for value in grid:
+        if growths(value) is not None:
+            found[-1].append(value)
+        elif found[-1]:
+            found.append([])
+    return [one for one in found if one]
+
+
+def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
+    """Values to examine between a and b, in their order."""
+    at_a, at_b, middle = growths(a), growths(b), 0.5 * (a + b)
+    if at_a is None and at_b is not None:
+        inside, outside = edge(b, a, lambda value: growths(value) is not None)
+        near = _approach(b, inside, growths, depth)[::-1]
+        return [*_between(a, outside, growths, depth), outside, inside, *near]
+    if at_a is not None and at_b is None:
+        inside, outside = edge(a, b, lambda value: growths(value) is not None)
+        return [*_approach(a, inside, growths, depth), inside, outside, *_between(outside, b, growths, depth)]
+    here = growths(middle)
+    left = right = (at_a is None) != (here is None) or (here is None and depth > _DEPTH - _SEARCH)
+    if at_a is not None and at_b is not None and here is not None and depth > 0:
+        count = min(len(one.rates) for one in (at_a, here, at_b))
+        first, half, last = (one.clear[:count] for one in (at_a, here, at_b))
+        bend = np.abs(half - 0.5 * (first + last))
+        left, right = _could(first, half, bend), _could(half, last, bend)
+    return [
+        *(_between(a, middle, growths, depth - 1) if left else ()),
+        middle,
+        *(_between(middle, b, growths, depth - 1) if right else ()),
+    ]
+
+
+def _approach(far: float, end: float, growths: Growths, depth: int) -> list[float]:
+    """Values to examine between `far` and the end of a stretch, beside which growth changes fastest."""
+    beside = [end + share * (far - end) for share in _BESIDE]
+    return [*_between(far, beside[0], growths, depth), *beside]
+
+
+def _could(a: Array, b: Array, bend: Array) -> bool:
+    """Whether a rate of one sign at both ends could change sign between them: a parabola bends a quarter as
+    much here.
+    """
+    return bool(np.any((a * b > 0.0) & (np.minimum(np.abs(a), np.abs(b)) <= bend)))
+
+
+def edge(inside: float, outside: float, holds: Callable[[float], bool], span: float = 0.0) -> tuple[float, float]:
+    """Return the last value from `inside` to `outside` at which `holds` is true, and the first at which it is not.
+
+    Tolerance: `EDGE` of the way, or of `span` if that is longer.
+    """
+    least = EDGE * max(abs(outside - inside), span)
+    while abs(outside - inside) > least and (middle := 0.5 * (inside + outside)) not in (inside, outside):
+        inside, outside = (middle, outside) if holds(middle) else (inside, middle)
+    return inside, outside
+
+
+def brackets(stretch: Sequence[float], growths: Growths) -> Iterator[Bracket]:
+    """Yield every sign change of every rate along a stretch. Raises Hole."""
+    if len(stretch) < 2:
+        return
+    count = min(len(there(value, growths).rates) for value in stretch)
+    for k in range(count):
+        x = sorted({*stretch, *_islands(stretch, k, growths)}, reverse=stretch[0] > stretch[-1])
+        yield from _passing(k, x, [there(value, growths).sign(k) for value in x])
+
+
+def _islands(x: Sequence[float], k: int, growths: Growths) -> Iterator[float]:
+    """Values between those of the grid at which rate number k has another sign than on both sides."""
+    from scipy.optimize import minimize_scalar
+
+    def growth(value: float) -> float:
+        rates = there(value, growths).clear
+        return float(rates[k]) if k < len(rates) else 0.0
+
+    at = [growth(value) for value in x]
+    for i in range(1, len(x) - 1):
+        sign = 1.0 if at[i] > 0.0 else -1.0
+        left, here, right = (sign * g for g in at[i - 1 : i + 2])
+        least = 0.0 < here < min(left, right) * (1.0 - _LEVEL)
+        if least and here < _CUSP * (max(left, right) - here):  # a bend that could reach zero beside this value
+            ends = sorted((x[i - 1], x[i + 1]))
+            options = {"xatol": 1e-6 * (ends[1] - ends[0])}
+            found = minimize_scalar(
+                lambda v, s=sign: s * growth(float(v)), bounds=ends, method="bounded", options=options
+            )
+            if found.fun < 0.0:
+                yield float(found.x)
+
+
+def _passing(k: int, x: Sequence[float], signs: Sequence[int]) -> Iterator[Bracket]:
+    """Neighbours between which the sign of rate k changes. A single zero is a value that happens to be critical."""
+    clear = [i for i, sign in enumerate(signs) if sign]
+    for i, j in pairwise(clear):
+        if signs[i] != signs[j] and j - i <= 2:
+            yield Bracket(k, x[i], x[j])
+    for i, (a, b) in enumerate(pairwise(signs)):
+        beyond = i - 1 if a == 0 else i + 2
+        lone = 0 <= beyond < len(x) and signs[beyond] != 0
+        if {a, b} == {0, 1} and not lone:
+            yield Bracket(k, x[i], x[i + 1], "begins")
+    for end, beside in ((0, 1), (-1, -2)):
+        if signs[end] == 0 and signs[beside] == -1:
+            yield Bracket(k, x[beside], x[end], "ends")

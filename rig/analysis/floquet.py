@@ -6,6 +6,16 @@ located, so that the matrix contains their jumps (saltation). One multiplier equ
 the motion itself. It is left out, and its deviation from one is the error estimate for the others. A contact that
 sticks erases the disturbance: its multiplier is zero. Where a displaced run meets other events, the return map is not
 smooth, and smaller displacements are tried.
+
+The forced motion under dither that is not fast, and the growth of a small disturbance of it (Floquet exponents).
+
+    x(t + tau) = x(t) with the period tau of the dither,   dx(t + tau) = P dx(t),   exponents  ln(eigenvalue of P) / tau
+
+While every contact stays closed and slips in its direction, the motion and P follow from the equations of that mode set
+and their variational equation. With constant coefficients P = exp(A tau), so that the exponents are the eigenvalues of
+sliding without dither; they then count also where a contact would have to pull, as those of an equilibrium do. Where
+the slip reverses, the motion is simulated with its events (rig.analysis.floquet). The imaginary part of an exponent is
+known up to multiples of the dither's frequency: that nearest to an eigenvalue without dither is taken.
 """
 
 from __future__ import annotations
@@ -18,10 +28,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.averaged import averaged, fast_motion
 from rig.analysis.orbit import OnePeriod, Orbit
+from rig.bench.run.rig_variants import with_values
+from rig.errors import NumericsError, Singular
+from rig.model.assembly import Assembly
+from rig.model.method import chosen
 from rig.model.singular import assembled
-from rig.solve.state_codes import STICK
-from rig.stability.jacobian import inputs, moving_states, own_law
+from rig.scenes.scene import Scene
+from rig.solve.records import STICK
+from rig.stability.linearisation import Steady, inputs, linearised, loads, moving_states, own_law, settling
 
 Array = NDArray[np.float64]
 STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state
@@ -168,3 +184,166 @@ def _free(rows: Array) -> Array:
     _, values, directions = np.linalg.svd(rows)
     rank = int(np.count_nonzero(values > 1e-12 * values.max()))
     return np.asarray(directions[rank:].T)
+
+
+Complex = NDArray[np.complex128]
+_SLOWEST = 30.0  # oscillations of the rig in a period of the dither: longer ones take minutes
+_ROUNDS = 30  # of Newton's method
+_FIRST = 2  # of them may reverse the slip on the way to a motion that does not
+_CLOSED = 1e-9  # of the range of each state: a motion that returns so closely is periodic
+_ERASED = 1e-6  # a smaller multiplier is zero: a contact sticks, and the rest is the error of the differences
+_POINTS = 256  # of a period, at which the contacts are looked at
+_TIGHT = 1e-11
+
+
+@dataclass(frozen=True)
+class Forced:
+    """A forced motion. `exponents` [i], the least stable first; `shapes` [state, i] at the phase of the start.
+
+    `exists`, `counts`, `why`: as of `rig.analysis.modes.Sliding`. `means`: over a period, of the states, the
+    inputs T, and the friction and normal force of each patch [N]; None where they are not known.
+    """
+
+    exponents: Complex
+    shapes: Complex
+    exists: bool
+    counts: bool
+    why: str = ""
+    means: tuple[Array, Array, Array, Array] | None = None
+
+
+_NONE = np.zeros((0, 0), dtype=np.complex128)
+
+
+def forced(scene: Scene, assembly: Assembly, at: Steady, sine: int, cosine: int, amplitude: float) -> Forced:
+    """Return the forced motion about sliding `at` under a generator a' = omega b, b' = -omega a of given amplitude."""
+    if not at.counts:
+        return _unknown("without dither there is no steady sliding about which it could vibrate")
+    omega = float(at.system.signals[sine - at.system.one, cosine])
+    turns = float(np.abs(at.eigenvalues().imag).max(initial=0.0)) / omega
+    if turns > _SLOWEST:
+        what = f"in a period of the dither the rig oscillates {turns:.0f} times, and at most {_SLOWEST:g} are computed"
+        return _unknown(f"{what}; for so slow a change use the eigenvalues at constant values (rig modes --sweep)")
+    closed = _closed(at, sine, cosine, amplitude, omega)
+    if closed.exists or closed.counts:
+        return closed
+    return _with_events(scene, assembly, at, sine, cosine, amplitude, omega, closed.why)
+
+
+def _unknown(why: str) -> Forced:
+    return Forced(_NONE.diagonal(), _NONE, False, False, why)
+
+
+def _closed(at: Steady, sine: int, cosine: int, amplitude: float, omega: float) -> Forced:
+    """The forced motion in the mode set of sliding."""
+    from scipy.integrate import solve_ivp
+
+    none = _unknown("no forced motion is found in which every contact slips in its direction")
+    system, modes, tau = at.system, at.modes, 2.0 * math.pi / omega
+    law = own_law(system, modes)
+    moved = np.union1d(at.moving, settling(system, modes.A, at.moving))
+    n, m = system.n, len(moved)
+    unit = amplitude * np.array([-1j, 1.0])  # as in rig.analysis.averaged.fast_motion
+    pushed = at.A[np.ix_(moved, np.array([sine, cosine]))] @ unit
+    response = np.linalg.solve(1j * omega * np.eye(m) - at.A[np.ix_(moved, moved)], pushed)
+    x = at.x.copy()
+    x[[sine, cosine]] = unit.real
+    x[moved] += response.real
+    size = np.where(np.abs(response) > 0.0, np.abs(response), 1.0)
+
+    def rates(_: float, y: Array) -> Array:
+        state, change = y[:n], y[n:].reshape(n, m)
+        J, T, _load = linearised(system, modes, state, law)
+        return np.concatenate([modes.A @ state + modes.b @ T, (J @ change).ravel()])
+
+    begin = np.zeros((n, m))
+    begin[moved, np.arange(m)] = 1.0
+    for rounds in range(_ROUNDS):
+        scale = np.concatenate([np.maximum(np.abs(x), np.abs(x).max() * 1e-6), np.ones(n * m)])
+        run = solve_ivp(rates, (0.0, tau), np.concatenate([x, begin.ravel()]), method="DOP853", rtol=_TIGHT,
+                        atol=_TIGHT * scale, t_eval=np.linspace(0.0, tau, _POINTS + 1))  # fmt: skip
+        if not run.success or not np.isfinite(run.y).all():
+            return none
+        P = run.y[n:, -1].reshape(n, m)[moved]
+        miss = run.y[:n, -1][moved] - x[moved]
+        if np.all(np.abs(miss) <= _CLOSED * size):
+            break
+        if rounds > _FIRST and (why := _reverses(at, run.y[:n].T @ system.slip_rows.T)):
+            return _unknown(why)
+        x[moved] += np.linalg.solve(np.eye(m) - P, miss)
+    else:
+        return none
+    states = run.y[:n, :-1].T
+    T = np.array([linearised(system, modes, one, law)[1] for one in states])
+    over_x, over_t = loads(system, modes)
+    load = states @ over_x.T + T @ over_t.T
+    friction = states @ modes.friction.T + T @ modes.friction_t.T
+    reverses = _reverses(at, states @ system.slip_rows.T)
+    why = reverses or _pulls(at, states @ modes.normal.T + T @ modes.normal_t.T)
+    vibrates = np.isin(moved, at.moving)  # lags settle by themselves, whatever vibrates
+    values, vectors = np.linalg.eig(P[np.ix_(vibrates, vibrates)])
+    shapes = np.zeros((n, len(at.moving)), dtype=np.complex128)
+    shapes[moved[vibrates]] = vectors
+    counts = not why or not (reverses or modes.nonlinear.any() or system.products)
+    means = states.mean(axis=0), T.mean(axis=0), friction.mean(axis=0), load.mean(axis=0)
+    return _sorted(Forced(_exponents(values, tau, at.eigenvalues()), shapes, not why, counts, why, means))
+
+
+def _reverses(at: Steady, speed: Array) -> str:
+    """The contact whose slip speed [time, patch] leaves its direction, in words; "" if none does."""
+    lowest = (at.modes.sigma * speed).min(axis=0)
+    names = [patch.name for patch, w in zip(at.system.patches, lowest) if w <= 0.0]
+    return f"in the forced motion the slip of {', '.join(names)} reverses" if names else ""
+
+
+def _pulls(at: Steady, normal: Array) -> str:
+    """The contact whose normal force [time, normal] would have to be negative, in words; "" if none would."""
+    lowest = [(contact.name, N) for contact, N in zip(at.system.normals, normal.min(axis=0)) if contact.opens]
+    name, N = min(lowest, key=lambda one: one[1], default=("", 1.0))
+    return f"in the forced motion {name} would have to pull, with up to {-N:.4g} N" if N <= 0.0 else ""
+
+
+def _with_events(
+    scene: Scene, assembly: Assembly, at: Steady, sine: int, cosine: int, amplitude: float, omega: float, why: str
+) -> Forced:
+    """The forced motion with its events, found by Newton's method from the averaged motion."""
+    tau = 2.0 * math.pi / omega
+    try:
+        fast = fast_motion(at.system, sine, cosine, amplitude)
+        x = averaged(at.system, sine, cosine, amplitude).x + fast.real
+        shaking = replace(scene, parameters=with_values(scene.parameters, {"dither.enable": True}), controllers={})
+        orbit = Orbit(shaking, assembly, x, chosen(scene.clock.method, at.system), _TIGHT)
+        for _ in range(_ROUNDS):
+            found = returned(orbit, x, tau, 2.0 * np.abs(fast), STEPS[1:])  # with the first an erased one may be 1e-4
+            if found is None:
+                return _unknown(f"{why}, and displaced motions meet other events")
+            if np.abs(found.miss).max(initial=0.0) <= _CLOSED:
+                break
+            step = np.linalg.lstsq(np.eye(len(found.miss)) - found.matrix, found.miss, rcond=None)[0]
+            x = found.shifted(np.asarray(step, dtype=np.float64))
+        else:
+            return _unknown(f"{why}, and Newton's method finds no motion that repeats with the dither")
+    except (NumericsError, Singular) as error:
+        return _unknown(f"{why}, and its simulation ends: {' '.join(str(error).split())}")
+    values, vectors = np.linalg.eig(found.matrix)
+    left = np.abs(values) > _ERASED
+    why = "" if left.any() else "a contact sticks in every period, which ends every disturbance"
+    shapes = np.zeros((at.system.n, int(left.sum())), dtype=np.complex128)
+    shapes[found.moving] = found.size[found.moving, None] * (found.basis @ vectors[:, left])
+    return _sorted(Forced(_exponents(values[left], tau, at.eigenvalues()), shapes, True, True, why))
+
+
+def _exponents(multipliers: Complex, tau: float, still: Complex) -> Complex:
+    """The exponents [1/s] of multipliers, with the frequencies nearest to the eigenvalues `still` without dither."""
+    main = np.log(multipliers.astype(np.complex128)) / tau
+    turn = 2.0 * math.pi / tau
+    most = int(np.abs(still.imag).max(initial=0.0) / turn) + 1
+    ways = main[:, None] + 1j * turn * np.arange(-most, most + 1)
+    nearest = np.abs(ways[:, :, None] - still).min(axis=2).argmin(axis=1)
+    found = ways[np.arange(len(main)), nearest]
+    return np.asarray(np.where(np.isreal(multipliers), main, found))  # a real one: no beat, or half the frequency
+
+
+def _sorted(found: Forced) -> Forced:
+    order = np.lexsort((-found.exponents.imag, -found.exponents.real))
+    return replace(found, exponents=found.exponents[order], shapes=found.shapes[:, order])

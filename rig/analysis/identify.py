@@ -18,9 +18,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.text_table import columns
 from rig.errors import UsageError
 from rig.plants.lever import Parameters
+from rig.printable import columns
 from rig.record.run import Run
 from rig.results import Result
 from rig.scenes.protocol import Hold, Repeat
@@ -65,7 +65,7 @@ class Fit(NamedTuple):
 class Identified(Result):
     """The result of an experiment. `readings`: column names and the fitted numbers, if there are any."""
 
-    FIGURE: ClassVar = "rig.analysis.identify_figure:figure"
+    FIGURE: ClassVar = "rig.analysis.figures:identification_figure"
 
     scene: str
     experiment: str
@@ -98,7 +98,7 @@ class Identified(Result):
 
 def identify(scene: Scene) -> Identified:
     """Run the experiment that the scene defines and identify its parameters. Raises UsageError for another scene."""
-    from rig.bench.simulate import simulate
+    from rig.bench.run.simulate import simulate
 
     _reader(scene)
     return read(simulate(scene, {}))

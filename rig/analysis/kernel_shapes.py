@@ -19,12 +19,12 @@ from typing import NamedTuple
 import llvmlite.binding
 import numpy as np
 
-from rig import kernel
 from rig.analysis.pool import Arrays, Work, carry_out, temporary
-from rig.bench.runner import PlantRunner
+from rig.bench.run.runner import PlantRunner
+from rig.compiled import kernel
+from rig.compiled.kernel_store import INSTEAD
 from rig.errors import NumericsError
-from rig.file_locks import own_bytes, own_file
-from rig.kernel_store import INSTEAD
+from rig.machine.files import own_bytes, own_file
 from rig.model.method import chosen, crowded
 from rig.model.system import System
 from rig.model.tables import UNROLLED

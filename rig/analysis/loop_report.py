@@ -1,25 +1,212 @@
-"""The report of `rig loop`: delay budget, margins, and decay over delay, jitter and loss with one point simulated."""
+"""The report of `rig loop`: delay budget, margins, and decay over delay, jitter and loss with one point simulated.
+
+The delay budget of a control loop: what delays it at the frequency of its least stable mode, and who states that.
+
+A filter delays by phase / frequency; a lag of first order by atan(w T) / w; a value held over a period by half of it.
+
+The decay of a loop at small motions, read off an ensemble of simulations with the links of a scene.
+
+Each run begins at steady sliding, moved along the least stable mode of the closed loop by a thousandth of the rig's own
+deflection, and has a network seed of its own; sensors have neither noise nor limits. The mean square of the output that
+the sensor reads, over all runs and over each period of the vibration, is fitted by an exponential: its rate is twice
+the growth rate of the mean square.
+"""
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rig import design
 from rig.analysis.control_loop import Loop, ends, loop
 from rig.analysis.jump_loop import fits, jump_growth, mean_age, worst_case
-from rig.analysis.loop_budget import Item, budget, links
-from rig.analysis.loop_check import Checked, simulated
-from rig.analysis.text_table import columns
-from rig.errors import SceneError
+from rig.analysis.plant import plant
+from rig.bench.run.experiment import Experiment
+from rig.bench.run.simulate import begun, carry_on
+from rig.controllers import restored
+from rig.errors import NumericsError, SceneError
+from rig.printable import columns
 from rig.results import Result
-from rig.scenes.network import Link, Network
-from rig.scenes.network_text import described
+from rig.scenes.explain import explain
+from rig.scenes.network import Link, Network, described
 from rig.scenes.scene import Scene
 from rig.scenes.sections import dump
+from rig.sensors.chain.front_end import FrontEnd
+
+_ROUNDED = 1e-12  # rad
+
+
+@dataclass(frozen=True)
+class Item:
+    """One delay of a loop [s], and its `origin`: a key of the scene with its origin, computed, or measured."""
+
+    part: str
+    seconds: float
+    origin: str
+
+
+def budget(scene: Scene, found: Loop, bus: float | None = None) -> list[Item]:
+    """The delays of the loop `found` of `scene` in the order of the signal.
+
+    `bus`: measured time [s] from a step to its answer over the bus; None: it was not measured.
+    """
+    return list(_items(scene, found, bus))
+
+
+def links(scene: Scene, name: str) -> tuple[Link, Link]:
+    """The links of the loop of controller `name`: of its sensor, and of its commands."""
+    network = scene.network
+    return network.meas.get(ends(scene, name)[0], Link()), network.act.get(name, Link())
+
+
+def _items(scene: Scene, found: Loop, bus: float | None) -> Iterator[Item]:
+    name = found.controller
+    section, omega = scene.controllers[name], abs(found.spectrum.rates[0].imag)
+    (sensor, drive), (meas, act), frame = ends(scene, name), links(scene, name), scene.frame_ns
+    origins = {value.key: f"{value.key} ({value.origin.origin})" for value in explain(scene).values}
+    end = scene.sensors[sensor].front_end()
+    if omega:
+        late = 1e-9 * end.delay_ns
+        turn = -cmath.phase(end.response(1j * omega) / end.response(1e-9j * omega) * cmath.exp(1j * omega * late))
+        turn = turn if abs(turn) > _ROUNDED else 0.0
+        yield Item(f"filter of {sensor}", turn / omega, "computed from its transfer function")
+    yield Item(f"delay of {sensor}", 1e-9 * end.delay_ns, origins.get(f"sensors.{sensor}.delay", "its instrument"))
+    yield _of_link(f"meas/{sensor}", meas, frame, f"network.meas.{sensor}" if sensor in scene.network.meas else "")
+    yield Item(f"computation of {name}", 1e-9 * section.delay, origins.get(f"controllers.{name}.delay", "default"))
+    yield _of_link(f"act/{name}", act, frame, f"network.act.{name}" if name in scene.network.act else "")
+    yield Item("sample and hold", 0.5 * found.model.period, "half a period, computed")
+    yield from _of_actuator(scene, drive, omega, origins)
+    if section.where == "process":
+        origin = "rig run --pace: not measured (--measure does)" if bus is None else f"{1e3 * bus:.2g} ms, measured"
+        frames = 1 if bus is None else max(math.ceil(bus * 1e9 / frame), 1)
+        yield Item("bus of a paced run", frames * frame * 1e-9, f"{origin}: {frames} frame{'s' * (frames > 1)}")
+
+
+def _of_link(topic: str, link: Link, frame: int, key: str) -> Item:
+    origin = f"{key}: mean age of what arrives" if key else "a perfect link"
+    return Item(f"link {topic}", mean_age(link, frame) * frame * 1e-9, origin)
+
+
+def _of_actuator(scene: Scene, drive: str, omega: float, origins: dict[str, str]) -> Iterator[Item]:
+    key = f"{drive.partition('.')[0]}.lag"
+    lag: Any = scene.values().get(key, (0.0, ""))[0]
+    one = scene.assemble().inputs[drive]
+    if one.lagging and isinstance(lag, float | int) and lag:
+        yield Item(f"lag of {drive}", math.atan(omega * lag) / omega if omega else lag, origins.get(key, key))
+    else:
+        yield Item(f"lag of {drive}", 0.0, "none in the scene")
+
+
+Array = NDArray[np.float64]
+RUNS = 8
+"""Runs of an ensemble. # chosen"""
+_SHARE = 1e-3
+_DECADES = 8.0
+"""Change of ln(amplitude) that a run should reach, and the least number of periods that it has. # chosen"""
+_PERIODS = (12, 400)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Growth rate of the mean square [1/s] in `runs` simulations of `seconds` each."""
+
+    growth: float
+    runs: int
+    seconds: float
+
+
+def simulated(scene: Scene, name: str, network: Network, expected: float, hertz: float) -> Checked:
+    """Simulate the loop of controller `name` over the links of `network`.
+
+    `expected`: computed growth rate [1/s], `hertz`: frequency [Hz]; they decide on the length of the runs. Raises
+    SceneError if the vibration is not small (a contact sticks or opens) or the integration stops.
+    """
+    section = scene.controllers[name]
+    if "enable_at" in type(section).model_fields:
+        section = section.model_copy(update={"enable_at": 0})
+    sensors: dict[str, Any] = {key: _Linear(one) for key, one in scene.sensors.items()}
+    alone = replace(scene, controllers={name: section}, sensors=sensors, protocol=(), faults={}, limits={})
+    long = min(max(_DECADES / max(abs(expected), 1e-9), _PERIODS[0] / hertz), _PERIODS[1] / hertz)
+    if expected > 0.0:
+        long = min(long, 3.0 / expected)
+    output = scene.sensors[ends(scene, name)[0]].reads
+    runs = [
+        _run(replace(alone, network=network.model_copy(update={"seed": seed})), name, output, long)
+        for seed in range(1, RUNS + 1)
+    ]
+    square = np.mean([_by_periods(one, 1e9 / hertz / alone.step_ns) for one in runs], axis=0)
+    kept = square > 1e-20 * square.max()
+    bins = np.flatnonzero(kept)[1:]  # after the first period: the links are still empty at the beginning
+    if len(bins) < 3:
+        raise SceneError(scene.name, [f"the vibration has too few periods of {1 / hertz:.3g} s to fit a decay"])
+    rate = float(np.polyfit(bins / hertz, np.log(square[bins]), 1)[0])
+    return Checked(0.5 * rate, RUNS, long)
+
+
+class _Linear:
+    """An instrument without noise, resolution and limits: only its linear response, so that small motions are seen."""
+
+    def __init__(self, instrument: Any) -> None:
+        self._instrument = instrument
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._instrument, name)
+
+    def front_end(self) -> FrontEnd:
+        """Its front end."""
+        end: FrontEnd = self._instrument.front_end()
+        unlimited = replace(end, low=-math.inf, high=math.inf, slew=math.inf)
+        return replace(unlimited, offset=0.0, slope=0.0, warmth=0.0, noise=0.0, resolution=0.0, dropout_rate=0.0)
+
+
+def _run(scene: Scene, name: str, output: str, seconds: float) -> Array:
+    """The values of `output` at every sample step."""
+    shape, states, rest = _start(scene, name)
+    described = design.described(scene)
+
+    def move(experiment: Experiment) -> None:
+        motion = experiment.runner.motion
+        for state, value, by in zip(states, rest, shape):
+            motion.write(motion.system.names.index(state), float(value + by))
+
+    ticks = round(seconds * 1e9) // scene.frame_ns
+    experiment, working = begun(scene, {name: restored(described[name])}, ticks * scene.frame_ns, before=move)
+    runner = experiment.runner
+    try:
+        while experiment.begin():
+            carry_on(experiment, working, experiment.until())
+    except NumericsError as fault:
+        raise SceneError(scene.name, [f"the simulation stopped: {fault.what}"]) from None
+    if runner.statistics()["events"]:
+        raise SceneError(scene.name, ["a contact sticks or opens even at a small vibration: its decay is not defined"])
+    assert runner.truth is not None
+    runner.hand_over(runner.truth)
+    values, _ = runner.truth.outputs()
+    return np.asarray(values[runner.outputs.index(output)])
+
+
+def _start(scene: Scene, name: str) -> tuple[Array, tuple[str, ...], Array]:
+    """A small deflection along the least stable mode, the states that it moves, and their values at steady sliding."""
+    at = plant(scene)
+    found = loop(scene, name)
+    shape = np.real(found.spectrum.right[: found.model.own, 0])
+    size = np.abs(at.equilibrium).max() or 1e-3
+    return _SHARE * size * shape / np.abs(shape).max(), at.states, at.equilibrium
+
+
+def _by_periods(values: Array, steps: float) -> Array:
+    """The variance of `values` in each whole period of `steps` rows."""
+    count = int(len(values) / steps)
+    ends = np.rint(np.arange(count + 1) * steps).astype(int)
+    return np.array([np.var(values[a:b]) for a, b in pairwise(ends.tolist())])
+
 
 POINTS = 9
 """Values of each curve. # chosen"""
@@ -44,7 +231,7 @@ class LoopReport(Result):
     `found`: the loop with the mean age of its links as a constant delay. `point`: links of the simulated point.
     """
 
-    FIGURE: ClassVar = "rig.analysis.loop_figure:figure"
+    FIGURE: ClassVar = "rig.analysis.figures:loop_figure"
 
     scene: str
     found: Loop

@@ -1,28 +1,161 @@
-"""The plant of a scene on its own, stepped with its outputs and states recorded: the source of a limit cycle's data."""
+"""The plant of a scene on its own, stepped with its outputs and states recorded: the source of a limit cycle's data.
+
+Detection of a period in the mode set changes of a motion, and the stick time of its contacts within one.
+
+The outputs of a rig between samples: the polynomials that the plant writes for its sensors, collected.
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.output_polynomials import Dense
-from rig.lent_records import Loan
+from rig.compiled.records import Loan
 from rig.model import energy_forms
 from rig.model.assembly import Assembly
-from rig.motion.memory import Event
-from rig.motion.motion import Frames, Motion
+from rig.motion.motion import Event, Frames, Motion
 from rig.scenes.scene import Scene
 from rig.sensors.chain.bank import Bank
 from rig.solve import energy_balance
 from rig.solve.control_loop import controller_tables
+from rig.solve.forces import no_random_numbers
 from rig.solve.frames import Surroundings
-from rig.solve.random_input import no_random_numbers
-from rig.solve.state_codes import CLOSED, STICK
+from rig.solve.records import CLOSED, STICK
+from rig.stability.linearisation import Steady
+
+REPEAT = 1e-9
+MOST = 24
+"""Most mode set changes in one cycle."""
+_BETTER = 1e-2
+_TURN = 0.999  # of a turn of the surface: the shortest period on an uneven surface
+
+
+def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple[int, float]:
+    """Return the number of mode set changes after which the last ones repeat, and their relative difference in time.
+
+    It is the smallest number that repeats to `repeat`, else the best one. A larger number counts only if it is far
+    better: each round of a cycle that closes only after several rounds looks alike, and so do two rounds of one that is
+    still settling. (0, inf) if none repeats. Three cycles are compared, because two could agree by chance.
+    """
+    best = (0, math.inf)
+    events = _in_order(events[-4 * MOST :], step, repeat)
+    for count in range(2, min(MOST, len(events) // 3) + 1):
+        last = events[-3 * count :]
+        names = [event.what for event in last]
+        if names[:count] != names[count : 2 * count] or names[count : 2 * count] != names[2 * count :]:
+            continue
+        t = np.array([time_of(event, last[0].tick, step) for event in last])
+        period = t[-1] - t[-1 - count]
+        gaps = t[count:] - t[:-count] - period
+        drift = float(np.abs(gaps).max() / period) if period > 0.0 else math.inf
+        if drift < _BETTER * best[1]:
+            best = (count, drift)
+        if best[1] <= repeat:
+            break
+    return best
+
+
+def _in_order(events: list[Event], step: float, repeat: float) -> list[Event]:
+    """The events, simultaneous ones by name: in equal parts of a rig rounding decides which of them is the first."""
+    if len(events) < 2:
+        return events
+    times = [time_of(event, events[0].tick, step) for event in events]
+    close = repeat * times[-1] / len(times)
+    moments = itertools.accumulate((b - a > close for a, b in itertools.pairwise(times)), initial=0)
+    return [event for _, event in sorted(zip(moments, events), key=lambda pair: (pair[0], pair[1].what))]
+
+
+def turn_of(sliding: Steady) -> float:
+    """Return the time [s] of one turn of an uneven surface; infinite for an even one."""
+    rates = [sector.row @ sliding.modes.A @ sliding.x / sector.period for sector in sliding.system.sectors]
+    return 1.0 / max((abs(float(rate)) for rate in rates), default=0.0) if any(rates) else math.inf
+
+
+def all_round(period: float, turn: float) -> bool:
+    """Return whether a period covers whole turns of the surface; otherwise the motion repeats only up to the next
+    sector.
+    """
+    return math.isinf(turn) or period >= _TURN * turn
+
+
+def time_of(event: Event, origin: int, step: float) -> float:
+    """Return the time [s] of an event from tick `origin` on, with ticks of `step` [s]."""
+    return ((event.tick - origin) + event.place) * step
+
+
+def stick_times(orbit: Orbit, events: Sequence[Event], times: list[float]) -> dict[str, float]:
+    """Return the time [s] that each contact sticks between `times`; `events` end the intervals between them."""
+    spans = [(b - a, event.before) for a, b, event in zip(times, times[1:], events)]
+    return {
+        patch.name: sum(span for span, before in spans if orbit.stuck(before, p))
+        for p, patch in enumerate(orbit.system.patches)
+    }
+
 
 Array = NDArray[np.float64]
+
+
+class Dense:
+    """Outputs over a range of time, smooth inside each segment, with jumps only between segments."""
+
+    def __init__(self) -> None:
+        self._start: list[float] = []
+        self._length: list[float] = []
+        self._coef: list[Array] = []
+
+    def add(self, offset: float, motion: Motion) -> None:
+        """Append the segments of the last call of `advance`, which began at `offset` s."""
+        segments = motion.segments
+        n = int(segments.count[0])
+        self._start += (offset + segments.start[:n]).tolist()
+        self._length += segments.length[:n].tolist()
+        self._coef += [one.copy() for one in segments.coef[:n]]
+
+    def at(self, t: float, after: bool) -> Array:
+        """Return every output at t [s], just after or just before it."""
+        ends = np.array(self._start) + np.array(self._length)
+        slack = 1e-9 * min(self._length[0], float(ends[-1]))
+        i = int(np.searchsorted(ends, t + slack if after else t - slack))
+        i = min(i, len(ends) - 1)
+        u = min(max((t - self._start[i]) / self._length[i], 0.0), 1.0)
+        return np.asarray(np.polynomial.polynomial.polyval(u, self._coef[i].T), dtype=np.float64)
+
+    def segments(self, output: int) -> tuple[Array, Array, Array]:
+        """Return starts [s] and lengths [s] of all segments, and the polynomials [segment, power] of an output
+        in them.
+        """
+        return np.array(self._start), np.array(self._length), np.array([one[output] for one in self._coef])
+
+    def sampled(self, points: int) -> tuple[Array, Array]:
+        """Return times [n] and values [output, n]: `points` of each segment, its ends among them."""
+        u = np.linspace(0.0, 1.0, points)
+        t = np.array(self._start)[:, None] + np.array(self._length)[:, None] * u
+        values = [np.polynomial.polynomial.polyval(u, one.T) for one in self._coef]
+        return t.ravel(), np.concatenate(values, axis=1)
+
+    def extremes(self, output: int) -> tuple[float, float]:
+        """Return the lowest and highest value of an output: at ends of segments, or where its polynomial has slope
+        zero.
+        """
+        coef = np.array([one[output] for one in self._coef])
+        values = np.polynomial.polynomial.polyval(np.linspace(0.0, 1.0, 9), coef.T)
+        low, high = float(values.min()), float(values.max())
+        near = {int(v.argmin()) // 9 for v in (values, -values)}
+        for i in {j for n in near for j in (n - 1, n, n + 1) if 0 <= j < len(coef)}:
+            slope = np.trim_zeros(np.polynomial.polynomial.polyder(coef[i]), "b")
+            if len(slope) > 1:
+                level = np.polynomial.polynomial.polyroots(slope)
+                level = level[(np.abs(level.imag) < 1e-9) & (level.real >= 0.0) & (level.real <= 1.0)].real
+                found = np.polynomial.polynomial.polyval(level, coef[i])
+                low, high = min([low, *found.tolist()]), max([high, *found.tolist()])
+        return low, high
+
+
 BLOCK = 16  # ticks in one call
 
 

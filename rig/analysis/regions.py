@@ -1,7 +1,7 @@
 """Regions of instability: the least stable mode of steady sliding over two parameters, from eigenvalues alone.
 
 With dither switched on, friction is averaged (rig.analysis.averaged, to leading order: only inertia resists the fast
-motion). Along x the edges are found by root finding (rig.analysis.growth_crossings); a band narrower than the distance
+motion). Along x the edges are found by root finding (rig.analysis.eigenvalue_curves); a band narrower than the distance
 of two values may be missed.
 Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
 """
@@ -20,18 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.averaged import averaged, not_fast
-from rig.analysis.axis import Axis
-from rig.analysis.eigenvalue_curves import NOTHING
-from rig.analysis.fixed_parameters import heading
-from rig.analysis.growth_crossings import EDGE, Growth, brackets, looked, none, root, stretches
+from rig.analysis.axis import Axis, heading
+from rig.analysis.eigenvalue_curves import EDGE, NOTHING, Growth, brackets, looked, none, root, stretches
 from rig.analysis.modes import GENERATOR, Slow, missing
-from rig.analysis.text_table import columns
-from rig.bench.rig_variant import with_values
+from rig.bench.run.rig_variants import with_values
 from rig.errors import Singular
+from rig.printable import columns
 from rig.results import Result
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
-from rig.view.save_figure import page
+from rig.view.palette import page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,28 +1,217 @@
-"""The eigenvalues of a rig along one of its parameters: branches, and the critical values where growth changes sign."""
+"""The eigenvalues of a rig along one of its parameters: branches, and the critical values where growth changes sign.
+
+Critical values of a parameter: where a mode of steady sliding begins or stops to grow, and the stability on both
+sides.
+
+The real parts of all eigenvalues in falling order are continuous functions of the parameter, even where branches cross
+or coalesce. Therefore a critical value is a root of one of these functions. It is found to the rounding of the key
+(Brent) without following a branch. Where friction falls with a kink, growth may jump over zero.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, ClassVar
+from itertools import pairwise
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.axis import Axis
-from rig.analysis.critical_values import Critical, Gap, search
-from rig.analysis.eigenvalue_curves import Spectra, Spectrum, equilibrium, follow
-from rig.analysis.fixed_parameters import fixed
-from rig.analysis.growth_crossings import ROUNDING, none
-from rig.analysis.modes import dithers
-from rig.analysis.modes_report import shape_text
-from rig.analysis.text_table import columns
+from rig.analysis.axis import Axis, fixed
+from rig.analysis.eigenvalue_curves import (
+    RELATIVE,
+    ROUNDING,
+    Bracket,
+    Growth,
+    Hole,
+    Spectra,
+    Spectrum,
+    brackets,
+    edge,
+    equilibrium,
+    follow,
+    looked,
+    none,
+    root,
+    stretches,
+)
+from rig.analysis.modes import dithers, motion, shape_text
+from rig.printable import columns
 from rig.results import Result
 from rig.scenes.scene import Scene
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+JUMP = 1e-3  # of the growth beside it: the residual at a root of a continuous function is far smaller
+_SAME = 1e-9  # of the axis: critical values of one kind this close belong to one mode, a pair of eigenvalues
+
+
+@dataclass(frozen=True)
+class Critical:
+    """A value of the key at which a mode stops or begins to grow, and the mode there.
+
+    kind          flutter (an oscillation), divergence (a monotone growth), jump (growth leaps over zero), jamming
+                  (friction takes up all of the inertia; no mode, branch -1)
+    becomes       what this mode becomes as the key rises: "unstable" or "stable"
+    branch        number of its branch in the sweep; `frequency` [Hz]
+    shape         amplitude of each state; the one with most of the energy is 1; `energy`: share of each coordinate and
+                  network state in the energy (rig.analysis.modes)
+    below, above  number of growing eigenvalues just below and just above the value, of all modes; None where there is
+                  no steady sliding or the axis ends
+    """
+
+    value: float
+    kind: Literal["flutter", "divergence", "jump", "jamming"]
+    becomes: Literal["unstable", "stable"]
+    frequency: float
+    branch: int
+    shape: dict[str, complex]
+    energy: dict[str, float]
+    below: int | None = None
+    above: int | None = None
+
+    @property
+    def sides(self) -> str:
+        """Stability of the whole rig on both sides of the value, in words."""
+        if self.kind == "jamming":
+            return f"jams {'above' if self.becomes == 'unstable' else 'below'}"
+        if self.below and self.above:
+            return f"unstable on both sides: {_grow(self.below)} below, {self.above} above"
+        if self.above is None:
+            return "no result above" if self.below is None else f"{'un' * bool(self.below)}stable below"
+        return f"{'un' * bool(self.above)}stable above"
+
+
+def _grow(count: int) -> str:
+    return f"{count} eigenvalue{'s' * (count > 1)} grow{'s' * (count == 1)}"
+
+
+class Gap(NamedTuple):
+    """The range from `start` to `end` of the axis, ends included, without steady sliding: `note`, and reason `why`."""
+
+    start: float
+    end: float
+    note: str
+    why: str
+
+
+class Found(NamedTuple):
+    """Critical values in rising order, gaps in the order of the axis, and the widest distance between two values
+    examined.
+    """
+
+    critical: tuple[Critical, ...]
+    gaps: tuple[Gap, ...]
+    resolution: float
+
+
+def growing(spectrum: Spectrum) -> int | None:
+    """Return the number of growing eigenvalues; None where the eigenvalues are not valid."""
+    return int(np.count_nonzero(spectrum.rates.real > none(spectrum.rates))) if spectrum.counts else None
+
+
+def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
+    """Find all critical values between the ends of `values`. `rates` [value, branch]: the branches of the sweep."""
+
+    @lru_cache(maxsize=4096)
+    def growths(value: float) -> Growth | None:
+        one = spectra(value)
+        return Growth(one.rates.real, none(one.rates)) if one.counts else None
+
+    def look(grid: list[float]) -> Found:
+        known: list[Critical] = list(_jamming(grid, spectra))
+        for stretch in stretches(grid, growths):
+            for bracket in brackets(stretch, growths):
+                one = _at(spectra, bracket, root(bracket, growths), values, rates)
+                span = _SAME * abs(values[-1] - values[0])
+                if not any(abs(c.value - one.value) <= span and c.kind == one.kind for c in known):
+                    known.append(one)
+        known.sort(key=lambda one: one.value)
+        return Found(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), _resolution(grid))
+
+    return looked(values, growths, look)
+
+
+def _resolution(grid: Sequence[float]) -> float:
+    return max(abs(b - a) for a, b in pairwise(grid))
+
+
+def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
+    """Add what grows below and above, up to the next value of the grid or the next critical value."""
+    places = sorted({*grid, *(one.value for one in known)})
+    for one in known:
+        at = places.index(one.value)
+        below, above = places[:at][-1:], places[at + 1 :][:1]
+        sides = [_beside(one.value, near[0], spectra) if near else None for near in (below, above)]
+        yield replace(one, below=sides[0], above=sides[1])
+
+
+def _beside(value: float, near: float, spectra: Spectra) -> int | None:
+    """Number of growing eigenvalues half-way to the next value. Raises Hole if there is no steady sliding there."""
+    middle = 0.5 * (value + near)
+    found = growing(spectra(middle))
+    if found is None and spectra(value).counts and spectra(near).counts:
+        raise Hole(middle)
+    return found
+
+
+def _gaps(grid: Sequence[float], spectra: Spectra) -> Iterator[Gap]:
+    """Ranges without steady sliding, and why."""
+    notes, span = [spectra(value).note for value in grid], abs(grid[-1] - grid[0])
+    starts = [i for i in range(len(grid)) if i == 0 or notes[i] != notes[i - 1]]
+    for first, beyond in pairwise([*starts, len(grid)]):
+        if not (note := notes[first]):
+            continue
+
+        def holds(value: float, note: str = note) -> bool:
+            return spectra(value).note == note
+
+        last = beyond - 1
+        start = edge(grid[first], grid[first - 1], holds, span)[0] if first else grid[first]
+        end = edge(grid[last], grid[beyond], holds, span)[0] if beyond < len(grid) else grid[last]
+        yield Gap(start, end, note, spectra(grid[(first + last) // 2]).why)
+
+
+def _jamming(grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
+    """Values at which the determinant of the mass matrix with friction changes its sign."""
+    from scipy.optimize import brentq
+
+    for a, b in pairwise(grid):
+        one, other = spectra(a), spectra(b)
+        if one.inertia * other.inertia < 0.0 or (one.inertia and not other.inertia):
+            ends = sorted((a, b))
+            root = float(brentq(lambda value: spectra(value).inertia, *ends, xtol=1e-300, rtol=RELATIVE))
+            rises = (other.inertia > one.inertia) == (b > a)
+            yield Critical(root, "jamming", "stable" if rises else "unstable", 0.0, -1, {}, {})
+
+
+def _at(spectra: Spectra, bracket: Bracket, root: float, values: Sequence[float], rates: Complex) -> Critical:
+    """The critical value at the root of a bracket."""
+    k, a, b, how = bracket
+    low, high = sorted((a, b))
+    at, sides = spectra(root), [float(spectra(value).rates[k].real) for value in (low, high)]
+    jumps = how == "passes" and abs(at.rates[k].real) > JUMP * min(map(abs, sides))
+    grown = spectra(high if sides[1] > 0.0 else low) if jumps else at
+    i = k if grown.rates[k].imag >= 0.0 else int(np.abs(grown.rates - grown.rates[k].conj()).argmin())
+    rate, vector = grown.rates[i], grown.right[: grown.own, i]
+    near = int(np.abs(np.array(values) - root).argmin())
+    here = np.where(np.isfinite(rates[near]), np.abs(rates[near] - rate), np.inf)
+    rests = not jumps and not rate.imag  # a divergence: its rate at the root is rounding error
+    shape, energy = motion(grown.names[: grown.own], vector, grown.energy, 0.0 if rests else rate, grown.coordinates)
+    return Critical(
+        value=root,
+        kind="jump" if jumps else "flutter" if rate.imag else "divergence",
+        becomes="unstable" if sides[1] > sides[0] else "stable",
+        frequency=float(rate.imag / (2.0 * np.pi)),
+        branch=int(here.argmin()),
+        shape=shape,
+        energy=energy,
+    )
+
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,7 +225,7 @@ class Sweep(Result):
     `friction`: how a scene with dither is analysed, in words.
     """
 
-    FIGURE: ClassVar = "rig.analysis.sweep_figure:figure"
+    FIGURE: ClassVar = "rig.analysis.figures:sweep_figure"
 
     scene: str
     axis: Axis

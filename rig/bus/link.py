@@ -16,7 +16,8 @@ from typing import Any
 
 import zenoh
 
-from rig.bus import access, messages
+from rig.bus import address as access
+from rig.bus import messages
 from rig.bus.address import Reservation, RunAddress
 from rig.bus.port import Session
 from rig.bus.session import ZenohSession

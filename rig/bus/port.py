@@ -2,27 +2,374 @@
 
 The session numbers and counts messages. `rig.bus.session` transports them between processes with Zenoh; the tests have
 another session, within one process.
+
+Publishers, which number the messages of one topic. `rig.bus.session` transports them.
+
+What a process receives on the bus: messages of topics, and the presence of other processes.
+
+Every message has a header of 16 bytes before its payload: its number on this topic, counted from 0 by the publisher,
+and the simulated time. A missing number shows the receiver that a message was lost. Messages lost after the last one
+received show when the sender publishes its totals.
+
+Queries from other processes and the server that answers them, at once or later, in the thread that polls it.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import Any
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 from rig.bus import messages, topics
-from rig.bus.arrivals import Refused
-from rig.bus.batch import Batch, Row, encoded_batches
-from rig.bus.content_checks import PAYLOAD
-from rig.bus.inbound import InboundCheck, speaks
-from rig.bus.json_text import read_json
-from rig.bus.publisher import Batched, Copied, InOrder, Publisher
-from rig.bus.queries import Answer, Server
-from rig.bus.receivers import Receiver, Watch
-from rig.errors import BusError
+from rig.bus.inbound import PAYLOAD, InboundCheck, read_json, speaks
+from rig.bus.messages import EVERY, Batch, Row, encoded_batches
+from rig.bus.topics import HEADER, Arrived, Count, Message, Presence, Refused
+from rig.errors import BusError, RigError, UsageError
 from rig.units import converts
+
+
+class Publisher(ABC):
+    """Sends messages on one topic; never waits for a reader."""
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self.sent = 0
+
+    def put(self, payload: bytes, t_ns: int) -> None:
+        """Send `payload` with the simulated time `t_ns`."""
+        self.send(payload, HEADER.pack(self.sent, t_ns))
+        self.sent += 1
+
+    def put_later(self, t_ns: int, encode: Callable[..., bytes], *given: Any) -> None:
+        """Send `encode(*given)`; a publisher that waits before it sends calls it as late, in another thread."""
+        self.put(encode(*given), t_ns)
+
+    def put_each(self, times: Sequence[int], payloads: Sequence[bytes]) -> None:
+        """Send many messages with their simulated times [ns]."""
+        for t_ns, payload in zip(times, payloads):
+            self.put(payload, t_ns)
+
+    @abstractmethod
+    def send(self, payload: bytes, header: bytes) -> None:
+        """Send `payload` with `header`, its packed number and time."""
+
+
+class Batched(Publisher):
+    """Sends messages as part of the plant's batches."""
+
+    def __init__(self, topic: str, batch: Batch) -> None:
+        super().__init__(topic)
+        self._batch = batch
+
+    def send(self, payload: bytes, header: bytes) -> None:
+        """See `Publisher.send`."""
+        self._batch.add("plant", self.topic, header, payload)
+
+    def put_later(self, t_ns: int, encode: Callable[..., bytes], *given: Any) -> None:
+        """See `Publisher.put_later`."""
+        rows = self._batch.rows
+        rows.append(("plant", self.topic, (self.sent, t_ns), encode, given))
+        self.sent += 1
+        if not len(rows) % EVERY:
+            self._batch.flush_if_due()
+
+    def put_each(self, times: Sequence[int], payloads: Sequence[bytes]) -> None:
+        """See `Publisher.put_each`. They wait for the next batch, however many there are."""
+        rows = zip(itertools.count(self.sent), times, payloads)
+        self._batch.rows.extend([("plant", self.topic, (n, t_ns), bytes, (payload,)) for n, t_ns, payload in rows])
+        self.sent += len(payloads)
+
+
+class Copied(Publisher):
+    """Sends messages at once, and copies of them in the plant's batches."""
+
+    def __init__(self, at_once: Publisher, batch: Batch) -> None:
+        super().__init__(at_once.topic)
+        self._at_once, self._batch = at_once, batch
+
+    def send(self, payload: bytes, header: bytes) -> None:
+        """See `Publisher.send`."""
+        self._at_once.send(payload, header)
+        self._batch.add("plant", self.topic, header, payload)
+
+
+class InOrder(Publisher):
+    """Sends messages alone, after flushing the batch of earlier ones. Messages of higher priority may overtake."""
+
+    def __init__(self, alone: Publisher, batch: Batch, post: Callable[[Callable[[], None]], None]) -> None:
+        super().__init__(alone.topic)
+        self._alone, self._batch, self._post = alone, batch, post
+
+    def send(self, payload: bytes, header: bytes) -> None:
+        """See `Publisher.send`."""
+        self._batch.flush()
+        self._post(lambda: self._alone.send(payload, header))
+
+
+_MOST, _TOPICS = 256, 4096
+"""Most items that one call processes, so that a flood of messages cannot block it."""
+DRAINED = 1 << 14
+"""Most messages that one call of `Receiver.drain` returns."""
+PRESENCES = 1 << 14
+"""Most presence tokens that wait to be read."""
+
+
+class Receiver(ABC):
+    """Receives messages whose topic matches one of some patterns.
+
+    At most `depth` messages wait; beyond that the oldest are dropped. A batch counts as one waiting message.
+    """
+
+    def __init__(
+        self, inbound: InboundCheck, patterns: tuple[str, ...], depth: int, copies: Batch | None = None
+    ) -> None:
+        self.inbound, self.patterns, self.depth = inbound, patterns, depth
+        self.heard = topics.heard(patterns)
+        """The pattern to which it is subscribed; it may match more topics than `patterns`."""
+        self.counts: dict[str, Count] = {}
+        self._wants: dict[str, bool] = {"batch": True}
+        self._opened: deque[Arrived] = deque()
+        """Messages of the last batch that are not read yet."""
+        self._copies = copies
+        """The batch to which the plant adds copies of the commands it accepts."""
+
+    @abstractmethod
+    def _next(self, timeout: float) -> Any:
+        """The oldest waiting item as the transport delivered it, or None after `timeout` seconds."""
+
+    @abstractmethod
+    def _arrived(self, found: Any) -> Arrived:
+        """Convert what the transport delivered to raw data; nothing is checked."""
+
+    def _usual(self, found: Any) -> Message | None:
+        """Short path for the next message of a known topic: check, count and copy it. None: take the long path."""
+        return None
+
+    def _wanted(self, topic: str) -> bool:
+        """Whether a topic matches one of the patterns."""
+        wanted = self._wants.get(topic)
+        if wanted is None:
+            if len(self._wants) >= _TOPICS:
+                self._wants = {"batch": True}
+            wanted = self._wants[topic] = any(topics.matches(pattern, topic) for pattern in self.patterns)
+        return wanted
+
+    def _message(self, arrived: Arrived) -> Message:
+        if not self._wanted(arrived.topic):
+            raise Refused("not asked for", f"{arrived.topic[:80]} does not match {', '.join(self.patterns)}")
+        return self.inbound.message(arrived, self.counts)
+
+    def get(self, timeout: float = 0.0) -> Message | None:
+        """The oldest accepted message; wait for it at most `timeout` seconds. None if there is none."""
+        deadline = time.monotonic() + timeout if timeout else 0.0
+        for _ in range(_MOST):
+            if self._opened:
+                arrived = self._opened.popleft()
+            else:
+                found = self._next(timeout)
+                if found is None:
+                    return None
+                if (message := self._usual(found)) is not None:
+                    return message
+                arrived = self._arrived(found)
+            if arrived.topic == "batch":
+                inside = self.inbound.let_in(self.inbound.opened, arrived) or ()
+                self._opened.extend([one for one in inside if self._wanted(one.topic)])
+            elif self.heard != "**" or self._wanted(arrived.topic):
+                message = self.inbound.let_in(self._message, arrived)
+                if message is not None:
+                    if self._copies is not None and arrived.header is not None:
+                        self._copies.add(arrived.user, arrived.topic, arrived.header, arrived.payload)
+                    return message
+            timeout = max(deadline - time.monotonic(), 0.0) if timeout else 0.0
+        return None
+
+    def drain(self) -> list[Message]:
+        """All messages that wait now, at most `DRAINED`."""
+        found: list[Message] = []
+        while len(found) < DRAINED and (one := self.get()) is not None:
+            found.append(one)
+        return found
+
+    @property
+    def received(self) -> int:
+        """Number of messages received on all topics."""
+        return sum(count.received for count in self.counts.values())
+
+    @property
+    def lost(self) -> int:
+        """Number of messages lost between the first and the last one received, on all topics."""
+        return sum(count.lost for count in self.counts.values())
+
+
+class Watch(ABC):
+    """Observes which processes join and leave the run."""
+
+    def __init__(self, inbound: InboundCheck) -> None:
+        self.inbound = inbound
+        self.present: set[tuple[str, str]] = set()
+        """(role, name) of every process that is present, as of the last `poll`."""
+        self._held: dict[str, tuple[str, str]] = {}
+        """User -> its (role, name). Operators share one user and do not announce themselves."""
+
+    @abstractmethod
+    def _next(self, timeout: float) -> Arrived | None: ...
+
+    def poll(self, timeout: float = 0.0) -> list[Presence]:
+        """Processes that joined or left since the last call; wait at most `timeout` seconds for the first change."""
+        changes: list[Presence] = []
+        for _ in range(_MOST):
+            arrived = self._next(0.0 if changes else timeout)
+            if arrived is None:
+                break
+            found = self.inbound.let_in(self.inbound.presence, arrived)
+            if found is None:
+                continue
+            who = (found.role, found.name)
+            if self._held.get(arrived.user, who) != who:  # a process has one name only
+                self.inbound.count(arrived.user, Refused("a second name"))
+            elif found.here and len(self.present) >= _MOST:
+                self.inbound.count("others", Refused("too many"))
+            elif found.here != (who in self.present):
+                if found.here:
+                    self.present.add(who)
+                    self._held[arrived.user] = who
+                else:
+                    self.present.discard(who)
+                    self._held.pop(arrived.user, None)
+                changes.append(found)
+        return changes
+
+    def all_here(self) -> set[tuple[str, str]]:
+        """(role, name) of every process that is present, after all waiting changes are processed."""
+        for _ in range(PRESENCES // _MOST):
+            self.poll()
+        return self.present
+
+    def wait_for(self, role: str, name: str, timeout: float) -> bool:
+        """Whether the process `name` in `role` is present; wait for it at most `timeout` seconds."""
+        deadline = time.monotonic() + timeout
+        self.poll()
+        while (role, name) not in self.present and (left := deadline - time.monotonic()) > 0.0:
+            self.poll(left)
+        return (role, name) in self.present
+
+
+_QUESTIONS = 16
+"""Most queries that one call of `Server.poll` answers."""
+WAITING = 1 << 8
+"""Most queries that wait for an answer."""
+
+
+class Request(ABC):
+    """A query from another process; it must be answered or refused exactly once."""
+
+    asked: Arrived
+
+    @abstractmethod
+    def reply(self, text: bytes) -> None:
+        """Answer with JSON text."""
+
+    @abstractmethod
+    def refuse(self, why: str) -> None:
+        """Refuse the query and give the reason."""
+
+
+Later = Callable[[], "dict[str, Any] | None"]
+"""An answer that takes time: called at every poll until it returns something."""
+Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes | Later"]
+
+
+class ParamRequest(NamedTuple):
+    """A request on `param/<process>`: list all that can be set, or make `changes` and return the values of `keys`."""
+
+    everything: bool
+    keys: list[str]
+    changes: dict[str, Any]
+
+
+def param_request(body: dict[str, Any]) -> ParamRequest:
+    """Read a request on `param/<process>`. Raises UsageError if it is malformed."""
+    keys, changes = body.get("get", []), body.get("set", {})
+    if unknown := [key for key in body if key not in ("get", "set", "list")]:
+        raise UsageError(f'the request has {unknown[0]!r:.80}; it can have "get" and "set", or "list" alone')
+    if not (isinstance(keys, list) and all(isinstance(key, str) for key in keys)):
+        raise UsageError(f'"get" is {keys!r:.80}; expected a list of keys, e.g. ["load.force"]')
+    if not isinstance(changes, dict):
+        raise UsageError(f'"set" is {changes!r:.80}; expected the keys to change, each with its value')
+    if body.get("list", True) is not True:
+        raise UsageError(f'"list" is {body["list"]!r:.80}; expected true')
+    if "list" in body and len(body) > 1:
+        raise UsageError('"list" comes alone; send "get" or "set" as a separate request')
+    return ParamRequest("list" in body, keys, changes)
+
+
+class Server(ABC):
+    """Answers the queries on one topic, in the thread that calls `poll`."""
+
+    def __init__(self, inbound: InboundCheck, answer: Answer) -> None:
+        self.inbound, self._answer = inbound, answer
+        self.asker = ""
+        """The user whose query is being answered."""
+        self._later: list[tuple[Request, dict[str, Any], Later]] = []
+
+    waiting: Callable[[], int]
+    """The number of queries that have arrived and are not read."""
+
+    @abstractmethod
+    def _next(self, timeout: float) -> Request | None: ...
+
+    def poll(self, timeout: float = 0.0) -> int:
+        """Answer the waiting queries and return their number; wait at most `timeout` seconds for the first.
+
+        A query that cannot be read or raises an exception is refused, and the refusal contains the reason.
+        """
+        if not (self._later or self.waiting() or timeout):  # the usual case, in every frame
+            return 0
+        if self._later:
+            waiting, self._later = self._later, []
+            for asked, body, later in waiting:
+                self._serve(asked, body, later)
+        answered = 0
+        while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
+            answered += 1
+            found = self.inbound.let_in(self.inbound.question, request.asked)
+            if found is None:
+                request.refuse(f"{self.inbound.last.kind}: {self.inbound.last}")
+            else:
+                self._serve(request, found, partial(self._answer, found))
+        return answered
+
+    def give_up(self, why: str) -> None:
+        """Refuse all queries that wait for an answer, read or not, since `poll` is not called any more."""
+        for request, _, _ in self._later:
+            request.refuse(why)
+        self._later = []
+        while (unread := self._next(0.0)) is not None:
+            unread.refuse(why)
+
+    def _serve(self, request: Request, body: dict[str, Any], answer: Callable[[], Any]) -> None:
+        """Answer or refuse a request, or keep it for the next poll."""
+        self.asker = request.asked.user
+        try:
+            found = answer()
+            if found is None or callable(found):
+                self._later.append((request, body, found or answer))
+                return
+            text = found if isinstance(found, bytes) else json.dumps(found).encode()
+        except (RigError, ValueError) as fault:
+            request.refuse(str(fault))
+        except KeyError as fault:
+            request.refuse(f"{body.get('do', 'the request')!s:.80} needs {fault}")
+        except Exception as fault:  # a senseless query must not end the process that answers
+            request.refuse(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}")
+        else:
+            request.reply(text)
 
 
 class Session(ABC):

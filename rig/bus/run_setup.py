@@ -7,9 +7,9 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from rig import placement
 from rig.bus.port import Session
 from rig.errors import BusError
+from rig.machine import scheduling
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Setup:
     provenance: dict[str, str] = field(default_factory=dict)
     paced: bool = False
     """Whether frames keep to the wall clock."""
-    core: int = placement.ANY
+    core: int = scheduling.ANY
     """Processor core for the bus and the controllers."""
     models: tuple[bytes, ...] = ()
     """The reduced models to which the scene refers."""

@@ -30,9 +30,9 @@ import sys
 def main() -> None:
     """Entry point of the command `rig`. A Ctrl-C ends it quietly from here on."""
     try:
-        os.environ["RIG_OWN_PROCESS"] = "1"  # see rig.kernel: for this process and those it starts
+        os.environ["RIG_OWN_PROCESS"] = "1"  # see rig.compiled.kernel: for this process and those it starts
         os.environ["PYDANTIC_DISABLE_PLUGINS"] = "__all__"  # to look for some takes 20 ms; no scene has any
-        from rig.process import as_process
+        from rig.machine.process import as_process
 
         as_process(_run)
     except KeyboardInterrupt:  # before as_process has taken over: nothing has begun that must be put away

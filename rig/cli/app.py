@@ -8,37 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.cli import (
-    analysis,
-    channels,
-    cost,
-    diff,
-    explain,
-    export,
-    fmu,
-    host,
-    lesson,
-    library,
-    live,
-    logs,
-    loop,
-    maps,
-    optimise,
-    printing,
-    processes,
-    recorded,
-    report,
-    reproduce,
-    runs,
-    scenes,
-    simulate,
-    study,
-    torture,
-    web,
-)
-from rig.cli.command import Command, Group
+from rig.cli import analysis, lesson, live, machine, printing, processes, recorded, recordings, runs, scenes, study
+from rig.cli.options import Command, Group
 from rig.errors import ExitCode, RigError
-from rig.process import MORE_FILES, NO_FILES
+from rig.machine.process import MORE_FILES, NO_FILES
 
 _app = typer.Typer(
     name="rig",
@@ -67,24 +40,30 @@ def _program(
 
 
 PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
-    "Run a scene": {**runs.COMMANDS, **simulate.COMMANDS, **web.COMMANDS},
-    "Look at scenes": {**scenes.COMMANDS, **explain.COMMANDS, **fmu.COMMANDS},
+    "Run a scene": {**runs.COMMANDS, **runs.COMMANDS, **live.COMMANDS},
+    "Look at scenes": {**scenes.COMMANDS, **scenes.COMMANDS, **scenes.COMMANDS},
     "Learn": lesson.COMMANDS,
     "Analyse a rig": {
         **analysis.COMMANDS,
-        **loop.COMMANDS,
-        **maps.COMMANDS,
+        **analysis.COMMANDS,
+        **analysis.COMMANDS,
         **study.COMMANDS,
-        **optimise.COMMANDS,
-        **reproduce.COMMANDS,
+        **study.COMMANDS,
+        **machine.COMMANDS,
     },
-    "Choose method and step": cost.COMMANDS,
-    "Test the methods": torture.COMMANDS,
-    "Recordings": {**library.COMMANDS, **report.COMMANDS, **logs.COMMANDS, **diff.COMMANDS, **export.COMMANDS},
-    "Analyse a recording": {**recorded.COMMANDS, **channels.COMMANDS},
+    "Choose method and step": machine.COMMANDS,
+    "Test the methods": machine.COMMANDS,
+    "Recordings": {
+        **recordings.COMMANDS,
+        **recordings.COMMANDS,
+        **recordings.COMMANDS,
+        **recorded.COMMANDS,
+        **recordings.COMMANDS,
+    },
+    "Analyse a recording": {**recorded.COMMANDS, **recorded.COMMANDS},
     "Use a live run": live.COMMANDS,
     "Start processes one by one": processes.COMMANDS,
-    "Check this machine": host.COMMANDS,
+    "Check this machine": machine.COMMANDS,
 }
 """Panels of the help text -> their commands: name -> function, example."""
 for panel, commands in PANELS.items():

@@ -1,4 +1,7 @@
-"""What several commands take."""
+"""What several commands take.
+
+Commands: their help shows an option that takes no value without a type, and their faults are in our words.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import BadParameter
+from typer.core import TyperCommand, TyperGroup
 
 from rig.cli import printing
-from rig.cli.outputs import new_recording, reads
+from rig.cli.printing import new_recording, reads
 from rig.errors import UsageError
 from rig.units import with_point
 
@@ -18,6 +23,61 @@ if TYPE_CHECKING:
     from rig.record.trigger import Trigger
     from rig.scenes.places import Place
     from rig.scenes.scene import Scene
+
+
+class _Flags:
+    """Removes the type `<bool>` behind flags in the help, which would invite a value: `--view true`."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, flags with an empty type."""
+        found: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for one in found:
+            if getattr(one, "is_flag", False):
+                one.metavar = ""
+        return found
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments. Raises typer.BadParameter, which states what was given and what is allowed."""
+        self._refuse_twice(ctx, args)
+        try:
+            found: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
+        except BadParameter as error:
+            from pydantic import ValidationError  # only where something is wrong: start-up counts
+
+            from rig.quantities import faults_of
+
+            if isinstance(cause := error.__cause__, ValidationError):
+                error.message = "; ".join(f"{fault} (given: {given})" for _, fault, given in faults_of(cause))
+            raise
+        return found
+
+    def _refuse_twice(self, ctx: Any, args: list[str]) -> None:
+        """Raise typer.BadParameter for an option with one value that is given twice: the first would be ignored."""
+        if self.params and not ctx.resilient_parsing:  # type: ignore[attr-defined]
+            order = self.make_parser(ctx).parse_args(args=[*args])[2]  # type: ignore[attr-defined]
+            for one in order:
+                single = one.param_type_name == "option" and not (one.multiple or one.is_flag or one.count)
+                if single and order.count(one) > 1:
+                    raise BadParameter("is given twice, and takes one value", ctx=ctx, param=one)
+
+
+class Command(_Flags, TyperCommand):
+    """A command."""
+
+
+class Group(_Flags, TyperGroup):
+    """A command with commands below it."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that the first argument names. Raises UsageError, which names those that are like it."""
+        if args and self.get_command(ctx, args[0]) is None and not ctx.resilient_parsing:
+            from rig.scenes.faults import near
+
+            known = self.list_commands(ctx)
+            longer = [name for name in known if name.startswith(args[0])]
+            hint = f"did you mean {' or '.join(longer)}?" if longer else near(args[0], known, f"{ctx.command_path} -h")
+            raise UsageError(f"{ctx.command_path} has no command {args[0]!r:.60}: {hint}")
+        return super().resolve_command(ctx, args)
 
 
 def scene_file(context: typer.Context, name: str | None) -> str | None:
@@ -40,7 +100,7 @@ def paired(context: typer.Context, given: list[str] | None) -> list[str] | None:
     for text in given or []:
         key, equals, _ = text.partition("=")
         if not equals or not key.strip():
-            context.close()  # see `rig.cli.outputs.new`
+            context.close()  # see `rig.cli.printing.new`
             raise UsageError(f'-p {text}: expected KEY=VALUE with "=" between them, e.g. -p drive.speed="2 rpm"')
     return given
 
@@ -196,7 +256,7 @@ def added(given: Iterable[str] | None) -> dict[str, object]:
     files = {name: file for name, file in named(given or ()).items() if file}
     if not files:
         return {}
-    from rig.scenes.controller_files import changes as with_files
+    from rig.scenes.sections import changes as with_files
 
     return with_files(files)
 
@@ -214,7 +274,7 @@ def linked(net: list[str] | None, given: Mapping[str, str]) -> dict[str, str]:
     """Dotted key -> value as text, of all `--net`; `given`: those of -p, which may not give the same keys."""
     if not net:
         return {}
-    from rig.scenes.network_text import keys
+    from rig.scenes.network import keys
 
     return keys(net, given)
 

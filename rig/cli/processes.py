@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.logs import opened, recording
 from rig.cli.options import (
     After,
     Before,
@@ -32,7 +31,8 @@ from rig.cli.options import (
     the_scene,
     trigger,
 )
-from rig.cli.outputs import new
+from rig.cli.printing import new
+from rig.cli.recordings import opened, recording
 from rig.errors import ExitCode, UsageError
 from rig.extras import check
 from rig.printable import printable
@@ -55,10 +55,9 @@ def plant(
     """Start the plant with its sensors. Controllers, recorder and viewer may join at any time."""
     factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
     patience = seconds(wait, "--wait", low=0.0) or 0.0
-    from rig.bench.job import Job
-    from rig.bench.outcome import Outcome
-    from rig.bench.plant_process import carry_out
-    from rig.bench.status import Live
+    from rig.bench.live.outcome import Job, Outcome
+    from rig.bench.live.plant_process import carry_out
+    from rig.bench.live.status import Live
 
     loaded = the_scene(scene, overrides)
     printing.run_warnings(loaded, length)
@@ -154,7 +153,7 @@ def view(
 
         show(run, web=web, save=save, wait=patience, trust=trust, say=printing.note)
         return
-    from rig.view.foxglove import write_layout
+    from rig.view.blueprint import write_layout
     from rig.view.recording import drawing_of, view_run
 
     recorded = opened(log, trust)

@@ -1,17 +1,102 @@
-"""Commands that analyse what a recording holds."""
+"""Commands that analyse what a recording holds.
+
+What the commands that analyse a recording share: options, faults reported at once, a result printed and written.
+
+Commands that relate channels of a recording to each other.
+
+The command that compares two recordings.
+"""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Callable, Iterable
+from csv import writer as writes
 from functools import partial
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from rig.cli.evaluation import Faults, First, Last, Picture, Table, opened_span, show, write
-from rig.cli.logs import Log, opened, without_outputs
-from rig.cli.options import Force, Json, Trust, seconds
-from rig.cli.outputs import draw
-from rig.errors import LogError
+from rig.cli import printing
+from rig.cli.options import Force, Json, Trust, number, seconds
+from rig.cli.printing import draw, new
+from rig.cli.recordings import Log, opened, recording, without_outputs
+from rig.errors import ExitCode, LogError, UsageError
+
+if TYPE_CHECKING:
+    from rig.record.run import Run
+
+
+First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")]
+Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")]
+Picture = Annotated[
+    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
+]
+Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=new, help="Write all numbers as CSV.")]
+T = TypeVar("T")
+
+
+class Faults:
+    """Collects what is wrong with the options of a command, so that all of it is reported at once."""
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+
+    def __call__(self, read: Callable[[], T], otherwise: T) -> T:
+        """Return what `read` returns; `otherwise` if it raises UsageError, which is kept."""
+        try:
+            return read()
+        except UsageError as error:
+            self.found.append(str(error))
+            return otherwise
+
+    def raise_found(self) -> None:
+        """Raise UsageError if something is wrong."""
+        if self.found:
+            raise UsageError("\n".join(self.found))
+
+
+def show(values: dict[str, Any], text: str, figure: Path | None, csv: Path | None, as_json: bool) -> None:
+    """Print the result of an analysis: as JSON with the files written, or as text."""
+    if as_json:
+        printing.report(values | {"figure": figure, "csv": csv})
+    else:
+        printing.line(text)
+
+
+def write(csv: Path, head: list[str], rows: Iterable[Iterable[str | float]]) -> None:
+    """Write a table as CSV, numbers with nine digits. Raises OutputError."""
+    from rig.machine.files import write_file
+
+    text = io.StringIO()
+    writer = writes(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows([one if isinstance(one, str) else f"{one:.9g}" for one in row] for row in rows)
+    write_file(csv, text.getvalue().encode())
+
+
+def opened_span(
+    faults: Faults, log: Path, window: str | None, first: str | None, last: str | None, trust: bool
+) -> tuple[Run, float | None, float, float]:
+    """A recording that has something to analyse, the window [s], the stretch of time [s]."""
+    length = faults(lambda: seconds(window, "--window"), None)
+    begin, end = span(faults, first, last)
+    run = opened(log, trust)
+    if nothing := without_outputs(run, log):
+        raise LogError(nothing)
+    return run, length, begin, end
+
+
+def span(faults: Faults, first: str | None, last: str | None) -> tuple[float, float]:
+    """The stretch of time that --from and --to name [s]."""
+    begin = faults(lambda: seconds(first, "--from", low=0.0), None) or 0.0
+    end = faults(lambda: seconds(last, "--to"), None)
+    if end is not None and begin >= end:
+        faults.found.append(f"--from {begin:g} s to {end:g} s: the time span is empty; --to must be later")
+        return 0.0, float("inf")
+    return begin, float("inf") if end is None else end
+
 
 Signal = Annotated[
     str,
@@ -66,7 +151,7 @@ def hysteresis(
 ) -> None:
     """Compute the RMS of a vibration over rising and falling drive speed, and the speeds at which the contact stuck."""
     from rig.analysis.recorded import hysteresis as find
-    from rig.user_files import write_file
+    from rig.machine.files import write_file
 
     faults = Faults()
     run, length, begin, end = opened_span(faults, log, window, first, last, trust)
@@ -110,8 +195,8 @@ def spectrum(
         rows = (*found.csv(), *(turned.csv() if turned else ()))
         write(csv, ["axis", "at", "unit", "density", "unit of density"], rows)
     if figure is not None:
-        from rig.analysis.recorded.figure import spectrum_figure
-        from rig.view.save_figure import put
+        from rig.analysis.recorded.figures import spectrum_figure
+        from rig.view.palette import put
 
         put(spectrum_figure(found, turned), figure)
 
@@ -141,8 +226,152 @@ def pressure(
     draw(found, figure)
 
 
+Source = Annotated[
+    str,
+    typer.Option("--input", metavar="NAME", help="Channel that excites: a sensor, a plant output, or an actuator."),
+]
+Answer = Annotated[str, typer.Option("--output", metavar="NAME", help="Channel that responds.")]
+AveragedWindows = Annotated[
+    str | None,
+    typer.Option(
+        "--window",
+        metavar="TIME",
+        help="Length of the windows. Default: 1/16 of the time span; for pulses, until the next one.",
+    ),
+]
+Across = Annotated[str, typer.Option("--x", metavar="NAME", help="Horizontal axis. Default: displacement.")]
+Up = Annotated[str, typer.Option("--y", metavar="NAME", help="Vertical axis. Default: velocity.")]
+Cut = Annotated[
+    str,
+    typer.Option(
+        "--section",
+        metavar="NAME=VALUE",
+        help='Poincare section: points where a channel crosses a value upwards: "velocity = 10 mm/s".',
+    ),
+]
+
+_LARGEST = 1e300
+
+
+def response(
+    log: Log,
+    source: Source,
+    answer: Answer,
+    window: AveragedWindows = None,
+    first: First = None,
+    last: Last = None,
+    figure: Picture = None,
+    csv: Table = None,
+    trust: Trust = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Estimate the frequency response and coherence between two channels; natural frequencies and damping ratios."""
+    from rig.analysis.recorded import response as find
+
+    faults = Faults()
+    run, length, begin, end = opened_span(faults, log, window, first, last, trust)
+    found = faults(lambda: find(run, source, answer, length, begin, end), None)
+    faults.raise_found()
+    assert found is not None
+    show(found.to_json(), found.text(), figure, csv, as_json)
+    if csv is not None:
+        head = ["frequency [Hz]", f"magnitude [{found.unit}]", "phase [degree]", "coherence", "random error"]
+        write(csv, head, found.csv())
+    draw(found, figure)
+
+
+def portrait(
+    log: Log,
+    x: Across = "",
+    y: Up = "",
+    section: Cut = "",
+    first: First = None,
+    last: Last = None,
+    figure: Picture = None,
+    csv: Table = None,
+    trust: Trust = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Draw a phase portrait; with --section, find the Poincare section and the period of the motion."""
+    from rig.analysis.recorded import portrait as find
+
+    faults = Faults()
+    run, _, begin, end = opened_span(faults, log, None, first, last, trust)
+    cut = faults(lambda: _cut(run, section), None)
+    found = faults(lambda: find(run, x, y, cut, begin, end), None)
+    faults.raise_found()
+    assert found is not None
+    show(found.to_json(), found.text(), figure, csv, as_json)
+    if csv is not None:
+        head = ["time [s]", f"{found.x_name} [{found.x_unit}]", f"{found.y_name} [{found.y_unit}]"]
+        write(csv, head, found.csv())
+    draw(found, figure)
+
+
+def _cut(run: Run, given: str) -> tuple[str, float] | None:
+    """The channel and the value [in its unit] of a section."""
+    from rig.analysis.recorded import series
+
+    if not given:
+        return None
+    name, equals, value = (part.strip() for part in given.partition("="))
+    if not (name and equals and value):
+        raise UsageError(f'--section {given}: expected NAME=VALUE, such as "velocity = 10 mm/s"')
+    return name, number(value, f"--section {name} =", series(run, name).unit, -_LARGEST, _LARGEST)
+
+
+Tolerance = Annotated[
+    float,
+    typer.Option(
+        "--tolerance", metavar="REL", help="Allowed deviation, as a share of the range of each channel: 1e-6."
+    ),
+]
+
+
+def diff(
+    first: Annotated[Path, typer.Argument(metavar="A", help="A recording.", callback=recording)],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.", callback=recording)],
+    tolerance: Tolerance = 0.0,
+    begin: First = None,
+    end: Last = None,
+    figure: Picture = None,
+    trust: Trust = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Compare two recordings: scenes, channels, and measures such as period, amplitude and growth rate.
+
+    Channels are compared at the instants that both recordings contain: equal bit
+    by bit, within the tolerance, or different from an instant on. Exit code 0:
+    equal or within the tolerance, 1: different. One recording may have
+    additional samples between those of the other.
+    """
+    from rig.analysis.recorded.comparison import compare
+
+    faults = Faults()
+    low, high = span(faults, begin, end)
+    faults.raise_found()
+    runs = opened(first, trust), opened(second, trust)
+    found = compare(*runs, low, high, tolerance)
+    if as_json:
+        printing.report(found.to_json() | {"figure": figure})
+    else:
+        printing.line(found.text())
+    draw(found, figure)
+    if not found.agree:
+        raise typer.Exit(ExitCode.FAILED)
+
+
 COMMANDS = {
     "spectrum": (spectrum, "rig spectrum recordings/golden/pendulum.mcap --orders drive --figure spectrum.png"),
     "pressure": (pressure, "rig pressure plate.mcap --at '0.5 s, 0.56 s, 0.6 s' --figure pressure.png"),
     "hysteresis": (hysteresis, "rig hysteresis recordings/runs/belt_hysteresis-20260101-120000.mcap --window '1 s'"),
+    "response": (response, "rig response knock.mcap --input knock_force --output accelerometer --figure response.png"),
+    "portrait": (
+        portrait,
+        "rig portrait recordings/golden/pendulum.mcap --section 'velocity = 0' --figure portrait.png",
+    ),
+    "diff": (diff, "rig diff first.mcap second.mcap --tolerance 1e-6 --figure difference.png"),
 }

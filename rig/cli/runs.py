@@ -1,9 +1,15 @@
-"""Commands that run a scene."""
+"""Commands that run a scene.
+
+The command that simulates a scene, or continues a recording, in this process.
+"""
 
 from __future__ import annotations
 
+import shlex
 import sys
-from collections.abc import Collection, Mapping
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,23 +33,30 @@ from rig.cli.options import (
     Out,
     Pace,
     SceneName,
+    Trust,
     When,
     accuracy,
     added,
     changes,
     linked,
     pace,
+    plain,
+    scene_file,
     seconds,
     share,
     the_scene,
     there,
     trigger,
 )
-from rig.cli.outputs import draw, new
-from rig.errors import UsageError
+from rig.cli.printing import draw, new, new_recording
+from rig.cli.recordings import allow, recording
+from rig.errors import ControllerFailed, ExitCode, UsageError
+from rig.machine.process import told_to_stop
 
 if TYPE_CHECKING:
+    from rig.record.run import Run
     from rig.scenes.scene import Scene
+
 
 View = Annotated[bool, typer.Option("--view", help="Show the run live in rerun.")]
 Web = Annotated[bool, typer.Option("--web", help="Show the run live on a page in the browser.")]
@@ -62,8 +75,8 @@ DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 def demo(view: View = False, web: Web = False) -> None:
     """Run the pendulum with its controller. Write a recording, a figure and a summary."""
     from rig.analysis.kernel_shapes import prepare
-    from rig.bench.supervise import run as supervise
-    from rig.kernel import compiled
+    from rig.bench.live.supervise import run as supervise
+    from rig.compiled.kernel import compiled
     from rig.scenes import load
 
     scene = load("pendulum")
@@ -116,8 +129,8 @@ def run(
     windows = trigger(when, before, after, most)
     if windows is not None and figure is not None:
         raise UsageError("--figure: draws the recording of a whole run; --trigger records windows only")
-    from rig.bench.job import keeps_up
-    from rig.bench.supervise import run as supervise
+    from rig.bench.live.outcome import keeps_up
+    from rig.bench.live.supervise import run as supervise
 
     loaded = the_scene(scene, given, {"--controller": added(controller), "--net": links})
     there(controller, loaded)
@@ -167,7 +180,7 @@ def drawable(names: Collection[str], scene: Scene) -> None:
     """Raise UsageError for a name that a run of the scene will not have."""
     if not names:
         return
-    from rig.record.names import listing, unknown
+    from rig.record.run_data import listing, unknown
 
     outputs = {name: output.unit for name, output in scene.assemble().outputs.items()}
     known = listing({name: sensor.delivers for name, sensor in scene.sensors.items()}, outputs)
@@ -191,7 +204,7 @@ def configured(scene: Scene, overrides: Mapping[str, object], precision: float |
 
 def _draw(log: str, figure: Path, only: Collection[str] = ()) -> None:
     """Draw a recording."""
-    from rig.cli.logs import opened, without_outputs
+    from rig.cli.recordings import opened, without_outputs
 
     run = opened(Path(log))
     if nothing := without_outputs(run, log):
@@ -201,7 +214,279 @@ def _draw(log: str, figure: Path, only: Collection[str] = ()) -> None:
     printing.note(f"figure {figure}")
 
 
+def _start(context: typer.Context, text: str | None) -> str | None:
+    """The recording and instant to continue from; the recording is not to be overwritten."""
+    if text is not None:
+        try:
+            log, _ = instant_of(text)
+        except UsageError:
+            context.close()
+            raise
+        recording(context, log)
+    return text
+
+
+Written = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FILE", callback=new_recording, help="Recording to write (MCAP). Default: none."),
+]
+Repeat = Annotated[
+    int | None,
+    typer.Option(min=2, max=10_000, metavar="N", help="Simulate with N seeds on all cores and report the spread."),
+]
+Start = Annotated[
+    str | None,
+    typer.Option(
+        "--from",
+        metavar="LOG@TIME",
+        callback=_start,
+        help="Continue a recording from this instant (12.5s, 300ms; without @TIME: its end) instead of a scene.",
+    ),
+]
+
+
+def instant_of(text: str) -> tuple[Path, float | None]:
+    """The recording and the instant [s] of LOG@12.5s, LOG@12500ms or LOG (None: its end).
+
+    A file with the whole text as its name comes first, so a name may have an @. Raises UsageError for an instant that
+    is no time.
+    """
+    from rig.units import si
+
+    name, at, instant = text.rpartition("@")
+    if not at or not name or "/" in instant or Path(text).exists():
+        return Path(text), None
+    try:
+        return Path(name), float(si(plain(instant), "s"))
+    except ValueError as error:
+        raise UsageError(f"{text}: the instant {error}; write LOG@12.5s or LOG@12500ms") from None
+
+
+def simulate(
+    scene: Annotated[
+        str | None,
+        typer.Argument(metavar="SCENE", help="Name of a shipped scene, or a TOML file.", callback=scene_file),
+    ] = None,
+    start: Start = None,
+    p: Changes = None,
+    controller: Controllers = None,
+    net: Net = None,
+    duration: Duration = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD",
+            help="Integration method, as clock.method: auto (default), exact, dopri5, rk4, kick, smooth.",
+        ),
+    ] = None,
+    out: Written = None,
+    figure: Figure = None,
+    only: Only = None,
+    force: Force = False,
+    budget: Budget = None,
+    precision: Accuracy = None,
+    repeat: Repeat = None,
+    trust: Trust = False,
+    as_json: Json = False,
+) -> None:
+    """Simulate a scene with its controllers in one process, as fast as possible.
+
+    With --repeat: simulate with several seeds on all cores and report the
+    spread of onset, RMS, spectrum and other results. Ctrl-C reports the runs
+    that are finished.
+
+    With --from: simulate a recording again up to an instant and continue
+    from there. Values given with -p and a --duration count from that instant.
+    """
+    length, overrides = seconds(duration), changes(p)
+    names = listed(only, figure)
+    links = linked(net, overrides)
+    by_method = {} if method is None else {"clock.method": method}
+    if by_method.keys() & overrides.keys():
+        raise UsageError("--method and -p: both give clock.method; leave out one of them")
+    if repeat is not None and out is not None:
+        raise UsageError("--out: --repeat writes no recordings; leave out one of the two")
+    if repeat is not None and names:
+        raise UsageError("--only: --repeat draws the results of all runs; leave out one of the two")
+    if start is not None:
+        given = {
+            "SCENE": scene,
+            "--controller": controller,
+            "--net": net,
+            "--method": method,
+            "--accuracy": precision,
+            "--budget": budget,
+            "--repeat": repeat,
+        }
+        if wrong := [name for name, value in given.items() if value is not None]:
+            raise UsageError(f"--from {start}: {', '.join(wrong)} cannot be given with it; the recording decides")
+    elif scene is None:
+        raise UsageError("name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s")
+    loaded: Scene | None = None
+    if scene is not None:
+        by_option: dict[str, Mapping[str, object]] = {
+            "--controller": added(controller),
+            "--net": links,
+            "--method": by_method,
+        }
+        loaded = the_scene(scene, overrides, by_option)
+        there(controller, loaded)
+        drawable(names, loaded)
+        loaded = configured(loaded, overrides | by_method, precision, budget)
+        printing.run_warnings(loaded, length)
+        if repeat is not None:
+            _repeated(loaded, repeat, length, figure, as_json)
+            return
+    begin, failed = time.perf_counter(), False
+    with _asked_to_stop() as asked:
+        try:
+            found = _simulated(
+                loaded, start, overrides, length, trust, lambda: f"interrupted by {asked[0]}" if asked else ""
+            )
+        except ControllerFailed as error:  # what was computed is kept
+            if error.run is None:  # it could not start
+                raise
+            found, failed = error.run, True
+    wall = time.perf_counter() - begin
+    if out is not None:
+        from rig.record.save_run import save
+
+        save(found, out, replace=force)  # another command may have written it since this one began
+    if as_json:
+        printing.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
+    else:
+        from rig.printable import columns
+        from rig.scenes.scene import Scene
+
+        for line in columns(_summary(found, loaded or Scene.from_json(found.scene), wall, out, figure), "<<"):
+            printing.line(line)
+    for text in _notes(found):
+        printing.note(text)
+    lost = any(event["kind"] == "lost" for event in found.plant_events)
+    draw(found, figure, names)
+    if failed:
+        raise typer.Exit(ExitCode.FAILED)
+    if found.fault or any(event["kind"] == "limit" for event in found.plant_events):
+        raise typer.Exit(ExitCode.STOPPED)
+    if lost:
+        raise typer.Exit(ExitCode.FAILED)
+    if asked:
+        raise typer.Exit(ExitCode.INTERRUPTED)
+
+
+def _simulated(
+    scene: Scene | None,
+    start: str | None,
+    overrides: Mapping[str, str],
+    length: float | None,
+    trust: bool,
+    stop: Callable[[], str],
+) -> Run:
+    """Simulate a scene, or continue a recording."""
+    import rig
+    from rig.bench.live.rehearsal import marked
+
+    with marked(None):
+        if start is None:
+            assert scene is not None
+            return rig.simulate(scene, length, stop)
+        log, at = instant_of(start)
+        allow(log, trust)
+        return rig.branch(log, at, {key: plain(value) for key, value in overrides.items()}, length, stop)
+
+
+@contextmanager
+def _asked_to_stop() -> Iterator[list[str]]:
+    """Signals that asked this process to end; the second one ends it at once."""
+    asked: list[str] = []
+
+    def heard(name: str) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(name)
+        printing.note("ending the run; press Ctrl-C again to end at once")
+
+    with told_to_stop(heard):
+        yield asked
+
+
+def _repeated(scene: Scene, count: int, length: float | None, figure: Path | None, as_json: bool) -> None:
+    from rig.analysis.repeat import repeat
+
+    with _asked_to_stop() as asked, printing.bar("runs") as progress:
+        found = repeat(
+            scene, count, length, progress=progress, stop=lambda: f"interrupted by {asked[0]}" if asked else ""
+        )
+    if as_json:
+        printing.report(found.to_json())
+    else:
+        printing.line(found.text())
+    if found.seen:
+        draw(found, figure)
+    if asked:
+        raise typer.Exit(ExitCode.INTERRUPTED)
+    if any(one.fault for one in found.seen):
+        raise typer.Exit(ExitCode.STOPPED)
+
+
+def _notes(run: Run) -> Iterator[str]:
+    """What of the run deserves attention: its warnings and faults."""
+    from rig.bus.topics import LEVELS
+
+    branched = max((event["t_ns"] for event in run.plant_events if event["kind"] == "branch"), default=-1)
+    for event in run.plant_events:
+        kind, t, text = event["kind"], event["t_ns"], event["text"]
+        if kind == "warning" or (kind == "overruled" and t == branched):
+            yield f"warning: {text}"
+        elif (
+            t >= branched
+            and kind in LEVELS
+            and kind not in ("overruled", "fault")
+            and text.partition("\n")[0] not in run.fault
+        ):
+            yield f"{t * 1e-9:.3f} s  {kind}: {text}"
+    if run.fault:
+        yield run.fault
+
+
+def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:
+    """The summary of a run in this process, as labelled lines."""
+    from rig.bench.live import status
+    from rig.model.assembly import portrait
+    from rig.printable import counted
+    from rig.record.statistics import contact
+
+    plant, length = run.summary["plant"], float(run.time[-1])
+    yield "run", f"{length:g} s simulated in {wall:.2f} s, compiling included; ended: {run.summary['ended']}"
+    for event in run.plant_events:
+        if event["kind"] == "branch":
+            yield "branch", event["text"]
+    yield "plant", status.plant(plant, plant["energy_error"])
+    for name in portrait(scene.assemble().outputs) or ():
+        v = run.signals[name]
+        yield name, f"{v.min():.6g} .. {v.max():.6g} {run.units[name]}"
+    if text := contact(run):
+        yield "contact", text
+    for name, counts in run.summary["controllers"].items():
+        yield name, ", ".join([counted(counts["updates"], "update"), *status.unanswered(counts)])
+    for topic, counts in run.summary.get("network", {}).items():
+        yield "network", status.link(topic, counts)
+    for one in run.summary["audit"]:
+        if one["noted"]:
+            yield "audit", one["text"]
+    for label, path in (("log", out), ("figure", figure)):
+        if path is not None:
+            yield label, str(path)
+    if out:
+        log = shlex.quote(str(out))
+        yield "next", f"rig report {log} | rig verify {log} | rig replay {log} | rig simulate --from {log}"
+    else:
+        draw = "" if figure else ", --figure FILE.png to draw it"
+        yield "next", f"the same with --out FILE.mcap to keep a recording{draw}"
+
+
 COMMANDS = {
     "demo": (demo, "rig demo --view"),
     "run": (run, 'rig run pendulum --view -p drive.speed="2 rpm"'),
+    "simulate": (simulate, "rig simulate pendulum --duration 10 --out pendulum.mcap --figure pendulum.png"),
 }

@@ -14,8 +14,8 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 from rig.controllers.blocks.base import Numbers, Values
 from rig.controllers.blocks.compiled import CompiledSection, Parameter, Signal
-from rig.controllers.runtime import fmi_description
-from rig.controllers.runtime.fmi_unit import Unit
+from rig.controllers.runtime import fmi
+from rig.controllers.runtime.fmi import Unit
 from rig.errors import ControllerLost, PartError, UsageError
 from rig.parts import Binary
 
@@ -38,7 +38,7 @@ class Fmu(CompiledSection):
     def describe(cls, file: Binary) -> dict[str, Any]:
         """See `CompiledSection.describe`."""
         try:
-            return fmi_description.described(file)
+            return fmi.described(file)
         except PartError as fault:
             raise PartError(f"{file}: {fault}") from None
         except UsageError as fault:  # fmpy is missing

@@ -3,7 +3,7 @@
     v = nominal + gain (C x + D y),  u = v within the limits,  x(k+1) = A x + B y + L (u - v) / gain
 
 y: measurements in the order of `reads`; u: commands in the order of `drives`. L keeps the state from winding up while a
-command is at a limit (rig.controllers.blocks.discrete_system). A continuous system is discretised when the scene is
+command is at a limit (rig.controllers.blocks.system_file). A continuous system is discretised when the scene is
 read: scene and recording contain the discrete matrices, and need the file no more.
 """
 
@@ -19,8 +19,17 @@ from pydantic import Strict, field_validator, model_validator
 
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Values
 from rig.controllers.blocks.design import Linear, Rig
-from rig.controllers.blocks.discrete_system import DEFAULT, METHODS, Discrete, discrete
-from rig.controllers.blocks.system_file import READERS, System, of_control, read, system
+from rig.controllers.blocks.system_file import (
+    DEFAULT,
+    METHODS,
+    READERS,
+    Discrete,
+    System,
+    discrete,
+    of_control,
+    read,
+    system,
+)
 from rig.errors import UsageError
 from rig.quantities import Number, finite, nanoseconds
 

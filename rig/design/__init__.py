@@ -19,8 +19,8 @@ from typing import Any
 
 from rig import controllers
 from rig.controllers import controller_drives, controller_reads
-from rig.design.design_rig import DesignRig
 from rig.design.designer import Designer
+from rig.design.rig import DesignRig
 from rig.errors import PartError, SceneError
 from rig.model.assembly import Assembly
 from rig.parts import calling, code_of, file_of

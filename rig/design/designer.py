@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rig.controllers.blocks.observer import propagated
 from rig.model.assembly import Assembly
-from rig.model.system_parts import Patch
+from rig.model.system import Patch
 
 Array = NDArray[np.float64]
 SETTLED = 100.0  # s; longer than the settling time of any lag of a drive

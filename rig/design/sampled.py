@@ -25,8 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.controllers.blocks.design import Feedback
-from rig.design.linear_form import arithmetic
-from rig.design.linearised import Plant
+from rig.design.linearised import Plant, arithmetic
 from rig.sensors.chain.front_end import FrontEnd
 
 Array = NDArray[np.float64]

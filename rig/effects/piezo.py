@@ -5,8 +5,15 @@
 F deforms the stack by dx, U is the voltage of its electrodes, q the charge on them. c33 is its stiffness with the
 electrodes shorted, Cps its capacitance with the ends held; hysteresis is absent. With the electrodes open it is stiffer
 by kappa = e^2/Cps. The electrodes are connected to a shunt (rig.effects.shunt) or to an amplifier
-(rig.effects.amplifier), which are separate effects; without these they are open.
+(rig.effects.piezo), which are separate effects; without these they are open.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.14 to 4.20.
+
+A voltage amplifier on the electrodes of a piezo stack: the stack as an actuator, force e U on its ends.
+
+    U = u,  or  U' = (min(max(u, -limit), limit) - U) / lag        u: commanded voltage
+
+The amplifier delivers any current. Its work on the structure is part of the term `forces` of the energy balance.
+Source: Kroeger, Neubauer, Popp (2008), section 4 a and figure 21 (active control of the brake, about 50 V).
 """
 
 from __future__ import annotations
@@ -17,15 +24,41 @@ from typing import ClassVar, Self
 from pydantic import model_validator
 
 from rig.about import About
-from rig.effects import amplifier, shunt
-from rig.effects.amplifier import Amplifier
+from rig.effects import shunt
+from rig.effects.drive import Lag, actuator
 from rig.effects.noise import Noisy
-from rig.effects.shunt import Shunt
-from rig.effects.stack import Stack
+from rig.effects.shunt import Shunt, Stack, scaled
 from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
-from rig.picture import Plot
-from rig.quantities import Farad, MetrePerVolt, NewtonPerVolt, NonNegativeNewtonPerMetre, Section
+from rig.picture import IN_FIGURE, Plot
+from rig.quantities import Farad, MetrePerVolt, NewtonPerVolt, NonNegativeNewtonPerMetre, PositiveVolt, Section, Volt
+
+
+class Amplifier(Section):
+    """The table `amplifier`: voltage at the start [V], largest voltage of either sign [V], lag [s]."""
+
+    declares: ClassVar = About("a commanded voltage on the stack's electrodes", hardware=True, needs=("piezo",))
+
+    voltage: Volt = 0.0
+    limit: PositiveVolt
+    lag: Lag = None
+
+    @model_validator(mode="after")
+    def _within(self) -> Self:
+        if abs(self.voltage) > self.limit:
+            raise ValueError(f"voltage {self.voltage:g} V is beyond the limit of {self.limit:g} V")
+        return self
+
+
+def add_amplifier(a: Assembly, stack: Stack, amplifier: Amplifier, moved: Mapping[str, str]) -> None:
+    """Add the amplifier on `stack` and its actuator `amplifier.voltage` [V]."""
+    bounds = (-amplifier.limit, amplifier.limit)
+    voltage = actuator(
+        a, "amplifier.voltage", "V", amplifier.voltage, 0.0, bounds, amplifier.limit, amplifier.lag, "amplifier", moved
+    )
+    for c, f in stack.path.items():
+        a.push(c, scaled(voltage, f * stack.e))
+    a.outputs["stack_voltage"] = Output(dict(voltage), "V", Plot(place=IN_FIGURE))
 
 
 class Piezo(Section):
@@ -84,6 +117,6 @@ def add(a: Assembly, p: WithStack, path: Row, moved: Mapping[str, str]) -> None:
     stack = Stack(p.piezo.e, p.piezo.capacitance, path)
     a.outputs["stack_extension"] = Output(dict(path), "m", Plot())
     if p.amplifier is not None:
-        amplifier.add(a, stack, p.amplifier, moved)
+        add_amplifier(a, stack, p.amplifier, moved)
     else:
         shunt.add(a, stack, p.shunt or shunt.Open(kind="open"), moved)

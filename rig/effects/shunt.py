@@ -19,12 +19,22 @@ of the inductor is lost and is a term of the energy balance. The op-amp of a neg
 `saturation`.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.14 to 4.19; loop voltage, switching
 and bleeding are derived here.
+
+The electrical side of a piezo stack, as the networks on its electrodes see it.
+
+Findings of the stability report on a series shunt: its static limit and its time constants.
+
+A negative capacitance softens the stack to the static stiffness c33 + kappa delta/(1 + delta). The rig becomes
+statically unstable where this change cancels the stiffness k_b between the ends of the shorted stack, at
+delta = -k_b/(k_b + kappa). This limit is above that of the loop alone, delta = -1.
+Source: Kroeger, Neubauer, Popp (2008), section 4 d; the limit in the structure is derived here.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -33,14 +43,138 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from rig.about import About
-from rig.effects import shunt_limits
 from rig.effects.drive import command_range
-from rig.effects.stack import Stack, scaled, total
 from rig.errors import SceneError
 from rig.model.assembly import Assembly, Input, Output
 from rig.model.named_rows import Circuit, Row
-from rig.picture import Plot
-from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, quantity
+from rig.model.named_rows import add as add_row
+from rig.model.singular import assembled
+from rig.model.system import Finding, Judge, System
+from rig.picture import IN_FIGURE, Plot
+from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, at_least, quantity
+from rig.stability.linearisation import sliding_key
+
+
+@dataclass(frozen=True)
+class Stack:
+    """A piezo stack: coupling e [N/V], clamped capacitance Cps [F], extension dx [m] as a row over coordinates."""
+
+    e: float
+    capacitance: float
+    path: Row
+
+    @property
+    def kappa(self) -> float:
+        """The stiffness that open electrodes add, e^2/Cps [N/m]."""
+        return self.e**2 / self.capacitance
+
+    @property
+    def open_voltage(self) -> Row:
+        """Voltage [V] by which the extension lowers the voltage of the open stack, e dx / Cps, as a row."""
+        return scaled(self.path, self.e / self.capacitance)
+
+    @property
+    def open_voltage_rate(self) -> Row:
+        """The rate of `open_voltage`, e dx' / Cps [V/s], as a row."""
+        return {f"{c}'": value for c, value in self.open_voltage.items()}
+
+    def couple(self, a: Assembly, voltage: Row) -> None:
+        """Add the force e U on the ends and the energy that the stack stores. `voltage`: U as a row over states."""
+        for c, f in self.path.items():
+            add_row(a.coupling.setdefault(c, {}), scaled(voltage, f * self.e))
+        a.stores.append((self.capacitance, voltage))
+        a.outputs["stack_voltage"] = Output(voltage, "V", Plot(place=IN_FIGURE))
+
+
+def scaled(row: Row, factor: float) -> Row:
+    """`factor` times a row."""
+    return {name: factor * value for name, value in row.items()}
+
+
+def total(*rows: Row) -> Row:
+    """Sum of rows."""
+    out: Row = {}
+    for row in rows:
+        add_row(out, row)
+    return out
+
+
+TOLERANCE = 0.1
+"""Relative variation of a stack's capacitance with temperature [calibrated]."""
+_SINGULAR = 1e-12  # share of the largest stiffness below which there is none
+
+
+def stiffness_between_ends(system: System, stack: Stack) -> float:
+    """Static stiffness k_b [N/m] between the ends of the shorted stack in steady sliding; infinite if they are fixed.
+
+    The friction force is taken as constant.
+    """
+    nq = len(system.coordinates)
+    ends = np.array([stack.path.get(c, 0.0) for c in system.coordinates])
+    push = np.zeros_like(system.coupling)
+    push[:, system.one] = ends
+    key = sliding_key(system)
+    plain, pushed = (assembled(replace(system, coupling=c), key).A[nq : 2 * nq] for c in (0.0 * push, push))
+    stiff, pull = plain[:, :nq], (plain - pushed)[:, system.one]
+    yields = np.linalg.pinv(stiff, rcond=_SINGULAR) @ pull
+    if np.abs(stiff @ yields - pull).max() > _SINGULAR * np.abs(pull).max():
+        return 0.0  # no spring resists the stack
+    given = float(ends @ yields)
+    return 1.0 / given if given else math.inf
+
+
+def static_limit(system: System, stack: Stack) -> float:
+    """The delta below which the rig is statically unstable: -k_b/(k_b + kappa)."""
+    k_b = stiffness_between_ends(system, stack)
+    return -1.0 / (1.0 + stack.kappa / k_b) if k_b else 0.0
+
+
+def judge(stack: Stack, delta: float, states: Sequence[str], dropped: Sequence[str]) -> Judge:
+    """The check of a series shunt for the stability report. `dropped`: parameters without influence, set to zero."""
+
+    def findings(system: System, step: float) -> Iterator[Finding]:
+        if dropped:
+            what = f"shunt: {' and '.join(dropped)} too small to influence any motion of the structure, taken as 0"
+            yield Finding("info", what, 0.0, "nothing to do; it saves a state that would be very fast")
+        if delta < 0.0:
+            yield from _static(system, stack, delta)
+        if states:
+            yield from _fast(system, states, step)
+
+    return findings
+
+
+def _static(system: System, stack: Stack, delta: float) -> Iterator[Finding]:
+    k_b, kappa = stiffness_between_ends(system, stack), stack.kappa
+    limit = static_limit(system, stack)
+    safe = limit / (1.0 + TOLERANCE)
+    where = f"the limit is -k_b/(k_b + kappa) = {limit:.4f} (k_b {k_b:.4g} N/m, kappa {kappa:.4g} N/m)"
+    if delta <= limit:
+        held = delta <= -1.0
+        left = "even held at its ends" if held else f"stiffness left {k_b + kappa * delta / (1.0 + delta):.4g} N/m"
+        what = f"shunt: with delta {delta:g} the stack is statically unstable, {left}; {where}"
+        yield Finding("error", what, delta - limit, f"delta above {at_least(limit, 4)}, {at_least(safe)} to be safe")
+    elif delta * (1.0 + TOLERANCE) <= limit:
+        more = delta * (1.0 + TOLERANCE)
+        what = f"shunt: a stack {TOLERANCE:.0%} above its capacitance makes delta {delta:g} to {more:.3f}"
+        yield Finding("warning", f"{what}; {where}", delta - limit, f"delta above {at_least(safe)}")
+
+
+def _fast(system: System, states: Sequence[str], step: float) -> Iterator[Finding]:
+    """The time constant of the network with fixed ends of the stack, compared with the step."""
+    at = [system.names.index(name) for name in states]
+    key = sliding_key(system)
+    patches, normals, limiters, sectors, thrown = system.modes(key)
+    closed = [max(position, 1) for position in thrown]
+    A = assembled(system, system.key(patches, normals, limiters, sectors, closed)).A[np.ix_(at, at)]
+    values = np.linalg.eigvals(A)
+    fastest = max(values, key=abs)
+    if abs(fastest) == 0.0:
+        return
+    hertz = f"resonance {abs(fastest) / (2.0 * math.pi):.4g} Hz, " if fastest.imag else ""
+    what = f"shunt: {hertz}time constant {1.0 / max(abs(fastest.real), 1e-300):.3g} s, step {step:g} s"
+    yield Finding("info", what, abs(fastest) * step, "exact integrates it with any step; rk4 and dopri5 resolve it")
+
 
 VOLTAGE, CURRENT, OFFSET, POSITION = "shunt.voltage", "shunt.current", "shunt.offset", "shunt.position"
 OP_AMP = "op-amp"
@@ -223,7 +357,7 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
     a.keep[VOLTAGE] = _charge(stack, voltage)
     a.outputs["shunt_current"] = Output(current, "A", Plot())
     dropped = [key for key in ("inductance", "resistance") if getattr(given, key) != getattr(shunt, key)]
-    a.judges.append(shunt_limits.judge(stack, delta, list(rates), dropped))
+    a.judges.append(judge(stack, delta, list(rates), dropped))
     if not thrown:
         return
     silent: dict[str, Row] = {name: {} for name in rates if name != VOLTAGE}

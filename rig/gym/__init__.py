@@ -17,8 +17,7 @@ from rig.extras import needed
 
 needed("gymnasium", "gym")
 
-from rig.gym.environment import RigEnv, make  # noqa: E402 (the line above says what to install)
+from rig.gym.environment import RigEnv, RigVectorEnv, make, make_vec  # noqa: E402 (the line above says what to install)  # noqa: E402
 from rig.gym.episode import Now  # noqa: E402
-from rig.gym.vector import RigVectorEnv, make_vec  # noqa: E402
 
 __all__ = ["Now", "RigEnv", "RigVectorEnv", "make", "make_vec"]

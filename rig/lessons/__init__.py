@@ -7,8 +7,21 @@ pages/     the pages themselves, with their figures: docs/lessons
 
 from __future__ import annotations
 
-from rig.lessons.page import FOLDER, Command, Expected, Lesson, lesson, lessons, readable
-from rig.lessons.trial import Found, Outcome, attempt, compare, renew, renewed
+from rig.lessons.page import (
+    FOLDER,
+    Command,
+    Expected,
+    Found,
+    Lesson,
+    Outcome,
+    attempt,
+    compare,
+    lesson,
+    lessons,
+    readable,
+    renew,
+    renewed,
+)
 
 __all__ = [
     "FOLDER", "Command", "Expected", "Found", "Lesson", "Outcome", "attempt", "compare", "lesson", "lessons",

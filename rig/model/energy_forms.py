@@ -9,7 +9,7 @@ from rig.model.formulation import ModeSet
 from rig.model.system import System
 from rig.solve.energy_balance import NAMES, NODES, RESISTOR, TERMS, WEIGHTS
 from rig.solve.expm import ORDER, taylor
-from rig.solve.state_codes import LINEAR, LOW
+from rig.solve.records import LINEAR, LOW
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.film_sums import SUMS
+from rig.solve.film_steps import SUMS
 
 Array = NDArray[np.float64]
 

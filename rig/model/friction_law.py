@@ -1,4 +1,4 @@
-"""Friction laws as a rig states them, and their packing for kernels (rig.solve.friction_coefficient)."""
+"""Friction laws as a rig states them, and their packing for kernels (rig.solve.forces)."""
 
 from __future__ import annotations
 
@@ -7,17 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.friction_coefficient import (
-    COULOMB,
-    FALLING,
-    SEAL,
-    SMOOTH,
-    STRIBECK,
-    TABLE,
-    coefficient,
-    coefficients,
-    slope,
-)
+from rig.solve.forces import COULOMB, FALLING, SEAL, SMOOTH, STRIBECK, TABLE, coefficient, coefficients, slope
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.lent_records import Loan
-from rig.model import film_tables, friction_law, kick_tables, many_states_tables
+from rig.compiled.records import Loan
+from rig.model import friction_law, kick_tables, many_states_tables
 from rig.model.energy_forms import at_nodes, at_nodes_extended, damping, gathered, loss_rows, powers, store, work
-from rig.model.formulation import ModeSet, assemble
-from rig.model.output_rows import changes, reach, signal_rows
+from rig.model.formulation import ModeSet, assemble, changes, reach, signal_rows
 from rig.model.system import System
 from rig.model.tables import UNROLLED, empty
-from rig.solve import expm, segments
+from rig.solve import expm, segment_output
 from rig.solve.column_blocks import zeros
 from rig.solve.energy_balance import NODES, TERMS
+from rig.solve.records import STICK
 from rig.solve.roots import DEGREE
-from rig.solve.state_codes import STICK
 
 Array = NDArray[np.float64]
 _SAMPLES = 128
@@ -103,7 +102,7 @@ class ModeSets:
         fast = curved and not self._kicks and np.abs(np.linalg.eigvals(modes.A)).max() * self.step > FAST
         levels = (expm.depth(modes.A, self.step) + 1) * fast
         response = reach(modes.A, modes.b, self.step, levels)
-        constant = response[..., system.n :: segments.DEGREE + 1]
+        constant = response[..., system.n :: segment_output.DEGREE + 1]
         mode_set_of = t.mode_set_of.copy()
         mode_set_of[key] = len(self.sets)
         new: dict[str, Any] = {
@@ -182,7 +181,7 @@ class ModeSets:
         new |= dict.fromkeys(("depth", "guards", "stuck", "lands"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
-        stacked["film"] = film_tables.tables(self.system, self.step / self._kicks, rows, self.read)
+        stacked["film"] = kick_tables.tables_of_film(self.system, self.step / self._kicks, rows, self.read)
         self.tables = t._replace(**stacked)
         self.handle = Loan(self.tables, self.handle)
         self.sets.append(modes)

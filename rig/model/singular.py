@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig.errors import Singular
 from rig.model.formulation import ModeSet, assemble
 from rig.model.system import System
-from rig.solve.state_codes import CLOSED, OPEN, SLIP_PLUS, STICK
+from rig.solve.records import CLOSED, OPEN, SLIP_PLUS, STICK
 
 Array = NDArray[np.float64]
 JAMS = "jams: friction takes up all of the inertia at these parameter values"

@@ -3,27 +3,273 @@
 State  x = [q, v, network, signals]. Terms that are not linear in x are the inputs T = [friction forces, products]: the
 force of a patch with a speed-dependent law, and products of states such as x y, cos(k phi) - 1 or N sin(k phi). Rows
 whose name ends in `_t` are over T.
+
+The findings about a rig before it runs.
+
+Products of states, forces and angles as a rig states them, their packing for the kernels, and their derivatives.
+
+The parts of a rig as matrices: patches, normal forces, limiters, sectors, switches, losses (rig.model.system).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import permutations, product
-from typing import Any
+from itertools import pairwise, permutations
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model.build_checks import Finding
 from rig.model.film import Film
 from rig.model.friction_law import Law
-from rig.model.product_terms import Product
-from rig.model.system_parts import Bound, Change, Limiter, Loss, Normal, Patch, Sector, Switch
-from rig.solve.state_codes import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN
+from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, ProductTables
+from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN
+
+Level = Literal["info", "warning", "error"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One finding: its level, its text, its number (a growth rate in 1/s for a growth) and the remedy."""
+
+    level: Level
+    what: str
+    number: float
+    remedy: str
+
+    def to_json(self) -> dict[str, object]:
+        """The finding as plain values."""
+        return dict(vars(self))
+
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One factor of a product.
+
+    `kind`: of the factor; `index`: of the state, normal force or patch; `row`: over the state, of an angle [rad] or of
+    a press.
+    """
+
+    kind: int
+    index: int = 0
+    row: Array | None = None
+
+
+@dataclass(frozen=True)
+class Product:
+    """A product of factors, with the name by which rows refer to it."""
+
+    name: str
+    factors: tuple[Factor, ...]
+
+    @property
+    def level(self) -> int:
+        """The level 0, 1 or 2 of the product (rig.solve.forces)."""
+        kinds = {factor.kind for factor in self.factors}
+        return 2 if FRICTION in kinds else 1 if NORMAL in kinds else 0
+
+
+def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> ProductTables:
+    """The arrays of `products`, which must be in the order of their levels."""
+    angles: list[Array] = []
+    presses: list[Array] = []
+    known: dict[tuple[bool, bytes], int] = {}
+    kind, index, first = [], [], [0]
+    for product in products:
+        for factor in product.factors:
+            kind.append(factor.kind)
+            index.append(factor.index)
+            if factor.row is not None:
+                pressed = factor.kind == PRESS
+                rows = presses if pressed else angles
+                index[-1] = known.setdefault((pressed, (factor.row + 0.0).tobytes()), len(rows))  # -0.0 is 0.0
+                if index[-1] == len(rows):
+                    rows.append(factor.row)
+        first.append(len(kind))
+    levels = [product.level for product in products]
+    ends = np.cumsum([0, n, len(angles), len(angles), normals, patches, len(presses)])  # in the order of the kinds
+    values = np.zeros(ends[-1])
+    parts = [values[begin:end] for begin, end in pairwise(ends)]
+    return ProductTables(
+        patches=np.array([patches]),
+        upto=np.array([sum(level <= top for level in levels) for top in range(3)]),
+        first=np.array(first),
+        place=ends[np.array(kind, dtype=np.int64)] + np.array(index, dtype=np.int64),
+        angles=np.array(angles).reshape(-1, n),
+        presses=np.array(presses).reshape(-1, n),
+        values=values,
+        **dict(zip(("state", "sine", "versine", "normal", "friction", "pressed"), parts)),
+    )
+
+
+def tangent(
+    products: tuple[Product, ...],
+    level: int,
+    x: Array,
+    forces: tuple[tuple[Array, Array], tuple[Array, Array]],
+) -> tuple[Array, Array]:
+    """Values [product] and derivatives over x [product, n] of the products of one level; 0 for the other products.
+
+    `forces`: values and derivatives of the normal forces, and of the friction forces, as far as they are known.
+    """
+    n = len(x)
+    values, slopes = np.zeros(len(products)), np.zeros((len(products), n))
+    for j, product in enumerate(products):
+        if product.level != level:
+            continue
+        value, slope = 1.0, np.zeros(n)
+        for factor in product.factors:
+            v, s = _tangent(factor, x, forces)
+            value, slope = value * v, slope * v + value * s
+        values[j], slopes[j] = value, slope
+    return values, slopes
+
+
+def _tangent(factor: Factor, x: Array, forces: tuple[tuple[Array, Array], tuple[Array, Array]]) -> tuple[float, Array]:
+    if factor.kind == STATE:
+        return float(x[factor.index]), np.eye(len(x))[factor.index]
+    if factor.row is not None:
+        angle = float(factor.row @ x)
+        if factor.kind == PRESS:
+            return max(angle, 0.0), factor.row if angle > 0.0 else np.zeros(len(x))
+        if factor.kind == SINE:
+            return float(np.sin(angle)), np.cos(angle) * factor.row
+        return float(-2.0 * np.sin(0.5 * angle) ** 2), -np.sin(angle) * factor.row
+    values, slopes = forces[factor.kind == FRICTION]
+    return float(values[factor.index]), slopes[factor.index]
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A friction patch: `direction` [coordinate] of the friction force, `surface` speed row [state], and its law.
+
+    `travel` [coordinate]: row of the body's motion in the slip speed; the direction of the force by default.
+    """
+
+    name: str
+    direction: Array
+    surface: Array
+    law: Law
+    travel: Array | None = None
+
+
+@dataclass(frozen=True)
+class Normal:
+    """A normal force N = row x + row_t T + inertia . a of patch number `patch`, acting along `direction`."""
+
+    name: str
+    patch: int
+    row: Array
+    row_t: Array
+    direction: Array
+    inertia: Array
+    opens: bool
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The largest absolute value [`unit`] that a scene allows an output, an extended row (rig.model.assembly)."""
+
+    name: str
+    row: Mapping[str, float]
+    limit: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Limiter:
+    """A clamp: the derivative of state `state` gains `gain * min(max(row x, low), high)`.
+
+    Beyond the clamp the network stores `excess` (row x - low or high)^2 / 2 more than it does within.
+    """
+
+    name: str
+    row: Array
+    low: float
+    high: float
+    state: int
+    gain: float
+    excess: float = 0.0
+
+
+@dataclass(frozen=True)
+class Change:
+    """Changes in a sector: stiffness, damping [coordinate, coordinate], rows of normal forces [normal, n]."""
+
+    stiffness: Array
+    damping: Array
+    rows: Array
+
+
+@dataclass(frozen=True)
+class Sector:
+    """Sectors along a path: for edges[i] <= row x < edges[i + 1] patch `patch` has laws[i], or changes[i] is added.
+
+    The position row x lies in [0, period): `edges` begin with 0, the last sector ends at `period`. When it leaves this
+    range, state `turn`, which row contains with factor 1, is shifted by a period. `patch` is -1 if friction stays the
+    same.
+    """
+
+    name: str
+    patch: int
+    row: Array
+    turn: int
+    period: float
+    edges: tuple[float, ...]
+    laws: tuple[Law, ...] = ()
+    changes: tuple[Change, ...] = ()
+
+    def at(self, x: Array) -> int:
+        """The sector at state x."""
+        place = float(self.row @ x) % self.period
+        return sum(place >= edge for edge in self.edges[1:])
+
+
+@dataclass(frozen=True)
+class Position:
+    """One position of a switch: the `rates` [owned, n] of the network states that the switch owns.
+
+    `still`: states that are zero in it; the others keep their values when the switch is thrown. `gains`: of limiters,
+    by index, if they differ from the limiter's own; 0 takes the limiter out of the network. `store` [n, n]: twice the
+    energy that only this position stores, as a form of x.
+    """
+
+    name: str
+    rates: Array
+    still: tuple[int, ...]
+    gains: dict[int, float]
+    store: Array
+
+
+@dataclass(frozen=True)
+class Switch:
+    """A switch of the network: its position is the rounded value of state `state`, which a command writes."""
+
+    name: str
+    state: int
+    owned: tuple[int, ...]
+    positions: tuple[Position, ...]
+
+    def at(self, x: Array) -> int:
+        """The position at state x."""
+        return min(max(int(x[self.state] + 0.5), 0), len(self.positions) - 1)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A resistor: it dissipates the power conductance * (row x + rate . network rates)^2."""
+
+    conductance: float
+    row: Array
+    rate: Array
+
+
 _FEW = 3  # up to this number, all positions of a switch are prepared
 _SPELT = 8  # up to this number, open contacts are named one by one
 Judge = Callable[["System", float], Iterable[Finding]]
@@ -188,7 +434,7 @@ class System:
     def switched_keys(self, key: int) -> Iterator[int]:
         """The keys of mode set `key` with every position of its switches."""
         patches, normals, limiters, sectors, _ = self.modes(key)
-        for positions in product(*(range(len(switch.positions)) for switch in self.switches)):
+        for positions in itertools.product(*(range(len(switch.positions)) for switch in self.switches)):
             yield self.key(patches, normals, limiters, sectors, positions)
 
     def contact_keys(self, key: int) -> Iterator[int]:
@@ -196,12 +442,14 @@ class System:
         *own, sectors, thrown = self.modes(key)
         counts = iter(self.radices)
         ways = [[range(next(counts)) for _ in part] for part in own]
-        for patches, normals, limiters in product(product(*ways[0]), self._liftings(), product(*ways[2])):
+        for patches, normals, limiters in itertools.product(
+            itertools.product(*ways[0]), self._liftings(), itertools.product(*ways[2])
+        ):
             yield self.key(patches, normals, limiters, sectors, thrown)
 
     def _liftings(self) -> Iterator[tuple[int, ...]]:
         """The combinations of modes that the normal forces can have."""
-        return product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals))
+        return itertools.product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals))
 
     def keys_of_turn(self, key: int) -> Iterator[int]:
         """The keys that a turn over all sectors is likely to meet: modes of patches as they are, one contact open.
@@ -215,8 +463,10 @@ class System:
             if len(set(of)) == len(of):
                 ways.append((lifted, now))
         few = [range(len(s.positions)) if len(s.positions) <= _FEW else (at,) for s, at in zip(self.switches, now)]
-        ways += [((CLOSED,) * len(self.normals), list(other)) for other in product(*few) if list(other) != now]
-        for places in product(*(range(len(sector.edges)) for sector in self.sectors)):
+        ways += [
+            ((CLOSED,) * len(self.normals), list(other)) for other in itertools.product(*few) if list(other) != now
+        ]
+        for places in itertools.product(*(range(len(sector.edges)) for sector in self.sectors)):
             for lifted, thrown in ways:
                 yield self.key(patches, lifted, limiters, places, thrown)
 

@@ -2,6 +2,8 @@
 
 A guard g = G x is certified free of events over a cell of length h if it exceeds, at both ends, the bound b = B.|x|,
 B_j = 1.25 h^2/8 max |(G A^2 exp(A t))_j|. This bounds the interpolation error of the chord, so g cannot reach zero.
+
+Allocates the scratch memory that the kernels need for a system.
 """
 
 from __future__ import annotations
@@ -11,16 +13,72 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model import film_tables, friction_law, kick_tables, many_states_tables, product_terms
+from rig.model import friction_law, kick_tables, many_states_tables, system
 from rig.model.energy_forms import supplied
 from rig.model.system import System
+from rig.solve import energy_balance, segment_output
+from rig.solve.column_blocks import LANE, zeros
+from rig.solve.dopri5 import PROBE
 from rig.solve.energy_balance import TERMS
-from rig.solve.film_records import FilmTables
+from rig.solve.exact import PLACES
+from rig.solve.film_steps import FilmTables
+from rig.solve.forces import ProductTables
 from rig.solve.kick import KickTables
 from rig.solve.many_states import ManyStatesTables
-from rig.solve.product_inputs import ProductTables
-from rig.solve.segments import DEGREE
-from rig.solve.stiff_cells import PLACES
+from rig.solve.places import PART
+from rig.solve.records import Workspace
+from rig.solve.roots import DEGREE as ROOT_DEGREE
+from rig.solve.roots import WORK_COLUMNS, WORK_ROWS
+from rig.solve.segment_output import DEGREE
+
+
+def workspace(system: System, read: int, guards: int) -> Workspace:
+    """Scratch for a system with `read` outputs for sensors and at most `guards` guards in a mode set."""
+    n, P = system.n, len(system.patches)
+    both = np.zeros(n + system.inputs)
+    nodes, weights = np.polynomial.legendre.leggauss(LANE - PART)
+    return Workspace(
+        k=np.zeros((7, n)),
+        y=np.zeros(n),
+        y2=np.zeros(n),
+        x0=np.zeros(n),
+        copy=np.zeros(n),
+        size=np.zeros(n),
+        x_at_end=np.zeros(n),
+        law_argument=np.zeros(n),
+        law_argument_x=np.zeros(n),
+        law_load=np.zeros(n),
+        law_load_x=np.zeros(n),
+        state_and_inputs=both,
+        at=both[:n],
+        rates=np.zeros(n),
+        T=both[n:],
+        scratch=np.zeros((P, P)),
+        generators_at_begin=np.zeros((len(system.generators), 2)),
+        derivatives=np.zeros((ROOT_DEGREE + 1, n)),
+        spare=np.zeros((ROOT_DEGREE + 1, n)),
+        poly=np.zeros(ROOT_DEGREE + 1),
+        roots=np.zeros((WORK_ROWS, WORK_COLUMNS)),
+        g=np.zeros(guards),
+        guard_samples=np.zeros((guards, 7)),
+        values=np.zeros((2, read)),
+        nodes=energy_balance.NODES,
+        weights=energy_balance.WEIGHTS,
+        x_at=zeros((n, LANE)),
+        T_at=zeros((system.inputs, LANE)),
+        in_part=np.repeat([1.0, 0.0], [PART, LANE - PART]),
+        quarters=np.pad(np.linspace(0.0, 1.0, PART), (0, LANE - PART)),
+        simpson=np.pad(np.array([1.0, 0.0, 4.0, 0.0, 1.0]) / 6.0, (0, LANE - PART)),
+        probes=np.pad([0.0, 0.25, 0.5, 0.75, 1.0, PROBE], (0, LANE - 6)),
+        cell_changes=np.zeros((len(PLACES), n)),
+        cell_inputs=np.zeros((len(PLACES), system.inputs)),
+        cell_size=np.zeros(n),
+        node_inputs=np.zeros(system.inputs * (segment_output.DEGREE + 1)),
+        input_powers=np.zeros((segment_output.DEGREE + 1, system.inputs)),
+        nodes3=np.pad(0.5 * (nodes + 1.0), (PART, 0)),
+        weights3=np.pad(0.5 * weights, (PART, 0)),
+    )
+
 
 Array = NDArray[np.float64]
 UNROLLED = 8
@@ -193,11 +251,11 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         path=np.array([sector.row for sector in s.sectors]).reshape(-1, n),
         edges=edges,
         change=change,
-        products=product_terms.pack(s.products, n, P, K),
+        products=system.pack(s.products, n, P, K),
         many_states=many_states_tables.empty(n, I, g, read, S)
         if n > UNROLLED
         else many_states_tables.empty(0, 0, 0, 0, 0),
         kick=kick_tables.empty(s, g) if kicks and s.film is None else kick_tables.empty(None, 0),
-        film=film_tables.empty(),
+        film=kick_tables.no_film(),
         step=np.array([step]),
     )

@@ -1,7 +1,8 @@
 """Finds or compiles the parts of compiled code that a rig needs (rig.solve.specialised), with two processes.
 
 The second process takes the list from its end, this one from its begin; no part is compiled twice
-(rig.kernel_store.Folder.claimed). After the parts the list holds the kernels that a run calls first from Python.
+(rig.compiled.kernel_store.Folder.claimed). After the parts the list holds the kernels that a run calls first from
+Python.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from rig import scheduling
-from rig.child_process import Child, end
-from rig.kernel import FOLDER
+from rig.compiled.kernel import FOLDER
+from rig.machine import scheduling
+from rig.machine.process import Child, end
 from rig.solve.specialised import KernelShape
 
 _ADDRESSES: dict[tuple[Any, KernelShape], int] = {}

@@ -1,32 +1,124 @@
 """The motion of a rig: one state, its time and its contact state, advanced tick by tick.
 
 Time is an int64 tick plus the place inside it. The result depends only on the ticks at which states are written.
+
+Why a motion has to stop, in words, and what to do about it.
+
+The memory of a motion: what compiled code reads and writes, and what can be read from it after a call.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import Jammed, NumericsError
-from rig.kernel import entry
-from rig.lent_records import Loan
-from rig.model.mode_sets import ModeSets
+from rig.compiled.kernel import entry
+from rig.compiled.records import Loan
+from rig.errors import Chatter, Diverged, Jammed, NumericsError
+from rig.model.film import on
+from rig.model.mode_sets import FAST, ModeSets
 from rig.model.singular import singular
 from rig.model.system import System
 from rig.motion.balance import Balance, CurrentState
-from rig.motion.memory import MOST_SEGMENTS, MotionMemory
 from rig.motion.ready import Integration, Ready, add, build_ahead, carried_state, parts, prepared
-from rig.motion.stops import where, why
+from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, evaluate_outputs
-from rig.solve.contact_state import CHECK, DONE, LOOK, NEED, OVERFULL, START
+from rig.solve.contact_state import CHATTER, CHECK, DONE, JAM, LOOK, LOST, NEED, OVERFULL, START
 from rig.solve.frames import advance_frames
-from rig.solve.records import KEY, NEXT_LENGTH, PENDING, PLACE, REACHED, SEARCH_BEGAN_AT, TICK
+from rig.solve.records import (
+    BEYOND,
+    COUNTERS,
+    EVENTS,
+    EVENTS_BEFORE,
+    KEY,
+    NEXT_LENGTH,
+    PENDING,
+    PLACE,
+    PLACES,
+    REACHED,
+    SEARCH_BEGAN_AT,
+    SUBDIVIDED,
+    TICK,
+    TRIALS,
+    MotionLog,
+    MotionRecords,
+    MotionState,
+    empty_log,
+)
+from rig.solve.segment_output import empty_segments
+from rig.stability.step_limits import blame, fastest_eigenvalue
+
+Why = tuple[type[NumericsError], str]
+
+
+def why(status: int, system: System, integration: Integration, state: MotionState, log: MotionLog, room: int) -> Why:
+    """The error that a status of the kernels means, and its text. `room`: for smooth segments in a frame."""
+    if status == JAM:
+        return Jammed, "no mode set satisfies the equations: jamming (Painleve)"
+    if status == CHATTER:
+        _, kind, owner, _ = log.event[int(state.ic[EVENTS]) - 1].tolist()
+        what = f"more than {len(log.event)} events in one block; the last: {system.event_text(kind, owner)}"
+        return Chatter, f"{what}. Raise clock.events_per_frame if this is meant"
+    if status == OVERFULL:
+        finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(integration.method)
+        what = f"more than {room} smooth segments in one frame, for the sensors to read"
+        size = fastest_eigenvalue(system) * integration.step_ns * 1e-9
+        if integration.method in ("exact", "dopri5") and size > FAST:
+            what += f"; |lambda| step = {size:.3g}. Leave out the fast lag or the fast element of the network"
+            return NumericsError, f"{what}, or shorten clock.frame"
+        return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"
+    assert status == LOST
+    film = system.film
+    if film is not None and not 0.0 <= (place := float(state.x[system.names.index(film.travel)])) <= film.longest:
+        if place < 0.0:
+            return NumericsError, "the slider runs backwards and has reached the rear end of its travel, 0 m"
+        return NumericsError, f"the slider has reached the end of its travel, {film.longest:g} m"
+    if np.all(np.abs(state.x) <= integration.limit):
+        return Diverged, f"no step is short enough for the tolerance {integration.tolerance:g}"
+    what = f"the state has left the limit of {integration.limit:g} or is not finite"
+    if integration.method in ("rk4", "kick"):
+        what += f"; {blame(system, integration.method, integration.step_ns * 1e-9, integration.substeps)}"
+    return Diverged, what
+
+
+def where(system: System, key: int, x: NDArray[np.float64]) -> tuple[str, dict[str, float]]:
+    """The mode set in words and the state by name; for a rig with a film only the states of the structure."""
+    own = system.names[: system.names.index(on(system.coordinates[0]))] if system.film else system.names
+    return system.describe(key), dict(zip(own, x.tolist()))
+
 
 Array = NDArray[np.float64]
+SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
+"""Room for the smooth segments of a frame, to begin with and at most."""
+MOST_EVENTS = 1 << 20
+"""Room for the events of a block of many frames, at most."""
+COLLECTED = 1 << 12
+"""Room for the events of all frames of a call."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change of the contact state at tick `tick` + `place` (a share of the step); `before`: the previous mode set."""
+
+    tick: int
+    place: float
+    what: str
+    before: int
+
+
+class Saved(NamedTuple):
+    """State, counters and places of rig.solve.records.MotionState, and the largest value of each state so far."""
+
+    x: Array
+    ic: NDArray[np.int64]
+    fc: Array
+    size: Array
+
+
 _KEPT = ("x", "ic", "fc", "energy", "edges", "tally")
 """Parts of rig.solve.records.MotionState that a checkpoint holds; the others are settings."""
 
@@ -43,7 +135,7 @@ class Frames(NamedTuple):
     collects: bool = False
 
 
-class Motion(MotionMemory):
+class Motion:
     """A system in motion. `write` puts a command into force, `advance` advances the state; both act at `tick`.
 
     `step_ns`: sample step, the only step of the method exact. `outputs`: extended rows (rig.model.assembly) of the
@@ -93,17 +185,140 @@ class Motion(MotionMemory):
         self._more = () if frames is None else frames[:2]
         self._block = None if frames is None else frames.steps
         self._built_ahead = 0
-        super().__init__(
-            prepared(system, outputs or [], integration),
-            integration,
-            cap,
-            self._block or frame,
-            bounds or {},
-            frames is not None and frames.collects,
+        made = prepared(system, outputs or [], integration)
+        frame = self._block or frame
+        bounds = bounds or {}
+        collects = frames is not None and frames.collects
+        self.integration, self._cap, self._frame, self._collects = integration, cap, frame, collects
+        self.tick = self._first = self.kept = 0
+        self.segments = empty_segments(integration.read, SEGMENTS)
+        self._take(made)
+        self.state = MotionState(
+            ic=np.zeros(COUNTERS, dtype=np.int64),
+            fc=np.zeros(PLACES),
+            x=self.system.start.copy(),
+            energy=np.zeros(energy_balance.TERMS),
+            edges=np.zeros(1),
+            tally=np.zeros(TALLIED, dtype=np.int64),
+            watched=np.array(list(bounds), dtype=np.int64),
+            bound=np.array(list(bounds.values()), dtype=np.float64),
         )
         self._make_room(longest, self._block or longest)
         self.restart(self.system.start)
         self._prepare()
+
+    def _take(self, made: Ready) -> None:
+        """Continue with another system, which `rig.motion.ready` has prepared; the state stays as it is."""
+        self.system, self._outputs, self.mode_sets, self.work = made.system, made.outputs, made.mode_sets, made.work
+        self.plan, self._event_text, self._now, self._carry = made.plan, made.event_text, made.now, made.carry
+        self._evaluate: Callable[..., None] | None = None
+
+    def _make_room(self, rows: int, ticks: int) -> None:
+        """Make room for rows of states, and for the events that a block of `ticks` may have."""
+        self.log = empty_log(rows, self.system.n)
+        self._make_room_for_events(ticks)
+
+    def _make_room_for_events(self, ticks: int) -> None:
+        """Make room for the events that a block of `ticks` may have, which may contain many frames."""
+        frame = min(self._frame or ticks, ticks)
+        usual, most = self._cap * max(1, ticks // 10), self._cap * max(1, frame // 10) * -(-ticks // max(frame, 1))
+        events = max(usual, min(most, MOST_EVENTS))
+        new = empty_log(0, 0, events, max(COLLECTED, 2 * events) if self._collects else 0)
+        self.log = new._replace(out=self.log.out, modes=self.log.modes)
+        self._ticks = ticks
+        self._lend()
+
+    def _lend(self) -> None:
+        self.loan = Loan(MotionRecords(self.work, self.state, self.log, self.segments, self.plan))
+
+    def _more_segments(self) -> None:
+        """Double the room for the segments of a frame; existing segments are kept."""
+        old, count = self.segments, int(self.segments.count[0])
+        self.segments = empty_segments(self.integration.read, 2 * len(old.start))
+        self.segments.count[0] = count
+        for new, kept in zip(self.segments[1:], old[1:]):
+            new[:count] = kept[:count]
+        self._lend()
+
+    def save(self) -> Saved:
+        """What `go_back` needs to continue from here again."""
+        state = self.state
+        return Saved(state.x.copy(), state.ic.copy(), state.fc.copy(), self.work.size.copy())
+
+    def go_back(self, saved: Saved) -> None:
+        """Return to a saved state of the same system. Energy, ticks and log are not reset."""
+        state = self.state
+        state.x[:], state.ic[:], state.fc[:] = saved.x, saved.ic, saved.fc
+        self.work.size[:] = saved.size
+
+    @property
+    def x(self) -> Array:
+        """The present state."""
+        return self.state.x
+
+    @property
+    def key(self) -> int:
+        """The key of the present mode set."""
+        return int(self.state.ic[KEY])
+
+    @property
+    def mode_set(self) -> int:
+        """The index of the present mode set in the tables."""
+        return int(self.mode_sets.tables.mode_set_of[self.key])
+
+    def counts(self) -> dict[str, int]:
+        """Ticks, events, subdivided ticks, trial steps of dopri5, mode sets visited."""
+        ic = self.state.ic
+        return {
+            "ticks": self.tick,
+            "events": int(ic[EVENTS_BEFORE]),
+            "opened_ticks": int(ic[SUBDIVIDED]),
+            "trial_steps": int(ic[TRIALS]),
+            "mode_sets": len(self.mode_sets.sets),
+        }
+
+    def stick_share(self) -> float:
+        """The share of the ticks so far in which every loaded patch was stuck."""
+        tally = self.state.tally[: len(self.mode_sets.sets)]
+        return float(tally[self.mode_sets.sticks[:TALLIED]].sum() / max(int(self.state.tally.sum()), 1))
+
+    @property
+    def states(self) -> Array:
+        """The states at the ends of the ticks of the last call, [tick, n]."""
+        return self.log.out[self._first : self.kept]
+
+    @property
+    def mode_sets_of_states(self) -> NDArray[np.int64]:
+        """The indices of their mode sets, [tick]."""
+        return self.log.modes[self._first : self.kept]
+
+    @property
+    def beyond(self) -> int:
+        """The index of the first output beyond its bound at the end of the last call; -1 if there is none."""
+        return int(self.state.ic[BEYOND])
+
+    @property
+    def event_count(self) -> int:
+        """The number of events in the last call of `advance`, or in its last frame if they are not collected."""
+        return int(self.log.collected[0] if self._collects else self.state.ic[EVENTS])
+
+    def events(self) -> list[Event]:
+        """The events that `event_count` counts."""
+        first, events, places = self.met()
+        met = zip(events.tolist(), places.tolist())
+        return [
+            Event(first + tick, place, self._event_text(kind, owner), before)
+            for (tick, kind, owner, before), place in met
+        ]
+
+    def met(self) -> tuple[int, NDArray[np.int64], Array]:
+        """The events that `event_count` counts as numbers, with ticks counted from the returned first tick.
+
+        Returns first tick; [event, 4] tick, guard kind, owner, key before; [event] places in the tick.
+        """
+        log, count = self.log, self.event_count
+        events, places = (log.met, log.met_place) if self._collects else (log.event, log.place)
+        return self.tick - self.kept, events[:count].copy(), places[:count].copy()
 
     def restart(self, x: Array) -> None:
         """Start again at tick 0 from state `x` [n], as a new motion. Mode sets already built are kept."""

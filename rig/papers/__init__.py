@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from rig.papers.entry import Comparison, Entry, Result, make, pick
-from rig.papers.figures import make_all
-from rig.papers.gallery_page import page
-from rig.papers.numbers_file import keep
+from rig.papers.gallery import keep, make_all, page
 
 __all__ = ["Comparison", "Entry", "Result", "keep", "make", "make_all", "page", "pick"]

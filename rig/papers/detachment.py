@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.papers.common import load, quiet, run
-from rig.papers.entry import Comparison, Entry
+from rig.papers.entry import Comparison, Entry, load, quiet, run
 from rig.view.palette import AMBER, BLUE, GREY, VERMILION
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.papers.common import law_of, load, quiet, run, value
-from rig.papers.entry import Comparison, Entry
+from rig.papers.entry import Comparison, Entry, law_of, load, quiet, run, value
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
 if TYPE_CHECKING:

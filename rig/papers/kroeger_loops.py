@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.papers.common import law_of, load, quiet, run, value
-from rig.papers.entry import Comparison, Entry
+from rig.papers.entry import Comparison, Entry, law_of, load, quiet, run, value
 from rig.view.palette import AMBER, BLUE, GREY, VERMILION
 
 if TYPE_CHECKING:

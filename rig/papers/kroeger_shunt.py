@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.papers.common import load, quiet, run
-from rig.papers.entry import Comparison, Entry
+from rig.papers.entry import Comparison, Entry, load, quiet, run
 from rig.view.palette import BLUE, GREEN, VERMILION
 
 if TYPE_CHECKING:

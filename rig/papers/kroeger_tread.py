@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import law_of, load, quiet, run, value
-from rig.papers.entry import Comparison, Entry
+from rig.papers.entry import Comparison, Entry, law_of, load, quiet, run, value
 from rig.view.palette import AMBER, BLUE, VERMILION
 
 if TYPE_CHECKING:

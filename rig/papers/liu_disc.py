@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import dither_boundary, load, quiet, run
-from rig.papers.entry import Comparison, Entry
+from rig.papers.entry import Comparison, Entry, dither_boundary, load, quiet, run
 from rig.view.palette import BLUE, GREEN, VERMILION
 
 if TYPE_CHECKING:

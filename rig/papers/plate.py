@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.papers.common import load, run
-from rig.papers.entry import Comparison, Entry
+from rig.papers.entry import Comparison, Entry, load, run
 from rig.plants.plate import Parameters
 from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
 

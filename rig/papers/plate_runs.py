@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.papers.common import load, run
-from rig.papers.entry import Comparison, Entry
+from rig.papers.entry import Comparison, Entry, load, run
 from rig.record.film_points import Points
 from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
-from rig.view.pressure_maps import draw_map, draw_scale
+from rig.view.pressure import draw_map, draw_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

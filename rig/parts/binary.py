@@ -20,8 +20,8 @@ from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from rig.errors import PartError
+from rig.machine.files import contents
 from rig.parts.code import known_hashes, require, trust_hashes
-from rig.user_files import contents
 
 LARGEST = 16 << 20
 """Largest file of a compiled part [bytes]. # chosen: every recording of a run contains it"""

@@ -22,8 +22,8 @@ from types import ModuleType
 from typing import Any, Protocol
 
 from rig.errors import PartError, RigError, Untrusted
-from rig.process import copies, end_copy
-from rig.user_files import contents
+from rig.machine.files import contents
+from rig.machine.process import copies, end_copy
 
 _TRUSTED = "RIG_TRUSTED"
 _SHOWN = 12  # digits of a hash
@@ -32,9 +32,14 @@ MOVED = {
     "controllers": "rig.controllers",
     "sensors": "rig.sensors",
     "rig.solve.assembly": "rig.model.assembly",
+    "rig.bench.runner": "rig.bench.run.runner",
+    "rig.effects.amplifier": "rig.effects.piezo",
+    "rig.effects.moving_contact": "rig.effects.disc_modes",
+    "rig.effects.stack": "rig.effects.shunt",
+    "rig.kernel": "rig.compiled.kernel",
     "rig.study": "rig.analysis, rig.qualify or rig.papers",
 }
-"""Modules that parts may import by their names of version 0.1 -> where they are now."""
+"""Modules that parts may import by earlier names -> where they are now."""
 MODULES: dict[str, Code] = {}
 """Foreign parts that this process has loaded: module -> its code."""
 _PATHS: dict[str, str] = {}

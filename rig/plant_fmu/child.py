@@ -20,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.bench.compiled_controllers import CompiledControllers
-from rig.bench.experiment import Experiment
-from rig.bench.restartable import RestartableRig
-from rig.bench.simulate import carry_on
+from rig.bench.run.compiled_controllers import CompiledControllers
+from rig.bench.run.experiment import Experiment
+from rig.bench.run.restartable import RestartableRig
+from rig.bench.run.simulate import carry_on
 from rig.errors import RigError, UsageError
+from rig.machine.process import as_process, with_parent
 from rig.parts import trust_scene
-from rig.process import as_process, with_parent
 from rig.quantities import LONGEST
 from rig.scenes.scene import Scene
 

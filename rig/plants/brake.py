@@ -11,7 +11,7 @@ pad is proportional to the pressure p; its stiffness is kn (p / p0)^exponent.
 The coordinates are relative to the pressed state. `load.at` = "sliding": every contact carries N0 while the disc turns,
 so steady sliding is q = 0 and the static moment of friction is not taken up by the pads. `load.at` = "rest": every
 contact carries N0 without friction; friction then loads one end of a pad more than the other. C also acts between pad
-and disc while a contact is open. With `disc_modes` the disc bends (rig.plants.structures.brake_disc); each contact then
+and disc while a contact is open. With `disc_modes` the disc bends (rig.plants.structures.bending); each contact then
 slides in its own direction.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c, figures 15 to 17 (kind of model).
 The paper gives no numbers: springs, masses and the pressure law are calibrated here to its 0.64 and 2140 Hz.
@@ -35,7 +35,7 @@ from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
 from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED
-from rig.plants.structures.brake_disc import Bending
+from rig.plants.structures.bending import Bending
 from rig.plants.structures.multibody import (
     Body,
     Spring,

@@ -23,11 +23,10 @@ from typing import Self
 from pydantic import model_validator
 
 from rig.effects import dither, drive, load
-from rig.effects.disc_modes import Disc, Mode, free_modes
+from rig.effects.disc_modes import Disc, Geometry, Mode, Slope, free_modes
 from rig.effects.dither import MassDither
 from rig.effects.friction import Friction
 from rig.effects.load import Load
-from rig.effects.moving_contact import Geometry, Slope
 from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
 from rig.model.assembly import Assembly, Output

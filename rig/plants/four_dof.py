@@ -35,7 +35,7 @@ from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.two_dof import Body, Contact, Strut
 from rig.quantities import Metre, MetrePerSecond, NewtonSecondPerMetre, NonNegativeNewtonPerMetre, Section
 
-PICTURES = (Own("rig.view.four_dof:ThreeBodies", ("body_1_displacement", "body_3_height")),)
+PICTURES = (Own("rig.view.lumped:ThreeBodies", ("body_1_displacement", "body_3_height")),)
 
 
 class Spring(Section):

@@ -29,14 +29,13 @@ from rig.model.named_rows import Row
 from rig.picture import Own
 from rig.plants.belt import RAMPED
 from rig.plants.structures import film_slider, model_store, plate_model
-from rig.plants.structures.film_points import FilmPoints
-from rig.plants.structures.film_slider import Film, Slider, SliderTables
+from rig.plants.structures.film_slider import Film, FilmPoints, Slider, SliderTables
 from rig.plants.structures.plate_elements import Foam, Plate
 from rig.plants.structures.plate_model import Grid, Reduced
 from rig.quantities import Metre, NonNegativeMetre, Section
 
 PICTURES = (Own("rig.view.plate:Plate", ("position", "normal_force", "surface_speed")),)
-FIGURE = Own("rig.view.plate_figure:compose", ("plate_acceleration",))
+FIGURE = Own("rig.view.pressure:compose", ("plate_acceleration",))
 
 MOST_PLACES = 1000
 """Largest number of places at which rows are kept: 66 MB for 96 points. # chosen"""

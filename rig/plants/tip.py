@@ -51,7 +51,7 @@ from rig.quantities import (
     quantity,
 )
 
-PICTURES = (Own("rig.view.beam:Tip", ("displacement", "surface_speed")),)
+PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)
 
 Share: Any = quantity("1", Gt(0.0), Le(1.0))
 

@@ -45,7 +45,7 @@ from rig.quantities import (
     Section,
 )
 
-PICTURES = (Own("rig.view.beam:Tip", ("displacement", "surface_speed")),)
+PICTURES = (Own("rig.view.lumped:Tip", ("displacement", "surface_speed")),)
 
 Count = Annotated[int, Ge(1), Le(16)]
 

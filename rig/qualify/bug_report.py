@@ -1,22 +1,29 @@
 """A zip file for a bug report: versions, the doctor's report, the messages of the last run, and nothing of the user.
 
 Home folder, user and host are replaced, files and folders of the user too. No scene and no recording is included.
+
+Compilation ahead of time: every kernel shape of the shipped scenes and of the torture test.
 """
 
 from __future__ import annotations
 
+import compileall
 import getpass
 import io
 import os
 import platform
 import re
 import zipfile
+from collections.abc import Callable, Iterable
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
-from rig import scenes
-from rig.bench import run_log
+import rig
+from rig import controllers, scenes, sensors
+from rig.analysis.kernel_shapes import Shape, prepare
+from rig.bench.live import supervise
 from rig.qualify.doctor import Report
+from rig.qualify.torture.cells import needed
 
 PREFIX = "RIG_"
 """Environment variables of this project."""
@@ -38,7 +45,7 @@ def bundle(found: Report) -> tuple[bytes, list[str]]:
     """Return the content of the zip file with the doctor's report `found`, and the names of the files in it."""
     private = {one.scene: "SCENE" for one in found.scenes if one.scene not in scenes.names()}
     try:
-        log = run_log.path().read_text(errors="replace")
+        log = supervise.path().read_text(errors="replace")
     except OSError:
         log = "no run is known: rig run and rig demo keep the messages of the last run\n"
     environment = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(PREFIX)]
@@ -97,3 +104,18 @@ def _version(name: str) -> str:
         return version(name)
     except PackageNotFoundError:
         return "not installed"
+
+
+def warmup(
+    report: Callable[[str], object] | None = None, names: Iterable[str] | None = None, workers: int = 1
+) -> dict[Shape, float]:
+    """Compile the kernels of the scenes `names`; by default of all shipped ones, and of the torture test.
+
+    Returns seconds for each compiled shape. `report` gets a line before and after each shape, with an estimate of the
+    remaining time.
+    """
+    for package in (rig, controllers, sensors):  # some systems do not store bytecode: that costs 0.2 s at each start
+        compileall.compile_dir(Path(package.__path__[0]), quiet=2)
+    if names is not None:
+        return prepare([scenes.load(name) for name in names], report, workers)
+    return prepare([*(scenes.load(name) for name in scenes.names()), *needed()], report, workers)

@@ -3,17 +3,25 @@
 A frame begins late when the wait before it ends late, or when the frames before it took too long together. Therefore
 the share of late frames is estimated as P(wait > frame) + P(behind > frame). The lag behind follows from the cost of
 the frames before, including the bus and a reserve for the other processes of a run. Short frames are evaluated in the
-batches in which they run (rig.bench.frame_batches). The thresholds of the scene turn the share into a timing verdict,
+batches in which they run (rig.bench.live.pace). The thresholds of the scene turn the share into a timing verdict,
 at pace 1 or at the largest pace that the scene allows. If the plant may use real-time scheduling, other programs do not
 interrupt its frames, and their cost is measured in processor time. Otherwise it is measured by the wall clock under the
 present load: at a busier time the result differs.
+
+Round trip of a message to another process over the private socket of a run: the latency of the bus on this
+machine.
+
+Compute times of the frames of a scene over its whole protocol.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import platform
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Collection, Iterable
@@ -25,17 +33,164 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rig import kernel, scenes
+from rig import bus, scenes
 from rig.analysis import kernel_shapes
-from rig.bench import pace
-from rig.bench.frame_batches import length
-from rig.errors import RigError, SceneError, UsageError
-from rig.process import no_garbage
-from rig.qualify.frame_costs import Clock, Costs, behind, costs
-from rig.qualify.round_trip import round_trips
+from rig.bench.live import pace
+from rig.bench.live.outcome import Job
+from rig.bench.live.pace import length
+from rig.bench.live.rehearsal import PreparedRigs, visited
+from rig.bench.run.experiment import Experiment
+from rig.bench.run.simulate import begun, carry_on
+from rig.bus import encode
+from rig.compiled import kernel
+from rig.controllers import restored
+from rig.design import described
+from rig.errors import NumericsError, RigError, SceneError, UsageError
+from rig.machine.files import RUNS
+from rig.machine.process import no_garbage
+from rig.machine.scheduling import CONTROLLER, PLANT, ahead, choose, come_first, cores, placed
 from rig.scenes.scene import Scene
-from rig.scheduling import PLANT, ahead, come_first, cores
-from rig.user_files import RUNS
+
+Array = NDArray[np.int64]
+_ECHO = "import sys; from rig.qualify.doctor import echo; echo(*sys.argv[1:])"
+_PAUSE_S = 0.0005
+_EACH_S = 0.001
+
+
+def round_trips(seconds: float, *, paced: bool = True) -> tuple[Array, Array, str]:
+    """Measure round trips and single publications [ns] for about `seconds`; empty with a reason if they fail.
+
+    `paced`: with real-time scheduling and a pause before each, as in a paced run; else one after the other, as in
+    lockstep. The processes use the same cores as in such a run.
+    """
+    name, none = f"doctor-{os.getpid()}", np.zeros(0, dtype=np.int64)
+    latest, fresh = np.zeros(2), np.ones(2, dtype=np.int64)
+    trips, puts = [], []
+    try:
+        with bus.host(name, "doctor") as session:
+            answers, present = session.subscribe("act/*"), session.watch("controller/*")
+            step = session.publisher("step")
+            session.announce()
+            own, of_bus = choose()
+            command = [sys.executable, "-P", "-c", _ECHO, name, str(of_bus), *(["paced"] if paced else [])]
+            with contextlib.closing(_Child(command)):
+                if not present.wait_for("controller", "echo", 8.0):
+                    return none, none, "the other process did not start"
+                with placed(own if paced else of_bus, of_bus), ahead(PLANT) if paced else contextlib.nullcontext():
+                    for number in range(max(int(seconds / _EACH_S), 50)):
+                        payload = encode.step(number, number, latest, fresh)
+                        begin = time.perf_counter_ns()
+                        step.put(payload, number)
+                        puts.append(time.perf_counter_ns() - begin)
+                        if answers.get(timeout=0.5) is None:
+                            return none, none, "no answer within 0.5 s"
+                        trips.append(time.perf_counter_ns() - begin)
+                        if paced:
+                            time.sleep(_PAUSE_S)
+    except RigError as error:
+        return none, none, str(error)
+    return np.array(trips), np.array(puts), ""
+
+
+class _Child:
+    """The process at the other end."""
+
+    def __init__(self, command: list[str]) -> None:
+        self._process = subprocess.Popen(command)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.terminate()
+        try:
+            self._process.wait(3.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def echo(run: str, core: str, paced: str = "") -> None:
+    """Run the other process on a core: answer every step until none has come for two seconds; `paced`: in real time."""
+    with bus.join(run, role="controller", name="echo", wait=5.0) as session:
+        steps, act = session.subscribe("step"), session.publisher("act/echo")
+        session.announce()
+        with placed(int(core), int(core)), ahead(CONTROLLER) if paced else contextlib.nullcontext():
+            while (step := steps.get(timeout=2.0)) is not None:
+                act.put(encode.act(step.said.tick, step.t_ns, step.said.values), step.t_ns)
+
+
+Costs = NDArray[np.int64]
+Clock = Callable[[], int]
+LEAST = 2000
+"""Fewest measured frames: the cost at p99 is then exceeded by twenty of them."""
+_ROW = 100  # consecutive measured frames: the lateness of one carries over to the next
+_ENDLESS_NS = 10_000_000_000  # measured part of a protocol without an end
+
+
+def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns) -> Costs:
+    """Measure the time of frames of protocol, plant and sensors [ns], at least `least` frames, spread over the
+    protocol.
+
+    Controllers in the plant's process are included, others are not. As in a paced run, a rehearsal has built the mode
+    sets before. A short protocol is repeated. In a long one the frames between the measured rows run without
+    interruption. `clock`: of the measurement [ns].
+    """
+    job = Job(scene.to_json())
+    sets, found, count = visited(scene, job), list[int](), -1
+    while count < len(found) < least:
+        count = len(found)
+        found += _carried_through(scene, sets, least, clock)
+    return np.array(found, dtype=np.int64)
+
+
+def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clock) -> list[int]:
+    """Frames of one run, in order."""
+    duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
+    working = {name: restored(description) for name, description in described(scene).items()}
+
+    def prepare(experiment: Experiment) -> None:
+        experiment.runner.motion.foresee(sets)
+        PreparedRigs(experiment)
+
+    experiment, answering = begun(scene, working, duration_ns, before=prepare)
+    runner, truth = experiment.runner, experiment.runner.truth
+    assert truth is not None
+    inside, outside = ([one for one in answering if (one.name in scene.in_plant) is here] for here in (True, False))
+    apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)
+    found: list[int] = []
+    try:
+        while True:
+            tick = runner.tick
+            if tick % _ROW == 0:
+                runner.hand_over(truth)  # a paced run does not keep it: keep it out of the measured frames
+            begin = clock()
+            if not experiment.begin():
+                break
+            protocol = clock() - begin
+            if tick % apart >= _ROW:
+                carry_on(experiment, answering, min(experiment.until(), tick - tick % apart + apart))
+                continue
+            for one in outside:
+                one.answer()
+            begin = clock()
+            for one in inside:
+                one.answer()
+            experiment.take_over()
+            runner.frame()
+            found.append(protocol + clock() - begin)
+    except NumericsError:  # the frames up to there count
+        pass
+    return found
+
+
+def behind(found: Costs, wall_ns: float) -> Costs:
+    """Return the lag of each frame [ns] because earlier ones took longer than their `wall_ns`; late frames catch up."""
+    late = np.empty(len(found), np.int64)
+    lag = 0.0
+    for i, cost in enumerate(found.tolist()):
+        late[i] = lag
+        lag = max(lag + cost - wall_ns, 0.0)
+    return late
+
 
 Say = Callable[[str], object]
 FRAME_NS = 1_000_000

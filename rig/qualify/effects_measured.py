@@ -4,25 +4,30 @@ whom.
 An effect of the scene is measured by alternating plants with and without it (rig.qualify.cost.effects). An effect that
 the plant supports and the scene does not have is measured the other way round: it is added with the values of a shipped
 scene, of the same plant if possible.
+
+Effects of a scene as a picture: the cost of each per step, and the change if it is dropped or added.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
-from rig.analysis.motion_measures.problem import held
-from rig.analysis.motion_measures.settings import eligible
-from rig.bench.frame_batches import length
+from rig.analysis.motion_measures import eligible, held
+from rig.bench.live.pace import length
 from rig.controllers import controller_reads
-from rig.errors import RigError
+from rig.errors import RigError, UsageError
 from rig.model.method import chosen
 from rig.qualify.cost.effects import NO_CHANCE, ROUNDS, Paired, bare, compared, effects
+from rig.qualify.cost.report import sheet, tick_labels
 from rig.record.film_points import grouped
-from rig.scenes.effects import declared
+from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
-from rig.scenes.variants import absent, added
+from rig.scenes.variants import absent, added, declared
+from rig.view.palette import BLUE, put
 
 BLOCKS = 50.0  # sample blocks per second, from sensors faster than 1 kHz
 STATES = 200.0  # most state messages per second
@@ -127,3 +132,46 @@ def topics(scene: Scene) -> Iterator[Rate]:
         if name in outside:
             yield Rate(f"act/{name}", 1e9 / section.period, "the plant")
         yield Rate(f"applied/{name}", min(1e9 / section.period, batches), "the recorder")
+
+
+ON, ABSENT = BLUE, "#9aa5b1"
+
+
+def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
+    """Draw bars: ns per step on the left, changes by measure on the right; absent effects are grey."""
+    measured = [(one, one.paired.closed or one.paired) for one in reversed(parts)]
+    shown = [(one, paired) for one, paired in measured if not math.isnan(paired.tick.value)]
+    if not shown:
+        raise UsageError("--figure: nothing to draw, none of its effects can be left out or added alone")
+    with sheet(f"{scene.name}: its effects, on or absent", provenance(scene.seed)) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        left.set_axisbelow(True)
+        for place, (one, paired) in enumerate(shown):
+            colour, tick = (ON if one.on else ABSENT), paired.shown_cost
+            left.barh(place, tick.value, color=colour)
+            spread = [[max(tick.value - tick.low, 0.0)], [max(tick.high - tick.value, 0.0)]]
+            left.errorbar(tick.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
+            for change in paired.changes:
+                if change.significant:
+                    right.plot(change.size, place, "o", ms=5, color=colour)
+            worst = paired.worst
+            if worst is not None:
+                at = (worst.size, place)
+                right.annotate(
+                    worst.measure.replace("_", " "), at, (0, 8), textcoords="offset points", ha="right", fontsize=8.5
+                )
+            else:
+                right.annotate(
+                    "no change", (0.02, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5
+                )
+        handles = [left.barh(0, 0, color=colour) for colour in (ON, ABSENT)]
+        figure.legend(handles, ["on: if it is dropped", "absent: if it is added"], loc="outside lower left", ncols=2)
+        labels = [f"{one.name.replace('_', ' ')}\n{'on' if one.on else 'absent'}" for one, _ in shown]
+        left.set_yticks(range(len(shown)), labels)
+        whole = max((p.whole for one, p in shown if one.on), default=max(p.whole for _, p in shown))
+        noise = max(p.noise for _, p in shown)
+        left.set(xlabel=f"compute that it adds to a step of {whole:.0f} ns [ns]; noise up to {noise:.0f} ns")
+        right.set(xscale="log", xlabel="change if left out or added: share of the larger value")
+        tick_labels(right)
+        figure.supxlabel("\n", fontsize=8.5)  # room for the machine
+    put(figure, path)

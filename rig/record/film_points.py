@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from rig.errors import PartError, SceneError
-from rig.plants.structures.film_points import FilmPoints
+from rig.plants.structures.film_slider import FilmPoints
 from rig.scenes.protocol import Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 

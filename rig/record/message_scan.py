@@ -1,13 +1,21 @@
 """Scanner of a recording, whole, cut off or damaged: yields every message proved by checksums and reports missing ones.
 
 The file is read from front to back and not through its index, because a file that was cut off has none.
+
+Why a file is not a recording of this project, in words that say what it is instead.
+
+The bytes of a recording in memory, their checksums, and the place of its summary section.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Iterator
-from contextlib import suppress
+import mmap
+import struct
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,10 +26,122 @@ from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata,
 from rig.bus.messages import decode, times
 from rig.bus.topics import of, of_plant
 from rig.errors import BusError, LogError
-from rig.record.byte_scan import Data, Found, Hole, Message, Messages, inside, walk
-from rig.record.foreign import why
-from rig.record.mapped_file import crc_of, mapped, sha256_of, summary_start
-from rig.record.mcap_file import COPY, CRC, DIGEST, MAGIC, checksum, refuse_newer
+from rig.machine.files import regular
+from rig.record.mcap_file import (
+    COPY,
+    CRC,
+    DIGEST,
+    MAGIC,
+    PROFILE,
+    Data,
+    Found,
+    Hole,
+    Message,
+    Messages,
+    checksum,
+    inside,
+    refuse_newer,
+    walk,
+)
+
+_OURS = {"scene.json", "setup.json"}
+_SHOWN = 3
+
+
+def why(
+    data: Data,
+    header: Header | None,
+    attachments: Mapping[str, Attachment],
+    metadata: Mapping[str, Mapping[str, str]],
+    schemas: Iterable[Schema],
+    channels: Iterable[Channel],
+) -> str:
+    """Return why nothing can be read from a file of which these records are intact; "" for a recording of a run.
+
+    One intact description is enough: a damaged recording is still a recording.
+    """
+    if _OURS & attachments.keys() or "log" in metadata or any(one.name.startswith("rig.") for one in schemas):
+        return ""
+    topics = sorted(one.topic for one in channels)
+    if header is not None and header.profile == PROFILE:
+        return "" if topics else "it breaks off before the description of its run, and nothing of it can be read"
+    if not len(data):
+        return "the file is empty"
+    if header is None and not topics:
+        if data[: len(MAGIC)] == MAGIC:
+            return "it breaks off before the description of its run, and nothing of it can be read"
+        return f"it is not an MCAP file: it begins with the bytes {data[:4].hex(' ')}, not {MAGIC[:4].hex(' ')}"
+    profile, library = (header.profile, header.library) if header is not None else ("", "")
+    made = " and ".join(
+        [
+            *([f"profile {profile[:40]!r}"] if profile else ["no profile"]),
+            *([f"library {library[:40]!r}"] * bool(library)),
+        ]
+    )
+    more = ", ..." if len(topics) > _SHOWN else ""
+    channel = f"; its channels: {', '.join(one[:40] for one in topics[:_SHOWN])}{more}" if topics else ""
+    return f"it is an MCAP file of another program ({made}{channel}); read it with that program"
+
+
+_FOOTER = 29  # bytes
+_OFFSET_HEAD = struct.pack("<BQ", Opcode.SUMMARY_OFFSET, 17)
+_OFFSET = len(_OFFSET_HEAD) + 17  # bytes of a summary offset
+_SLICE = 1 << 20
+
+
+@contextmanager
+def mapped(path: Path) -> Iterator[Data]:
+    """The bytes of a file. Raises LogError if they cannot be read."""
+    try:
+        if not regular(path):  # an empty file cannot be mapped
+            yield b""
+            return
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield data
+    except OSError as fault:
+        raise LogError(f"{path} cannot be read: {fault.strerror}") from None
+
+
+def summary_start(data: Data) -> int | None:
+    """Begin of the summary section, if its checksum proves it; else None."""
+    at = len(data) - _FOOTER - len(MAGIC)
+    found = next(walk(data, at), None) if at > 0 else None
+    if not isinstance(found, Found) or not isinstance(found.body, Footer):
+        return None
+    start, crc = _shifted(data, at, found.body), found.body.summary_crc
+    if not 0 < start <= at or crc == 0 or crc_of(data, start, found.end - 4) != crc:
+        return None
+    return start
+
+
+def _shifted(data: Data, at: int, footer: Footer) -> int:
+    """Begin of the summary of the footer at byte `at`, also in a file that lost or gained bytes before it."""
+    offsets = at
+    while offsets >= _OFFSET and data[offsets - _OFFSET : offsets - _OFFSET + 9] == _OFFSET_HEAD:
+        offsets -= _OFFSET
+    begin = footer.summary_offset_start
+    return footer.summary_start + (offsets - begin if begin else 0)
+
+
+def _slices(data: Data, begin: int, end: int) -> Iterator[bytes]:
+    return (data[at : min(at + _SLICE, end)] for at in range(begin, end, _SLICE))
+
+
+def crc_of(data: Data, begin: int, end: int) -> int:
+    """CRC-32 of the bytes from `begin` to `end`."""
+    found = 0
+    for part in _slices(data, begin, end):
+        found = zlib.crc32(part, found)
+    return found
+
+
+def sha256_of(data: Data, end: int) -> str:
+    """SHA-256 of the bytes up to `end` [64 hex digits]."""
+    found = hashlib.sha256()
+    for part in _slices(data, 0, end):
+        found.update(part)
+    return found.hexdigest()
+
 
 _SEQUENCE = 1 << 32
 _COPY = "a copy of a chunk before it,"

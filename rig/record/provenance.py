@@ -31,7 +31,7 @@ def provenance(seed: int, command: Sequence[str] = tuple(sys.argv)) -> dict[str,
 @cache
 def _process() -> dict[str, str]:
     """What stays the same while a process runs: its sources, as they were loaded, and the machine."""
-    from rig.kernel import source_key  # loads numba, which the recorder does not need
+    from rig.compiled.kernel import source_key  # loads numba, which the recorder does not need
 
     return {
         "kernel": source_key(),

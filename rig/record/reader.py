@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from rig.bus import columns, messages
-from rig.bus.columns import Columns
+from rig.bus import messages
+from rig.bus.messages import Columns
 from rig.bus.run_setup import Setup
 from rig.errors import BusError
 from rig.plants.structures import model_store
@@ -55,11 +55,11 @@ class Decoder:
         """Yield the columns of messages without text, in order; messages in a row with the same layout together."""
         for _, row in groupby(payloads, len):
             together = list(row)
-            found = columns.alike(messages.kind(topic, self._outputs), together) if len(together) > 1 else None
+            found = messages.alike(messages.kind(topic, self._outputs), together) if len(together) > 1 else None
             if found is not None and _consistent(found):
                 yield found
             else:
-                yield from (columns.single(one) for payload in together if (one := self(topic, payload)) is not None)
+                yield from (messages.single(one) for payload in together if (one := self(topic, payload)) is not None)
 
     def refused_text(self) -> str:
         """Return the number of undecodable messages by topic, in words; "" if there are none."""

@@ -1,15 +1,50 @@
-"""The description of the run that a recording contains."""
+"""The description of the run that a recording contains.
+
+Reduced models in a recording: one attachment per model, `model/<digest>`, compressed by zstd.
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Iterator
 from dataclasses import replace as changed
 from pathlib import Path
 
+import zstandard
+from mcap.records import Attachment
+
 from rig.bus.run_setup import Setup
 from rig.errors import LogError
-from rig.record import model_attachments
+from rig.plants.structures import model_store
 from rig.record.message_scan import Scan
+
+MEDIA_TYPE = "application/zstd"
+_FOLDER = "model/"
+_LARGEST = model_store.LIMIT  # bytes; a damaged length must not claim the memory of the machine
+
+
+def name(model: bytes) -> str:
+    """Return the name of the attachment for `model`."""
+    return _FOLDER + model_store.digest(model)
+
+
+def packed(model: bytes) -> bytes:
+    """Return the content of the attachment; equal models give equal bytes."""
+    return zstandard.ZstdCompressor(write_checksum=True).compress(model)
+
+
+def models(attachments: Iterable[Attachment]) -> Iterator[bytes]:
+    """Yield the models among `attachments`; one whose content does not match the digest in its name is left out."""
+    for one in attachments:
+        if one.name.startswith(_FOLDER):
+            try:
+                if zstandard.frame_content_size(one.data) > _LARGEST:
+                    continue
+                model = zstandard.ZstdDecompressor().decompress(one.data)
+            except zstandard.ZstdError:
+                continue
+            if name(model) == one.name:
+                yield model
 
 
 def head(path: Path) -> Scan:
@@ -28,11 +63,11 @@ def setup_of(scan: Scan) -> Setup:
     """
     scene = scan.attachments.get("scene.json")
     given = {"scene": scene.data.decode(errors="replace") if scene else ""}
-    models = tuple(model_attachments.models(scan.attachments.values()))
+    found_models = tuple(models(scan.attachments.values()))
     if (attached := scan.attachments.get("setup.json")) is None:
-        return changed(_derived(scan, given["scene"]), models=models)
+        return changed(_derived(scan, given["scene"]), models=found_models)
     try:
-        return changed(Setup.from_json({**json.loads(attached.data), **given}), models=models)
+        return changed(Setup.from_json({**json.loads(attached.data), **given}), models=found_models)
     except (KeyError, TypeError, ValueError) as fault:
         raise LogError(f"{scan.path} does not describe its run: {fault!r} is missing or unreadable") from None
 

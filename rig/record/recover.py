@@ -17,13 +17,13 @@ from mcap.reader import make_reader
 from mcap.records import Channel
 
 from rig.errors import LogError, OutputError, UsageError
+from rig.machine.files import regular, unused
 from rig.record.mcap_file import COPY
 from rig.record.mcap_file import Writer as Mcap
 from rig.record.message_scan import Scan
 from rig.record.reader import Decoder
 from rig.record.recorded_setup import setup_of
 from rig.record.writer import CHUNK, opened_new, synced
-from rig.user_files import regular, unused
 
 
 @dataclass(frozen=True)

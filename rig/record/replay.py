@@ -4,6 +4,13 @@ The recorded bytes are published unchanged, those of the plant and those of cont
 each step, the replay waits for the commands of the controllers that do: at any pace nothing is lost or overtaken, and
 a controller that is slower than the pace makes the replay late. A controller joins at the step at which it joined in
 the recording, and is replaced where a successor of its name took its place.
+
+The messages of a run, rebuilt from its arrays as plant and controllers publish them frame by frame.
+
+A recording saved from a Run instead of the bus has no steps, no states and no commands as controllers sent them. In one
+of a controller in the plant's process, only the first step of each batch of frames went over the bus.
+
+What a recording contains of one controller: its commands, changes of its parameters, when it took part.
 """
 
 from __future__ import annotations
@@ -11,9 +18,9 @@ from __future__ import annotations
 import json
 import time
 from array import array
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -21,23 +28,187 @@ from typing import Any, Protocol
 import numpy as np
 
 from rig import controllers
-from rig.bus import messages, topics
-from rig.bus.port import Session
-from rig.bus.queries import param_request
-from rig.bus.receivers import Receiver
+from rig.bus import encode, messages, topics
+from rig.bus.impaired_link import HeardSensor, ImpairedLink
+from rig.bus.port import Receiver, Session, param_request
 from rig.bus.run_setup import Setup
+from rig.bus.topics import BLOCK_NS, STATE_NS
 from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.errors import BusError, LogError
-from rig.placement import ANY
+from rig.machine.scheduling import ANY
 from rig.record.curves import derived
 from rig.record.message_scan import Record, Scan
 from rig.record.reader import Decoder
 from rig.record.reader import open as read
-from rig.record.rebuilt_traffic import RebuiltTraffic, sent
-from rig.record.recorded_controller import RecordedController
 from rig.record.recorded_setup import head, setup_of
 from rig.record.replay_report import Divergence, Replayed, TimingError
+from rig.record.run import Commands, Integers, Run
 from rig.scenes.scene import Scene
+
+_SAVED_ONLY = "contact"
+"""Kind of event that a run on the bus does not publish: there may be thousands a second."""
+
+
+@dataclass(frozen=True)
+class RebuiltTraffic:
+    """An iterable of the messages of `run`."""
+
+    run: Run
+    outputs: Sequence[str]
+    """The outputs of the plant, in the order of its states."""
+    heard: frozenset[str]
+    """Sensors of which a controller needs every sample."""
+    links: Callable[[], Mapping[str, ImpairedLink]] = dict
+    """Makes the impaired links as they were at the start of the run: sensor -> link over which it was heard."""
+
+    def __iter__(self) -> Iterator[Record]:
+        run, frame = self.run, self.run.frame_ns
+        series = list(run.measurements.values())
+        last = max((int(t_ns[-1]) for t_ns, _ in series if t_ns.size), default=-1) // frame
+        edges = np.arange(-1, last + 1) * frame  # frame k has the samples published in (t_{k-1}, t_k]
+        cuts = [np.searchsorted(t_ns, edges, "right") for t_ns, _ in series]
+        over = {name: HeardSensor(link) for name, link in self.links().items() if name in run.measurements}
+        acts = {name: sent(commands) for name, commands in run.commands.items()}
+        applied = {name: deque(zip(*(column.tolist() for column in rows))) for name, rows in run.commands.items()}
+        events = deque(event for event in run.events if event["kind"] != _SAVED_ONLY)
+        states = iter(self._states())
+        state = next(states, None)
+        first = (
+            round(float(run.time[0]) * 1e9) // frame if run.time.size else 0
+        )  # above 0 if it was recorded from there
+        for tick in range(first, last + 1):
+            now = tick * frame
+            yield from self._blocks(tick, last, cuts)
+            if state is not None and state.t_ns == now:
+                yield state
+                state = next(states, None)
+            while events and events[0]["t_ns"] <= now:
+                yield _event(events.popleft())
+            yield Record("step", self._step(tick, cuts, over), now, 0, now)
+            for name, known in acts.items():
+                if tick in known:
+                    yield Record(f"act/{name}", encode.act(tick, now, known[tick]), now, 0, now)
+            for name, rows in applied.items():
+                while rows and rows[0][0] <= tick:
+                    yield Record(f"applied/{name}", encode.applied(rows[0][0], now, *rows.popleft()[1:]), now, 0, now)
+        yield from map(_event, events)
+
+    def _blocks(self, tick: int, last: int, cuts: list[Integers]) -> Iterator[Record]:
+        """The blocks of measurements that are full at this tick."""
+        now, frames = tick * self.run.frame_ns, max(BLOCK_NS // self.run.frame_ns, 1)
+        if tick % frames == frames - 1 or tick == last:
+            for (name, (t_ns, v)), cut in zip(self.run.measurements.items(), cuts):
+                low, high = cut[tick - tick % frames], cut[tick + 1]
+                if high > low:
+                    yield Record(f"meas/{name}", encode.samples(tick, t_ns[low:high], v[low:high]), now, 0, now)
+
+    def _step(self, tick: int, cuts: list[Integers], over: Mapping[str, HeardSensor]) -> bytes:
+        series = list(self.run.measurements.items())
+        latest, fresh, new = np.full(len(series), np.nan), np.zeros(len(series), np.int64), {}
+        for i, ((name, (_, v)), cut) in enumerate(zip(series, cuts)):
+            low, high = cut[tick], cut[tick + 1]
+            samples = v[low:high]
+            if name in over:
+                samples = np.array(over[name].tick(tick, samples.tolist()), np.float64)
+                latest[i] = over[name].latest
+            elif high:
+                latest[i] = v[high - 1]
+            fresh[i] = len(samples)
+            if name in self.heard:
+                new[i] = samples
+        return encode.step(tick, tick * self.run.frame_ns, latest, fresh, new)
+
+    def _states(self) -> Iterator[Record]:
+        """The states at the rate of a run on the bus; none if an output was lost."""
+        run, frame = self.run, self.run.frame_ns
+        if not all(name in run.signals for name in self.outputs):
+            return
+        pack, every = encode.StateEncoder(len(self.outputs)), max(-(-STATE_NS // frame), 1) * frame
+        time_ns = np.rint(run.time * 1e9).astype(np.int64)
+        for i in np.flatnonzero(time_ns % every == 0).tolist():
+            now = int(time_ns[i])
+            mode = int(run.mode[i]) if run.mode.size else 0
+            values = np.array([run.signals[name][i] for name in self.outputs])
+            yield Record("state", pack(now, now // frame, mode, values), now, 0, now)
+
+
+def sent(commands: Commands) -> dict[int, tuple[float, ...]]:
+    """Return tick -> command as sent, where known: a clamped command differs from what the controller sent."""
+    columns = zip(commands.answered.tolist(), commands.status.tolist(), commands.values.tolist())
+    return {tick: tuple(values) for tick, status, values in columns if status == 0}
+
+
+def _event(event: dict[str, object]) -> Record:
+    t_ns = int(event["t_ns"])  # type: ignore[call-overload]
+    return Record(f"event/{event['source']}", messages.event(**event), t_ns, 0, t_ns)  # type: ignore[arg-type]
+
+
+@dataclass
+class RecordedController:
+    """The recorded messages of the controller `name`.
+
+    `saved`: of a run in one process, whose controllers work from the begin to the end and publish nothing themselves.
+    """
+
+    name: str
+    saved: bool
+    answers: dict[int, tuple[float, ...]] = field(default_factory=dict)
+    """Tick -> command as it was sent."""
+    tuned: dict[int, dict[str, Any]] = field(default_factory=dict)
+    """Tick after which parameters were changed -> changes."""
+    lives: list[list[int]] = field(default_factory=list)
+    """First and last tick of each process of this name that answered: one that was killed may have a successor."""
+    _here: bool = False
+    _number: int = 0
+
+    def note(self, record: Record, content: Any) -> None:
+        """Add a message of the recording, if it is about this controller."""
+        kind, _, sender = record.topic.partition("/")
+        if kind == "event" and sender == "plant" and content.kind == "begin":
+            self._here = self.name in _data(content).get("here", ())
+        elif kind == "event" and sender == self.name and content.kind == "parameter":
+            data = _data(content)
+            self._tune(data.get("after_tick"), data.get("set"))
+        elif kind == "event" and sender == "plant" and content.kind == "parameter" and self.saved:
+            self._note_protocol(content)
+        elif kind == "act" and sender == self.name:
+            self.answers[content.tick] = tuple(content.values)
+            if not self.saved:
+                self._live(content.tick, record.seq)
+
+    def _note_protocol(self, content: Any) -> None:
+        """Add a change by the protocol."""
+        begin, changes = f"controllers.{self.name}.", _data(content).get("set")
+        if isinstance(changes, dict):
+            mine = {key.removeprefix(begin): value for key, value in changes.items() if key.startswith(begin)}
+            if mine:
+                self._tune(content.tick - 1, mine)  # it is made before the step of that tick is answered
+
+    def _tune(self, tick: Any, changes: Any) -> None:
+        if isinstance(tick, int) and isinstance(changes, dict):  # otherwise time or content is unknown: skip it
+            self.tuned.setdefault(tick, {}).update(changes)
+
+    def _live(self, tick: int, number: int) -> None:
+        if not self.lives:
+            self.lives.append([0 if self._here else tick, tick])
+        elif number < self._number:  # a process counts its messages from 0
+            self.lives.append([tick, tick])
+        self.lives[-1][1], self._number = tick, number
+
+    @property
+    def begins(self) -> list[int]:
+        """The ticks at which a process of this controller joined, at least one."""
+        return [first for first, _ in self.lives] or [0]
+
+    def silent_at(self, tick: int) -> bool:
+        """Whether the recording lacks the command that answers this step, although the controller took part."""
+        return tick not in self.answers and any(first <= tick <= last for first, last in self.lives)
+
+
+def _data(event: Any) -> dict[str, Any]:
+    data = json.loads(event.data or "{}")
+    return data if isinstance(data, dict) else {}
+
 
 PATIENCE_S = 5.0
 """Longest wait for the answer to one step. # chosen"""

@@ -1,16 +1,46 @@
-"""What a run holds, as plain data; `rig.record.run.Run` adds what is done with it."""
+"""What a run holds, as plain data; `rig.record.run.Run` adds what is done with it.
+
+The names by which a user selects the channels of a run, and the answer to a name that does not exist.
+
+Samples at even times: their places on the grid, the gaps between them, and short gaps bridged by straight lines.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from time import time_ns
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import ControllerFailed, LogError
+from rig.errors import ControllerFailed, LogError, UsageError
+from rig.record.film_points import listed
 from rig.scenes.faults import close
+
+MEASURED, TRUE = "meas/", "truth/"
+"""Prefix of a name that a sensor and a plant output share: it selects the output."""
+
+
+def signals(run: RunData) -> dict[str, str]:
+    """Return name and unit of every sensor and plant output of a recording."""
+    sensors = {name: run.units.get(MEASURED + name, "") for name in run.measurements}
+    return listing(sensors, {name: run.units.get(name, "") for name in run.signals})
+
+
+def listing(sensors: Mapping[str, str], outputs: Mapping[str, str]) -> dict[str, str]:
+    """Return the names by which sensors and outputs (name -> unit) are selected, with their units."""
+    return {**sensors, **{TRUE * (name in sensors) + name: unit for name, unit in outputs.items()}}
+
+
+def unknown(name: str, names: Mapping[str, str], where: str = "recording") -> UsageError:
+    """Return the error for a name that is not among the `names` [name -> unit] of a recording or a run."""
+    near = get_close_matches(name, names, 3, 0.5)
+    hint = f"did you mean {', '.join(near)}? " if near else ""
+    return UsageError(f"no {name!r} in this {where}: {hint}known: {', '.join(listed(names)) or 'none'}")
+
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -92,7 +122,7 @@ class RunData:
     begin_ns: int = 0
     """Simulated time of the begin of a window [ns]."""
     checkpoints: dict[int, bytes] = field(default_factory=dict)
-    """Frame -> state of plant and instruments at its begin, where a run can be continued (rig.bench.checkpoint)."""
+    """Frame -> state of plant and instruments at its begin, where a run can be continued (rig.bench.run.checkpoint)."""
     sealed: bool = True
     """Whether checksums prove every byte of the recording; those of older versions have no digest."""
 
@@ -128,3 +158,80 @@ class RunData:
     def notes(self) -> list[str]:
         """Return warnings that a reader needs before using numbers from the recording."""
         return [note for note in (self.damage, self.recovered) if note]
+
+
+BRIDGED = 4  # samples: the longest gap that a line bridges
+_UNEVEN = 0.01  # of a period: times are rounded to nanoseconds, and a period is 1 us at least
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Samples `v` [n] every `period_ns`, at `t_ns` [n]; missing ones are NaN, their times are computed."""
+
+    t_ns: Integers
+    v: Reals
+    period_ns: float
+
+    @property
+    def rate(self) -> float:
+        """Samples per second [Hz]."""
+        return 1e9 / self.period_ns
+
+
+def places(t_ns: Integers) -> Integers:
+    """Return the index of each sample from its time [ns], the first being 0; samples may be missing, times are
+    rounded.
+    """
+    gaps = np.diff(t_ns)
+    if not gaps.size:
+        return np.zeros(t_ns.size, np.int64)
+    period = gaps[gaps < 1.5 * gaps.min()].mean()
+    return np.concatenate([[0], np.cumsum(np.rint(gaps / period))]).astype(np.int64)
+
+
+def period(t_ns: Integers) -> float:
+    """Return the time between two samples [ns]; 0 for less than two, and for times that do not increase."""
+    return float(t_ns[-1] - t_ns[0]) / float(places(t_ns)[-1]) if t_ns.size > 1 and increasing(t_ns) else 0.0
+
+
+def increasing(t_ns: Integers) -> bool:
+    """Return whether each time is later than the one before."""
+    return bool((np.diff(t_ns) > 0).all())
+
+
+def grid(name: str, samples: Samples) -> Grid:
+    """Return the samples of `name` on their grid. Raises UsageError for less than two, and for times that are
+    uneven or do not increase.
+    """
+    t_ns, v = samples
+    if t_ns.size < 2:
+        count = f"{t_ns.size} sample{'s' * (t_ns.size != 1)}"
+        raise UsageError(f"{name}: the recording has {count} of it; a rate needs at least two")
+    if not increasing(t_ns):
+        raise UsageError(f"{name}: its times do not increase; export it without --rate, and not as wav")
+    at, step = places(t_ns), period(t_ns)
+    if np.abs(t_ns - t_ns[0] - at * step).max() > _UNEVEN * step:
+        raise UsageError(f"{name}: its times are not evenly spaced; export it without --rate, and not as wav")
+    times = t_ns[0] + np.rint(np.arange(at[-1] + 1) * step).astype(np.int64)
+    times[at] = t_ns
+    values = np.full(times.size, np.nan)
+    values[at] = v
+    return Grid(times, values, step)
+
+
+def gaps(v: Reals) -> list[tuple[int, int]]:
+    """Return the gaps: index of the first missing (not finite) sample and of the sample after the last one."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], ~np.isfinite(v), [False]))))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def bridge(v: Reals) -> tuple[Reals, int]:
+    """Interpolate gaps of up to `BRIDGED` samples linearly; return the samples and the number of interpolated ones."""
+    v, count = v.copy(), 0
+    known = np.flatnonzero(np.isfinite(v))
+    values = v[known]
+    for a, b in gaps(v):
+        if b - a <= BRIDGED and 0 < a and b < v.size:
+            v[a:b] = np.interp(np.arange(a, b), known, values)
+            count += b - a
+    return v, count

@@ -1,4 +1,10 @@
-"""The list of the recordings in a folder, with an index so that only new and changed files are read."""
+"""The list of the recordings in a folder, with an index so that only new and changed files are read.
+
+The outputs of a run by their roles, as the parts of its scene declare them: the drives, the phase portrait.
+
+Nothing is known for a run whose scene is lost. Both functions raise Untrusted if the scene needs code that is not
+trusted, and PartError if that code is damaged.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +17,37 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from rig.errors import LogError
+from rig.errors import LogError, SceneError
+from rig.machine.files import DATA
+from rig.machine.files import contents as read_file
+from rig.model.assembly import Output, portrait
 from rig.record import user_notes
 from rig.record.contents import SUFFIX, Contents, contents
 from rig.record.recorded_setup import head, setup_of
+from rig.record.run import Run
 from rig.record.user_notes import Notes
-from rig.user_files import DATA
-from rig.user_files import contents as read_file
+from rig.scenes.scene import Scene
+
+
+def drives(run: Run) -> list[str]:
+    """Return the outputs of `run` that are the speed of a drive, those in rad/s first."""
+    found = [name for name, output in _outputs(run).items() if output.role == "drive"]
+    return sorted(found, key=lambda name: run.units.get(name) != "rad/s")
+
+
+def portrait_pair(run: Run) -> tuple[str, str] | None:
+    """Return displacement and velocity of the phase portrait among the outputs of `run`; None without such a pair."""
+    return portrait(_outputs(run))
+
+
+def _outputs(run: Run) -> dict[str, Output]:
+    """The declared outputs that the run holds."""
+    try:
+        rows = Scene.from_json(run.scene).assemble().outputs
+    except SceneError:
+        return {}
+    return {name: output for name, output in rows.items() if name in run.signals}
+
 
 INDEX = ".runs.json"
 _FORMAT = 2

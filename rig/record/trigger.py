@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rig.bus import messages
 from rig.errors import UsageError
 from rig.quantities import finite
-from rig.record.names import MEASURED, TRUE, unknown
+from rig.record.run_data import MEASURED, TRUE, unknown
 from rig.units import with_point
 
 _FORM = re.compile(r"(?P<bars>\|?)\s*(?P<name>[\w.\-/]+)\s*(?P<end>\|?)\s*(?P<sense>[<>])\s*(?P<level>[^<>|]+)")

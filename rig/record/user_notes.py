@@ -16,10 +16,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rig.errors import LogError, OutputError, UsageError
+from rig.machine.files import contents, takes
 from rig.printable import unprintable
 from rig.record.contents import digest
 from rig.record.recorded_setup import head, setup_of
-from rig.user_files import contents, takes
 
 LONGEST = 10_000
 """Most characters of one note."""

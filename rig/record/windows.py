@@ -23,10 +23,10 @@ from google.protobuf.message import DecodeError
 from rig.bus import topics
 from rig.bus.run_setup import Setup
 from rig.errors import LogError, OutputError, UsageError
+from rig.machine.files import unused
 from rig.record.message_scan import Scan
 from rig.record.trigger import Trigger
 from rig.record.writer import Writer
-from rig.user_files import unused
 
 _SLACK_NS = 100_000_000
 """Simulated time kept beyond both ends of a window: the samples of a sensor come in blocks of 20 ms."""

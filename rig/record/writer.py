@@ -30,14 +30,14 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from rig import file_locks
 from rig.bus import messages, topics
 from rig.bus.run_setup import Setup
 from rig.errors import BusError, OutputError
-from rig.record import curves, model_attachments
+from rig.machine import files
+from rig.machine.files import WRITTEN, takes
+from rig.record import curves, recorded_setup
 from rig.record.mcap_file import COPY, FORMAT
 from rig.record.mcap_file import Writer as Mcap
-from rig.user_files import WRITTEN, takes
 
 CHUNK = 256 * 1024
 _Waiting = tuple[int, str, bytes, int, int]
@@ -56,7 +56,7 @@ def opened_new(path: Path, replace: bool) -> BinaryIO:
     takes(path)
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | _OWN, 0o666)  # what is cut leaves no hole
     try:
-        if not file_locks.free(file):
+        if not files.free(file):
             raise OSError(errno.EBUSY, WRITTEN)
         if os.fstat(file).st_size:
             if not replace:
@@ -132,8 +132,8 @@ class Writer:
         for name, text in (("scene.json", setup.scene), ("setup.json", changed(setup, scene="", models=()).to_text())):
             self._mcap.attach(copy + name, "application/json", text.encode(), now)
         for model in setup.models:
-            name, packed = model_attachments.name(model), model_attachments.packed(model)
-            self._mcap.attach(copy + name, model_attachments.MEDIA_TYPE, packed, now)
+            name, packed = recorded_setup.name(model), recorded_setup.packed(model)
+            self._mcap.attach(copy + name, recorded_setup.MEDIA_TYPE, packed, now)
         self._mcap.note(copy + "provenance", setup.provenance)
         self._mcap.note(copy + "log", {"made": self._made, "run": setup.run, "format": str(FORMAT)})
         if self._trigger is not None:

@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Any
 from rig.scenes.shipped import names, path
 
 if TYPE_CHECKING:
-    from rig.scenes.clock import Clock
     from rig.scenes.loader import load
     from rig.scenes.places import Origin
+    from rig.scenes.protocol import Clock
     from rig.scenes.scene import Scene
 
 __all__ = ["Clock", "Origin", "Scene", "load", "names", "path"]

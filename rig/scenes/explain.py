@@ -12,14 +12,14 @@ from typing import Any
 from pydantic import BaseModel
 
 from rig.about import Bound
-from rig.model.film_system import add_film_states
+from rig.model.assembly import add_film_states
 from rig.parts import Binary
 from rig.quantities import ORIGINS, Section
-from rig.scenes.effects import about, optional
 from rig.scenes.part_faults import per_second
 from rig.scenes.places import Origin, Place
 from rig.scenes.scene import Scene
 from rig.scenes.sections import known, values_of
+from rig.scenes.variants import about, optional
 
 DEFAULT = Origin("default")
 UNSTATED = Origin("not stated")

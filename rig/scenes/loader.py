@@ -16,15 +16,14 @@ from rig.errors import PartError, SceneError
 from rig.parts import Code, calling, code_of
 from rig.plants import PLANTS
 from rig.quantities import Section
-from rig.scenes import checks, compiled_checks, faults, inherit, own_values, rooms
-from rig.scenes.clock import Clock
+from rig.scenes import checks, faults, inherit, rooms, sections
 from rig.scenes.merged import MOST, OWN, Merged
 from rig.scenes.network import Network
 from rig.scenes.network import checks as network_checks
 from rig.scenes.part_faults import checks as part_faults_checks
 from rig.scenes.part_faults import faults_of
 from rig.scenes.places import Place
-from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Known, Load, Mark, Ramp, Step, flat, knock_durations
+from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Clock, Known, Load, Mark, Ramp, Step, flat, knock_durations
 from rig.scenes.rooms import CONTROLLERS, SENSORS, assembled
 from rig.scenes.scene import Scene
 from rig.scenes.sections import known
@@ -69,7 +68,7 @@ class _Reading:
         """The scene, or None if there are faults."""
         raw = self._tables.raw
         clock = self._section(Clock, "clock", raw.get("clock", {}))
-        seed = own_values.seed(self._tables)
+        seed = sections.seed(self._tables)
         plant, parameters = self._plant()
         sensors = self._named("sensors", SENSORS)
         controllers = self._named("controllers", CONTROLLERS)
@@ -87,7 +86,7 @@ class _Reading:
         protocol = self._protocol(names)
         if assembly is not None:
             knock.add(assembly, knock_durations(protocol))
-        limits = own_values.limits(self._tables, assembly)
+        limits = sections.limits(self._tables, assembly)
         part_faults = faults_of(self._tables, names)
         if clock is not None:
             self._tables.report(checks.periods(clock, controllers, raw))
@@ -100,7 +99,7 @@ class _Reading:
             self._tables.report(checks.readings(sensors, assembly.outputs, plant))
         if names.whole:
             self._tables.report(checks.wiring(controllers, sensors, names.inputs, plant))
-            self._tables.report(compiled_checks.units(controllers, sensors, names.inputs))
+            self._tables.report(checks.units(controllers, sensors, names.inputs))
             self._compiled(controllers, sensors, parameters, frame_ns)
             self._tables.report(checks.hands_off(protocol, controllers))
             ramped = {step.target: "ramped" for step in flat(protocol) if isinstance(step, Load | Ramp)}
@@ -111,7 +110,7 @@ class _Reading:
                 inputs = assembled(parameters, frame_ns, held).inputs if held else assembly.inputs
                 given = raw.get("faults")
                 self._tables.report(part_faults_checks(part_faults, sensors, inputs, plant, frame_ns, given))
-        title, about = own_values.text(self._tables, "title", name), own_values.text(self._tables, "about", "").strip()
+        title, about = sections.text(self._tables, "title", name), sections.text(self._tables, "about", "").strip()
         if self._tables.faults or clock is None or parameters is None:
             return None
         return Scene(
@@ -143,7 +142,7 @@ class _Reading:
         moved = {actuator: "held" for one in compiled.values() for actuator in one.connected_actuators}
         made = assembled(parameters, frame_ns, moved)
         inputs = {name: one for name, one in made.inputs.items() if name in moved}
-        self._tables.report(compiled_checks.algebraic_loops(compiled, sensors, made.outputs, inputs))
+        self._tables.report(checks.algebraic_loops(compiled, sensors, made.outputs, inputs))
 
     def _fault(self, key: str, line: str) -> None:
         self._tables.report([(key, line)])

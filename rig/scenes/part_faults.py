@@ -29,11 +29,11 @@ from annotated_types import Ge, Le
 from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_validator
 
 from rig.quantities import Nanoseconds, Section, quantity
-from rig.scenes.checks import Fault as Line
 from rig.scenes.checks import whole_frames
 from rig.scenes.faults import lines, near, shown
 from rig.scenes.merged import Merged
 from rig.scenes.protocol import Known, Length, read_in_unit_of
+from rig.scenes.source import Fault as Line
 
 Factor: Any = quantity("1", Ge(0.0), Le(1.0))
 

@@ -20,14 +20,12 @@ from rig.plants.structures import model_store
 from rig.quantities import Section, faults_of
 from rig.results import Result
 from rig.scenes import migration, rooms
-from rig.scenes.clock import Clock
 from rig.scenes.faults import shown
 from rig.scenes.network import Link, Network
 from rig.scenes.part_faults import PART_FAULTS, ActuatorFault, PartFault
 from rig.scenes.places import Origin, Place
-from rig.scenes.protocol import STEPS, Load, Ramp, Set, Step, flat, knock_durations
-from rig.scenes.sections import dump, values_of
-from rig.scenes.step_sequences import longest_ns
+from rig.scenes.protocol import STEPS, Clock, Load, Ramp, Set, Step, flat, knock_durations
+from rig.scenes.sections import dump, longest_ns, values_of
 from rig.sensors.chain.instants import common_step
 
 if TYPE_CHECKING:

@@ -1,18 +1,33 @@
-"""The sections of a scene: their values by dotted key, and what controllers read and drive."""
+"""The sections of a scene: their values by dotted key, and what controllers read and drive.
+
+The values of a scene that belong to no part: its texts, its seed, its limits. Faults are reported to its tables.
+
+The steps of a protocol in their order, with repeats unrolled: their number and their duration.
+
+Controllers in files, added to a scene by its user: the changes of the scene that name them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from itertools import count
+from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
+from annotated_types import Gt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from rig.controllers import controller_class, controller_reads
+from rig.controllers import controller_class, controller_reads, kind_of_file
 from rig.controllers.blocks.base import gets_every_sample
-from rig.quantities import Range, Section, Unit
+from rig.errors import UsageError
+from rig.parts import is_file
+from rig.quantities import Range, Section, Unit, finite
+from rig.scenes import faults
 from rig.scenes.faults import unit_of
-from rig.scenes.protocol import Known
+from rig.scenes.merged import Merged
+from rig.scenes.protocol import Known, Repeat, duration_ns
 
 
 def dump(section: Section) -> dict[str, Any]:
@@ -85,3 +100,103 @@ def known(assembly: Any, parameters: Section, sensors: Mapping[str, Any], contro
         sensors={name: s.unit for name, s in sensors.items()},
         controllers=frozenset(controllers),
     )
+
+
+def text(tables: Merged, key: str, default: str) -> str:
+    """The title, or the description."""
+    found = tables.raw.get(key, default)
+    if not isinstance(found, str):
+        _fault(tables, key, f"{key} = {faults.shown(found)}: expected a text")
+        return ""
+    return found
+
+
+def seed(tables: Merged) -> int:
+    """The seed of noise; 0 by default."""
+    found = tables.raw.get("seed", 0)
+    if isinstance(found, bool) or not isinstance(found, int) or found < 0:
+        _fault(tables, "seed", f"seed = {faults.shown(found)}: expected a whole number, at least 0")
+        return 0
+    return found
+
+
+def limits(tables: Merged, assembly: Any) -> dict[str, float]:
+    """The limits of outputs beyond which a run goes to its safe state: name -> largest absolute value [SI]."""
+    raw = tables.raw.get("limits", {})
+    if not isinstance(raw, dict):
+        _fault(tables, "limits", f"limits = {faults.shown(raw)}: expected a table of outputs")
+        return {}
+    if assembly is None:
+        return {}
+    limits = {}
+    for name, given in raw.items():
+        key = f"limits.{name}"
+        if name not in assembly.outputs:
+            _fault(tables, key, f"{key}: this rig has no such output; {faults.near(name, assembly.outputs)}")
+            continue
+        unit = assembly.outputs[name].unit
+        try:
+            limits[name] = finite(given, unit, Gt(0.0))
+        except ValueError as error:
+            _fault(tables, key, f"{key} = {faults.shown(given)}: {faults.reworded(str(error), given)}")
+    return limits
+
+
+def _fault(tables: Merged, key: str, line: str) -> None:
+    tables.report([(key, line)])
+
+
+def unrolled(steps: Iterable[Any]) -> Iterator[Any]:
+    """The steps in order, with repeats unrolled; endless if a step repeats for ever."""
+    for step in steps:
+        if isinstance(step, Repeat):
+            for _ in count() if step.times == "forever" else range(step.times):
+                yield from unrolled(step.steps)
+        else:
+            yield step
+
+
+def number(steps: Iterable[Any]) -> int | None:
+    """Number of steps with repeats unrolled; None if they never end."""
+    return _total(steps, lambda _: 1)
+
+
+def least_ns(steps: Iterable[Any]) -> int | None:
+    """Least duration of the steps [ns], waits without any time; None if they never end."""
+    return _total(steps, duration_ns)
+
+
+def longest_ns(steps: Iterable[Any]) -> int | None:
+    """Longest duration of the steps [ns], waits with their timeout; None if they never end."""
+    return _total(steps, partial(duration_ns, waits=True))
+
+
+def _total(steps: Iterable[Any], of: Callable[[Any], int]) -> int | None:
+    """The sum of `of` over the steps with repeats unrolled; None if they never end."""
+    total = 0
+    for step in steps:
+        if not isinstance(step, Repeat):
+            total += of(step)
+            continue
+        inner = _total(step.steps, of)
+        if inner is None or step.times == "forever":
+            return None
+        total += inner * step.times
+    return total
+
+
+def changes(files: Mapping[str, str | Path]) -> dict[str, object]:
+    """The changes (dotted key -> value) that add controllers to a scene; `files`: name -> file.
+
+    A Python file is a kind of its own; the suffix of any other file selects the kind that reads it. A controller of the
+    scene with the same name is replaced. Raises UsageError for a file that is not there or that no kind reads.
+    """
+    found: dict[str, object] = {}
+    for name, file in files.items():
+        if not Path(file).is_file():
+            raise UsageError(f"controller {name}: there is no file {file}")
+        if is_file(str(file)):
+            found[f"controllers.{name}.kind"] = str(file)
+        else:
+            found |= {f"controllers.{name}.kind": kind_of_file(Path(file)), f"controllers.{name}.file": str(file)}
+    return found

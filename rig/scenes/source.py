@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import SceneError
+from rig.machine.files import contents
 from rig.quantities import ORIGINS
 from rig.scenes.faults import TAGS, shown, unknown_choice
 from rig.scenes.places import Origin
 from rig.units import brief
-from rig.user_files import contents
 
 FIXED = ("format", "based_on", "title", "plant", "about", "protocol")
 _POSITION = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")

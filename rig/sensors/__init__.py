@@ -18,7 +18,7 @@ Where an output jumps at a sample instant, the instrument reads the value before
 the effect of the command that it causes.
 
 The package `chain` contains the parts that all instruments share.
-The compiled code that runs them in every frame is in rig.solve.sampling and rig.solve.pole_response.
+The compiled code that runs them in every frame is in rig.solve.sampling and rig.solve.expm.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.kernel import inlined, inner, kernel
+from rig.compiled.kernel import inlined, inner, kernel
 from rig.solve import film_steps
-from rig.solve.column_blocks import multiply
+from rig.solve.column_blocks import LANE, dot, multiply
 from rig.solve.contact_state import (
     CHATTER,
     CHECK,
@@ -19,13 +19,10 @@ from rig.solve.contact_state import (
 )
 from rig.solve.exact import FULL
 from rig.solve.forces import inputs
-from rig.solve.lanes import LANE
 from rig.solve.places import write_outputs
-from rig.solve.records import BEYOND, EVENTS, EVENTS_BEFORE, KEY, PENDING, PLACE, REACHED, REPEAT, TICK
-from rig.solve.rows import dot
+from rig.solve.records import BEYOND, EVENTS, EVENTS_BEFORE, G_NEXT, KEY, PENDING, PLACE, REACHED, REPEAT, TICK
 from rig.solve.segment_output import nearly_full
 from rig.solve.specialised import any_shape, call
-from rig.solve.state_codes import G_NEXT
 
 TALLIED = 256
 _FLUSH = 1e-150
@@ -35,8 +32,8 @@ _FLUSH = 1e-150
 def advance(tables, loan, begin, origin, ticks):
     """Advance the state from row `origin` of the log to row `ticks`. Returns a status.
 
-    `tables`, `loan`: Tables and MotionRecords, lent (rig.lent_records). If the status asks for a mode set or for more
-    room for segments, the caller provides it and calls again without `begin`.
+    `tables`, `loan`: Tables and MotionRecords, lent (rig.compiled.records). If the status asks for a mode set or for
+    more room for segments, the caller provides it and calls again without `begin`.
     """
     state = loan.state
     if begin:

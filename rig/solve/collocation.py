@@ -3,7 +3,7 @@
 x' = A x + b T(x). Where A has states that decay or vibrate within a tiny part of a tick, an explicit method needs steps
 as short as that. Here the linear part is exact at every length of a step, as in rig.solve.exact. In a cell of
 step / 2^level the inputs T, the friction forces and products, are polynomials through their values at the nodes among
-PLACES (rig.solve.stiff_cells). The states there are rows over the state at the begin and these values; both are found
+PLACES (rig.solve.exact). The states there are rows over the state at the begin and these values; both are found
 by fixed-point iteration. A cell is accepted if, at the checks, the inputs and the polynomials of states, guards and
 outputs are right within the tolerance; otherwise the next one is half as long. If even the shortest cell is too long
 for a steep law, dopri5 takes an explicit step of this length, which is then stable.
@@ -15,17 +15,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.kernel import inlined, inner
+from rig.compiled.kernel import inlined, inner
+from rig.solve.column_blocks import LANE, ROUND, dot, rounding
 from rig.solve.contact_state import project_stick
-from rig.solve.exact import evaluate_series
+from rig.solve.exact import CHECKS, PLACES, POWERS, evaluate_series
 from rig.solve.forces import inputs
-from rig.solve.lanes import LANE
 from rig.solve.places import add_powers, inputs_at
 from rig.solve.records import NEXT_LENGTH, PLACE, REACHED, TICK, TRIALS
 from rig.solve.roots import NONE, first_crossing
-from rig.solve.rows import ROUND, dot, rounding
-from rig.solve.segments import DEGREE
-from rig.solve.stiff_cells import CHECKS, PLACES, POWERS
+from rig.solve.segment_output import DEGREE
 
 SHORT = -2  # of `take_cell`: the shortest cell is too long
 _SHARE = 0.7  # share of the tolerance that an error at a check may use
@@ -183,7 +181,7 @@ def row_noise(row, row_t, w):
 
 @inner
 def first_event_of_cell(t, mode_set, w):
-    """The first event of any guard in the cell, as in rig.solve.dense_output.first_event: place, guard, doubtful."""
+    """The first event of any guard in the cell, as in rig.solve.dopri5.first_event: place, guard, doubtful."""
     first, guard, doubtful, poly = NONE, -1, False, w.poly
     for g in range(t.guards[mode_set]):
         row, row_t = t.G[mode_set, g], t.GT[mode_set, g]

@@ -5,25 +5,233 @@
 The vector code is explicit, because the compiler's own code for such a product keeps its sums in memory and takes twice
 as long. On a processor with narrower registers the compiler splits the vectors; sums and their rounding
 stay the same.
+
+Rows over the state: their product with it, the rounding error of this product, and whether they are zero.
+
+Eight numbers at once: a type of compiled code with + - *, for the same formula at several instants.
+
+Each lane is rounded like the same formula on numbers, with the same fused operations. On a processor with narrower
+registers the compiler splits the vectors; results stay the same.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic
+from numba.core.datamodel import models
+from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, register_model
 from numpy.typing import NDArray
 
-from rig.solve import lanes
-from rig.solve.lanes import LANE
+from rig.compiled.kernel import fused, inner
+
+ROUND = 64.0 * 2.2e-16
+
+
+@inner
+def dot(row, x):
+    """The product row . x, summed in index order."""
+    s = 0.0
+    for j in range(row.shape[0]):
+        s += row[j] * x[j]
+    return s
+
+
+@inner
+def rounding(row, x):
+    """The size of the rounding error of row . x."""
+    s = 0.0
+    for j in range(row.shape[0]):
+        s += abs(row[j] * x[j])
+    return s * ROUND
+
+
+@fused
+def is_zero(row):
+    """Whether every entry of a row is zero."""
+    for j in range(row.shape[0]):
+        if row[j] != 0.0:
+            return False
+    return True
+
+
+LANE = 8
+VECTOR = ir.VectorType(ir.DoubleType(), LANE)
+_FLAGS = ("contract",)
+_WORD = ir.IntType(32)
+
+
+class LanesType(types.Type):  # type: ignore[misc]
+    """The type of LANE numbers."""
+
+    def __init__(self) -> None:
+        super().__init__(name="Lanes")
+
+
+LANES = LanesType()
+
+
+@register_model(LanesType)
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, dmm: Any, fe_type: Any) -> None:
+        super().__init__(dmm, fe_type, VECTOR)
+
+
+def spread(builder: Any, number: Any) -> Any:
+    """Emit a vector with the same number in all lanes."""
+    none = ir.Constant(VECTOR, ir.Undefined)
+    alone = builder.insert_element(none, number, ir.Constant(_WORD, 0))
+    return builder.shuffle_vector(alone, none, ir.Constant(ir.VectorType(_WORD, LANE), [0] * LANE))
+
+
+def load(builder: Any, data: Any, offset: Any) -> Any:
+    """Emit the vector that begins at data[offset]; it need not be aligned."""
+    found = builder.load(builder.bitcast(builder.gep(data, [offset]), VECTOR.as_pointer()))
+    found.align = 8
+    return found
+
+
+def store(builder: Any, vector: Any, data: Any, offset: Any) -> None:
+    """Emit the store of a vector to data, beginning at data[offset]."""
+    builder.store(vector, builder.bitcast(builder.gep(data, [offset]), VECTOR.as_pointer())).align = 8
+
+
+def add_product(builder: Any, a: Any, b: Any, total: Any) -> Any:
+    """Emit the vector a b + total, rounded once where the processor can."""
+    return builder.fadd(builder.fmul(a, b, flags=_FLAGS), total, flags=_FLAGS)
+
+
+def sum_by_halves(builder: Any, vector: Any) -> Any:
+    """Emit the sum of all lanes: the upper half is added to the lower half until one number is left."""
+    size = LANE
+    while size > 1:
+        size //= 2
+        kind = ir.VectorType(_WORD, size)
+        none = ir.Constant(vector.type, ir.Undefined)
+        low, high = (
+            builder.shuffle_vector(vector, none, ir.Constant(kind, list(range(first, first + size))))
+            for first in (0, size)
+        )
+        vector = builder.fadd(low, high)
+    return builder.extract_element(vector, ir.Constant(_WORD, 0))
+
+
+def _define(operation: Any, emit: str) -> None:
+    pairs = [(LANES, LANES), (LANES, types.float64), (types.float64, LANES)]
+    cases = [signature(LANES, *pair) for pair in pairs]
+    infer_global(operation)(type(f"_Lanes_{emit}", (ConcreteTemplate,), {"key": operation, "cases": cases}))
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        a, b = (
+            one if kind == LANES else spread(builder, one) for kind, one in zip(signature.args, arguments, strict=True)
+        )
+        return getattr(builder, emit)(a, b, flags=_FLAGS)
+
+    for pair in pairs:
+        lower_builtin(operation, *pair)(codegen)
+
+
+for _operation, _emit in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+    _define(_operation, _emit)
+
+
+def _data(context: Any, builder: Any, kind: Any, array: Any) -> Any:
+    return context.make_array(kind)(context, builder, array).data
+
+
+def _alike(typing: Any, number: Any) -> Any:
+    """The same number in all lanes."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return spread(builder, arguments[0])
+
+    return LANES(types.float64), codegen
+
+
+def _lanes(typing: Any, row: Any) -> Any:
+    """The first LANE numbers of a contiguous row."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return load(builder, _data(context, builder, row, arguments[0]), context.get_constant(types.intp, 0))
+
+    return LANES(row), codegen
+
+
+def _write(typing: Any, values: Any, row: Any) -> Any:
+    """Write all lanes to the begin of a contiguous row."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data, first = _data(context, builder, row, arguments[1]), context.get_constant(types.intp, 0)
+        store(builder, arguments[0], data, first)
+        return context.get_dummy_value()
+
+    return types.none(LANES, row), codegen
+
+
+def _lane(typing: Any, values: Any, k: Any) -> Any:
+    """The number in lane k."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.extract_element(arguments[0], builder.trunc(arguments[1], _WORD))
+
+    return types.float64(LANES, types.intp), codegen
+
+
+def _total(typing: Any, values: Any) -> Any:
+    """The sum of all lanes."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return sum_by_halves(builder, arguments[0])
+
+    return types.float64(LANES), codegen
+
+
+def _between(typing: Any, least: Any, values: Any, most: Any) -> Any:
+    """Whether every lane is between two numbers; False if one is not a number."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        least, values, most = arguments
+        above = builder.fcmp_ordered(">", values, spread(builder, least))
+        below = builder.fcmp_ordered("<", values, spread(builder, most))
+        bits = builder.bitcast(builder.and_(above, below), ir.IntType(LANE))
+        return builder.icmp_unsigned("==", bits, ir.Constant(ir.IntType(LANE), (1 << LANE) - 1))
+
+    return types.boolean(types.float64, LANES, types.float64), codegen
+
+
+def _pick(typing: Any, table: Any, places: Any) -> Any:
+    """The entries of a table at `places`, which are whole numbers from 0 to its length."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = _data(context, builder, table, arguments[0])
+        at = builder.fptoui(arguments[1], ir.VectorType(_WORD, LANE))
+        found = ir.Constant(VECTOR, ir.Undefined)
+        for k in range(LANE):
+            lane = ir.Constant(_WORD, k)
+            place = builder.zext(builder.extract_element(at, lane), ir.IntType(64))
+            found = builder.insert_element(found, builder.load(builder.gep(data, [place])), lane)
+        return found
+
+    return LANES(table, LANES), codegen
+
+
+alike: Any = intrinsic(_alike)
+lanes: Any = intrinsic(_lanes)
+write: Any = intrinsic(_write)
+lane: Any = intrinsic(_lane)
+total: Any = intrinsic(_total)
+between: Any = intrinsic(_between)
+pick: Any = intrinsic(_pick)
+
 
 Array = NDArray[np.float64]
 BLOCK = 16
-_ZERO = ir.Constant(lanes.VECTOR, [0.0] * LANE)
+_ZERO = ir.Constant(VECTOR, [0.0] * LANE)
 
 
 def zeros(shape: int | tuple[int, ...]) -> Array:
@@ -52,7 +260,7 @@ def _whole(value: int) -> Any:
 
 def _place(builder: Any) -> Any:
     """Storage for one vector, which the compiler keeps in a register."""
-    return cgutils.alloca_once(builder, lanes.VECTOR)  # type: ignore[no-untyped-call]
+    return cgutils.alloca_once(builder, VECTOR)  # type: ignore[no-untyped-call]
 
 
 def _arrays(context: Any, builder: Any, signature: Any, arguments: Any) -> list[Any]:
@@ -78,15 +286,15 @@ def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any)
                 builder.store(_ZERO, total)
             begin = builder.mul(builder.add(first, block), size)
             with cgutils.for_range(builder, length) as loop:  # type: ignore[no-untyped-call]
-                factor = lanes.spread(builder, builder.load(builder.gep(x.data, [loop.index])))
+                factor = spread(builder, builder.load(builder.gep(x.data, [loop.index])))
                 row = builder.add(begin, builder.mul(loop.index, _whole(BLOCK)))
                 for k, total in enumerate(sums):
                     other = builder.add(row, builder.mul(size, _whole(k // of_block)))
-                    values = lanes.load(builder, table.data, builder.add(other, _whole(LANE * (k % of_block))))
-                    builder.store(lanes.add_product(builder, factor, values, builder.load(total)), total)
+                    values = load(builder, table.data, builder.add(other, _whole(LANE * (k % of_block))))
+                    builder.store(add_product(builder, factor, values, builder.load(total)), total)
             begin = builder.mul(block, _whole(BLOCK))
             for k, total in enumerate(sums):
-                lanes.store(builder, builder.load(total), out.data, builder.add(begin, _whole(LANE * k)))
+                store(builder, builder.load(total), out.data, builder.add(begin, _whole(LANE * k)))
 
         pairs = builder.lshr(count, _whole(1))
         with cgutils.for_range(builder, pairs) as loop:  # type: ignore[no-untyped-call]
@@ -110,16 +318,16 @@ def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
         with cgutils.for_range(builder, builder.udiv(width, _whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
             begin = builder.mul(block.index, _whole(BLOCK))
             places = [builder.add(begin, _whole(LANE * k)) for k in range(BLOCK // LANE)]
-            columns = [lanes.load(builder, x.data, at) for at in places]
+            columns = [load(builder, x.data, at) for at in places]
             with cgutils.for_range(builder, rows) as row:  # type: ignore[no-untyped-call]
                 own = builder.load(builder.gep(x.data, [row.index]))
-                factor = lanes.spread(builder, builder.fmul(weight, own))
+                factor = spread(builder, builder.fmul(weight, own))
                 first = builder.mul(row.index, width)
                 for at, column in zip(places, columns):
                     place = builder.add(first, at)
-                    lanes.store(
+                    store(
                         builder,
-                        lanes.add_product(builder, factor, column, lanes.load(builder, total.data, place)),
+                        add_product(builder, factor, column, load(builder, total.data, place)),
                         total.data,
                         place,
                     )
@@ -140,24 +348,22 @@ def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         low, rise, share, x, now, out = _arrays(context, builder, signature, arguments)
         count, width = (builder.extract_value(low.shape, axis) for axis in range(2))
-        part = lanes.spread(builder, share)
+        part = spread(builder, share)
 
         def several(first: Any, vectors: int) -> None:
             sums = [_place(builder) for _ in range(vectors)]
             for total in sums:
                 builder.store(_ZERO, total)
             with cgutils.for_range(builder, count) as row:  # type: ignore[no-untyped-call]
-                factor = lanes.spread(builder, builder.load(builder.gep(x.data, [row.index])))
+                factor = spread(builder, builder.load(builder.gep(x.data, [row.index])))
                 begin = builder.add(first, builder.mul(row.index, width))
                 for k, total in enumerate(sums):
                     at = builder.add(begin, _whole(LANE * k))
-                    value = lanes.add_product(
-                        builder, part, lanes.load(builder, rise.data, at), lanes.load(builder, low.data, at)
-                    )
-                    lanes.store(builder, value, now.data, at)
-                    builder.store(lanes.add_product(builder, factor, value, builder.load(total)), total)
+                    value = add_product(builder, part, load(builder, rise.data, at), load(builder, low.data, at))
+                    store(builder, value, now.data, at)
+                    builder.store(add_product(builder, factor, value, builder.load(total)), total)
             for k, total in enumerate(sums):
-                lanes.store(builder, builder.load(total), out.data, builder.add(first, _whole(LANE * k)))
+                store(builder, builder.load(total), out.data, builder.add(first, _whole(LANE * k)))
 
         _in_blocks(builder, width, several)
         return context.get_dummy_value()
@@ -200,19 +406,17 @@ def _across(typing: Any, table: Any, weights: Any, out: Any) -> Any:
             def several(lane: Any, vectors: int) -> None:
                 for k in range(vectors):
                     at = builder.add(lane, _whole(LANE * k))
-                    weight = lanes.load(builder, weights.data, at)
+                    weight = load(builder, weights.data, at)
                     for begin, row in zip(begins, sums):
-                        value = lanes.load(builder, table.data, builder.add(begin, at))
-                        builder.store(lanes.add_product(builder, weight, value, builder.load(row[k])), row[k])
+                        value = load(builder, table.data, builder.add(begin, at))
+                        builder.store(add_product(builder, weight, value, builder.load(row[k])), row[k])
 
             _in_blocks(builder, width, several)
             for i, row in enumerate(sums):
                 whole = builder.load(row[0])
                 for total in row[1:]:
                     whole = builder.fadd(whole, builder.load(total))
-                builder.store(
-                    lanes.sum_by_halves(builder, whole), builder.gep(out.data, [builder.add(first, _whole(i))])
-                )
+                builder.store(sum_by_halves(builder, whole), builder.gep(out.data, [builder.add(first, _whole(i))]))
 
         pairs = builder.lshr(count, _whole(1))
         with cgutils.for_range(builder, pairs) as pair:  # type: ignore[no-untyped-call]

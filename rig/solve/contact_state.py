@@ -10,13 +10,11 @@ of network energy is added to the energy balance.
 
 from __future__ import annotations
 
-from rig.kernel import inlined, inner
+from rig.compiled.kernel import inlined, inner
+from rig.solve.column_blocks import ROUND, dot, rounding
 from rig.solve.energy_balance import SWITCH, network_energy
-from rig.solve.forces import inputs
-from rig.solve.friction_coefficient import SMOOTH
-from rig.solve.records import KEY, PENDING, REPEAT, SEARCH_BEGAN_AT
-from rig.solve.rows import ROUND, dot, rounding
-from rig.solve.state_codes import (
+from rig.solve.forces import SMOOTH, inputs
+from rig.solve.records import (
     G_CLOSE,
     G_LIMIT_BACK,
     G_LIMIT_LOW,
@@ -24,6 +22,10 @@ from rig.solve.state_codes import (
     G_OPEN,
     G_RELEASE_PLUS,
     G_SLIP,
+    KEY,
+    PENDING,
+    REPEAT,
+    SEARCH_BEGAN_AT,
     SLIP_MINUS,
     SLIP_PLUS,
     STICK,

@@ -1,6 +1,6 @@
 """Controllers inside the compiled loop: calls the controllers that are due and puts their commands into force.
 
-Nearly every command takes this path (rig.bench.exchange): it arrives at its tick, has finite values, and comes into
+Nearly every command takes this path (rig.bench.run.exchange): it arrives at its tick, has finite values, and comes into
 force after the stated delay of its loop, as a state of the rig. All other cases are left to the caller. In that case
 nothing has been put into force at that tick, and the answers already given are kept.
 """
@@ -15,7 +15,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rig.kernel import inner
+from rig.compiled.kernel import inner
 
 CONTROLLER = np.dtype(
     [

@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inner
+from rig.compiled.kernel import inner
 
 Array = NDArray[np.float64]
 NAMES = ("drive", "friction", "damper", "forces", "normal", "resistor", "switch")

@@ -3,6 +3,35 @@
 Inputs are speed-dependent friction forces and products. The arrays of the mode set are taken from the tables once for a
 stretch of steps. Functions that run many times in a step are inlined into their callers. Both bring plain array code
 close to the speed of C.
+
+Friction coefficient over slip speed for kernels: a code and a row of numbers.
+
+A law is smooth for speeds v > 0 and is continued smoothly below zero (never through |v|), so that a trial step over the
+instant of sticking keeps its order. One runtime switch selects the law. It costs about a nanosecond beside the
+exponential, and one compiled solver serves every rig.
+
+    COULOMB      mu_k                                           constant: propagators stay exact
+    STRIBECK     mu_d + (mu_s - mu_d) exp(-v / v_s)             Kroeger et al. 2008, characteristic A
+    FALLING      max(mu_0 - slope v, floor)                     ibid., characteristic B
+    TABLE        monotone cubic (PCHIP) through given points    constant beyond the last
+    SEAL         mixed / (1 + decay v) + film sqrt(v + offset)  ibid., equation 3.1; continued linearly below v = 0
+    SMOOTH       tanh(v / scale) times another law at |v|       for comparison only: passes through rest, never sticks
+
+Products: the nonlinear terms in the equations of a rig, e.g. x y, C (cos k phi - 1), N sin k phi.
+
+A product is an input of the equations, like a speed-dependent friction force: rows refer to it, and its value is
+computed from the state. Its factors are states, the sine or the versine of an angle (cosine minus one, negative; the
+angle is a row over the state), the positive part of a row (a contact that presses and never pulls), normal forces and
+friction forces. Products are evaluated in levels, so that none depends on itself:
+
+    level 0   states, angles, presses   these may enter a normal force
+    level 1   with a normal force
+    level 2   with a friction force  these must not act on what a stuck contact needs
+
+A random input: a new number at the begin of every frame, held until the next.
+
+It acts on the rig through a row, like a command. A sticking contact therefore carries it, and the energy balance
+includes its work.
 """
 
 from __future__ import annotations
@@ -12,14 +41,211 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inlined, inner
-from rig.solve.exponential import exponential_factors
-from rig.solve.friction_coefficient import STRIBECK, coefficient
-from rig.solve.product_inputs import early_products, late_products
-from rig.solve.rows import dot
+from rig.compiled.kernel import inlined, inner, kernel
+from rig.solve.column_blocks import dot
+from rig.solve.expm import exponential_factors
 from rig.solve.specialised import has_products, state_count
 
+COULOMB, STRIBECK, FALLING, TABLE, SEAL, SMOOTH = range(6)
+
+
+@inner
+def _interval(p, v):
+    count = int(p[0])
+    lo, hi = 0, count - 2
+    while lo < hi:
+        mid = (lo + hi + 1) // 2
+        if p[1 + mid] <= v:
+            lo = mid
+        else:
+            hi = mid - 1
+    return lo, 1 + count + 4 * lo
+
+
+@inner
+def _from_table(p, v):
+    count = int(p[0])
+    if v >= p[count]:
+        return p[1 + count + 4 * (count - 1)]
+    i, at = _interval(p, v)
+    d = v - p[1 + i]
+    return p[at] + d * (p[at + 1] + d * (p[at + 2] + d * p[at + 3]))
+
+
+@inner
+def _seal_slope(p, v):
+    fall = 1.0 / (1.0 + p[1] * v)
+    return 0.5 * p[2] / np.sqrt(v + p[3]) - p[0] * p[1] * fall * fall
+
+
+@inner
+def _seal(p, v):
+    u = max(v, 0.0)  # both terms have a pole or a branch point below zero
+    return p[0] / (1.0 + p[1] * u) + p[2] * np.sqrt(u + p[3]) + (v - u) * _seal_slope(p, u)
+
+
+@inlined
+def unsmoothed(code, p, v):
+    """The coefficient of a law without smoothing."""
+    if code == STRIBECK:
+        m = p[0] + p[1] * np.exp(-v * p[2])
+    elif code == COULOMB:
+        m = p[0]
+    elif code == FALLING:
+        m = max(p[0] - p[1] * v, p[2])
+    elif code == SEAL:
+        m = _seal(p, v)
+    else:
+        m = _from_table(p, v)
+    return m
+
+
+@inner
+def _smooth(p, v):
+    return np.tanh(v / p[0]) * unsmoothed(int(p[1]), p[2:], abs(v))
+
+
+@inner
+def coefficient(code, p, v):
+    """The coefficient of a law (`code`, numbers `p`) at slip speed v [m/s]."""
+    if code == SMOOTH:
+        m = _smooth(p, v)
+    else:
+        m = unsmoothed(code, p, v)
+    return m
+
+
+@kernel
+def coefficients(code, p, speeds, values):
+    """values[i] = `coefficient` at speeds[i]."""
+    for i in range(values.shape[0]):
+        values[i] = coefficient(code, p, speeds[i])
+
+
+@inner
+def slope(code, p, v):
+    """The slope d mu / d v [s/m] of a law (`code`, numbers `p`)."""
+    if code != SMOOTH:
+        return _slope(code, p, v)
+    rise, inside = np.tanh(v / p[0]), int(p[1])
+    change = np.sign(v) * rise * _slope(inside, p[2:], abs(v))
+    return change + (1.0 - rise * rise) / p[0] * unsmoothed(inside, p[2:], abs(v))
+
+
+@inner
+def _slope(code, p, v):
+    if code == COULOMB:
+        return 0.0
+    if code == STRIBECK:
+        return -p[1] * p[2] * np.exp(-v * p[2])
+    if code == FALLING:
+        return -p[1] if p[0] - p[1] * v > p[2] else 0.0
+    if code == SEAL:
+        return _seal_slope(p, max(v, 0.0))
+    count = int(p[0])
+    if v >= p[count]:
+        return 0.0
+    i, at = _interval(p, v)
+    d = v - p[1 + i]
+    return p[at + 1] + d * (2.0 * p[at + 2] + d * 3.0 * p[at + 3])
+
+
 Array = NDArray[np.float64]
+STATE, SINE, VERSINE, NORMAL, FRICTION, PRESS = range(6)
+
+
+class ProductTables(NamedTuple):
+    """All products of a system for the kernels, in the order of their levels, with scratch for their factors."""
+
+    patches: NDArray[np.int64]  # [1] number of friction forces, which precede the products among the inputs
+    upto: NDArray[np.int64]  # [3] number of products up to each level
+    first: NDArray[np.int64]  # [product + 1] first factor of each
+    place: NDArray[np.int64]  # [factor] its index in `values`
+    angles: Array  # [angle, n]
+    presses: Array  # [press, n]
+    values: Array  # everything that may be a factor, stored one after the other:
+    state: Array  # [n]
+    sine: Array  # [angle]
+    versine: Array  # [angle]
+    normal: Array  # [normal]
+    friction: Array  # [patch]
+    pressed: Array  # [press]
+
+
+@inner
+def _fill(t, begin, end, T):
+    """T of the products `begin` to `end` - 1."""
+    p = t.products
+    for j in range(begin, end):
+        value = 1.0
+        for f in range(p.first[j], p.first[j + 1]):
+            value *= p.values[p.place[f]]
+        T[p.patches[0] + j] = value
+
+
+@inner
+def early_products(t, mode_set, x, T):
+    """T of the products of levels 0 and 1, and 0 for inputs not known yet, because rows sum over all inputs."""
+    p = t.products
+    if p.upto[2] == 0:
+        return
+    for i in range(T.shape[0]):
+        T[i] = 0.0
+    for i in range(x.shape[0]):
+        p.state[i] = x[i]
+    for a in range(p.angles.shape[0]):
+        angle = dot(p.angles[a], x)
+        half = np.sin(0.5 * angle)
+        p.sine[a], p.versine[a] = np.sin(angle), -2.0 * half * half
+    for a in range(p.presses.shape[0]):
+        p.pressed[a] = max(dot(p.presses[a], x), 0.0)
+    _fill(t, 0, p.upto[0], T)
+    if p.upto[2] > p.upto[0]:
+        for k in range(p.normal.shape[0]):
+            p.normal[k] = dot(t.press[mode_set, k], x) + dot(t.press_t[mode_set, k], T)
+        _fill(t, p.upto[0], p.upto[1], T)
+
+
+@inner
+def late_products(t, mode_set, x, T):
+    """T of the products of level 2."""
+    p = t.products
+    if p.upto[2] > p.upto[1]:
+        for q in range(p.friction.shape[0]):
+            p.friction[q] = dot(t.friction[mode_set, q], x) + dot(t.friction_t[mode_set, q], T)
+        _fill(t, p.upto[1], p.upto[2], T)
+
+
+PLACE, DRAWN = range(2)  # of RandomNumbers.at
+
+
+class RandomNumbers(NamedTuple):
+    """Random numbers drawn in advance.
+
+    `at`: PLACE, index of the state that contains the number (-1: none); DRAWN, number of used numbers.
+    """
+
+    at: NDArray[np.int64]  # [2]
+    numbers: NDArray[np.float64]
+
+
+def no_random_numbers() -> RandomNumbers:
+    """The record for a rig without a random input."""
+    return RandomNumbers(np.array([-1, 0]), np.zeros(0))
+
+
+@inner
+def used_up(random_numbers: Any) -> bool:
+    """Whether no number is left for another frame."""
+    return random_numbers.at[PLACE] >= 0 and random_numbers.at[DRAWN] == random_numbers.numbers.shape[0]  # type: ignore[no-any-return]
+
+
+@inner
+def write_next_number(random_numbers: Any, x: Any) -> None:
+    """Write the next number to the state that holds it; keep that state if no number is left."""
+    if random_numbers.at[PLACE] >= 0 and not used_up(random_numbers):
+        x[random_numbers.at[PLACE]] = random_numbers.numbers[random_numbers.at[DRAWN]]
+        random_numbers.at[DRAWN] += 1
 
 
 class RightHandSide(NamedTuple):

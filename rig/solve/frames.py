@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rig.kernel import inlined, kernel
+from rig.compiled.kernel import inlined, kernel
 from rig.solve.advance import begin_block
 from rig.solve.contact_state import DONE, LOOK
 from rig.solve.control_loop import COUNT, NOW, ControllerTables, run_controllers
-from rig.solve.random_input import RandomNumbers, used_up, write_next_number
+from rig.solve.forces import RandomNumbers, used_up, write_next_number
 from rig.solve.records import BEYOND, EVENTS, REACHED
 from rig.solve.sampling import GATHERED, SHORT, WAITING, InstrumentTables, gather_frame, run_instruments
 from rig.solve.specialised import any_shape, call
@@ -58,7 +58,7 @@ def begin_frame(tables, work, state, seg, instruments, origin):
 def advance_frames(tables, loan, begin, first, last, steps, surroundings):
     """Advance plant and instruments from row `first` of the log to row `last`, `steps` rows per frame.
 
-    `surroundings`: Surroundings, lent (rig.lent_records); its controllers act from the second frame on. The other
+    `surroundings`: Surroundings, lent (rig.compiled.records); its controllers act from the second frame on. The other
     arguments and the status are those of `advance`. Returns LOOK if it ended early because the caller has to act;
     ic[REACHED] is the row reached.
     """

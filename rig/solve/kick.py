@@ -22,11 +22,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inlined, inner
-from rig.solve.column_blocks import gather, multiply
+from rig.compiled.kernel import inlined, inner
+from rig.solve.column_blocks import ROUND, dot, gather, multiply, rounding
 from rig.solve.contact_state import apply_event
 from rig.solve.records import KEY, PLACE, REACHED, TICK
-from rig.solve.rows import ROUND, dot, rounding
 from rig.solve.segment_output import emit_chord, nearly_full
 
 Array = NDArray[np.float64]

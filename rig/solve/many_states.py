@@ -3,11 +3,11 @@
     columns of a mode set   E | certificates of the guards   and, if sensors read, coefficients of the outputs
 
 A cell is a tick, or a half, a quarter ... of it, in which the fastest eigenvalue turns by at most two radians. Over a
-cell the state is a polynomial of degree ORDER, x(u) = sum_k u^k P_k x, economised (rig.model.economisation), and so is
-everything that is linear in it. A guard is certified over a tick by the Bernstein coefficients of a polynomial of low
-degree. They bound it from below after `margin`.|x| is subtracted, which bounds the truncation error of that degree. A
-guard that is not certified is evaluated with its polynomial of full degree. The tick is subdivided only if this one has
-a zero.
+cell the state is a polynomial of degree ORDER, x(u) = sum_k u^k P_k x, economised (rig.model.many_states_tables), and
+so is everything that is linear in it. A guard is certified over a tick by the Bernstein coefficients of a polynomial of
+low degree. They bound it from below after `margin`.|x| is subtracted, which bounds the truncation error of that degree.
+A guard that is not certified is evaluated with its polynomial of full degree. The tick is subdivided only if this one
+has a zero.
 
 The energy of a term over a tick is x.W x. The energy over all ticks in a mode set is therefore the sum of W[i, j] S[i,
 j] with S = sum x x^T: a tick only adds to S, and the terms are computed when they are read. The same holds for the
@@ -22,12 +22,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inlined, inner, kernel
-from rig.solve.column_blocks import BLOCK, gather, multiply
+from rig.compiled.kernel import inlined, inner, kernel
+from rig.solve.column_blocks import BLOCK, gather, multiply, rounding
 from rig.solve.roots import DEGREE as ORDER
 from rig.solve.roots import NONE, first_crossing
-from rig.solve.rows import rounding
-from rig.solve.segments import DEGREE
+from rig.solve.segment_output import DEGREE
 
 Array = NDArray[np.float64]
 QUICK = 4  # degree of a certificate

@@ -6,13 +6,11 @@ of the time of a run with sensors.
 
 from __future__ import annotations
 
-from rig.kernel import inlined, inner
+from rig.compiled.kernel import inlined, inner
+from rig.solve.column_blocks import LANE, alike, is_zero, lane, lanes, total, write
 from rig.solve.energy_balance import RESISTOR
-from rig.solve.exponential import exponential_factors, exponential_factors_of_lanes, has_lane_factors
-from rig.solve.forces import inputs
-from rig.solve.friction_coefficient import STRIBECK, coefficient
-from rig.solve.lanes import LANE, alike, lane, lanes, total, write
-from rig.solve.rows import is_zero
+from rig.solve.expm import exponential_factors, exponential_factors_of_lanes, has_lane_factors
+from rig.solve.forces import STRIBECK, coefficient, inputs
 from rig.solve.segment_output import quartic_coefficients
 
 PART = 5

@@ -1,4 +1,7 @@
-"""The records on which a kernel works: state and scratch of a motion, the log it writes, the plan it follows."""
+"""The records on which a kernel works: state and scratch of a motion, the log it writes, the plan it follows.
+
+Codes of contact states and of guards, as mode sets and kernels number them.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.segments import Segments
+from rig.solve.segment_output import Segments
+
+SLIP_PLUS, SLIP_MINUS, STICK = range(3)
+CLOSED, OPEN = range(2)
+LINEAR, LOW, HIGH = range(3)
+# kinds of guards: what happens when the guard falls through zero
+G_SLIP, G_RELEASE_PLUS, G_RELEASE_MINUS, G_OPEN, G_CLOSE = range(5)
+G_LIMIT_LOW, G_LIMIT_HIGH, G_LIMIT_BACK, G_NEXT, G_PREVIOUS = range(5, 10)
+GUARD_NAMES = (
+    "slip ends",
+    "releases +",
+    "releases -",
+    "opens",
+    "closes",
+    "clamps low",
+    "clamps high",
+    "unclamps",
+    "enters the next",
+    "enters the one before",
+)
+
 
 Array = NDArray[np.float64]
 (
@@ -37,7 +60,7 @@ PLACES = STEP_LENGTH + 1
 
 
 class Workspace(NamedTuple):
-    """Scratch memory of one motion, allocated once (rig.model.workspace). n: number of states."""
+    """Scratch memory of one motion, allocated once (rig.model.tables). n: number of states."""
 
     k: Array  # [7, n] derivatives at the stages of a step
     y: Array  # [n] state at the end of a step, or at a quadrature node

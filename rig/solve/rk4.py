@@ -7,14 +7,13 @@ alike.
 
 from __future__ import annotations
 
-from rig.kernel import inlined, inner
-from rig.lent_records import lent
+from rig.compiled.kernel import inlined, inner
+from rig.compiled.records import lent
+from rig.solve.column_blocks import lanes, rounding, write
 from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.forces import derivative, guard_at, right_hand_side
-from rig.solve.lanes import lanes, write
 from rig.solve.places import PART, add_powers, inputs_at, write_output_quartic
 from rig.solve.records import CROSSED, KEY, PLACE, REACHED, STEP_LENGTH, TICK
-from rig.solve.rows import rounding
 from rig.solve.segment_output import close_segment, nearly_full
 from rig.solve.specialised import any_shape, call, is_nonlinear, local, state_count
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.kernel import inner
+from rig.compiled.kernel import inner
 
 DEGREE = 12
 NONE = 2.0

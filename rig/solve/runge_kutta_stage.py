@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import fused, inlined, inner
+from rig.compiled.kernel import fused, inlined, inner
 from rig.solve.column_blocks import multiply
-from rig.solve.exponential import exponential_factors
-from rig.solve.forces import derivative, inputs, right_hand_side
-from rig.solve.friction_coefficient import STRIBECK, coefficient
+from rig.solve.expm import exponential_factors
+from rig.solve.forces import STRIBECK, coefficient, derivative, inputs, right_hand_side
 from rig.solve.records import KEY
 from rig.solve.specialised import call, has_products, local, state_count
 

@@ -11,18 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import fused, inner, kernel
-from rig.solve.pole_response import (
-    PART,
-    PEEK,
-    RESIDUE,
-    STATE,
-    STEP,
-    degree_of,
-    pole_weights,
-    polynomial,
-    state_after,
-)
+from rig.compiled.kernel import fused, inner, kernel
+from rig.solve.expm import PART, PEEK, RESIDUE, STATE, STEP, degree_of, pole_weights, polynomial, state_after
 
 # One instrument: its properties, then its state. Sample n is published at `sample_instant` n and taken `delay` earlier.
 INSTRUMENT = np.dtype(

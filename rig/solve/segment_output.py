@@ -1,18 +1,39 @@
 """Writes the outputs that sensors read, segment by segment.
 
 Linear mode sets give Taylor polynomials. A segment is at most half a reciprocal norm long; the error of nine terms is
-then 5e-9. (rig.solve.stiff_cells writes longer ones in stiff mode sets.) Mode sets with speed-dependent friction give
+then 5e-9. (rig.solve.exact writes longer ones in stiff mode sets.) Mode sets with speed-dependent friction give
 the quartic through five points of the dense output. A method checks before each step whether the buffers are
 `nearly_full`, and stops there until they have been enlarged.
+
+Outputs over one frame as piecewise polynomials: smooth inside each segment, jumps only between segments.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
-from rig.kernel import inlined, inner
-from rig.solve.rows import is_zero
-from rig.solve.segments import DEGREE, Segments
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compiled.kernel import inlined, inner
+from rig.solve.column_blocks import is_zero
+
+DEGREE = 8
+
+
+class Segments(NamedTuple):
+    """The outputs over one frame, for the instruments.
+
+    Output j in segment i:  y_j(start[i] + u length[i]) = sum_k coef[i, j, k] u^k,  0 <= u <= 1.
+
+    The first count[0] segments cover the frame without a gap. None straddles a sample step or an event, and none has
+    length 0. The arrays are buffers: longer than needed, overwritten in each frame.
+    """
+
+    count: NDArray[np.int64]  # type: ignore[assignment]  # [1]; tuple.count is not needed
+    start: NDArray[np.float64]  # [capacity], s after the start of the frame
+    length: NDArray[np.float64]  # [capacity], s
+    coef: NDArray[np.float64]  # [capacity, signals, DEGREE + 1]
 
 
 def empty_segments(signals: int, capacity: int) -> Segments:

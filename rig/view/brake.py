@@ -19,8 +19,24 @@ from numpy.typing import NDArray
 from rig.model.system import System
 from rig.stability.linearisation import sliding_key, steady
 from rig.view import contact
-from rig.view.base import Picture, Scale, round_down
-from rig.view.shapes import DISC, MARK, STEEL, Columns, Integers, Log, Reals, Shape, about, along, spring, word, zigzag
+from rig.view.base import (
+    DISC,
+    MARK,
+    STEEL,
+    Columns,
+    Integers,
+    Log,
+    Picture,
+    Reals,
+    Scale,
+    Shape,
+    about,
+    along,
+    round_down,
+    spring,
+    word,
+    zigzag,
+)
 
 if TYPE_CHECKING:
     from rig.model.assembly import Assembly

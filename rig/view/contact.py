@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rig.errors import SceneError
 from rig.model.assembly import Assembly
 from rig.model.system import System
-from rig.solve.state_codes import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
+from rig.solve.records import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene

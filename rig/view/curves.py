@@ -1,26 +1,199 @@
-"""Curves of a run over time and the text above them, common to all figures of runs."""
+"""Curves of a run over time and the text above them, common to all figures of runs.
+
+The caption of a figure: what the run was, and how it went.
+
+The course of a run as time spans: phases of the protocol, marks, and when each controller worked.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
 from enum import Enum
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.record.run import Reals, Run
-from rig.view import contact, timeline
-from rig.view.caption import scene_of
+from rig.model.system import System
+from rig.record.run import Integers, Reals, Run
+from rig.view import contact
 from rig.view.channels import Channels
 from rig.view.palette import ALARM, GREEN, LINES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+def scene_of(run: Run) -> dict[str, Any]:
+    """The scene of a run from its JSON text; empty if the text is no JSON object."""
+    try:
+        found = json.loads(run.scene)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def caption(axes: Axes, run: Run, modes: Integers) -> None:
+    """Write the caption of `run`; the stick share comes from `modes`, the contact states [contact, row]."""
+    axes.set_axis_off()
+    rows = [("scene", scene_of(run).get("name", "")), *_rows(run, modes)]
+    for i, (name, text) in enumerate(rows):
+        y = 1.0 - i / 6.2
+        axes.text(-0.04, y, name, transform=axes.transAxes, ha="right", va="top", fontsize=9.5, color="#777777")
+        axes.text(0.0, y, text, transform=axes.transAxes, va="top", fontsize=9.5, color="#111111")
+
+
+def _rows(run: Run, modes: Integers) -> list[tuple[str, str]]:
+    """Rows (name, text) of the caption."""
+    summary = run.summary
+    plant = summary.get("plant", {}) if isinstance(summary.get("plant"), dict) else {}
+    steps = f"{run.step_ns / 1e6:g} ms"
+    rows = [("integration", f"{plant.get('method', 'unknown')}, {steps} samples, {plant.get('events', 0)} events")]
+    if modes.size:
+        mean = f", mean of {len(modes)} contacts" if len(modes) > 1 else ""
+        rows.append(("stick share", f"{(modes == 0).mean():.1%} of {end_of(run):g} s{mean}"))
+    if run.energy:
+        supplied = run.energy.get("drive", run.energy.get("supplied", 0.0))
+        rows.append(("energy", f"{supplied:.4g} J from the drive, residual {abs(run.energy.get('error', 0.0)):.0e}"))
+    timing = summary.get("timing", {})
+    if "verdict" in summary:
+        worst = f", worst frame {timing['worst_us'] / 1e3:.3g} ms late" if timing else ""
+        rows.append(("timing", f"{summary['verdict']}{worst}"))
+    else:
+        rows.append(("timing", "simulated without a clock"))
+    if provenance := {k: run.provenance[k] for k in ("commit", "version") if run.provenance.get(k)}:
+        rows.append(("made with", ", ".join(f"{k} {v[:12]}" for k, v in provenance.items())))
+    return rows
+
+
+class Span(NamedTuple):
+    """A time span from `begin` to `end` [s], with its text."""
+
+    begin: float
+    end: float
+    text: str
+
+
+class Mark(NamedTuple):
+    """A mark at `time` [s], with its text."""
+
+    time: float
+    text: str
+
+
+def begin_of(run: Run) -> float:
+    """Time of the first sample of the run [s]: above 0 for a window of a longer run."""
+    return float(run.time[0]) if run.time.size else 0.0
+
+
+def end_of(run: Run) -> float:
+    """Time of the last sample of the run [s]."""
+    return float(run.time[-1]) if run.time.size else 0.0
+
+
+def phases(run: Run) -> list[Span]:
+    """The steps of the protocol that have a duration."""
+    steps = [(e["t_ns"] * 1e-9, _short(e["text"])) for e in run.plant_events if e["kind"] == "step"]
+    ends = [t for t, _ in steps[1:]] + [end_of(run)]
+    return [Span(begin, end, text) for (begin, text), end in zip(steps, ends) if end > begin]
+
+
+def _short(text: str) -> str:
+    """A short form: "ramp drive.speed to 0.3 rad/s within 2 s" becomes "drive.speed to 0.3 rad/s"."""
+    text = text.partition(" within ")[0]
+    text = text.replace("load load.force", "load").removeprefix("ramp ")
+    return "hold" if text.startswith("hold") else text
+
+
+def marks_of(run: Run) -> list[Mark]:
+    """Marks of the protocol, an operator or a limit, and changes of parameters that controllers reported."""
+    kinds = ("mark", "knock", "fault", "limit", "emergency", "diverged", "parameter", "safe")
+    own = [e for e in run.events if e["kind"] == "parameter" and e["source"] in run.commands]
+    events = sorted([*(e for e in run.plant_events if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
+    found: dict[int, list[str]] = {}
+    for e in events:
+        found.setdefault(e["t_ns"], []).append(_marked(e))
+    return [Mark(t_ns * 1e-9, ", ".join(texts)) for t_ns, texts in found.items()]
+
+
+def _marked(event: Mapping[str, Any]) -> str:
+    """The text of a mark: of a fault its name, else the first line of the event."""
+    if event["kind"] == "fault" and (name := event["data"].get("fault")):
+        return str(name) if event["data"].get("begins") else f"{name} over"
+    return str(event["text"]).partition("\n")[0]
+
+
+def controlled(run: Run) -> list[Span]:
+    """Spans in which each controller worked (was connected and enabled), in order of time."""
+    found: list[Span] = []
+    for name in sorted(run.commands):
+        found += _controlled(
+            run.plant_events, name, _enabled_at(run.scene, name), end_of(run), bool(run.commands[name].tick.size)
+        )
+    return sorted(found)
+
+
+def _controlled(
+    events: Iterable[Mapping[str, Any]], name: str, enabled: float, end: float, commands: bool
+) -> list[Span]:
+    switches = [
+        (e["t_ns"] * 1e-9, e["kind"] == "connected")
+        for e in events
+        if e["kind"] in ("connected", "disconnected") and e["data"].get("controller") == name
+    ]
+    if not switches or not switches[0][1]:  # connected from the start
+        switches.insert(0, (0.0, commands))
+    spans = []
+    for (begin, on), (stop, _) in zip(switches, [*switches[1:], (end, False)]):
+        begin = max(begin, enabled)
+        if on and begin < stop:
+            spans.append(Span(begin, stop, name))
+    return spans
+
+
+def _enabled_at(scene: str, name: str) -> float:
+    try:
+        return float(json.loads(scene)["controllers"][name].get("enable_at", 0.0))
+    except (KeyError, ValueError, TypeError, AttributeError):
+        return 0.0
+
+
+def sections(run: Run) -> list[Span]:
+    """The run, divided where a controller begins or stops working: "free", or the names of working controllers."""
+    spans, end = controlled(run), end_of(run)
+    cuts = sorted({0.0, end, *(t for span in spans for t in (span.begin, span.end))})
+    found = []
+    for begin, stop in pairwise(cuts):
+        at_work = [span.text for span in spans if span.begin <= begin and stop <= span.end]
+        found.append(Span(begin, stop, " + ".join(dict.fromkeys(at_work)) or "free"))
+    return found
+
+
+def circuits(run: Run, system: System | None) -> list[Span]:
+    """Spans in which a switch of the electrical network was closed, and its position."""
+    if system is None or not system.switches or not run.mode.size:
+        return []
+    known, inverse = np.unique(run.mode, return_inverse=True)
+    closed = [_closed(system, int(key)) if key >= 0 else "" for key in known]  # -1: lost in the recording
+    names = list(dict.fromkeys(closed))
+    which = np.array([names.index(text) for text in closed])[inverse.ravel()]
+    cuts = [0, *(np.flatnonzero(np.diff(which)) + 1).tolist(), which.size]
+    times = [float(run.time[cut]) for cut in cuts[:-1]] + [end_of(run)]
+    spans = zip(times, times[1:], (names[which[cut]] for cut in cuts[:-1]))
+    return [Span(begin, end, text) for begin, end, text in spans if text]
+
+
+def _closed(system: System, key: int) -> str:
+    """Names and positions of the switches that are closed in mode set `key`; the first position means open."""
+    positions = zip(system.switches, system.modes(key)[4])
+    return ", ".join(f"{switch.name} {switch.positions[where].name}" for switch, where in positions if where)
+
 
 _INK, _FAINT, _CIRCUIT = "#111111", "#777777", "#7a5fb0"
 COLUMNS = 2400
@@ -247,20 +420,20 @@ def stacked(
     each = (top - bottom - gap * (count - 1)) / count
     grid = figure.add_gridspec(count, 1, left=left, right=right, top=top, bottom=bottom, hspace=gap / each)
     times = figure.add_subplot(grid[0])
-    times.set_xlim(timeline.begin_of(run), timeline.end_of(run) or 1.0)
+    times.set_xlim(begin_of(run), end_of(run) or 1.0)
     drawn = [times, *(figure.add_subplot(grid[row], sharex=times) for row in range(1, count))]
     place = (left, top + 6.0 / height, right - left, header.height / height)
     header.draw(figure.add_axes(place, sharex=times))
     return drawn, top
 
 
-def shade(axes: Axes, run: Run, closed: list[timeline.Span]) -> None:
+def shade(axes: Axes, run: Run, closed: list[Span]) -> None:
     """Shade the times in which controllers work or a circuit is closed, and draw lines at marks."""
-    for span in timeline.controlled(run):
+    for span in controlled(run):
         axes.axvspan(span.begin, span.end, color=GREEN, alpha=0.09, lw=0, zorder=0)
     for span in closed:
         axes.axvspan(span.begin, span.end, color=_CIRCUIT, alpha=0.13, lw=0, zorder=0)
-    for mark in timeline.marks(run):
+    for mark in marks_of(run):
         axes.axvline(mark.time, color="#777777", lw=0.8, ls=(0, (4, 3)), zorder=1)
 
 
@@ -295,10 +468,10 @@ class Header:
     does not fit into its span is among the marks, and those for which there are no rows are counted.
     """
 
-    def __init__(self, figure: Figure, run: Run, width: float, beside: Iterable[timeline.Span] = ()) -> None:
+    def __init__(self, figure: Figure, run: Run, width: float, beside: Iterable[Span] = ()) -> None:
         from matplotlib.font_manager import FontProperties
 
-        self._begin, self._end = timeline.begin_of(run), timeline.end_of(run) or 1.0
+        self._begin, self._end = begin_of(run), end_of(run) or 1.0
         self._scale, self._width = width / (self._end - self._begin or 1.0), width
         renderer: Any = figure.canvas.get_renderer()  # type: ignore[attr-defined]
         self._row = figure.dpi / 72.0 * _MARK * _ROW
@@ -306,9 +479,9 @@ class Header:
         def long(text: str, size: float) -> float:
             return float(renderer.get_text_width_height_descent(text, FontProperties(size=size), False)[0])
 
-        self._bands = [span for span in timeline.phases(run) if span.end > self._begin]
+        self._bands = [span for span in phases(run) if span.end > self._begin]
         self._inside: dict[int, str] = {}
-        loose = [(mark.time, mark.text, _INK, True) for mark in timeline.marks(run)]
+        loose = [(mark.time, mark.text, _INK, True) for mark in marks_of(run)]
         for i, (begin, end, text) in enumerate(self._bands):
             shorter = (text, "to" + text.partition(" to")[2], text.rpartition(" to ")[2])
             room = self._scale * (end - max(begin, self._begin)) - 6.0

@@ -4,12 +4,23 @@ plant/<output>  sensor/<sensor>  command/<controller>    curves
 strip/contact   strip/protocol   strip/<controller>      strips: a state over time
 rig/...         portrait/...                             the moving picture, the phase portrait
 health/...      event/<process>                          timing and energy of the run, its events
+
+The phase portrait of the viewer: velocity over displacement at the latest steps, coloured by contact state.
+
+Its points are one stretch of steps, none left out, and at most 2 s of them: points farther apart than a fast vibration
+would be joined to a shape that there was not.
+
+rerun's 2D view has no axes with numbers. So the curve is divided by a round scale, which grows when needed, and drawn
+in a frame whose edges are labelled with the scale.
 """
 
 from __future__ import annotations
 
 import json
+import math
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,13 +28,89 @@ from numpy.typing import NDArray
 
 from rig.bus import topics
 from rig.view import contact
+from rig.view.base import Columns, Shape
 from rig.view.channels import Channels
-from rig.view.phase_portrait import Portrait
 from rig.view.picture import picture_of
-from rig.view.shapes import Columns, Shape
 
 if TYPE_CHECKING:
     import rerun as rr
+
+
+SHOWN_NS = 2_000_000_000
+POINTS = 2000
+_FRAME = [[(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], [(-1, 0), (1, 0)], [(0, -1), (0, 1)]]
+_GREY = (110, 116, 128)
+
+
+class Portrait:
+    """Collects states and draws the latest of them; `units` of displacement and velocity."""
+
+    def __init__(self, units: tuple[str, str]) -> None:
+        self._units = units
+        self._points: deque[tuple[int, float, float, int]] = deque(maxlen=POINTS)
+        self._scale = (0.0, 0.0)
+
+    def add(self, t_ns: NDArray[np.int64], x: Any, v: Any, modes: Any, step_ns: int) -> None:
+        """Add steps, one every `step_ns`. If they do not follow the last one, they begin a new stretch."""
+        if self._points and not 0 < t_ns[0] - self._points[-1][0] <= 1.5 * step_ns:
+            self._points.clear()
+        for point in zip(*(a[-POINTS:].tolist() for a in (t_ns, x, v, modes))):
+            if math.isfinite(point[1]) and math.isfinite(point[2]):
+                self._points.append(point)
+
+    def draw(self) -> list[Columns]:
+        """The curve up to the last state, and the frame if its scale has changed."""
+        if not self._points:
+            return []
+        import rerun as rr
+
+        last = self._points[-1][0]
+        while self._points[0][0] < last - SHOWN_NS:
+            self._points.popleft()
+        table = np.array([(x, v) for _, x, v, _ in self._points])
+        now = np.array([last])
+        found = self._frame(now, np.abs(table).max(axis=0))
+        table = table / self._scale * (1.0, -1.0)
+        modes = np.array([mode for *_, mode in self._points])
+        cuts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
+        strips = [table[begin : end + 1] for begin, end in pairwise(cuts)]
+        colours = [contact.rgb(contact.COLOURS[modes[begin]]) for begin in cuts[:-1]]
+        curve = rr.LineStrips2D.columns(strips=strips, colors=colours, radii=[0.012] * len(strips)).partition(
+            [len(strips)]
+        )
+        dot = rr.Points2D.columns(positions=table[-1:], colors=colours[-1:], radii=[0.035])
+        return [*found, Columns("portrait/curve", now, curve), Columns("portrait/now", now, dot)]
+
+    def _frame(self, now: NDArray[np.int64], largest: Any) -> list[Columns]:
+        scale = tuple(max(_round_up(float(size)), had) for size, had in zip(largest, self._scale))
+        if scale == self._scale:
+            return []
+        self._scale = (scale[0], scale[1])
+        import rerun as rr
+
+        words = [_with_unit(scale[0], self._units[0]), _with_unit(scale[1], self._units[1])]
+        frame = rr.LineStrips2D.columns(strips=_FRAME, colors=[_GREY] * 3, radii=[0.004] * 3).partition([3])
+        labels = rr.Points2D.columns(
+            positions=[(1.0, 0.0), (0.0, -1.0)], labels=words, colors=[_GREY] * 2, radii=[0.0] * 2
+        ).partition([2])
+        return [Columns("portrait/frame", now, frame), Columns("portrait/edges", now, labels)]
+
+
+def _with_unit(value: float, unit: str) -> str:
+    """A value with its unit; small lengths and angles in mm, um, mrad or urad."""
+    if unit not in ("m", "rad") or value >= 1.0:
+        return f"{value:g} {unit}"
+    return f"{1e3 * value:g} m{unit}" if value >= 1e-4 else f"{1e6 * value:g} u{unit}"
+
+
+def _round_up(value: float) -> float:
+    """Round up to a number with one or two digits, at least 1e-7."""
+    value = max(value, 1e-7)
+    base = 10.0 ** math.floor(math.log10(value))
+    return next(
+        step * base for step in (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if value <= step * base * (1.0 + 1e-9)
+    )
+
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]

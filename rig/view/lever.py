@@ -11,8 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rig.view.base import Picture
-from rig.view.shapes import (
+from rig.view.base import (
     DISC,
     LYING,
     MARK,
@@ -20,6 +19,7 @@ from rig.view.shapes import (
     Columns,
     Integers,
     Log,
+    Picture,
     Reals,
     Shape,
     about,

@@ -1,7 +1,25 @@
 """Colours of figures. Colour-blind readers can distinguish them.
 
 Source: M. Okabe, K. Ito, Color Universal Design, 2008.
+
+Makes a figure in a style, and writes it, completely or not at all.
 """
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rig.machine.files import figure_format, write_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 BLUE, VERMILION, GREEN, PURPLE, AMBER, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 LINES = (BLUE, VERMILION, GREEN, PURPLE, AMBER, SKY)
@@ -10,3 +28,93 @@ GREY = "#666666"
 """Guide lines, and what belongs to no curve."""
 ALARM = "#9b2226"
 """Critical values, limits, faults."""
+
+
+_UNIT = re.compile(r"\[[^\]$]+\]")
+_SIGNS = (
+    (re.compile(r"(\w+)\^0\.5"), r"√\1"),
+    (re.compile(r"\^2"), "²"),
+    (re.compile(r"\^3"), "³"),
+    (re.compile(r"\bu(?=(?:m|s|Pa|N|V|A|C)\b)"), "µ"),
+    (re.compile(r"\*"), " "),
+    (re.compile(r"(?<=\[)C(?=\])"), "°C"),
+)
+"""How units are printed, for what is typed on a keyboard."""
+_UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+
+
+@contextmanager
+def page(
+    style: Mapping[str, Any], width: float, height: float, lasting: bool = True, **options: Any
+) -> Iterator[Figure]:
+    """A white figure of `width` x `height` [inches] to draw on in a `style`, which also holds whenever it is written.
+
+    `lasting`: false for a style that only holds meanwhile. `options`: of matplotlib's Figure. A notebook shows the
+    figure where it is the last value of a cell.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    with mpl.rc_context(dict(style)):  # type: ignore[arg-type]
+        figure: Any = _kind()(**{"figsize": (width, height), "dpi": 125, "facecolor": "white"} | options)
+        FigureCanvasAgg(figure)
+        figure.style = style if lasting else {}
+        yield figure
+
+
+@cache
+def _kind() -> Any:
+    """The class of the figures of `page`; matplotlib is imported where something is drawn."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    class Page(Figure):
+        style: Mapping[str, Any] = {}
+
+        def draw(self, renderer: Any) -> None:
+            with mpl.rc_context(dict(self.style)):  # type: ignore[arg-type] # ticks are made when they are drawn
+                super().draw(renderer)
+
+        def _repr_png_(self) -> bytes:
+            return encoded(self, "png")
+
+    return Page
+
+
+def put(figure: Figure, path: Path | str) -> None:
+    """Write `figure` to the file `path` as PNG, SVG or PDF, by its suffix.
+
+    Raises OutputError if that fails, UsageError for another suffix.
+    """
+    path = Path(path)
+    write_file(path, encoded(figure, figure_format(path)))
+
+
+def encoded(figure: Figure, kind: str) -> bytes:
+    """Return the content of a file of `kind` ("png", "svg", "pdf"): without a date, the same for the same figure.
+
+    Units in the texts of `figure` get their printed form, as m/s² for m/s^2.
+    """
+    import matplotlib as mpl
+
+    print_units(figure)
+    drawn = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "friction-rig"}):
+        figure.savefig(drawn, format=kind, metadata=_UNDATED.get(kind))
+    return drawn.getvalue()
+
+
+def print_units(figure: Figure) -> None:
+    """Give units in the texts of `figure` their printed form."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_text(_UNIT.sub(lambda unit: printed(unit[0]), text.get_text()))
+
+
+def printed(unit: str) -> str:
+    """Return a unit as it is printed: [N/Hz^0.5] is [N/√Hz], [um] is [µm]."""
+    for typed, sign in _SIGNS:
+        unit = typed.sub(sign, unit)
+    return unit

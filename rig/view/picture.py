@@ -18,8 +18,7 @@ from rig.model.system import System
 from rig.scenes.rooms import plant_of
 from rig.scenes.scene import Scene
 from rig.view.base import Picture, scale_of
-from rig.view.belt import Belt
-from rig.view.pendulum import Pendulum
+from rig.view.lumped import Belt, Pendulum
 
 
 def picture_of(scene: Scene, assembly: Assembly, system: System) -> Picture | None:

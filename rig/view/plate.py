@@ -1,7 +1,7 @@
 """The moving picture of the plate rig: a plate on foam, and the slider raised above it to show the film.
 
 One length is 50 mm. The travel of the slider is to scale; its heave, pitch and roll and the motion of the probe (a ball
-on the plate) are magnified by a stated factor. A map of the film's pressure (rig.view.pressure_colours) lies on the
+on the plate) are magnified by a stated factor. A map of the film's pressure (rig.view.pressure) lies on the
 plate under the slider. A second view shows the same map from above, with its scale and the pressure centre.
 
 The vibration is faster than any picture: each frame shows one instant, not a mean.
@@ -18,9 +18,22 @@ from rig.model.system import System
 from rig.plants.plate import Parameters
 from rig.record.film_points import Points, largest_load
 from rig.scenes.scene import Scene
-from rig.view import pressure_colours
-from rig.view.base import Picture, Scale, round_down
-from rig.view.shapes import DISC, STEEL, Columns, Integers, Log, Reals, Shape, along, load, word
+from rig.view import pressure
+from rig.view.base import (
+    DISC,
+    STEEL,
+    Columns,
+    Integers,
+    Log,
+    Picture,
+    Reals,
+    Scale,
+    Shape,
+    along,
+    load,
+    round_down,
+    word,
+)
 
 if TYPE_CHECKING:
     from rig.model.assembly import Assembly
@@ -170,7 +183,7 @@ class Cells:
 
     def frames(self, t_ns: Integers, s: Mapping[str, Reals], middle: Reals) -> list[Columns]:
         """Pressures as colours, and the pressure centre; `middle`: position of the slider in the picture [lengths]."""
-        cells = pressure_colours.colours(self._points.maps(s), self._points.scale).reshape(len(t_ns), -1, 3)
+        cells = pressure.colours(self._points.maps(s), self._points.scale).reshape(len(t_ns), -1, 3)
         corners = np.repeat(cells, 4, axis=1)
 
         def coloured() -> Shape:
@@ -209,7 +222,7 @@ class Cells:
         x = np.linspace(low, high, count + 1)
         bars = [(x[i + a], y + b, 0.0) for i in range(count) for a, b in ((0, 0), (1, 0), (1, 0.09), (0, 0.09))]
         bars += [(0.9 + a, y + b, 0.0) for a, b in ((0, 0), (0.1, 0), (0.1, 0.09), (0, 0.09))]
-        shades = pressure_colours.colours(np.append((np.arange(count) + 0.5) / count, 0.0), 1.0)
+        shades = pressure.colours(np.append((np.arange(count) + 0.5) / count, 0.0), 1.0)
         first = 4 * np.arange(count + 1)[:, None, None]
         mesh = Shape(
             "Mesh3D",

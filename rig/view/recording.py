@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.errors import OutputError
-from rig.process import stopping
+from rig.machine.files import draft_of
+from rig.machine.process import stopping
 from rig.record.run import Integers, Run
-from rig.user_files import draft_of
-from rig.view import timeline
+from rig.view import curves
 from rig.view.curves import Known, known, rate
 from rig.view.drawing import Drawing, send
 
@@ -56,7 +56,7 @@ def view_run(
     """
     from rig.view import viewer
 
-    drawing, end = drawing_of(run), timeline.end_of(run)
+    drawing, end = drawing_of(run), curves.end_of(run)
     if save is not None:
         with (
             draft_of(Path(save)) as draft,

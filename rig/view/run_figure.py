@@ -19,13 +19,13 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.picture import IN_FIGURE
-from rig.record import names
+from rig.record import run_data
 from rig.record.film_points import read
 from rig.record.run import Integers, Reals, Run
 from rig.scenes.rooms import plant_of
 from rig.stability.linearisation import sliding_key, steady
-from rig.view import contact, timeline
-from rig.view.caption import caption
+from rig.view import contact
+from rig.view import curves as timeline
 from rig.view.channels import Channels, Panel
 from rig.view.curves import (
     BOTTOM,
@@ -35,6 +35,7 @@ from rig.view.curves import (
     Header,
     Known,
     Sheet,
+    caption,
     channels_of,
     curves,
     heading,
@@ -46,9 +47,8 @@ from rig.view.curves import (
     stacked,
     too_few,
 )
-from rig.view.palette import AMBER, BLUE, GREEN, LINES, PURPLE, VERMILION
+from rig.view.palette import AMBER, BLUE, GREEN, LINES, PURPLE, VERMILION, page
 from rig.view.picture import drawer_of
-from rig.view.save_figure import page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -156,11 +156,11 @@ def _usual(channels: Channels) -> list[Panel]:
 
 def _chosen(run: Run, channels: Channels, only: Collection[str]) -> list[Panel]:
     """The plots of the sensors and outputs `only`. A name that both have means both."""
-    known = names.signals(run)
+    known = run_data.signals(run)
     for name in only:
         if name not in known and name not in run.signals:
-            raise names.unknown(name, known, "run")
-    outputs = {name.removeprefix(names.TRUE) for name in only} & run.signals.keys()
+            raise run_data.unknown(name, known, "run")
+    outputs = {name.removeprefix(run_data.TRUE) for name in only} & run.signals.keys()
     points = (Panel(f"{plain(n)} [{run.units.get(n, '')}]", (n,), (), 0) for n in channels.at_points)
     found = []
     for panel in (*channels.panels, *points):

@@ -42,18 +42,16 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rig.bus.arrivals import Message
+from rig.bus.topics import Message
 from rig.errors import RigError, UsageError
-from rig.user_files import RUNS
-from rig.web import lessons
+from rig.machine.files import RUNS
+from rig.web import lists
 from rig.web.broadcast import Broadcast
-from rig.web.catalogue import Catalogue, as_text, timing
-from rig.web.form import form
+from rig.web.form import Catalogue, as_text, form, timing
 from rig.web.jobs import Jobs
-from rig.web.recordings import Recordings
+from rig.web.lists import Recordings, Studies
 from rig.web.run_control import RunControl
 from rig.web.sound import Sounds, packed
-from rig.web.studies import Studies
 
 _URGENT = 64
 """Most commands to the run that wait for its answer at a time; each waits for a bounded time."""
@@ -165,7 +163,7 @@ class Bench:
 
 
 def app(bench: Bench) -> Starlette:
-    """The application, without the guard (`rig.web.guard`)."""
+    """The application, without the guard (`rig.web.server`)."""
     routes = [
         Route("/", _page),
         Mount("/page", StaticFiles(directory=PAGE)),
@@ -185,9 +183,9 @@ def app(bench: Bench) -> Starlette:
         Route("/api/studies", _answers(bench.studied)),
         Route("/api/studies/work", _answers(bench.studies.work), methods=["POST"]),
         Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
-        Route("/api/lessons", _answers(lessons.listed)),
-        Route("/api/lesson", _answers(lessons.text), methods=["POST"]),
-        Route("/lessons/{name}", _file(lambda given: lessons.figure(given["name"]))),
+        Route("/api/lessons", _answers(lists.listed)),
+        Route("/api/lesson", _answers(lists.text), methods=["POST"]),
+        Route("/lessons/{name}", _file(lambda given: lists.figure(given["name"]))),
         Route("/api/jobs", _answers(bench.working)),
         Route("/api/jobs/stop", _answers(bench.stop_job), methods=["POST"]),
         Route("/jobs/{number:int}", _file(lambda given: bench.jobs.job(given["number"]).file())),

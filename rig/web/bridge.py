@@ -23,9 +23,9 @@ from typing import Any
 from rig.bus import address
 from rig.errors import BusError, UsageError
 from rig.extras import needed
-from rig.process import told_to_stop
+from rig.machine.process import told_to_stop
 from rig.web.bridge_client import LOOK_S, Client
-from rig.web.gate import Gate
+from rig.web.server import Gate
 
 HOST = "127.0.0.1"
 CLIENTS = 8

@@ -21,9 +21,8 @@ from typing import Any
 
 from rig import bus
 from rig.bus import encode, run_setup
-from rig.bus.json_text import read_json
-from rig.bus.port import Session
-from rig.bus.receivers import Receiver
+from rig.bus.inbound import read_json
+from rig.bus.port import Receiver, Session
 from rig.bus.run_setup import Setup
 from rig.errors import BusError, RigError, UsageError
 from rig.extras import needed

@@ -1,4 +1,12 @@
-"""Follows one run over the bus in a thread, as a viewer: frames for the page, and the commands of its user."""
+"""Follows one run over the bus in a thread, as a viewer: frames for the page, and the commands of its user.
+
+The description of a live run for the page: outputs, plots, colours, contact states, picture, values to change.
+
+The values that may change while a rig runs: read once from plant and controllers, then kept up to date.
+
+An actuator that a controller drives is shown as owned: a value that an operator sets for it takes effect when the
+controller is disconnected.
+"""
 
 from __future__ import annotations
 
@@ -6,26 +14,150 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
 from rig import bus
 from rig.bus import run_setup
-from rig.bus.arrivals import Message
 from rig.bus.port import Session
+from rig.bus.run_setup import Setup
+from rig.bus.topics import Message
+from rig.controllers import controller_drives
 from rig.errors import BusError, RigError, UsageError
+from rig.machine.scheduling import stand_back
+from rig.model.assembly import Assembly
 from rig.parts import trust_scene
 from rig.plants.structures import model_store
 from rig.scenes.scene import Scene
-from rig.scheduling import stand_back
+from rig.units import with_point
+from rig.view import contact
 from rig.view.channels import Channels
 from rig.view.contact import Contacts
 from rig.view.process import TOPICS
-from rig.web.description import description
+from rig.web.form import entry_of, kind_of, protocol, within
 from rig.web.frames import Frames
-from rig.web.live_values import PATIENCE_S, LiveValues
 from rig.web.picture import MovingPicture
+from rig.web.sound import audible
+
+
+def description(
+    setup: Setup,
+    scene: Scene,
+    assembly: Assembly,
+    channels: Channels,
+    contacts: Sequence[str],
+    still: dict[str, Any] | None,
+) -> dict[str, Any]:
+    """Everything that a page needs in order to read the frames of a run (`rig.web.frames`).
+
+    `contacts`: their names; `still`: the picture without what moves (`rig.web.picture`).
+    """
+    return {
+        "run": setup.run,
+        "scene": scene.name,
+        "title": scene.title,
+        "frame_s": setup.frame_ns * 1e-9,
+        "paced": setup.paced,
+        "outputs": [
+            {"name": name, "unit": unit, "colour": channels.colours.get(name, "")}
+            for name, unit in setup.outputs.items()
+        ],
+        "sensors": {
+            name: {
+                "unit": unit,
+                "period_s": period * 1e-9,
+                "colour": channels.colour_of(name),
+                "factor": channels.measured[name].factor if name in channels.measured else 1.0,
+                "reads": channels.measured[name].reads if name in channels.measured else "",
+            }
+            for name, (unit, period) in setup.sensors.items()
+        },
+        "plots": [
+            {"title": one.title, "outputs": list(one.outputs), "sensors": list(one.sensors), "place": one.place}
+            for one in channels.panels
+        ],
+        "portrait": list(channels.portrait) if channels.portrait else None,
+        "modes": [{"name": name, "colour": colour} for name, colour in zip(contact.NAMES, contact.COLOURS)],
+        "contacts": list(contacts),
+        "controllers": {
+            name: {"drives": list(controller_drives(one)), "in_plant": name in scene.in_plant}
+            for name, one in scene.controllers.items()
+        },
+        "protocol": protocol(scene, assembly),
+        "limits": scene.limits,
+        "sound": audible(setup),
+        "picture": still,
+    }
+
+
+PATIENCE_S = 2.0
+"""Longest wait for an answer of a process of the run."""
+
+
+class LiveValues:
+    """Everything that can be tuned in the run of `session`, by dotted key; `inputs`: the actuators of its rig."""
+
+    def __init__(self, session: Session, scene: Scene, inputs: Mapping[str, Any]) -> None:
+        self.session, self._scene, self._inputs = session, scene, inputs
+        self.entries: dict[str, dict[str, Any]] = {}
+        """Key -> entry of the form (`rig.web.form.entry_of`), with `of` (plant or controller) and `owner`."""
+
+    def read(self) -> None:
+        """Read all values of plant and controllers; of a process that does not answer there are none.
+
+        The ends of a slider come from the value of the scene: a protocol may begin with a rig at rest.
+        """
+        of_scene = self._scene.values()
+        for process in ("plant", *self._scene.controllers):
+            try:
+                found = self.session.ask(f"param/{process}", {"list": True}, PATIENCE_S)
+            except BusError:
+                continue
+            before = "" if process == "plant" else f"controllers.{process}."
+            for inner, value in found["values"].items():
+                key = before + inner
+                one = self._inputs.get(key)
+                name, unit = key.rpartition(".")[2], found["units"][inner]
+                usual, _ = of_scene.get(key, (value, unit))
+                entry = entry_of(key, name, usual, unit, within(self._scene, key, one))
+                entry |= {**kind_of(self._scene, key, value), "value": value}
+                self.entries[key] = {**entry, "of": process, "actuator": one is not None, "owner": ""}
+        self.look()
+
+    def look(self) -> bool:
+        """Read the actuators and who drives them; whether something is new."""
+        try:
+            found = self.session.ask("param/plant", {"get": list(self._inputs)}, PATIENCE_S)
+        except BusError:
+            return False
+        new = False
+        for key, value in found["values"].items():
+            entry, owner = self.entries.get(key), found["overruled"].get(key, "")
+            if entry is not None and (entry["value"], entry["owner"]) != (value, owner):
+                entry["value"], entry["owner"], new = value, owner, True
+        return new
+
+    def hear(self, event: Mapping[str, Any]) -> bool:
+        """Take over the values of an event `parameter`; whether something is new."""
+        if event["kind"] != "parameter":
+            return False
+        new = event["data"].get("set", {})
+        prefix = "" if event["source"] == "plant" else f"controllers.{event['source']}."
+        for key, value in new.items() if isinstance(new, dict) else ():
+            entry = self.entries.get(key) or self.entries.get(prefix + key)
+            if entry is not None and not entry["owner"]:
+                entry["value"] = value
+        return bool(new)
+
+    def set(self, key: str, value: Any) -> dict[str, Any]:
+        """Change a value at the next tick, as `rig tune` does; returns the answer of its owner. Raises BusError."""
+        process = self.entries[key]["of"] if key in self.entries else "plant"
+        inner = key.removeprefix(f"controllers.{process}.")
+        value = with_point(value, key) if isinstance(value, str) else value
+        answer: dict[str, Any] = self.session.ask(f"param/{process}", {"set": {inner: value}}, 10.0)
+        return answer
+
 
 PERIOD_S = 0.045
 """Time between two frames: a little over 20 per second, because waits end late."""
@@ -93,7 +225,7 @@ class Follower:
             self._thread.join(wait)
 
     def command(self, body: dict[str, Any]) -> dict[str, Any]:
-        """Send a command to the plant (`rig.bench.operator_commands`). Raises UsageError for a refusal."""
+        """Send a command to the plant (`rig.bench.live.operator_commands`). Raises UsageError for a refusal."""
         with _reason():
             answer: dict[str, Any] = self._joined().ask("cmd/plant", body, _ASK_S)
         self._changed.set()

@@ -31,11 +31,11 @@ from typing import Any
 import numpy as np
 
 from rig.bus import messages, topics
-from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
+from rig.bus.topics import Message
 from rig.model.system import System
 from rig.view.contact import Contacts, Modes
-from rig.view.feed import Spans, latest, of_samples, of_steps
+from rig.view.process import Spans, latest, of_samples, of_steps
 from rig.web.picture import MovingPicture
 
 ROWS, SAMPLES, STEPS, EVENTS = 25, 50, 500, 40

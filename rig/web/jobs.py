@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rig.child_process import Child, end
 from rig.errors import UsageError
+from rig.machine.process import Child, end
 
 MOST = 3
 """Largest number of jobs that work at a time."""

@@ -1,6 +1,6 @@
 """The moving picture of a rig in plain data: the shapes that `rig view` draws, computed here and drawn by the page.
 
-    still   {"eye", "target": [x, y, z], "shapes": [[path, kind, fields]]}, once (rig.view.shapes.Shape)
+    still   {"eye", "target": [x, y, z], "shapes": [[path, kind, fields]]}, once (rig.view.base.Shape)
     frame   {path: fields}: what has moved. Of a path without motion there is no entry.
 
 Paths form a tree: a body moves with those above it (`rig/mass/body` with `rig/mass`).
@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.scenes.scene import Scene
-from rig.view.base import Picture
+from rig.view.base import Columns, Picture
 from rig.view.picture import picture_of
-from rig.view.shapes import Columns
 
 _ROOT = "rig"
 """Entities of the picture; the plate has others, of a second view."""

@@ -4,6 +4,8 @@ A run that another terminal started can be followed instead: the page shows it a
 goes on when the server ends.
 
 A run is `idle` (none yet), `starting` (processes start, kernels compile), `running`, `paused`, `ending` or `ended`.
+
+Other live runs beside the page's own: those that this user has started in other terminals.
 """
 
 from __future__ import annotations
@@ -16,14 +18,28 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from rig.bench import supervise
-from rig.bench.outcome import Outcome
+from rig.bench.live import supervise
+from rig.bench.live.outcome import Outcome
 from rig.bus import address
-from rig.bus.arrivals import Message
+from rig.bus.messages import FINGERPRINT
+from rig.bus.topics import Message
 from rig.errors import OutputError, RigError, UsageError
 from rig.scenes.scene import Scene
 from rig.web.follower import Follower
-from rig.web.live_runs import others
+
+
+def others(mine: str) -> list[dict[str, Any]]:
+    """Of each live run but `mine`: `run`, `scene`, `started` [s since 1970], and `why` it cannot be followed, or "".
+
+    The directory of runs is private, so runs of other users are not among them.
+    """
+    why = "another version of friction-rig runs it: follow it with that version's rig view"
+    return [
+        {"run": one.run, "scene": one.scene, "started": one.started, "why": "" if one.speaks == FINGERPRINT else why}
+        for one in address.list_runs()
+        if one.run != mine
+    ]
+
 
 LINES = 300
 """Number of lines of a run that are kept."""
@@ -84,7 +100,7 @@ class RunControl:
         """Start a run of `scene` and return the state. Raises UsageError while another one is going on.
 
         `given`, `changes`: name or file and changed values, for the command line that the recording states. `pace`,
-        `duration` [s]: as for `rig.bench.supervise.run`.
+        `duration` [s]: as for `rig.bench.live.supervise.run`.
         """
         command = ["rig", "run", given]
         command += [part for key, value in changes.items() for part in ("-p", f"{key}={value}")]
@@ -117,7 +133,7 @@ class RunControl:
         return self.state
 
     def others(self, _: dict[str, Any]) -> list[dict[str, Any]]:
-        """Live runs of other terminals (`rig.web.live_runs`)."""
+        """Live runs of other terminals (`rig.web.run_control`)."""
         return others(self._facts["run"] if self.active else "")
 
     def command(self, body: dict[str, Any]) -> dict[str, Any]:

@@ -1,26 +1,121 @@
-"""The process of `rig web`: one address on loopback, the browser, and an orderly end on Ctrl-C."""
+"""The process of `rig web`: one address on loopback, the browser, and an orderly end on Ctrl-C.
+
+The checks of host, origin and token of a request to a server on loopback.
+
+The Host header stops other names for this address (DNS rebinding), the Origin header stops the pages of other servers,
+the token stops other users of this machine.
+
+Admits only the pages of this server's user: checks host, origin and token of every request and web socket.
+
+`rig.web.server` has the checks. The token is in the address that is printed; the first visit moves it to a
+cookie that scripts cannot read. A cookie is sent to every port, so its name contains the port.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import hmac
 import secrets
 import socket
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs
 
 import uvicorn
 import websockets  # noqa: F401 (uvicorn imports it in the thread of the server, where a lack would go unseen)
+from starlette.responses import PlainTextResponse, RedirectResponse
 
 from rig.errors import UsageError
-from rig.process import MORE_FILES, NO_FILES, told_to_stop
-from rig.scheduling import stand_back
+from rig.machine.process import MORE_FILES, NO_FILES, told_to_stop
+from rig.machine.scheduling import stand_back
 from rig.web.app import Bench, app
-from rig.web.guard import Guard
+
+
+class Gate:
+    """The checks of a server at `port`, whose users know `token`."""
+
+    def __init__(self, port: int, token: str) -> None:
+        self.hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
+        self._origins = {f"http://{host}" for host in self.hosts}
+        self._token = token
+
+    def local(self, host: str | None, origin: str | None = None, *, of_a_page: bool = False) -> bool:
+        """Whether a request asks for this address, from no page or from a page of it; `of_a_page`: from such a page."""
+        return host in self.hosts and (origin in self._origins if of_a_page or origin is not None else True)
+
+    def same(self, token: str) -> bool:
+        """Whether this is the token."""
+        return hmac.compare_digest(token.encode(), self._token.encode())
+
+    def in_query(self, query: str) -> bool:
+        """Whether the query of an address has the token."""
+        return self.same(parse_qs(query).get("token", [""])[0])
+
+
+REFUSED = 1008
+"""Code with which a web socket is closed that is not admitted: policy violation."""
+FORBIDDEN = (
+    "This page belongs to the user who started rig web. Open the address that rig web printed, with its token; "
+    "after a new start of rig web the old address is no longer valid."
+)
+
+
+class Guard:
+    """An ASGI application that passes admitted requests on to `app`. `port`: that of the server, on loopback."""
+
+    def __init__(self, app: Any, port: int, token: str) -> None:
+        self._app, self._token, self._gate = app, token, Gate(port, token)
+        self._cookie = f"bench-{port}"
+        sources = " ".join(f"ws://{host}" for host in sorted(self._gate.hosts))
+        self._headers = [
+            (b"content-security-policy", f"default-src 'self'; img-src 'self' data: blob:; "
+             f"connect-src 'self' {sources}; frame-ancestors 'none'".encode()),
+            (b"referrer-policy", b"no-referrer"),
+            (b"cross-origin-resource-policy", b"same-origin"),
+            (b"x-content-type-options", b"nosniff"),
+            (b"cache-control", b"no-store"),
+        ]  # fmt: skip
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        """Answer, redirect or pass on one request."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        head = {name.decode("latin1"): value.decode("latin1") for name, value in scope["headers"]}
+        is_socket = scope["type"] == "websocket"
+        local = self._gate.local(head.get("host"), head.get("origin"), of_a_page=is_socket)
+        if local and any(map(self._gate.same, self._cookies(head))):
+            await self._app(scope, receive, self._with_headers(send))
+        elif is_socket:
+            await receive()
+            await send({"type": "websocket.close", "code": REFUSED})
+        elif local and scope["method"] == "GET" and self._gate.in_query(scope["query_string"].decode("latin1")):
+            answer = RedirectResponse("/" + scope["path"].lstrip("/\\"), 303)  # //host/ would be another server
+            answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+            await answer(scope, receive, self._with_headers(send))
+        else:
+            await PlainTextResponse(FORBIDDEN, 403)(scope, receive, self._with_headers(send))
+
+    def _cookies(self, head: Mapping[str, str]) -> list[str]:
+        # other servers on this machine may set cookies too: http.cookies gives up at one that it cannot read
+        pairs = (part.strip().partition("=") for part in head.get("cookie", "").split(";"))
+        return [value for name, _, value in pairs if name == self._cookie]
+
+    def _with_headers(self, send: Any) -> Any:
+        async def wrapped(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                own = message.get("headers", ())  # a file of the user may have rules of its own
+                given = {name for name, _ in own}
+                message = {**message, "headers": [*own, *(one for one in self._headers if one[0] not in given)]}
+            await send(message)
+
+        return wrapped
+
 
 HOST = "127.0.0.1"
 LARGEST_MESSAGE = 1 << 12

@@ -14,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.sound.hearing import LOWEST, REFERENCE
+from rig.analysis.recorded.sound import LOWEST, REFERENCE
 from rig.bus import messages
-from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
+from rig.bus.topics import Message
 
 KEPT = 8
 """Messages that wait for a slow page: 0.4 s. Older ones are dropped."""
 AHEAD = 4
 """Messages that may be on their way to a page."""
 SLOWEST = 4.0 * LOWEST
-"""Lowest sample rate [Hz] of a sensor that can be heard, as for `rig.analysis.sound`."""
+"""Lowest sample rate [Hz] of a sensor that can be heard, as for `rig.analysis.recorded.sound`."""
 
 
 def audible(setup: Setup) -> dict[str, Any]:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.axis import Axis, axes, sweepable
-from rig.analysis.fixed_parameters import fixed
+from rig.analysis.axis import Axis, axes, fixed, sweepable
 from rig.errors import SceneError
 from rig.scenes import shipped
 

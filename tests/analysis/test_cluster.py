@@ -17,7 +17,7 @@ from pool_works import counts, trial
 
 import rig as lab
 from rig.analysis.pool import Store, carry_out, cluster
-from rig.analysis.pool.handshake import unanswered
+from rig.analysis.pool.cluster import unanswered
 from rig.analysis.studies import prepared, study
 from rig.errors import UsageError, WorkerError
 

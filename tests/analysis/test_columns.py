@@ -1,6 +1,6 @@
 """Tables as text."""
 
-from rig.analysis.text_table import columns
+from rig.printable import columns
 
 
 def test_columns_never_run_into_each_other():

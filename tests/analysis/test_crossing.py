@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from rig.analysis.critical_values import search
-from rig.analysis.eigenvalue_curves import absent
-from rig.analysis.growth_crossings import Growth, brackets, looked, root, stretches
+from rig.analysis.eigenvalue_curves import Growth, absent, brackets, looked, root, stretches
+from rig.analysis.sweep import search
 
 
 def growth(value):

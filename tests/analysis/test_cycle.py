@@ -16,8 +16,8 @@ from scipy.optimize import brentq
 
 import rig
 from rig.analysis.cycle import limit_cycle
-from rig.analysis.repetition import repeating
-from rig.motion.memory import Event
+from rig.analysis.orbit import repeating
+from rig.motion.motion import Event
 
 ORACLE = {  # period, time in stick, lowest velocity, highest and lowest displacement, displacement where stick starts
     "belt": (0.32160366413722946, 0.10286728739274346, -0.10129890351933808, 0.006212858222975551,

@@ -6,7 +6,7 @@ from matplotlib.image import imread
 
 import rig
 from rig.analysis.cycle import limit_cycle
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 
 @pytest.fixture(scope="module", params=["belt", "pin"])

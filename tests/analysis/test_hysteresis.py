@@ -8,12 +8,11 @@ import pytest
 
 import rig as lab
 from rig.analysis.recorded import hysteresis, series, spectrum
-from rig.analysis.recorded.branches import branches
-from rig.analysis.recorded.windows import moving_rms, slowest
+from rig.analysis.recorded.hysteresis import branches, moving_rms, slowest
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 RATE = 1000
 T = np.arange(20 * RATE) / RATE

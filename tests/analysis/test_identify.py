@@ -10,10 +10,10 @@ import pytest
 import rig
 from rig.analysis import amplitude
 from rig.analysis.identify import identify, vibration
-from rig.analysis.three_stages import stages
+from rig.analysis.stick_speeds import stages
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
-from rig.solve.state_codes import CLOSED, SLIP_PLUS, STICK
+from rig.solve.records import CLOSED, SLIP_PLUS, STICK
 
 EXPERIMENTS = {
     "lever_free_cylinder": {"cylinder.inertia": 0.035, "cylinder.damping": 0.12},

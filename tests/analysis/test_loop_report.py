@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
-from rig.analysis import jump_loop, loop_check, loop_report
+from rig.analysis import jump_loop, loop_report
 from rig.analysis.control_loop import loop
 from rig.analysis.jump_loop import ages, jump_growth, latencies, mean_age
 from rig.analysis.loop_report import report
@@ -18,7 +18,7 @@ from rig.bus.impaired_link import HeardSensor
 from rig.cli.app import program
 from rig.errors import SceneError
 from rig.scenes.network import Link, Network
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 MS = 1_000_000
 
@@ -96,16 +96,16 @@ def test_the_operator_has_the_eigenvalue_of_its_matrix(belt, monkeypatch):
     [({"delay": 12 * MS}, 1, 1e-3), ({"delay": 20 * MS, "jitter": 8 * MS, "loss": 0.3}, 4, 0.05)],
 )
 def test_computed_decay_is_that_of_simulations(belt, monkeypatch, about, runs, error):
-    monkeypatch.setattr(loop_check, "RUNS", runs)
+    monkeypatch.setattr(loop_report, "RUNS", runs)
     one = link(**about)
     computed = jump_growth(belt, "nf", one, Link())
     network = Network(meas={"vibrometer": one})
-    found = loop_check.simulated(belt, "nf", network, computed.mean_square, computed.hertz)
+    found = loop_report.simulated(belt, "nf", network, computed.mean_square, computed.hertz)
     assert found.growth == pytest.approx(computed.mean_square, rel=error)
 
 
 def test_the_report_of_a_scene_with_links(monkeypatch, tmp_path):
-    monkeypatch.setattr(loop_check, "RUNS", 2)
+    monkeypatch.setattr(loop_report, "RUNS", 2)
     monkeypatch.setattr(loop_report, "POINTS", 3)
     about = {"load.lag": "5 ms", "network.meas.vibrometer.delay": "6 ms", "network.meas.vibrometer.jitter": "2 ms"}
     scene = rig.load("belt_poor_network", about)
@@ -129,7 +129,7 @@ def test_the_report_of_a_scene_with_links(monkeypatch, tmp_path):
 
 def test_a_loop_of_a_longer_period_has_the_longest_delay(monkeypatch):
     monkeypatch.setattr(loop_report, "POINTS", 3)
-    monkeypatch.setattr(loop_check, "RUNS", 1)
+    monkeypatch.setattr(loop_report, "RUNS", 1)
     found = report(rig.load("belt_normal_force", {"controllers.nf.period": "5 ms"}), "nf")
     assert [curve.key for curve in found.curves] == ["delay", "jitter"]
     assert "longest constant delay" in found.notes[-1]

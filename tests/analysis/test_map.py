@@ -12,8 +12,8 @@ from rig.analysis.axis import Axis
 from rig.analysis.map import figure
 from rig.analysis.map.chart import REGIONS
 from rig.analysis.map.job import ROOT, RUNS, SOURCES, Settings
+from rig.analysis.map.row import Track
 from rig.analysis.map.steady_state import BLANK, NAMES, SLIDING, STICK_SLIP, STUCK, UNDECIDED, VIBRATION, Point
-from rig.analysis.map.track import Track
 from rig.errors import Singular, UsageError
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())

@@ -10,7 +10,7 @@ import pytest
 
 import rig
 from rig.analysis import map as maps
-from rig.analysis.map.compute import units
+from rig.analysis.map.row import units
 from rig.errors import SceneError
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "two_dof.json").read_text())["dither_boundary"]

@@ -10,13 +10,11 @@ import pytest
 import rig
 from rig.analysis import map as maps
 from rig.analysis.axis import Axis
-from rig.analysis.map import compute as of_map
-from rig.analysis.map.compute import units
+from rig.analysis.map import row as of_map
 from rig.analysis.map.job import RUNS, Job, Settings, Unit
-from rig.analysis.map.row import Row
+from rig.analysis.map.row import Row, Track, units
 from rig.analysis.map.steady_state import NAMES
-from rig.analysis.map.track import Track
-from rig.analysis.pool import Store, local
+from rig.analysis.pool import Store, carry_out
 from rig.errors import UsageError
 
 FEW = "drive.speed=0.05:0.45:3"
@@ -122,13 +120,13 @@ def test_another_scene_axis_or_setting_is_another_folder(job, tmp_path):
 
 def test_the_batch_of_a_worker_that_is_killed_is_computed_by_another_one(job, whole, tmp_path, monkeypatch):
     started = []
-    original = local.Child
+    original = carry_out.Child
 
     def child(*arguments, **named):
         started.append(original(*arguments, **named))
         return started[-1]
 
-    monkeypatch.setattr(local, "Child", child)
+    monkeypatch.setattr(carry_out, "Child", child)
 
     def kill(done, total):
         if done == 1:
@@ -151,8 +149,8 @@ def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_p
 
 def test_an_interruption_ends_the_workers(job, tmp_path, monkeypatch):
     started = []
-    original = local.Child
-    monkeypatch.setattr(local, "Child", lambda *a, **n: started.append(original(*a, **n)) or started[-1])
+    original = carry_out.Child
+    monkeypatch.setattr(carry_out, "Child", lambda *a, **n: started.append(original(*a, **n)) or started[-1])
 
     def interrupt(done, total):
         if len(started) == 2:

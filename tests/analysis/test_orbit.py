@@ -6,7 +6,7 @@ import pytest
 import rig
 from rig.analysis.orbit import Orbit
 from rig.errors import Chatter
-from rig.motion.memory import SEGMENTS
+from rig.motion.motion import SEGMENTS
 
 
 def dithered(read=(), **changes):

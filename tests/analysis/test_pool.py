@@ -17,11 +17,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pool_works import counts, trial
 
-from rig import file_locks
 from rig.analysis.pool import Store, carry_out, packed, unpacked
-from rig.analysis.pool.local import WorkerProcesses
-from rig.analysis.pool.schedule import Schedule
+from rig.analysis.pool.carry_out import WorkerProcesses
+from rig.analysis.pool.work import Schedule
 from rig.errors import ExitCode, UsageError, WorkerError
+from rig.machine import files
 
 SUPPORT = Path(__file__).parents[1] / "support"
 
@@ -229,7 +229,7 @@ def test_a_folder_with_results_stays_after_an_error(tmp_path):
 
 def test_a_folder_that_is_taken_away_while_another_process_waits_for_it_is_made_again(tmp_path, monkeypatch):
     work = trial(str(tmp_path))
-    store, take = Store.of(work, tmp_path), file_locks.take
+    store, take = Store.of(work, tmp_path), files.take
     taken = []
 
     def late(lock):
@@ -238,7 +238,7 @@ def test_a_folder_that_is_taken_away_while_another_process_waits_for_it_is_made_
         taken.append(lock)
         return take(lock)
 
-    monkeypatch.setattr(file_locks, "take", late)
+    monkeypatch.setattr(files, "take", late)
     with store.open(work):
         assert len(taken) == 2
 

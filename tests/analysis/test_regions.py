@@ -11,7 +11,7 @@ import rig
 from rig.analysis.axis import axes
 from rig.analysis.map import survey
 from rig.analysis.regions import regions, wide_bands
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())
 

@@ -18,8 +18,7 @@ import pytest
 
 import rig as laboratory
 from rig.analysis import amplitude
-from rig.analysis.report import page
-from rig.analysis.report.sketch import COLUMNS, HEIGHT, sketch
+from rig.analysis.report import COLUMNS, HEIGHT, page, sketch
 from rig.record import user_notes
 from rig.record.contents import digest
 from rig.record.run import Commands, Run, Samples

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig.analysis.sound import hear
-from rig.analysis.sound.hearing import HOP, WINDOW
+from rig.analysis.recorded.sound import HOP, WINDOW, hear
 from rig.cli import app
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
 from rig.record.wav import write
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 RATE = 50_000
 T = np.arange(2 * RATE) / RATE

@@ -9,11 +9,11 @@ import pytest
 
 import rig as lab
 from rig.analysis.recorded import orders, spectrum
-from rig.analysis.recorded.figure import spectrum_figure
+from rig.analysis.recorded.figures import spectrum_figure
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 RATE = 1000
 T = np.arange(20 * RATE) / RATE

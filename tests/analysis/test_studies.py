@@ -12,10 +12,9 @@ from scipy import stats
 import rig as lab
 from rig.analysis.pool import Store
 from rig.analysis.studies import prepared, study
-from rig.analysis.studies.dataset import check_path
-from rig.analysis.studies.distributions import Distribution, made
+from rig.analysis.studies.factors import Distribution, made
 from rig.analysis.studies.file import is_study, read
-from rig.analysis.studies.result import gathered
+from rig.analysis.studies.result import check_path, gathered
 from rig.analysis.studies.runs import StudyRuns
 from rig.errors import SceneError, UsageError
 

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from swept_matrices import beside, over, turning
 
 import rig
-from rig.analysis import sweep_figure
+from rig.analysis import figures
 from rig.cli import app
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 
 def test_where_nothing_slides_the_report_says_why_and_not_none():
@@ -52,7 +52,7 @@ def test_a_sweep_of_another_key_tells_whether_the_dither_counts(on, told):
 def lines(found):
     """Style and points [n, 2] of every curve in the plot of growth."""
     figure = Figure(figsize=(12.8, 6.6))
-    sweep_figure.compose(figure, found)
+    figures.compose(figure, found)
     return [(line.get_linestyle(), line.get_xydata()) for line in figure.axes[0].lines if len(line.get_xydata()) > 2]
 
 

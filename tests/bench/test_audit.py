@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.audit import LEAST, MOST, Comparison, VisitedState
-from rig.bench.runner import PlantRunner
+from rig.bench.run.audit import LEAST, MOST, Comparison, VisitedState
+from rig.bench.run.runner import PlantRunner
 from rig.cli import app
 from rig.errors import RigError
 from rig.model.formulation import assemble
 from rig.record.provenance import provenance
-from rig.scenes.effects import declared
 from rig.scenes.protocol import STEPS
 from rig.scenes.shipped import names
-from rig.scenes.variants import absent, added
+from rig.scenes.variants import absent, added, declared
 
 
 def judged(scene, seconds=3.0):
@@ -130,7 +129,7 @@ def test_a_contact_that_opens_for_a_moment_counts():
 
 
 def test_a_branch_from_a_checkpoint_says_from_when_on_it_was_judged(monkeypatch, tmp_path):
-    monkeypatch.setattr("rig.bench.checkpoint.STEPS", 1000)
+    monkeypatch.setattr("rig.bench.run.checkpoint.STEPS", 1000)
     run = rig.simulate("four_dof", 2.0)
     run.provenance |= provenance(0)
     run.save(tmp_path / "run.mcap")

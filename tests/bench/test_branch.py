@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.agreement import ELSEWHERE, ROUNDED, changed_place
-from rig.bench.branch import branch
-from rig.bench.verify import verify
+from rig.bench.again.agreement import ELSEWHERE, ROUNDED, changed_place
+from rig.bench.again.branch import branch
+from rig.bench.again.verify import verify
 from rig.errors import LogError, UsageError
 from rig.record.compare import compare
 from rig.record.provenance import provenance

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
 from rig.record.provenance import provenance
 from rig.record.save_run import save
 from rig.record.statistics import first_opening

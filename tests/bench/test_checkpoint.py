@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench import checkpoint
-from rig.bench.branch import branch
-from rig.bench.checkpoint import packed, unpacked
-from rig.bench.verify import verify
+from rig.bench.again.branch import branch
+from rig.bench.again.verify import verify
+from rig.bench.run import checkpoint
+from rig.bench.run.checkpoint import packed, unpacked
 from rig.errors import LogError
 from rig.record.compare import compare
 from rig.record.provenance import provenance

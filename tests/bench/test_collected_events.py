@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 import rig
-from rig.bench.runner import PlantRunner
-from rig.motion import memory
+from rig.bench.run.runner import PlantRunner
+from rig.motion import motion
 
 P1 = Path(__file__).parents[1] / "problems" / "p1.toml"
 FRAMES = 4000
@@ -23,7 +23,7 @@ def ran(piece):
 
 def test_events_are_those_of_a_run_frame_by_frame(monkeypatch):
     (one, _), (many, few) = ran(1), ran(FRAMES)
-    monkeypatch.setattr(memory, "COLLECTED", 0)  # room for the events of two frames
+    monkeypatch.setattr(motion, "COLLECTED", 0)  # room for the events of two frames
     crowded, more = ran(FRAMES)
     assert few < more
     assert len(one.truth.events()) == one.motion.counts()["events"] == 38

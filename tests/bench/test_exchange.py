@@ -9,10 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rig.bench.command_queue import CLAMPED, SAFE
-from rig.bench.exchange import Exchange
-from rig.bench.journal import Journal
-from rig.bench.playback import Playback
+from rig.bench.run.command_queue import CLAMPED, SAFE
+from rig.bench.run.exchange import Exchange
+from rig.bench.run.journal import Journal
+from rig.bench.run.playback import Playback
 from rig.errors import UsageError
 
 MS = 1_000_000

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.bench.exchange import Exchange
-from rig.bench.journal import Journal
-from rig.bench.runner import PlantRunner
-from rig.bench.simulate import simulate
+from rig.bench.run.exchange import Exchange
+from rig.bench.run.journal import Journal
+from rig.bench.run.runner import PlantRunner
+from rig.bench.run.simulate import simulate
 from rig.scenes.scene import Scene
 
 SCENE = "belt_normal_force"

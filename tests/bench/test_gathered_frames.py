@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.runner import PlantRunner
+from rig.bench.run.runner import PlantRunner
 from rig.solve.sampling import GATHERED
 
 FRAMES = 10 * GATHERED + 3

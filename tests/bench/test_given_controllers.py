@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
 from rig.cli.options import added
 from rig.errors import ControllerFailed, RigError, SceneError, UsageError
 from rig.record.save_run import save

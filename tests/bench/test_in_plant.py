@@ -8,10 +8,10 @@ import pytest
 from twin import Twin
 
 from rig import controllers, scenes
-from rig.bench import lockstep
-from rig.bench.job import Job
-from rig.bench.plant import Plant
-from rig.bench.simulate import simulate
+from rig.bench.live import waiting
+from rig.bench.live.outcome import Job
+from rig.bench.live.plant import Plant
+from rig.bench.run.simulate import simulate
 from rig.bus import messages
 from rig.bus.run_setup import fetch
 from rig.controllers.normal_force import NormalForceFeedback
@@ -125,7 +125,7 @@ def test_in_lockstep_so_are_those_of_one_there_and_one_in_its_own_process(inside
 
 def test_a_second_answer_to_a_step_that_was_sent_again_is_no_command(monkeypatch):
     """Of a controller that is not due in every frame it would come between two of its ticks."""
-    monkeypatch.setattr(lockstep, "AGAIN", 1e-5)
+    monkeypatch.setattr(waiting, "AGAIN", 1e-5)
     scene = two(nf="plant")
     same_bits(Ran(scene, pace=None, duration=0.6), in_one_process(scene, 0.6))
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.bench.runner import PlantRunner
-from rig.bench.stepped_plant import ROWS
+from rig.bench.run.runner import ROWS, PlantRunner
 from rig.errors import UsageError
 
 SCENES = ("belt", "belt_dither", "pendulum", "lever", "brake_shunt")

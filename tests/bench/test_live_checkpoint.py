@@ -4,10 +4,10 @@ import numpy as np
 
 import rig
 from rig import scenes
-from rig.bench import branch as branches
-from rig.bench import supervise
-from rig.bench.plant_process import warm
-from rig.bench.verify import verify
+from rig.bench.again import branch as branches
+from rig.bench.again.verify import verify
+from rig.bench.live import supervise
+from rig.bench.live.plant_process import warm
 from rig.record.compare import compare
 from rig.record.save_run import save
 

@@ -8,7 +8,7 @@ import numpy as np
 from plant_in_thread import SCENE, Bench, samples
 
 from rig import scenes
-from rig.bench.simulate import simulate
+from rig.bench.run.simulate import simulate
 from rig.bus import encode, messages
 
 
@@ -83,7 +83,7 @@ def test_a_controller_that_is_due_at_every_third_tick_gives_the_bits_of_a_run_in
 
 
 def test_every_message_has_the_time_of_its_tick(scene, monkeypatch):
-    monkeypatch.setattr("rig.bus.batch.WAITS_NS", 0)  # batches are sent while the compiled loop asks
+    monkeypatch.setattr("rig.bus.messages.WAITS_NS", 0)  # batches are sent while the compiled loop asks
     with Bench(scene, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
         told = {name: bench.me.subscribe(name) for name in ("applied/nf", "state", "step")}
         bench.controller()

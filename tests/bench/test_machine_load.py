@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from rig.bench.machine_load import MachineLoad, advice
+from rig.bench.live.pace import MachineLoad, advice
 
 BUSY = {"others": 0.62, "host": 0.05}
 

@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from plant_in_thread import Bench, samples
 
 import rig
-from rig.bench import checkpoint
-from rig.bench.branch import branch
-from rig.bench.simulate import Recorded, simulate
-from rig.bench.verify import verify
+from rig.bench.again.branch import branch
+from rig.bench.again.verify import verify
+from rig.bench.run import checkpoint
+from rig.bench.run.simulate import Recorded, simulate
 from rig.bus import messages
 from rig.bus.impaired_link import HeardSensor
 from rig.gym.episode import Episode
 from rig.record.compare import compare
 from rig.record.provenance import provenance
-from rig.record.rebuilt_traffic import RebuiltTraffic
+from rig.record.replay import RebuiltTraffic
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench import pace
-from rig.bench.pace import Pacer, ProcessorTime, WallClock, judge, sharpen_timers, stolen_ns
+from rig.bench.live import pace
+from rig.bench.live.pace import Pacer, ProcessorTime, WallClock, judge, sharpen_timers, stolen_ns
 
 MS = 1_000_000
 

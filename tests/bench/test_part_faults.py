@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from plant_in_thread import Bench, samples
 
 import rig
-from rig.bench import checkpoint, controller_in_process
-from rig.bench.branch import branch
-from rig.bench.compiled_controllers import CompiledControllers
-from rig.bench.simulate import Recorded, simulate
-from rig.bench.verify import verify
+from rig.bench.again.branch import branch
+from rig.bench.again.verify import verify
+from rig.bench.run import checkpoint, local_controllers
+from rig.bench.run.compiled_controllers import CompiledControllers
+from rig.bench.run.simulate import Recorded, simulate
 from rig.bus import messages
 from rig.cli.app import program
 from rig.record.compare import compare
@@ -140,8 +140,8 @@ def test_a_move_of_the_protocol_goes_on_after_a_jam():
 
 @pytest.mark.parametrize("worth", [1, 10**12])
 def test_a_run_has_the_same_bits_however_its_controllers_are_called(monkeypatch, faulty, worth):
-    monkeypatch.setattr(controller_in_process, "WORTH", worth)
-    monkeypatch.setattr(controller_in_process, "TRIALS", 5)
+    monkeypatch.setattr(local_controllers, "WORTH", worth)
+    monkeypatch.setattr(local_controllers, "TRIALS", 5)
     assert bits(rig.simulate(belt(ALL), 1.0)) == bits(faulty)
     monkeypatch.setattr(CompiledControllers, "lend", lambda *_: ())
     assert bits(rig.simulate(belt(ALL), 1.0)) == bits(faulty)

@@ -8,7 +8,7 @@ import pytest
 from plant_in_thread import SCENE, Bench, played, samples
 
 from rig import scenes
-from rig.bench.simulate import Recorded, simulate
+from rig.bench.run.simulate import Recorded, simulate
 from rig.bus import messages
 from rig.record.run import Commands
 from rig.scenes.scene import Scene

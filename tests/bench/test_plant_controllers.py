@@ -7,12 +7,11 @@ from plant_in_thread import SCENE, Bench
 from twin import Twin
 
 from rig import scenes
-from rig.bench import status
-from rig.bench.event_lines import MOST, EventLines
-from rig.bench.finalise import timing_verdict
+from rig.bench.live import status
+from rig.bench.live.plant import timing_verdict
+from rig.bench.live.supervise import MOST_SHOWN, EventLines
 from rig.bus import encode, messages
-from rig.bus.arrivals import HEADER, Arrived, Count
-from rig.bus.topics import LEVELS
+from rig.bus.topics import HEADER, LEVELS, Arrived, Count
 from rig.errors import UsageError
 
 
@@ -32,7 +31,7 @@ def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene):
 
 
 def test_a_controller_that_hangs_is_evicted_from_lockstep(scene, monkeypatch):
-    monkeypatch.setattr("rig.bench.lockstep.EVICTED", 0.3)
+    monkeypatch.setattr("rig.bench.live.waiting.EVICTED", 0.3)
     with Bench(scene, pace=None, duration=0.2, expect=(("controller", "nf"),)) as bench:
         hung = bench.twin.open("controller", "nf")
         hung.announce()
@@ -84,7 +83,7 @@ def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, m
             assert lines["first"] is line
         with pytest.raises(UsageError, match="first"):  # it may be about to tell that it is here
             operator.command(wanted | {"controller": "other"})
-        monkeypatch.setattr("rig.bench.command_inbox.ANNOUNCED_S", 0.0)
+        monkeypatch.setattr("rig.bench.live.hub.ANNOUNCED_S", 0.0)
         assert operator.command(wanted | {"controller": "other"})["tick"] == 0
         assert set(lines) == {"nf", "other"}
         kinds = [event.kind for event in experiment.journal.events]
@@ -221,7 +220,7 @@ def test_a_guest_under_a_made_up_role_is_not_missed(scene):
 
 
 def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, monkeypatch):
-    monkeypatch.setattr("rig.bench.finalise.ANSWERS_S", 60.0)
+    monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 60.0)
     with Bench(scene, pace=None, duration=0.1) as bench:
         bench.plant.session.inbound.reserved = frozenset({"recorder"})
         silent, liar, controller = (
@@ -249,8 +248,8 @@ def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene,
 def test_a_recorder_that_is_behind_is_waited_for_while_it_catches_up_but_not_forever(
     scene, monkeypatch, signs, unknown
 ):
-    monkeypatch.setattr("rig.bench.finalise.ANSWERS_S", 0.5)
-    monkeypatch.setattr("rig.bench.finalise.CATCH_UP_S", 2.0)
+    monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.5)
+    monkeypatch.setattr("rig.bench.live.plant.CATCH_UP_S", 2.0)
     with Bench(scene, pace=None, duration=0.1, expect=(("recorder", "recorder"),)) as bench:
         recorder = bench.twin.open("recorder", "recorder")
         heard, ended = (
@@ -336,8 +335,8 @@ def test_every_kind_of_event_is_shown_but_those_of_the_live_line_and_the_summary
     for _ in range(1000):
         nf.put(messages.event(0, 0, "nf", "log", "again"), 0)
     shown.show(events)
-    assert len(lines) == MOST + 1
-    assert f"{1000 - MOST} more events" in lines[-1]
+    assert len(lines) == MOST_SHOWN + 1
+    assert f"{1000 - MOST_SHOWN} more events" in lines[-1]
 
 
 @pytest.mark.parametrize("where", ["process", "plant"])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from plant_in_thread import Bench, played, samples
 
-from rig.bench.experiment import RUN_DOWN_NS
-from rig.bench.rig_variants import RigVariants
+from rig.bench.run.experiment import RUN_DOWN_NS
+from rig.bench.run.rig_variants import RigVariants
 from rig.errors import BusError, ExitCode, UsageError
 
 HUGE, LONG = 10**4000, "x" * 5000

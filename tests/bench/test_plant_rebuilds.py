@@ -9,8 +9,8 @@ import pytest
 from plant_in_thread import Bench, played, samples
 
 from rig import scenes
-from rig.bench.rig_variants import RigVariants
-from rig.bench.status import summary
+from rig.bench.live.status import summary
+from rig.bench.run.rig_variants import RigVariants
 from rig.bus import encode, messages
 from rig.bus.run_setup import fetch
 from rig.controllers.runtime.file import load_file
@@ -58,7 +58,7 @@ def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_
     hold = {"step": "hold", "time": 1.5}
     raw["protocol"] = [hold, {"step": "set", "target": "shunt.resistance", "to": 40.0}, hold | {"time": 0.2}]
     scene = Scene.from_json(json.dumps(raw))
-    monkeypatch.setattr("rig.bench.prepared_rigs.PAUSE_S", 0.05)
+    monkeypatch.setattr("rig.bench.live.rehearsal.PAUSE_S", 0.05)
     built, ready = [], Motion.ready
 
     def noted(*given):
@@ -163,7 +163,7 @@ def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_fo
     raw["protocol"] = [hold, *({"step": "set", "target": key, "to": to} for key, to in steps), hold | {"time": 3.0}]
     raw["controllers"] = {"mine": {"kind": "shunt_schedule", "drive": "shunt.resistance"}}
     scene = Scene.from_json(json.dumps(raw))
-    monkeypatch.setattr("rig.bench.rebuild.PAUSE_S", 0.0)
+    monkeypatch.setattr("rig.bench.run.builds.PAUSE_S", 0.0)
     Gate(monkeypatch, takes_s=0.1)
     with Bench(scene, pace=1.0) as bench:
         runner, over = bench.plant.runner, threading.Event()
@@ -286,7 +286,7 @@ def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_
         if by == "operator":
             bench.me.ask("cmd/plant", {"do": "disconnect", "controller": "mine"}, 5.0)
         elif by == "a successor":  # which drives an actuator that has no command state yet, too
-            monkeypatch.setattr("rig.bench.command_inbox.ANNOUNCED_S", 0.0)  # `mine` will not announce itself
+            monkeypatch.setattr("rig.bench.live.hub.ANNOUNCED_S", 0.0)  # `mine` will not announce itself
             yours = bench.twin.open("controller", "yours")
             told = wanted | {"controller": "yours", "drives": [*drives, "load.force"]}
             yours.ask("cmd/plant", told, 5.0)

@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from rig import scenes
-from rig.bench.actions import Apply, Change, Finish, Move, Note, Release, Strike, Switch
-from rig.bench.protocol import Protocol
-from rig.bench.runner import PlantRunner
-from rig.bench.wait_condition import Range
+from rig.bench.run.protocol import Apply, Change, Finish, Move, Note, Protocol, Range, Release, Strike, Switch
+from rig.bench.run.runner import PlantRunner
 from rig.model.assembly import Input
 from rig.scenes.protocol import Step
 

@@ -10,15 +10,14 @@ import pytest
 
 import rig
 from rig import scenes
-from rig.bench import supervise
-from rig.bench.job import Job
-from rig.bench.outcome import Outcome
-from rig.bench.plant_process import warm
-from rig.bench.timing import Timing
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
+from rig.bench.live import supervise
+from rig.bench.live.outcome import Job, Outcome
+from rig.bench.live.plant_process import warm
+from rig.bench.live.timing import Timing
 from rig.bus.run_setup import Setup
-from rig.child_process import Child, end
 from rig.cli import app
+from rig.machine.process import Child, end
 from rig.record.recorder import Recording
 from rig.record.writer import Writer
 

@@ -13,13 +13,12 @@ import twin
 from twin import Twin
 
 from rig import scenes
-from rig.bench import supervise
-from rig.bench.job import Job, keeps_up
-from rig.bench.plant import Plant
-from rig.bench.plant_process import carry_out
-from rig.bench.prepared_rigs import MOST, PreparedRigs
-from rig.bench.rehearsal import visited
-from rig.bench.simulate import begun, simulate
+from rig.bench.live import supervise
+from rig.bench.live.outcome import Job, keeps_up
+from rig.bench.live.plant import Plant
+from rig.bench.live.plant_process import carry_out
+from rig.bench.live.rehearsal import MOST, PreparedRigs, visited
+from rig.bench.run.simulate import begun, simulate
 from rig.errors import Interrupted, UsageError
 from rig.motion import ready
 from rig.motion.motion import Motion
@@ -29,10 +28,10 @@ LEFT = """
 import sys
 from rig import scenes
 from rig.bench import supervise
-from rig.bench.job import Job
-from rig.bench.plant import Plant
-from rig.bench.rehearsal import visited
-from rig.bench.timing import Interruptions
+from rig.bench.live.outcome import Job
+from rig.bench.live.plant import Plant
+from rig.bench.live.rehearsal import visited
+from rig.bench.live.timing import Interruptions
 from twin import Twin
 scene = scenes.load("belt_normal_force")
 job = Job(scene.to_json(), wait=0.0, duration=0.4, expect=(("controller", "nf"),))

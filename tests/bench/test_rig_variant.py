@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.background_builds import Builds
-from rig.bench.exchange import Exchange
-from rig.bench.journal import Journal
-from rig.bench.playback import Playback
-from rig.bench.rebuild import Rebuild
-from rig.bench.rig_variant import Build, Wanted
-from rig.bench.runner import PlantRunner
-from rig.bench.simulate import Recorded, simulate
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
+from rig.bench.run.builds import Builds, Rebuild
+from rig.bench.run.exchange import Exchange
+from rig.bench.run.journal import Journal
+from rig.bench.run.playback import Playback
+from rig.bench.run.rig_variants import Build, Wanted
+from rig.bench.run.runner import PlantRunner
+from rig.bench.run.simulate import Recorded, simulate
 from rig.errors import SceneError
 from rig.motion.motion import Motion
 from rig.record.run import Commands
@@ -217,7 +216,7 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     runner.take(runner.variants.build(Wanted(driven=("load.force",))))
     line = exchange.admit("mine", drives, MS)
     exchange.rebuild, slow = Rebuild(runner, journal, Builds(runner)), Slow(runner, monkeypatch)
-    monkeypatch.setattr("rig.bench.rebuild.PAUSE_S", 0.0)
+    monkeypatch.setattr("rig.bench.run.builds.PAUSE_S", 0.0)
     before = runner.values["shunt.resistance"]
     force, in_force = runner.outputs.index("normal_force"), []
 

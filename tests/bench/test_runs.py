@@ -17,12 +17,12 @@ from going import Going
 
 import rig
 from rig import bus, scenes
-from rig.bench import supervise
-from rig.bench.job import Job
-from rig.bench.plant_process import carry_out, warm
-from rig.bench.replay import replay
-from rig.bench.simulate import Recorded, simulate
-from rig.bench.verify import verify
+from rig.bench.again.replay import replay
+from rig.bench.again.verify import verify
+from rig.bench.live import supervise
+from rig.bench.live.outcome import Job
+from rig.bench.live.plant_process import carry_out, warm
+from rig.bench.run.simulate import Recorded, simulate
 from rig.bus import address, messages
 from rig.errors import BusError, Interrupted, UsageError
 from rig.record.message_scan import Scan
@@ -225,7 +225,7 @@ def test_nobody_outlives_the_plant(folder, picture):
     going.line("begins with nf, recorder, viewer")
     begun = time.monotonic()
     others = [going.process(f"{word} killed") for word in ("rig.controllers.runtime.process", "record", "view")]
-    plant = going.process("rig.bench.plant_process")
+    plant = going.process("rig.bench.live.plant_process")
     time.sleep(2.0)
     plant.send_signal(signal.SIGKILL)
     lived = time.monotonic() - begun
@@ -241,7 +241,7 @@ def test_nobody_outlives_the_plant(folder, picture):
 def test_a_plant_that_was_held_up_says_so(folder):
     going = Going(scenes.load(SCENE), duration=2.0, out=folder / "run.mcap", name="held")
     going.line("begins with nf, recorder")
-    plant = going.process("rig.bench.plant_process")
+    plant = going.process("rig.bench.live.plant_process")
     plant.suspend()
     time.sleep(1.0)
     plant.resume()
@@ -367,7 +367,7 @@ def stalled(scene, path, who, seconds):
 
 @pytest.mark.alone
 def test_a_plant_that_hung_for_three_seconds_has_lost_nobody(folder, tmp_path):
-    outcome, run = stalled(scenes.load(SCENE), tmp_path / "run.mcap", "rig.bench.plant_process", 3.0)
+    outcome, run = stalled(scenes.load(SCENE), tmp_path / "run.mcap", "rig.bench.live.plant_process", 3.0)
     assert outcome.died == ()
     summary = outcome.summary
     (passed,) = [fault for fault in summary["faults"] if "of the wall clock passed without a frame" in fault]
@@ -392,7 +392,7 @@ def test_a_process_that_hung_for_three_seconds_takes_part_again(folder, tmp_path
 
 @pytest.mark.slow
 def test_a_plant_that_hung_for_longer_than_connections_last_is_joined_again(folder, tmp_path):
-    outcome, run = stalled(scenes.load(SCENE), tmp_path / "run.mcap", "rig.bench.plant_process", 34.0)
+    outcome, run = stalled(scenes.load(SCENE), tmp_path / "run.mcap", "rig.bench.live.plant_process", 34.0)
     faults = outcome.summary["faults"]
     assert any(fault.startswith("controller nf was away from t = ") for fault in faults), faults
     assert any(fault.startswith("recorder was away from t = ") for fault in faults), faults

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.bench.sample_blocks import AllSamples, Lent
+from rig.bench.live.hub import AllSamples, Lent
 from rig.bus import messages
 from rig.sensors.chain.instants import Instants
 

@@ -6,7 +6,7 @@ import plate_ride
 import pytest
 
 import rig
-from rig.bench.slider_edge import meets_edge
+from rig.bench.run.before import meets_edge
 from rig.scenes import load
 
 SMALL = plate_ride.SMALL | {"plate.modes": 4}

@@ -4,10 +4,10 @@ import io
 
 import pytest
 
-from rig.bench import status
-from rig.bench.outcome import Outcome
-from rig.bench.status import Live
-from rig.bench.timing import Timing
+from rig.bench.live import status
+from rig.bench.live.outcome import Outcome
+from rig.bench.live.status import Live
+from rig.bench.live.timing import Timing
 
 HEALTH = {
     "phase": "hold 3/7",

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.branch import branch
-from rig.bench.verify import verify
+from rig.bench.again.branch import branch
+from rig.bench.again.verify import verify
 from rig.errors import LogError
 from rig.record.provenance import provenance
 from rig.record.run import Samples

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench.timing import Interruptions, Spread, Timing, TimingVerdict
-from rig.kernel import kernel
+from rig.bench.live.timing import Interruptions, Spread, Timing, TimingVerdict
+from rig.compiled.kernel import kernel
 
 MS = 1_000_000
 

@@ -5,9 +5,9 @@ import pytest
 
 import rig as lab
 from rig import scenes
-from rig.bench import supervise
-from rig.bench.plant_process import warm
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
+from rig.bench.live import supervise
+from rig.bench.live.plant_process import warm
 from rig.record.trigger import Condition, Trigger
 
 SCENE = "belt_normal_force"

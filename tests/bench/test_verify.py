@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 import rig
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
 from rig.bus import messages
 from rig.record.save_run import save
 

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.agreement import changed_place
-from rig.bench.command_checks import command_faults
-from rig.bench.verify import verify
+from rig.bench.again.agreement import changed_place
+from rig.bench.again.verify import command_faults, verify
 from rig.record.provenance import blas, provenance
 from rig.record.save_run import save
 from rig.scenes.scene import Scene

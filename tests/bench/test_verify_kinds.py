@@ -11,10 +11,10 @@ from going import Going
 
 import rig
 from rig import bus, scenes
-from rig.bench.plant_process import warm
-from rig.bench.replay import replay
-from rig.bench.verify import verify
-from rig.child_process import Child, end
+from rig.bench.again.replay import replay
+from rig.bench.again.verify import verify
+from rig.bench.live.plant_process import warm
+from rig.machine.process import Child, end
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 

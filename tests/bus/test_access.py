@@ -9,9 +9,9 @@ import pytest
 import zenoh
 
 from rig import bus
-from rig.bus import access, address, encode, messages
-from rig.bus.arrivals import HEADER
+from rig.bus import address, encode, messages
 from rig.bus.link import configuration
+from rig.bus.topics import HEADER
 from rig.errors import BusError
 
 
@@ -27,7 +27,7 @@ def raw(user, password=None):
     login = {}
     if user is not None:
         if password is None:
-            password = (access.folder("guarded") / user).read_text()
+            password = (address.folder("guarded") / user).read_text()
         login = {"transport/auth/usrpwd/user": user, "transport/auth/usrpwd/password": password}
     login["connect/timeout_ms"] = 1000
     return zenoh.open(configuration("client", None, address.find("guarded").endpoint, **login))
@@ -43,7 +43,7 @@ def test_passwords_are_private_new_for_every_run_and_gone_after_it(runs):
     seen = set()
     for _ in range(2):
         with bus.host("guarded", controllers=("nf",)):
-            here = access.folder("guarded")
+            here = address.folder("guarded")
             assert stat.S_IMODE(here.stat().st_mode) == 0o700
             files = list(here.iterdir())
             assert {stat.S_IMODE(one.stat().st_mode) for one in files} == {0o600}
@@ -152,8 +152,8 @@ def test_a_second_recorder_gets_a_name_of_its_own(plant):
 
 
 def test_when_all_seats_are_taken_it_says_so(plant):
-    sessions = [access.take_user("guarded", "viewer", f"v{i}") for i in range(access.GUESTS)]
-    assert {seat.user for seat in sessions} == {f"guest-{i + 1}" for i in range(access.GUESTS)}
+    sessions = [address.take_user("guarded", "viewer", f"v{i}") for i in range(address.GUESTS)]
+    assert {seat.user for seat in sessions} == {f"guest-{i + 1}" for i in range(address.GUESTS)}
     with pytest.raises(BusError, match="accepts no further viewer v"):
         bus.join("guarded", role="viewer", name="v")
     sessions[3].release()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bus import columns, encode, messages
+from rig.bus import encode, messages
 
 whole = st.integers(-(2**63), 2**63 - 1)
 reals = st.floats(width=64)
@@ -15,9 +15,9 @@ reals = st.floats(width=64)
 
 def same_as_single(kind, payloads):
     """Whether the columns of `payloads` together are those of each decoded by protobuf."""
-    found = columns.alike(kind, payloads)
+    found = messages.alike(kind, payloads)
     assert found is not None
-    alone = [columns.single(kind.FromString(payload)) for payload in payloads]
+    alone = [messages.single(kind.FromString(payload)) for payload in payloads]
     assert found.keys() == {field.name for field in kind.DESCRIPTOR.fields}
     for name, column in found.items():
         expected = np.concatenate([one[name] for one in alone])
@@ -65,4 +65,4 @@ BLOCK = encode.block(1, 2, 3, [4.0])
     ],
 )
 def test_messages_that_are_not_alike_are_left_to_protobuf(kind, payloads):
-    assert columns.alike(messages.TYPES[kind], payloads) is None
+    assert messages.alike(messages.TYPES[kind], payloads) is None

@@ -11,11 +11,11 @@ from strange_messages import MS, NUMBERS, TOPICS, USERS, message
 from twin import Asked, Twin
 
 from rig import controllers, design, scenes
-from rig.bench.job import Job
-from rig.bench.plant import Plant
+from rig.bench.live.outcome import Job
+from rig.bench.live.plant import Plant
 from rig.bus import encode
-from rig.bus.arrivals import FASTEST, Arrived
 from rig.bus.run_setup import Setup, fetch
+from rig.bus.topics import FASTEST, Arrived
 from rig.controllers.runtime.process import Worker
 from rig.errors import ExitCode
 from rig.record import reader

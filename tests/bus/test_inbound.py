@@ -10,9 +10,8 @@ from strange_messages import MS, meaningless
 from twin import Twin
 
 from rig.bus import encode, messages
-from rig.bus.arrivals import HEADER, Arrived, Count, Refused
-from rig.bus.inbound import InboundCheck
-from rig.bus.json_text import DEPTH, read_json
+from rig.bus.inbound import DEPTH, InboundCheck, read_json
+from rig.bus.topics import HEADER, Arrived, Count, Refused
 from rig.errors import BusError
 
 

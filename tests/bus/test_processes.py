@@ -79,7 +79,7 @@ def test_what_comes_and_goes_is_not_handed_from_thread_to_thread(script):
     code = """
 from pathlib import Path
 from rig import bus
-from rig.placement import of_bus
+from rig.machine.scheduling import of_bus
 with bus.host("threads"):
     print({(one / "comm").read_text().partition("-")[0] for one in Path("/proc/self/task").iterdir() if of_bus(one)})
 """

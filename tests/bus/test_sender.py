@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from rig.bus.batch import LONGEST, Batch
-from rig.bus.sender import Sender
+from rig.bus.messages import LONGEST, Batch
+from rig.bus.session import Sender
 from rig.errors import BusError
 
 

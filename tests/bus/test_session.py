@@ -8,9 +8,9 @@ import pytest
 from twin import Twin
 
 from rig.bus import encode, messages
-from rig.bus.arrivals import Arrived, Count
-from rig.bus.batch import EVERY, LONGEST
+from rig.bus.messages import EVERY, LONGEST
 from rig.bus.run_setup import Setup, fetch
+from rig.bus.topics import Arrived, Count
 from rig.errors import BusError
 
 

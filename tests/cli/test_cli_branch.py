@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import rig as lab
-from rig.cli.simulate import instant_of
+from rig.cli.runs import instant_of
 from rig.errors import UsageError
 
 

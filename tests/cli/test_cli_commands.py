@@ -333,7 +333,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever runs the tes
 import rig.cli
 class Interrupts:
     def find_spec(self, name, *_):
-        if name == "rig.process":
+        if name == "rig.machine.process":
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, Interrupts())
 rig.cli.main()

@@ -9,7 +9,7 @@ import pytest
 from scipy.io import loadmat
 
 import rig as laboratory
-from rig.cli.export import NAMES
+from rig.cli.recordings import NAMES
 from rig.record.export import FORMATS
 from rig.record.run import Run, Samples
 

@@ -14,7 +14,7 @@ from plant_in_thread import Bench
 
 from rig import open as opened
 from rig import scenes
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
 from rig.errors import UsageError
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -144,7 +144,7 @@ def test_force_replaces_and_a_name_that_is_free_needs_none(rig, log, tmp_path):
 @pytest.mark.parametrize("command", FILES, ids=lambda command: f"{command[0]} {command[-1]}")
 def test_a_file_that_another_run_is_writing_is_refused_before_anything_starts(rig, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rig.bench.supervise.run", None)
+    monkeypatch.setattr("rig.bench.live.supervise.run", None)
     path = tmp_path / f"theirs{suffix(command)}"
     with opened_new(path, True) as theirs:
         theirs.write(b"theirs")
@@ -324,7 +324,7 @@ def test_a_full_disk_takes_no_summary_and_tears_no_figure(capsys, tmp_path, monk
     figure, log = tmp_path / "a.png", tmp_path / "a.mcap"
     save(laboratory.simulate("belt", 0.05), log)
     told = SimpleNamespace(log=str(log), text=lambda: "VALID", exit_code=0)
-    monkeypatch.setattr("rig.bench.supervise.run", lambda *_, **__: told)
+    monkeypatch.setattr("rig.bench.live.supervise.run", lambda *_, **__: told)
     if there:
         figure.write_text("mine")
     with pytest.raises(SystemExit) as left:
@@ -366,10 +366,10 @@ def test_every_command_that_writes_files_takes_force():
     [
         (
             ("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "a.png"),
-            "rig.analysis.sweep_figure.figure",
+            "rig.analysis.figures.figure",
         ),
-        (("explain", "belt", "--measure", "--figure", "a.png"), "rig.qualify.effects_figure.draw"),
-        (("sound", "log.mcap", "--signal", "s", "--figure", "a.png"), "rig.analysis.sound.figure.figure"),
+        (("explain", "belt", "--measure", "--figure", "a.png"), "rig.qualify.effects_measured.draw"),
+        (("sound", "log.mcap", "--signal", "s", "--figure", "a.png"), "rig.analysis.recorded.figures.figure"),
         (("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--runs", "near"), "rig.analysis.map.figure.figure"),
         (
             ("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--y", "load.force=10:20:2", "--eigenvalues"),

@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from rig import scenes
-from rig.bench.job import Job
-from rig.bench.outcome import Outcome
-from rig.bench.plant_process import carry_out
+from rig.bench.live.outcome import Job, Outcome
+from rig.bench.live.plant_process import carry_out
 from rig.cli.app import program
 from rig.errors import ExitCode
 

@@ -10,8 +10,8 @@ from full_disk import largest_file
 from rig.errors import OutputError
 from rig.qualify.cost import Table, delay
 from rig.qualify.torture import report
-from rig.qualify.torture.cell_result import CellResult
 from rig.qualify.torture.cells import Cell
+from rig.qualify.torture.results import CellResult
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
 

@@ -5,7 +5,7 @@ import pytest
 
 import rig as package
 from rig.errors import SceneError
-from rig.papers.common import quiet
+from rig.papers.entry import quiet
 
 SET = '\n[set]\n"body.mas" = "3 kg"\n[set.drive]\nspeed = "3 kg"\n'
 MASS = "  body.mas: unknown key; did you mean body.mass? ({})"

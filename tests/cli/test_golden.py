@@ -13,11 +13,9 @@ import pytest
 from mcap.reader import NonSeekingReader
 
 import rig
-from rig.analysis.three_stages import stages
-from rig.bench.agreement import ELSEWHERE
-from rig.bench.chaotic_runs import BEFORE
-from rig.bench.command_checks import command_faults
-from rig.bench.verify import verify
+from rig.analysis.stick_speeds import stages
+from rig.bench.again.agreement import BEFORE, ELSEWHERE
+from rig.bench.again.verify import command_faults, verify
 from rig.record.save_run import save
 from rig.record.statistics import first_opening
 from rig.scenes.scene import Scene

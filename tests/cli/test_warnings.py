@@ -19,7 +19,12 @@ COMMANDS = {
     "cost": (),
     "modes": ("--sweep", "drive.speed=0.1:0.2:2"),
 }
-WORKERS = ("rig.bench.supervise.run", "rig.bench.status.Live", "rig.qualify.cost.cost", "rig.analysis.map.job")
+WORKERS = (
+    "rig.bench.live.supervise.run",
+    "rig.bench.live.status.Live",
+    "rig.qualify.cost.cost",
+    "rig.analysis.map.job",
+)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

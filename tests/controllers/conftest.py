@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rig.kernel import kernel
+from rig.compiled.kernel import kernel
 
 PEND = SimpleNamespace(m=5.0, c=2500.0, d=2.0, F0=20.0, v0=0.06, mu_s=0.5, mu_d=0.18, v_s=0.05)
 

@@ -11,7 +11,7 @@ import pytest
 from compile_c import compiled, controller
 
 from rig import controllers, design, scenes
-from rig.bench.simulate import Recorded, simulate
+from rig.bench.run.simulate import Recorded, simulate
 from rig.controllers import c
 from rig.controllers.blocks.base import parameters, retune, tunable
 from rig.controllers.runtime import c_library, c_process, process

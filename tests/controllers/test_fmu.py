@@ -8,12 +8,13 @@ import zipfile
 import numpy as np
 import pytest
 
-from rig import controllers, design, scenes, user_files
-from rig.bench.simulate import Recorded, simulate
+from rig import controllers, design, scenes
+from rig.bench.run.simulate import Recorded, simulate
 from rig.controllers.blocks.base import tunable
-from rig.controllers.runtime import fmi_description, fmi_unit, process
+from rig.controllers.runtime import fmi, process
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerLost, SceneError, UsageError
+from rig.machine import files as user_files
 from rig.parts import Binary
 from rig.scenes.scene import Scene
 
@@ -237,8 +238,8 @@ def test_what_is_no_fmu_is_named(tmp_path, content, told):
     ("files", "told"), [({"x": bytes(3 << 20)}, "unpacked; at most 2 MiB"), (dict.fromkeys("abcdef", b""), "contains")]
 )
 def test_an_fmu_that_becomes_too_large_is_refused_before_it_is_unpacked(units, tmp_path, monkeypatch, files, told):
-    monkeypatch.setattr(fmi_description, "LARGEST", 2 << 20)
-    monkeypatch.setattr(fmi_unit, "LARGEST", 2 << 20)
+    monkeypatch.setattr(fmi, "LARGEST", 2 << 20)
+    monkeypatch.setattr(fmi, "LARGEST", 2 << 20)
     monkeypatch.setattr(user_files, "FILES", 6)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     file = tmp_path / "large.fmu"
@@ -249,7 +250,7 @@ def test_an_fmu_that_becomes_too_large_is_refused_before_it_is_unpacked(units, t
     with pytest.raises(SceneError, match=f"large.fmu: is not usable: .*{told}"):
         scene(file)
     with pytest.raises(ControllerLost, match=f"large.fmu: cannot be unpacked: .*{told}"):  # of a recording, say
-        fmi_unit.Unit(Binary.read(file, lambda _: {"fmi": 2}), (), (), (), ())
+        fmi.Unit(Binary.read(file, lambda _: {"fmi": 2}), (), (), (), ())
     assert [path.name for path in tmp_path.iterdir()] == ["large.fmu"]
 
 
@@ -277,7 +278,7 @@ def test_without_fmpy_the_line_that_installs_it_is_named(units, monkeypatch):
     file = Binary.of("nf.fmu", units().read_bytes())
     monkeypatch.setitem(__import__("sys").modules, "fmpy", None)
     with pytest.raises(UsageError, match=r"fmpy cannot be loaded .*pip install .*\[fmi\]"):
-        fmi_description.described(file)
+        fmi.described(file)
 
 
 def test_the_process_of_a_controller_gives_the_same_answers(units):

@@ -12,9 +12,7 @@ import rig
 from rig import controllers
 from rig.controllers.blocks.base import retune
 from rig.controllers.lti import LTI
-from rig.controllers.runtime.body import Untranslatable
-from rig.controllers.runtime.native import Native
-from rig.controllers.runtime.translate import translate
+from rig.controllers.runtime.native import Native, Untranslatable, translate
 from rig.design import numbers
 
 SHIPPED = (

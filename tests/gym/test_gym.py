@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 
 import rig
 from rig import scenes
-from rig.bench.simulate import simulate
+from rig.bench.run.simulate import simulate
 from rig.errors import UsageError
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -19,8 +19,7 @@ from rig import scenes
 from rig.cli.lesson import for_a_terminal
 from rig.errors import UsageError
 from rig.lessons import FOLDER, attempt, compare, lesson, lessons, renew, renewed
-from rig.lessons.page import Command, read
-from rig.lessons.trial import at
+from rig.lessons.page import Command, at, read
 
 ROOT = Path(__file__).parents[2]
 ALL = lessons()

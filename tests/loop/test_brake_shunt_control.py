@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.simulate import Recorded, simulate
+from rig.bench.run.simulate import Recorded, simulate
 from rig.errors import SceneError
 from rig.scenes import shipped
 

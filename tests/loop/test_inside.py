@@ -12,8 +12,8 @@ import pytest
 
 import rig
 from rig import controllers
-from rig.bench import compiled_controllers, controller_in_process, playback, simulate
-from rig.bench.compiled_controllers import CompiledControllers
+from rig.bench.run import compiled_controllers, local_controllers, playback, simulate
+from rig.bench.run.compiled_controllers import CompiledControllers
 from rig.design import numbers
 from rig.record.run import Commands
 from rig.solve import control_loop
@@ -25,8 +25,8 @@ def way(monkeypatch, name):
     """Controllers are asked from outside, from the compiled loop, or are compiled themselves."""
     if name == "outside":
         monkeypatch.setattr(CompiledControllers, "lend", lambda *_: ())
-    monkeypatch.setattr(controller_in_process, "WORTH", 1 if name == "compiled" else 10**12)
-    monkeypatch.setattr(controller_in_process, "TRIALS", 5)
+    monkeypatch.setattr(local_controllers, "WORTH", 1 if name == "compiled" else 10**12)
+    monkeypatch.setattr(local_controllers, "TRIALS", 5)
 
 
 def told(run):

@@ -13,12 +13,12 @@ from matplotlib.image import imread
 import rig as lab
 from rig.analysis.recorded.series import drive, vibration
 from rig.errors import SceneError
-from rig.record.roles import portrait_pair
+from rig.record.run_list import portrait_pair
 from rig.scenes.scene import Scene
 from rig.scenes.variants import absent, dropped, without
 from rig.view import curves
 from rig.view.channels import Channels
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 
 def rewritten(file, *changes):

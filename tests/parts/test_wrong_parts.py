@@ -12,8 +12,8 @@ import pytest
 
 import rig as lab
 from rig import controllers, design
-from rig.bench.job import Job
-from rig.bench.rehearsal import visited
+from rig.bench.live.outcome import Job
+from rig.bench.live.rehearsal import visited
 from rig.controllers.blocks.base import retune, tunable
 from rig.errors import PartError, SceneError, UsageError
 

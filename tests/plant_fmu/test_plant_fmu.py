@@ -16,11 +16,10 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.bench.simulate import simulate
+from rig.bench.run.simulate import simulate
 from rig.errors import UsageError
 from rig.plant_fmu import child
-from rig.plant_fmu.description import Interface, text
-from rig.plant_fmu.export import export
+from rig.plant_fmu.export import Interface, export, text
 
 pytest.importorskip("fmpy", reason="fmpy is not installed")
 from fmpy import extract, read_model_description

@@ -7,14 +7,14 @@ import pytest
 from pydantic import ValidationError
 
 from rig import scenes
-from rig.bench.audit import Comparison, VisitedState
-from rig.bench.experiment import Experiment
-from rig.bench.runner import PlantRunner
-from rig.bench.simulate import simulate
+from rig.bench.run.audit import Comparison, VisitedState
+from rig.bench.run.experiment import Experiment
+from rig.bench.run.runner import PlantRunner
+from rig.bench.run.simulate import simulate
 from rig.effects.drive import BeltDrive
 from rig.effects.load import Load
 from rig.errors import UsageError
-from rig.solve.state_codes import CLOSED
+from rig.solve.records import CLOSED
 
 HELD, RAMPED = {"drive.speed": "held"}, {"drive.speed": "ramped"}
 COULOMB = {"friction.law": "coulomb", "friction.mu_static": 0.4, "friction.mu_kinetic": 0.25}

@@ -17,7 +17,7 @@ import rig
 from rig.errors import SceneError
 from rig.model.formulation import assemble
 from rig.motion.motion import Motion
-from rig.solve.state_codes import OPEN, STICK
+from rig.solve.records import OPEN, STICK
 from rig.stability.linearisation import sliding_key, steady
 
 BRAKE = json.loads((Path(__file__).parents[1] / "reference" / "brake.json").read_text())

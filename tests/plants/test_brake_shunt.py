@@ -13,9 +13,9 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 import rig
-from rig.bench.runner import PlantRunner
-from rig.effects import shunt_limits
-from rig.effects.stack import Stack
+from rig.bench.run.runner import PlantRunner
+from rig.effects import shunt as shunt_limits
+from rig.effects.shunt import Stack
 from rig.plants import brake
 from rig.stability.linearisation import sliding_key, steady
 from rig.stability.report import stability_report

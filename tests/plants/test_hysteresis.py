@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from rig.solve.state_codes import SLIP_PLUS
+from rig.solve.records import SLIP_PLUS
 from rig.stability.linearisation import steady
 
 MOVED = {"drive.speed": "ramped"}

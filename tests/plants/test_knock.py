@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 import rig as laboratory
 from rig.analysis.recorded import response
-from rig.bench.runner import PlantRunner
+from rig.bench.run.runner import PlantRunner
 from rig.effects import knock
 from rig.errors import SceneError
 from rig.scenes.protocol import Knock

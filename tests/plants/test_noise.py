@@ -8,7 +8,7 @@ from scipy.signal import welch
 
 import rig
 from rig import scenes
-from rig.bench.runner import PlantRunner
+from rig.bench.run.runner import PlantRunner
 from rig.errors import SceneError
 
 FORCE = 0.5  # N/Hz^0.5

@@ -17,7 +17,7 @@ import rig
 from rig.errors import SceneError
 from rig.model.formulation import assemble
 from rig.plants.pin import limits
-from rig.solve.state_codes import SLIP_PLUS
+from rig.solve.records import SLIP_PLUS
 
 M1, M2, C1, C2, D1, D2, G, F, V, MU = 1.0, 0.2, 1e6, 5e5, 20.0, 2.0, math.radians(25.0), 20.0, 0.01, 0.75
 SIN, COS = math.sin(G), math.cos(G)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from plate_ride import SMALL, ride
 
 import rig
-from rig.bench.build_findings import findings
+from rig.bench.run.before import findings
 from rig.errors import NumericsError
 from rig.motion.motion import Motion
 from rig.plants import plate

@@ -8,7 +8,7 @@ from plate_ride import ride
 
 import rig
 from rig.motion.motion import Motion
-from rig.solve.film_sums import COUNTED
+from rig.solve.film_steps import COUNTED
 
 ORACLE = {"film.along": 12, "film.across": 8, "film.completed": False, "film.lateral": False}
 """40 modes of the same mesh, 96 points."""

@@ -10,7 +10,7 @@ from scipy.integrate import dblquad
 import rig
 from rig.errors import SceneError
 from rig.plants.points import HALF_WAVES, shapes
-from rig.solve.state_codes import OPEN, SLIP_PLUS
+from rig.solve.records import OPEN, SLIP_PLUS
 from rig.stability.linearisation import sliding_key, steady
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.runner import PlantRunner
+from rig.bench.run.runner import PlantRunner
 from rig.errors import SceneError
 from rig.plants import belt
 from rig.stability.linearisation import sliding_key, steady

@@ -12,8 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rig
-from rig.analysis.three_stages import stages
-from rig.analysis.upper_speed import upper_speed
+from rig.analysis.stick_speeds import stages, upper_speed
 from rig.errors import SceneError, UsageError
 from rig.plants.tip import Inclination
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import brentq
 
 import rig
-from rig.analysis.three_stages import stages
+from rig.analysis.stick_speeds import stages
 from rig.errors import SceneError
 from rig.plants.structures.bending import clamped, matrices
 from rig.plants.tip import Inclination

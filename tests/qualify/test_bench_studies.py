@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from rig.analysis.pool import Work
-from rig.qualify.benchmarks import rates
-from rig.qualify.benchmarks.rates import Rate, Workers, compared, rate
-from rig.qualify.benchmarks.studies import overhead_ms, points, row
+from rig.qualify.benchmarks import studies
+from rig.qualify.benchmarks.studies import Rate, Workers, compared, overhead_ms, points, rate, row
 
 
 @pytest.mark.parametrize("what", ["P1", "loop"])
@@ -23,7 +22,7 @@ def test_a_rate_counts_from_the_instant_at_which_all_workers_have_finished_a_uni
     """Two workers, ten units of 1 s, the second one 2.5 s late: 6.5 units, then idle for 0.5 s of 3.5 s."""
     times = [(1.0, t, t + 1.0) for t in range(7)] + [(2.0, t + 2.5, t + 3.5) for t in range(3)]
     found = {k: {"#times": np.array(one)} for k, one in enumerate(times)}
-    monkeypatch.setattr(rates, "carry_out", lambda *a, **kw: found)
+    monkeypatch.setattr(studies, "carry_out", lambda *a, **kw: found)
     assert rate(Work(row, range(10)), Workers(2)).units == pytest.approx((3.5 + 2.0) / 3.5)
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from rig.bench import run_log
-from rig.bench.run_log import LONGEST, MOST, RunLog
+from rig.bench.live import supervise
+from rig.bench.live.supervise import LONGEST, MOST_KEPT, RunLog
 from rig.qualify.bug_report import anonymous
 from rig.qualify.doctor import doctor
 
@@ -65,13 +65,13 @@ def test_a_bundle_is_not_written_over_a_file(rig, state):
 def test_the_log_of_a_run_is_bounded(state):
     said = []
     log = RunLog(said.append, {})
-    for number in range(2 * MOST):
+    for number in range(2 * MOST_KEPT):
         log.say(f"{number} " + "x" * 2 * LONGEST)
     log.write()
-    lines = run_log.path().read_text().splitlines()
-    assert len(said) == 2 * MOST
-    assert (len(lines), max(map(len, lines))) == (MOST, LONGEST)
-    assert lines[-1].startswith(f"{2 * MOST - 1} ")
+    lines = supervise.path().read_text().splitlines()
+    assert len(said) == 2 * MOST_KEPT
+    assert (len(lines), max(map(len, lines))) == (MOST_KEPT, LONGEST)
+    assert lines[-1].startswith(f"{2 * MOST_KEPT - 1} ")
 
 
 def test_a_state_folder_that_cannot_be_written_costs_only_the_log(state):

@@ -11,18 +11,15 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.motion_measures.measures import Seen, errors, observe
-from rig.analysis.motion_measures.problem import held, problem
-from rig.analysis.motion_measures.settings import Setting, eligible, ladder
+from rig.analysis.motion_measures import Seen, Setting, eligible, errors, held, ladder, observe, problem
 from rig.errors import Chatter, OutputError, UsageError
 from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended, reference
-from rig.qualify.cost.measuring import timed
-from rig.qualify.cost.pareto import front
+from rig.qualify.cost.measuring import timed, trials
 from rig.qualify.cost.reference import extrapolated
 from rig.qualify.cost.report import CostReport, notes
+from rig.qualify.cost.table import front
 from rig.qualify.cost.timing import QUIET, Contender, Cost, Spread, measured, spread
-from rig.qualify.cost.trials import trials
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 
 def row(error, p99, share=0.0, method="rk4", floor=0.0):

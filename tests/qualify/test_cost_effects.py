@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.motion_measures.problem import problem
-from rig.analysis.repetition import all_round, turn_of
+from rig.analysis.motion_measures import problem
+from rig.analysis.orbit import all_round, turn_of
 from rig.errors import SceneError
 from rig.qualify.cost import effects as module
-from rig.qualify.cost.changes import Change, changed
-from rig.qualify.cost.effects import Paired, bare, effects
+from rig.qualify.cost.effects import Change, Paired, bare, changed, effects
 from rig.qualify.cost.timing import Spread
 from rig.scenes.variants import dropped, opened, without
 from rig.stability.linearisation import sliding_key, steady
@@ -150,7 +149,7 @@ def test_a_plant_that_leaves_its_limits_or_stops_is_told_so():
 
 
 def test_an_irregular_motion_differs_from_itself_and_that_much_is_no_change(monkeypatch):
-    from rig.qualify.cost import changes as own
+    from rig.qualify.cost import effects as own
 
     monkeypatch.setattr(own, "irregular", lambda asked, seen: dict.fromkeys(seen.values, 0.8))
     one = problem(bare(rig.load("belt")))

@@ -7,18 +7,18 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from rig.qualify.cost import figure
+from rig.qualify.cost import report
 
 
 @pytest.mark.parametrize("ratio", [1.5, 10.0, 99.0, 101.0, 1e4, 1e6])
 @pytest.mark.parametrize("low", [0.0003, 0.02, 3.3, 3000.0])
 def test_labels_of_the_two_horizontal_axes_stay_apart(ratio, low):
-    with mpl.rc_context(figure.STYLE):
+    with mpl.rc_context(report.STYLE):
         sheet = Figure(figsize=(10.8, 6.4), dpi=125, layout="constrained")
         canvas = FigureCanvasAgg(sheet)
-        for axes, converted in zip(sheet.subplots(1, 2), (figure.percent_of_frame, figure.real_time_factor)):
+        for axes, converted in zip(sheet.subplots(1, 2), (report.percent_of_frame, report.real_time_factor)):
             axes.set(xscale="log", xlim=(low, low * ratio))
-            figure.second_axis(axes, converted, "share of a frame [%]")
+            report.second_axis(axes, converted, "share of a frame [%]")
         canvas.draw()
         shown = 0
         for axes in sheet.axes:

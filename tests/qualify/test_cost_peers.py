@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.motion_measures.settings import Setting
+from rig.analysis.motion_measures import Setting
 from rig.errors import UsageError
 from rig.qualify.cost.peers import by_rig, by_scipy
 from rig.qualify.cost.peers.oscillator import Oscillator

@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 
 import rig
-from rig import kernel
 from rig.analysis import kernel_shapes
-from rig.bench.experiment import Experiment
-from rig.bench.runner import PlantRunner
+from rig.bench.run.experiment import Experiment
+from rig.bench.run.runner import PlantRunner
+from rig.compiled import kernel
 from rig.controllers.narrow_band import NarrowBandFeedback
 from rig.errors import SceneError, WorkerError
+from rig.machine.scheduling import PLANT, Ahead
 from rig.motion.motion import Motion
+from rig.qualify import bug_report
 from rig.qualify import doctor as examination
-from rig.qualify import warmup
-from rig.qualify.doctor import ALONE, AMONG, Spread, doctor, judge
-from rig.qualify.frame_costs import LEAST, behind, costs
+from rig.qualify.doctor import ALONE, AMONG, LEAST, Spread, behind, costs, doctor, judge
 from rig.scenes.protocol import STEPS
-from rig.scheduling import PLANT, Ahead
 from rig.solve.advance import advance
 
 SCENES = ("belt", "brake_active", "north")
@@ -214,30 +213,33 @@ def compiled(tmp_path, monkeypatch):
 def test_a_shape_is_compiled_once(compiled):
     told = []
     names = ["belt", "belt_b", "belt_c", "belt_c_damped"]
-    assert set(warmup.warmup(told.append, names)) == {(3, True, False, False, False), (3, False, False, False, False)}
+    assert set(bug_report.warmup(told.append, names)) == {
+        (3, True, False, False, False),
+        (3, False, False, False, False),
+    }
     assert compiled == ["belt", "belt_c"]
     assert "2 kernel shapes in 4 scenes, 2 to prepare" in told[0]
     assert "s left" in told[1]
-    assert warmup.warmup(names=names) == {}
+    assert bug_report.warmup(names=names) == {}
     assert compiled == ["belt", "belt_c"]
 
 
 def test_every_shipped_scene_is_ready_after_a_warm_up(compiled):
-    warmup.warmup()
+    bug_report.warmup()
     assert {kernel_shapes.shape(rig.load(name)) for name in rig.scenes.names()} <= kernel_shapes.ready()
 
 
 def test_other_sources_are_compiled_anew(compiled, tmp_path, monkeypatch):
-    warmup.warmup(names=["belt"])
+    bug_report.warmup(names=["belt"])
     monkeypatch.setattr(kernel.FOLDER, "path", tmp_path / "other")
     (tmp_path / "other").mkdir()
     assert kernel_shapes.ready() == set()
-    warmup.warmup(names=["belt"])
+    bug_report.warmup(names=["belt"])
     assert compiled == ["belt", "belt"]
 
 
 def test_unreadable_notes_are_no_notes(compiled, tmp_path):
-    warmup.warmup(names=["belt"])
+    bug_report.warmup(names=["belt"])
     for note in tmp_path.iterdir():
         note.write_text("{")
     assert kernel_shapes.ready() == set()

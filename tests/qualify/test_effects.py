@@ -8,16 +8,16 @@ import pytest
 
 import rig
 from rig.analysis.kernel_shapes import VARIANTS, shape_of
-from rig.bench.audit import Comparison, VisitedState
+from rig.bench.run.audit import Comparison, VisitedState
 from rig.errors import RigError
 from rig.model.method import METHODS, as_integrated
 from rig.model.mode_sets import ModeSets
 from rig.plants import PLANTS
-from rig.qualify.benchmarks import absent_effect as twin
+from rig.qualify.benchmarks import whole_runs as twin
 from rig.scenes import names
 from rig.scenes.shipped import card
 from rig.scenes.variants import absent, added, dropped, given, without
-from rig.stability.examined_mode_sets import mode_sets
+from rig.stability.step_limits import mode_sets
 
 NONE = {
     "dither": {"amplitude": 0.0},

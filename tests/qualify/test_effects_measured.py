@@ -5,10 +5,9 @@ import pytest
 import rig
 from rig.errors import SceneError
 from rig.qualify import effects_measured
-from rig.qualify.effects_figure import draw
-from rig.scenes.effects import declared
+from rig.qualify.effects_measured import draw
 from rig.scenes.shipped import names
-from rig.scenes.variants import absent, added, dropped
+from rig.scenes.variants import absent, added, declared, dropped
 
 
 def test_methods_say_why_they_do_not_serve():

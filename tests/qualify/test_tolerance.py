@@ -5,10 +5,8 @@ import math
 import pytest
 
 import rig
-from rig.analysis.motion_measures.measures import errors, observe
-from rig.analysis.motion_measures.problem import problem
-from rig.analysis.motion_measures.settings import Setting
-from rig.bench.runner import PlantRunner
+from rig.analysis.motion_measures import Setting, errors, observe, problem
+from rig.bench.run.runner import PlantRunner
 
 FACTOR = 10.0
 DITHER = {"dither.frequency": 150.0, "dither.amplitude": 10.0}

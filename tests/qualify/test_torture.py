@@ -8,15 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.bench.agreement import Agreement
+from rig.bench.again.agreement import Agreement
 from rig.errors import SceneError, UsageError
 from rig.qualify import torture
-from rig.qualify.torture import film_checks
-from rig.qualify.torture.case import FOLDER, load, names, read
-from rig.qualify.torture.case_scene import watched
-from rig.qualify.torture.cell_result import judge
+from rig.qualify.torture import trial
+from rig.qualify.torture.case import FOLDER, load, names, read, watched
 from rig.qualify.torture.cells import cells, kernel_scenes
-from rig.qualify.torture.outcome import Found
+from rig.qualify.torture.results import Found, judge
 from rig.qualify.torture.wrong_methods import WRONG
 from rig.record import reader
 
@@ -85,13 +83,13 @@ def test_default_cells_measure_and_keep_a_recording(name, monkeypatch):
             values[-1] += 1e-12
         return run
 
-    monkeypatch.setattr("rig.qualify.torture.user_run.reader.open", damaged)
+    monkeypatch.setattr("rig.qualify.torture.trial.reader.open", damaged)
     results = [cell.result for cell in cells(case, True, ()) if cell.default]
     assert {(result.colour, result.reason) for result in results} == {("red", "recording")}
 
 
 def test_a_recording_that_is_not_verified_is_red(monkeypatch):
-    monkeypatch.setattr("rig.bench.verify.agreement", lambda *_: Agreement(1, 1e-3, "velocity differs"))
+    monkeypatch.setattr("rig.bench.again.verify.agreement", lambda *_: Agreement(1, 1e-3, "velocity differs"))
     results = [cell.result for cell in cells(load("grazing"), True, ()) if cell.default]
     assert {(result.reason, result.detail) for result in results} == {
         ("recording", "the file is not verified: velocity differs")
@@ -160,10 +158,10 @@ def test_points_of_a_film_are_held_to_their_cone():
     system, found = scene.assemble().system(), Found()
     states = np.zeros((1, system.n))
     states[0, system.names.index("P:1")], states[0, system.names.index("f:1")] = 10.0, 1.0
-    film_checks.look(system, states, found)
+    trial.look(system, states, found)
     assert found.outside_cone == 1.0  # all of it: without friction there is none to bear
     states[0, system.names.index("P:2")] = -2.0
-    film_checks.look(system, states, found)
+    trial.look(system, states, found)
     assert found.pulling == 0.2
 
 

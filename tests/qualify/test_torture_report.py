@@ -8,8 +8,8 @@ import pytest
 from rig.qualify import torture
 from rig.qualify.torture import report
 from rig.qualify.torture.case import each, load
-from rig.qualify.torture.cell_result import CellResult
 from rig.qualify.torture.cells import Cell
+from rig.qualify.torture.results import CellResult
 
 CELLS = [
     Cell("one", "exact", 1e-3, True, CellResult("green"), 0.1, {"events": 3}),

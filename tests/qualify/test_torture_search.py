@@ -6,7 +6,7 @@ from rig.errors import UsageError
 from rig.qualify.torture import cells as room
 from rig.qualify.torture import search as hunt
 from rig.qualify.torture.case import load, read
-from rig.qualify.torture.cell_result import CellResult
+from rig.qualify.torture.results import CellResult
 
 
 def test_default_holds_in_the_box(tmp_path):

@@ -15,7 +15,7 @@ from twin import Twin
 from rig.bus import encode
 from rig.errors import BusError, OutputError
 from rig.record import mcap_file, reader
-from rig.record.byte_scan import walk
+from rig.record.mcap_file import walk
 from rig.record.recorded_setup import setup_of
 from rig.record.replay import replay
 from rig.record.writer import Writer

@@ -21,9 +21,7 @@ import rig
 from rig.errors import UsageError
 from rig.record import reader
 from rig.record.export import FORMATS, export, tables
-from rig.record.export.description import description
-from rig.record.export.files import files
-from rig.record.export.mat_file import LONGEST, valid
+from rig.record.export.files import LONGEST, description, files, valid
 from rig.record.run import Commands, Run, Samples
 from rig.record.save_run import save
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
 from rig.plants import plate
 from rig.plants.structures import model_store, plate_model
 from rig.plants.structures.plate_surface import Surface
@@ -93,9 +93,9 @@ def test_a_model_that_was_rounded_elsewhere_is_the_one_that_counts(run, tmp_path
 
 def _without(log, run, count):
     """The recording with a byte changed in the first `count` of its two copies of the model."""
-    from rig.record import model_attachments
+    from rig.record import recorded_setup
 
-    raw, packed, at = bytearray(log.read_bytes()), model_attachments.packed(run.models[0]), 0
+    raw, packed, at = bytearray(log.read_bytes()), recorded_setup.packed(run.models[0]), 0
     assert raw.count(packed) == 2
     for _ in range(count):
         at = raw.index(packed, at) + len(packed) // 2
@@ -129,11 +129,11 @@ def test_recovering_keeps_the_model(log, run, bare, tmp_path):
 
 
 def test_recordings_of_equal_runs_have_equal_models(run, tmp_path):
-    from rig.record import model_attachments
+    from rig.record import recorded_setup
 
     again = rig.simulate("plate", SECONDS)
     assert again.scene == run.scene
-    assert model_attachments.packed(again.models[0]) == model_attachments.packed(run.models[0])
+    assert recorded_setup.packed(again.models[0]) == recorded_setup.packed(run.models[0])
 
 
 def test_other_rigs_carry_no_models():

@@ -9,16 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rig import bus, placement
+from rig import bus
 from rig.bus import encode, messages
-from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
+from rig.bus.topics import Message
+from rig.machine import scheduling
 from rig.record import reader
 from rig.record.contents import contents
 from rig.record.curves import derived
 from rig.record.message_scan import Scan
-from rig.record.recorder import Recording
-from rig.record.sender_lives import SenderLives
+from rig.record.recorder import Recording, SenderLives
 
 RECORDER = """
 import json, sys
@@ -148,7 +148,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_half_second(plant, script, tm
 def niceness(pid):
     """Niceness of the bus threads and of the main thread of a process (0 if in real time)."""
     threads = list(Path(f"/proc/{pid}/task").iterdir())
-    chosen = {"bus": [one for one in threads if placement.of_bus(one)], "writer": [Path(f"/proc/{pid}/task/{pid}")]}
+    chosen = {"bus": [one for one in threads if scheduling.of_bus(one)], "writer": [Path(f"/proc/{pid}/task/{pid}")]}
     return {
         what: {int((one / "stat").read_text().rpartition(")")[2].split()[16]) for one in found}
         for what, found in chosen.items()
@@ -332,7 +332,8 @@ def test_a_killed_plant_ends_the_recorder_with_a_whole_file(script, tmp_path):
 
 PLANT = """
 import time
-from rig import bus, placement
+from rig import bus
+from rig.machine import scheduling as placement
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 with bus.host(scene="belt") as me:

@@ -12,8 +12,8 @@ from small_recording import SETUP, record, walked
 from rig.bus import encode, messages
 from rig.errors import LogError, OutputError, UsageError
 from rig.record import mcap_file, reader
-from rig.record.byte_scan import walk
 from rig.record.compare import compare
+from rig.record.mcap_file import walk
 from rig.record.message_scan import Scan
 from rig.record.recover import recover
 from rig.record.writer import Writer

@@ -52,7 +52,7 @@ def test_save_writes_the_recording(run, tmp_path):
 
 
 def test_plot_is_the_figure_that_the_commands_draw(tmp_path):
-    from rig.view.save_figure import put
+    from rig.view.palette import put
 
     run = rig.simulate("belt", 0.1)
     run.plot().savefig(tmp_path / "a.png")

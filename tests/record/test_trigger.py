@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from rig import file_locks
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 from rig.errors import UsageError
+from rig.machine import files
 from rig.record import reader
 from rig.record.contents import contents
 from rig.record.message_scan import Scan
@@ -217,7 +217,7 @@ def test_a_later_recording_of_an_earlier_watch_is_told_before_the_run(tmp_path):
 def test_recordings_that_another_watch_is_writing_are_not_replaced(tmp_path):
     going, _ = watched(tmp_path / "w.mcap", pulses(500, 1500))
     with going.paths[1].open("r+b") as file:
-        assert file_locks.take(file)
+        assert files.take(file)
         with pytest.raises(UsageError, match=r"w-002\.mcap cannot be replaced: another run is writing it"):
             watched(tmp_path / "w.mcap", pulses(500), replace=True)
     assert all(path.exists() for path in going.paths)

@@ -7,8 +7,8 @@ import pytest
 from rig import scenes
 from rig.about import About, Bound
 from rig.quantities import Second, Section, Speed
-from rig.scenes.effects import about, declared, optional, switches
 from rig.scenes.explain import explain
+from rig.scenes.variants import about, declared, optional, switches
 
 
 class Shaker(Section):

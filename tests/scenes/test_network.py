@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from rig import scenes
 from rig.errors import SceneError, UsageError
-from rig.scenes.network_text import EXAMPLE, described, keys
+from rig.scenes.network import EXAMPLE, described, keys
 from rig.scenes.sections import dump
 
 BELT = "belt_normal_force"

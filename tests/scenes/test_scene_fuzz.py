@@ -16,7 +16,7 @@ import pytest
 
 from rig import scenes
 from rig.analysis.kernel_shapes import ready, shape
-from rig.bench.runner import PlantRunner
+from rig.bench.run.runner import PlantRunner
 from rig.design import numbers
 from rig.errors import RigError, SceneError
 from rig.model.method import chosen

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rig import scenes, simulate
-from rig.bench.build_findings import findings
+from rig.bench.run.before import findings
 from rig.quantities import ORIGINS
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import card, plant

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rig.sensors.chain.bank import Bank
-from rig.solve.segments import DEGREE, Segments
+from rig.solve.segment_output import DEGREE, Segments
 
 NODES = 0.5 - 0.5 * np.cos((np.arange(DEGREE + 1) + 0.5) * np.pi / (DEGREE + 1))
 _CHEBYSHEV = np.polynomial.chebyshev.chebvander(2.0 * NODES - 1.0, DEGREE)

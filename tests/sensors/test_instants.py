@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 import rig
 from rig.bus import encode, messages
-from rig.motion import memory
-from rig.record.even_times import places
+from rig.motion import motion
 from rig.record.reader import open as read
-from rig.record.rebuilt_traffic import RebuiltTraffic
+from rig.record.replay import RebuiltTraffic
+from rig.record.run_data import places
 from rig.record.save_run import save
 from rig.sensors import KINDS
 from rig.sensors.chain.instants import Instants, common_step
@@ -128,7 +128,7 @@ def test_times_of_a_recording_are_exact(tmp_path):
 
 def test_a_frame_with_many_segments_gets_the_room_it_needs(monkeypatch):
     plain = rig.simulate("belt", 1.0)
-    monkeypatch.setattr(memory, "SEGMENTS", 8)
+    monkeypatch.setattr(motion, "SEGMENTS", 8)
     tight = rig.simulate("belt", 1.0)
     for name, (t_ns, v) in plain.measurements.items():
         np.testing.assert_array_equal(tight.measurements[name].t_ns, t_ns)

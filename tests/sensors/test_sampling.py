@@ -11,7 +11,7 @@ from scipy import signal
 from rig.errors import SceneError
 from rig.sensors import KINDS
 from rig.sensors.chain.bank import Bank
-from rig.solve.segments import Segments
+from rig.solve.segment_output import Segments
 
 SIGNALS = {
     "velocity": lambda t: 0.3 * np.sin(120.0 * t + 0.2) + 0.1,

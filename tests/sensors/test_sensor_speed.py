@@ -9,7 +9,7 @@ import pytest
 
 from rig.sensors import KINDS
 from rig.sensors.chain.bank import Bank
-from rig.solve.segments import Segments
+from rig.solve.segment_output import Segments
 
 COLUMNS = ["velocity", "displacement", "acceleration", "normal_force"]
 FOUR = ("laser_vibrometer", "displacement_laser", "accelerometer", "normal_force")

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from rig.kernel import kernel
-from rig.solve.column_blocks import BLOCK, across, blend, gather, multiply
-from rig.solve.lanes import LANE
+from rig.compiled.kernel import kernel
+from rig.solve.column_blocks import BLOCK, LANE, across, blend, gather, multiply
 
 
 @kernel

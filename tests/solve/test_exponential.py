@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.kernel import kernel
-from rig.solve.exponential import exponential_factors
+from rig.compiled.kernel import kernel
+from rig.solve.expm import exponential_factors
 
 
 @kernel

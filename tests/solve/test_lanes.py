@@ -6,16 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
-from rig.bench.runner import PlantRunner
-from rig.kernel import kernel
+from rig.bench.run.runner import PlantRunner
+from rig.compiled.kernel import kernel
 from rig.model import friction_law
 from rig.motion.motion import Motion
-from rig.solve.exponential import (
-    exponential_factors,
-    exponential_factors_of_lanes,
-    has_lane_factors,
-)
-from rig.solve.lanes import LANE, alike, between, lane, lanes, total, write
+from rig.solve.column_blocks import LANE, alike, between, lane, lanes, total, write
+from rig.solve.expm import exponential_factors, exponential_factors_of_lanes, has_lane_factors
 from tests.solve.conftest import oscillator
 
 LAWS = {

@@ -11,7 +11,7 @@ from rig.model.formulation import assemble
 from rig.model.mode_sets import ModeSets
 from rig.motion.motion import Motion
 from rig.solve import expm
-from rig.solve.state_codes import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
+from rig.solve.records import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
 
 
 def test_only_mode_sets_that_are_visited_are_built(rigs, run):

@@ -8,21 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from rig.kernel import kernel
+from rig.compiled.kernel import kernel
 from rig.sensors.chain import filters
-from rig.solve import pole_response
-from rig.solve.pole_response import COLUMNS, PART, PEEK, POLE, STATE, STEP
-from rig.solve.segments import DEGREE
+from rig.solve import expm
+from rig.solve.expm import COLUMNS, PART, PEEK, POLE, STATE, STEP
+from rig.solve.segment_output import DEGREE
 
 
 @kernel
 def weigh(poles, p, at, h):
-    pole_response.pole_weights(poles, p, at, h)
+    expm.pole_weights(poles, p, at, h)
 
 
 @kernel
 def state_after(poles, p, at, coef, j, column, a):
-    return pole_response.state_after(poles, p, at, coef, j, column, DEGREE, a)
+    return expm.state_after(poles, p, at, coef, j, column, DEGREE, a)
 
 
 def table(pole):

@@ -8,8 +8,7 @@ from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.model.formulation import assemble
 from rig.motion.motion import Motion
-from rig.stability.jacobian import inputs, own_law
-from rig.stability.linearisation import sliding_key, steady
+from rig.stability.linearisation import inputs, own_law, sliding_key, steady
 
 MS = 1_000_000
 

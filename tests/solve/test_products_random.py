@@ -7,8 +7,8 @@ from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.model.formulation import assemble
 from rig.motion.motion import Motion
-from rig.solve.state_codes import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
-from rig.stability.jacobian import inputs, own_law
+from rig.solve.records import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
+from rig.stability.linearisation import inputs, own_law
 
 NAMES = ("a", "b", "c")  # seven states, as the lever rig: compiled once for both
 SIGN = {SLIP_PLUS: 1.0, SLIP_MINUS: -1.0}

@@ -6,7 +6,7 @@ import pytest
 from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.model.formulation import assemble
-from rig.solve.state_codes import OPEN, STICK
+from rig.solve.records import OPEN, STICK
 
 COARSE, FINE, DURATION = 4.0, 0.2, 1.0  # ms, ms, s
 NQ = 3

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from rig.kernel import kernel
+from rig.compiled.kernel import kernel
 from rig.solve.roots import NONE, WORK_COLUMNS, WORK_ROWS
 from rig.solve.roots import first_crossing as inner_first_crossing
 

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.motion.motion import Motion
-from rig.qualify.torture.rigs import Sectored, sectored
+from rig.qualify.torture.case import Sectored, sectored
 
 MS = 1_000_000
 SPEED, RADIUS, EDGE = 0.3, 0.05, 2.0

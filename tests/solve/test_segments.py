@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import rig
 from rig import scenes
 from rig.motion.motion import Motion
-from rig.solve.segments import DEGREE
+from rig.solve.segment_output import DEGREE
 
 ROWS = [{"x'": 1.0}, {"x''": 1.0}, {"T:contact": 1.0}, {"w:contact": 1.0}]
 

@@ -11,7 +11,7 @@ from rig.model.formulation import assemble
 from rig.model.singular import assembled
 from rig.motion.motion import Motion
 from rig.scenes.scene import Scene
-from rig.solve.state_codes import SLIP_PLUS, STICK
+from rig.solve.records import SLIP_PLUS, STICK
 from rig.stability.report import stability_report
 
 MASS, STIFFNESS, PUSH = 2.0, 50.0, 3.0

@@ -1,7 +1,7 @@
 """An exported run."""
 
 from rig.record.export import FORMATS, export, tables
-from rig.record.export.description import description
+from rig.record.export.files import description
 
 
 def written(run, to, folder, **wanted):

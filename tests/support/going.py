@@ -6,7 +6,7 @@ import time
 
 import psutil
 
-from rig.bench import supervise
+from rig.bench.live import supervise
 from rig.errors import UsageError
 
 

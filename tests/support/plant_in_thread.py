@@ -6,11 +6,11 @@ import numpy as np
 from twin import Twin
 
 from rig import controllers
-from rig.bench.experiment import Experiment
-from rig.bench.job import Job
-from rig.bench.plant import Plant
-from rig.bench.playback import Playback
-from rig.bench.runner import PlantRunner
+from rig.bench.live.outcome import Job
+from rig.bench.live.plant import Plant
+from rig.bench.run.experiment import Experiment
+from rig.bench.run.playback import Playback
+from rig.bench.run.runner import PlantRunner
 from rig.bus import messages
 from rig.bus.run_setup import fetch
 from rig.controllers.runtime.process import Worker

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import rig
 from rig.motion.motion import Motion
 from rig.plants import plate
-from rig.solve.film_sums import COUNTED
+from rig.solve.film_steps import COUNTED
 
 SMALL = {
     "plate.modes": 10,

@@ -3,7 +3,7 @@
 import random
 
 from rig.bus import messages
-from rig.bus.arrivals import HEADER, Arrived
+from rig.bus.topics import HEADER, Arrived
 from rig.errors import BusError
 
 MS = 1_000_000

@@ -6,14 +6,11 @@ import threading
 import time
 
 from rig.bus import messages, topics
-from rig.bus.arrivals import Arrived
-from rig.bus.batch import Batch
 from rig.bus.inbound import InboundCheck
-from rig.bus.port import Session
-from rig.bus.publisher import Publisher
-from rig.bus.queries import WAITING, Answer, Request, Server
-from rig.bus.receivers import PRESENCES, Receiver, Watch
-from rig.bus.waiting import Inbox
+from rig.bus.messages import Batch
+from rig.bus.port import PRESENCES, WAITING, Answer, Publisher, Receiver, Request, Server, Session, Watch
+from rig.bus.session import Inbox
+from rig.bus.topics import Arrived
 
 
 class Twin:

@@ -5,8 +5,8 @@ from contextlib import contextmanager
 
 import rig
 from rig import bus, scenes
-from rig.bench.job import Job
-from rig.bench.plant import Plant
+from rig.bench.live.outcome import Job
+from rig.bench.live.plant import Plant
 
 RUN, SCENE, SECONDS = "wire", "belt", 0.3
 

@@ -12,7 +12,7 @@ import rig
 from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
 from rig.scenes.scene import Scene
-from rig.solve.state_codes import SLIP_PLUS, STICK
+from rig.solve.records import SLIP_PLUS, STICK
 
 OUTPUTS = {
     "displacement": "m",

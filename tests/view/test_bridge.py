@@ -13,7 +13,8 @@ import psutil
 import pytest
 
 from rig.errors import OutputError, UsageError
-from rig.view import feed, viewer
+from rig.view import process as feed
+from rig.view import viewer
 from rig.view.palette import LINES
 from rig.view.process import Bridge, Sender
 
@@ -190,7 +191,7 @@ def test_a_viewer_that_hangs_delays_nobody():
         def flush(self, **_):
             release.wait(10.0)
 
-    from rig.view.shapes import Columns
+    from rig.view.base import Columns
 
     sender = Sender(Hung())
     sender.offer([Columns("x", np.array([0]), [])])

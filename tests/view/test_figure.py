@@ -13,9 +13,9 @@ import rig
 from rig.errors import UsageError
 from rig.record.run import Commands, Run, Samples
 from rig.scenes import shipped
-from rig.view import contact, timeline
+from rig.view import contact, curves
 from rig.view.curves import Known, Sheet, channels_of, known, thinned
-from rig.view.save_figure import put
+from rig.view.palette import put
 
 NOTHING = Samples(np.empty(0, np.int64), np.empty(0))
 
@@ -92,10 +92,10 @@ def test_any_run_can_be_drawn(kind, tmp_path):
 
 def test_phases_marks_and_controllers_are_told_in_spans():
     run = made_up(3.0, 1_000_000)
-    assert timeline.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
-    assert timeline.marks(run) == [(1.0, "on")]
-    assert timeline.controlled(run) == [(1.0, 2.0, "c")]
-    assert [section.text for section in timeline.sections(run)] == ["free", "c", "free"]
+    assert curves.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
+    assert curves.marks_of(run) == [(1.0, "on")]
+    assert curves.controlled(run) == [(1.0, 2.0, "c")]
+    assert [section.text for section in curves.sections(run)] == ["free", "c", "free"]
 
 
 def test_only_the_plant_tells_what_happened_and_a_controller_of_its_own_parameters():
@@ -105,16 +105,16 @@ def test_only_the_plant_tells_what_happened_and_a_controller_of_its_own_paramete
         {"t_ns": 2 * 10**9, "tick": 2000, "kind": kind, "text": kind, "data": {"controller": "c"}} for kind in kinds
     ]
     run.events += [event | {"source": source} for source in ("guest", "c") for event in said]
-    assert timeline.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
-    assert timeline.marks(run) == [(1.0, "on"), (2.0, "parameter")]
-    assert timeline.controlled(run) == [(1.0, 2.0, "c")]
+    assert curves.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
+    assert curves.marks_of(run) == [(1.0, "on"), (2.0, "parameter")]
+    assert curves.controlled(run) == [(1.0, 2.0, "c")]
 
 
 def test_a_controller_without_a_protocol_works_from_when_it_is_enabled():
     run = made_up(3.0, 1_000_000)
     run.events = []
     run.scene = json.dumps({"controllers": {"c": {"enable_at": 2.0}}})
-    assert timeline.controlled(run) == [(2.0, 3.0, "c")]
+    assert curves.controlled(run) == [(2.0, 3.0, "c")]
 
 
 @settings(max_examples=30, deadline=None)
@@ -135,10 +135,10 @@ def test_a_circuit_is_closed_from_switch_to_switch(tmp_path):
     text = shipped.path("brake_shunt").read_text().partition("[[protocol]]")[0]
     (tmp_path / "ours.toml").write_text("\n[[protocol]]\n".join([text, *steps]))
     run = rig.simulate(str(tmp_path / "ours.toml"))
-    [span] = timeline.circuits(run, contact.system_of(run.scene))
+    [span] = curves.circuits(run, contact.system_of(run.scene))
     assert (span.begin, span.end) == pytest.approx((4e-3, 8e-3), abs=2.1e-5)
     assert span.text == "shunt connected"
-    assert timeline.circuits(run, None) == []
+    assert curves.circuits(run, None) == []
     put(run.plot(), tmp_path / "run.png")
     assert ink(tmp_path / "run.png")[2] > 0.03
 

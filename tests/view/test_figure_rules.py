@@ -10,12 +10,11 @@ from matplotlib.figure import Figure
 
 from rig.analysis.map.figure import COLOURS as REGIONS
 from rig.papers import pick
-from rig.qualify.cost.figure import COLOURS as METHODS
-from rig.qualify.torture.figure import COLOURS as RESULTS
+from rig.qualify.cost.report import COLOURS as METHODS
+from rig.qualify.torture.report import COLOURS as RESULTS
 from rig.view import contact
 from rig.view.curves import apart
-from rig.view.palette import GREY, LINES
-from rig.view.save_figure import encoded, printed
+from rig.view.palette import GREY, LINES, encoded, printed
 
 
 def drawn(size=(6.0, 4.0)):

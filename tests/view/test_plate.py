@@ -8,17 +8,17 @@ from matplotlib.image import imread
 
 import rig
 from rig.bus import encode, messages
-from rig.bus.arrivals import Message
 from rig.bus.run_setup import Setup
+from rig.bus.topics import Message
 from rig.plants.structures import film_slider
-from rig.record import pressure_instants
+from rig.record import statistics
 from rig.record.film_points import Points, listed, numbered, points_of
 from rig.record.run import Run
-from rig.view import contact, pressure_colours
+from rig.view import contact, pressure
 from rig.view.blueprint import blueprint
 from rig.view.drawing import Drawing
-from rig.view.feed import Feed
-from rig.view.save_figure import put
+from rig.view.palette import put
+from rig.view.process import Feed
 
 FILM = {"film.along": "5", "film.across": "4"}
 
@@ -88,15 +88,15 @@ def test_scenes_without_points_have_none():
 
 
 def test_open_is_white_and_a_light_touch_is_dark():
-    shades = pressure_colours.colours(np.array([0.0, 1.0, 5e5, 9e5, np.nan]), 5e5).astype(int).sum(axis=1)
+    shades = pressure.colours(np.array([0.0, 1.0, 5e5, 9e5, np.nan]), 5e5).astype(int).sum(axis=1)
     assert shades[0] == shades[4] > 700
     assert shades[1] < 200
     assert shades[2] == shades[3]
 
 
 def test_instants_that_tell_most_are_found_after_the_load_is_on(run):
-    found = {instant.why: run.time[instant.sample] for instant in pressure_instants.characteristic(run)}
-    opening = run.time[pressure_instants.first_open(run)]
+    found = {instant.why: run.time[instant.sample] for instant in statistics.characteristic(run)}
+    opening = run.time[statistics.first_open(run)]
     assert opening == pytest.approx(run.time[(run.time >= 0.3) & (run.signals["contact_fraction"] < 1.0)][0])
     assert found["first opening"] == opening
     assert 0.2 < found["before the first opening"] < opening
@@ -112,8 +112,8 @@ def test_samples_that_a_recording_lost_are_no_openings(run):
     openings = run.signals["openings"][quiet].copy()
     fraction[200] = openings[200] = np.nan
     part = replace(run, time=run.time[quiet], signals={"contact_fraction": fraction, "openings": openings})
-    assert pressure_instants.first_open(part) is None
-    assert {instant.why for instant in pressure_instants.characteristic(part)} == {"all in contact"}
+    assert statistics.first_open(part) is None
+    assert {instant.why for instant in statistics.characteristic(part)} == {"all in contact"}
 
 
 def test_the_slider_travels_as_it_does_and_its_motion_is_magnified(scene, run, units):
@@ -128,7 +128,7 @@ def test_the_slider_travels_as_it_does_and_its_motion_is_magnified(scene, run, u
     assert np.diff(place[:, 2]) == pytest.approx(picture.scale.motion / 0.05 * np.diff(heave), abs=1e-6)
     assert 0.01 < np.abs(heave).max() * picture.scale.motion / 0.05 < 0.3
     colours = column(columns, "film/map", "vertex_colors")
-    opened = (colours == contact.rgb(pressure_colours.OPEN)).all(axis=2).mean(axis=1)
+    opened = (colours == contact.rgb(pressure.OPEN)).all(axis=2).mean(axis=1)
     assert opened == pytest.approx(1.0 - run.signals["contact_fraction"][shown])
     assert np.array_equal(colours, column(columns, "rig/film", "vertex_colors"))
 
@@ -188,7 +188,7 @@ def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
     put(replace(run, time=run.time[:end], signals=signals, mode=run.mode[:end]).plot(), tmp_path / "run.png")
     picture = imread(tmp_path / "run.png")
     assert picture.shape[1] == 1600
-    violet = np.abs(picture[..., :3] - pressure_colours.table()[0] / 255.0).max(axis=2) < 0.1
+    violet = np.abs(picture[..., :3] - pressure.table()[0] / 255.0).max(axis=2) < 0.1
     assert (violet.mean() > 1e-4) == (kind in ("film", "no opening"))
 
 

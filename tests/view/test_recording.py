@@ -14,7 +14,7 @@ from rig.errors import OutputError
 from rig.record import reader
 from rig.record.run import Run
 from rig.view import recording
-from rig.view.foxglove import layout, write_layout
+from rig.view.blueprint import layout, write_layout
 from rig.view.recording import drawing_of, view_run
 from rig.view.viewer import binary, start
 

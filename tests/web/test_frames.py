@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.plant_truth import SPANS, Bands
-from rig.bench.runner import PlantRunner
+from rig.bench.run.plant_truth import SPANS, Bands
+from rig.bench.run.runner import PlantRunner
 from rig.bus import encode, messages
 from rig.view import contact
 from rig.web.frames import SAMPLES, STEPS, Frames
@@ -133,8 +133,8 @@ def test_samples_of_a_sensor_are_joined_to_extremes_and_lost_ones_leave_a_gap(ru
 
 @pytest.mark.parametrize("spoiled", [{"low": [1.0]}, {"counts": [0]}, {"modes": []}, {"pair": [1.0]}, {"ends_ns": []}])
 def test_extremes_whose_columns_differ_in_length_are_refused(run, spoiled):
-    from rig.bus.arrivals import Refused
-    from rig.bus.content_checks import content_checks
+    from rig.bus.inbound import content_checks
+    from rig.bus.topics import Refused
 
     band = messages.TYPES["Band"]()
     band.CopyFrom(run[3][0].said)

@@ -3,7 +3,7 @@
 import re
 
 from rig.lessons import lessons
-from rig.web.lessons import html
+from rig.web.lists import html
 
 
 def test_lessons_are_listed_and_shown_with_their_figures(client):

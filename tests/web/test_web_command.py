@@ -19,8 +19,8 @@ import pytest
 
 import rig as package
 from rig import scenes
-from rig.bench.plant_process import warm
-from rig.process import MORE_FILES
+from rig.bench.live.plant_process import warm
+from rig.machine.process import MORE_FILES
 
 ROOT = Path(__file__).parents[2]
 

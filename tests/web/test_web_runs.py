@@ -16,8 +16,8 @@ from full_disk import largest_file
 
 import rig as package
 from rig import scenes
-from rig.bench.plant_process import warm
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
+from rig.bench.live.plant_process import warm
 
 ROOT = Path(__file__).parents[2]
 SCENE = "belt_normal_force"
@@ -50,7 +50,7 @@ def test_a_run_is_started_watched_changed_and_stopped_and_its_recording_verified
     nice = [
         one.nice()
         for one in psutil.Process().children(recursive=True)
-        if {"rig.bench.plant_process", "nf"} & {*one.cmdline()}
+        if {"rig.bench.live.plant_process", "nf"} & {*one.cmdline()}
     ]
     assert nice == [psutil.Process().nice()] * 2  # and not that of the threads that serve pages
 
@@ -128,7 +128,9 @@ def test_a_killed_plant_is_told_and_another_run_can_start(client):
     client.post("/api/run", scene="belt")
     client.until("running")
     plant = next(
-        one for one in psutil.Process().children(recursive=True) if "rig.bench.plant_process" in " ".join(one.cmdline())
+        one
+        for one in psutil.Process().children(recursive=True)
+        if "rig.bench.live.plant_process" in " ".join(one.cmdline())
     )
     os.kill(plant.pid, signal.SIGKILL)
     ended = client.until("ended", 40.0)

@@ -15,9 +15,9 @@ from pathlib import Path
 from rig.analysis.axis import Axis, axes
 from rig.analysis.many_points import refuse
 from rig.analysis.map.chart import Map, gathered
-from rig.analysis.map.compute import units
 from rig.analysis.map.dither import Boundary, put_together
 from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, checked
+from rig.analysis.map.row import units
 from rig.analysis.pool import Arrays, Progress, Store, carry_out
 from rig.analysis.regions import Regions
 from rig.analysis.regions import put_together as put_rows_together

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from rig.analysis.map.job import CARRIED, RUNS, Job
 from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STOPPED, STUCK, UNDECIDED, VIBRATION
 from rig.analysis.pool import Arrays
-from rig.analysis.text_table import columns
-from rig.printable import counted
+from rig.printable import columns, counted
 from rig.results import Result
 
 Array = NDArray[np.float64]

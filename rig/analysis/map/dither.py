@@ -29,12 +29,12 @@ from rig.analysis.averaged import averaged, fast_motion, not_fast
 from rig.analysis.map.job import Job
 from rig.analysis.modes import GENERATOR
 from rig.analysis.pool import Arrays
-from rig.analysis.text_table import columns
-from rig.bench.rig_variant import with_values
+from rig.bench.run.rig_variants import with_values
 from rig.errors import NumericsError
 from rig.model.method import chosen
 from rig.model.system import System
 from rig.motion.motion import Motion
+from rig.printable import columns
 from rig.results import Result
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.analysis.fixed_parameters import heading
+from rig.analysis.axis import heading
 from rig.analysis.map.chart import MEANING, REGIONS, Map
 from rig.analysis.map.dither import Boundary
 from rig.analysis.map.job import RUNS
 from rig.view.curves import apart, plain
-from rig.view.palette import AMBER, BLUE, GREEN, VERMILION
-from rig.view.save_figure import page
+from rig.view.palette import AMBER, BLUE, GREEN, VERMILION, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

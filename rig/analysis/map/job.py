@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rig import kernel
 from rig.analysis.axis import Axis
+from rig.compiled import kernel
 from rig.errors import SceneError, UsageError
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
@@ -35,11 +35,11 @@ SOURCES = (
     "analysis/map/*",
     "analysis/axis",
     "analysis/averaged",
-    "analysis/critical_values",
-    "analysis/growth_crossings",
+    "analysis/sweep",
+    "analysis/eigenvalue_curves",
     "analysis/cycle",
     "analysis/regions",
-    "analysis/repetition",
+    "analysis/orbit",
 )
 
 

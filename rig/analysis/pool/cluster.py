@@ -2,6 +2,12 @@
 
 dask does what concerns more than one machine: connections, TLS, lost workers, queues. Here batches of about ten
 seconds are sent, results are saved as they come, and workers are checked for the same sources.
+
+Whether what listens at an address is a dask scheduler: dask itself would wait for its answer for ever.
+
+A dask scheduler speaks first: the length of its message in eight bytes, then the message.
+
+The jobs of a batch system, SLURM, whose processes are workers of a dask scheduler in this process.
 """
 
 from __future__ import annotations
@@ -10,7 +16,10 @@ import ctypes
 import logging
 import pickle
 import queue
+import shutil
 import signal
+import socket
+import struct
 import sys
 import threading
 import time
@@ -20,21 +29,118 @@ from functools import lru_cache
 from types import TracebackType
 from typing import Any, Self
 
-from rig import kernel
-from rig.analysis.pool import slurm
-from rig.analysis.pool.handshake import unanswered
-from rig.analysis.pool.identity import sources, this_processor
-from rig.analysis.pool.schedule import Schedule
-from rig.analysis.pool.store import Store
-from rig.analysis.pool.work import MOST_WORKERS, Arrays, Work
+from rig.analysis.pool.store import Store, sources, this_processor
+from rig.analysis.pool.work import MOST_WORKERS, Arrays, Schedule, Work
+from rig.compiled import kernel
 from rig.errors import RigError, UsageError, WorkerError
 from rig.extras import needed
+from rig.machine.scheduling import cores
 from rig.quantities import whole
-from rig.scheduling import cores
+
+_LONGEST = 1 << 20  # bytes of a first message: it has some hundreds
+_HEAD = struct.Struct("<Q")
+
+
+def unanswered(where: str, seconds: float) -> str:
+    """Why no scheduler answers at tcp://HOST:PORT within some time; "" if one does, or if nothing listens there yet.
+
+    Other addresses are not tried: what listens without encryption fails at once with tls.
+    """
+    scheme, _, rest = where.partition("://")
+    if scheme != "tcp":
+        return ""
+    host, _, port = rest.rpartition(":")
+    try:
+        connected = socket.create_connection((host.strip("[]"), int(port)), timeout=seconds)
+    except OSError:  # dask tries again for some time
+        return ""
+    with connected:
+        connected.settimeout(seconds)
+        try:
+            with connected.makefile("rb") as file:
+                head = file.read(_HEAD.size)
+        except TimeoutError:
+            return "it accepts the connection and says nothing"
+        except OSError as fault:
+            return fault.strerror or str(fault)
+    if len(head) == _HEAD.size and 0 < _HEAD.unpack(head)[0] <= _LONGEST:
+        return ""
+    return "what listens there does not speak as dask does"
+
+
+LOOPBACK = "127.0.0.1"
+ANSWER = 10.0  # s within which a scheduler answers
+
+
+def job_script(workers: int) -> str:
+    """Return the job script with which `--cluster slurm` asks for worker processes. Raises UsageError."""
+    cluster = _cluster([])
+    try:
+        [spec] = [cluster.new_worker_spec()]
+        each = int(next(iter(spec.values()))["options"].get("processes") or 1)
+        script: str = cluster.job_script()
+    finally:
+        with suppress(Exception):
+            cluster.close(timeout=ANSWER)
+    reach = "where other machines do not reach it: state jobqueue.slurm.interface in the configuration of dask"
+    note = "" if _told_host() else f"# the scheduler listens on {LOOPBACK}, {reach}\n"
+    return f"# submitted {-(-workers // each)} times\n{note}{script}"
+
+
+def started(workers: int | None, refused: list[str]) -> Any:
+    """Submit jobs for `workers` processes; return their cluster. A job that is refused adds its reason to `refused`.
+
+    Raises UsageError if this machine submits no jobs.
+    """
+    if shutil.which("sbatch") is None:
+        raise UsageError(
+            "--cluster slurm: the command sbatch is not found; start this where jobs are submitted "
+            "(--dry-run prints the job script anywhere)"
+        )
+    cluster = _cluster(refused)
+    cluster.scale(n=workers)
+    return cluster
+
+
+def _told_host() -> bool:
+    """Whether the configuration of dask says where the scheduler of a batch system listens."""
+    own = needed("dask", "cluster").config.get("jobqueue.slurm", {})
+    return bool(own.get("interface") or (own.get("scheduler-options") or {}).get("host"))
+
+
+def _cluster(refused: list[str]) -> Any:
+    interrupted = signal.getsignal(signal.SIGINT)
+    jobqueue = needed("dask_jobqueue", "cluster")
+    if signal.getsignal(signal.SIGINT) is not interrupted:  # its import makes Ctrl-C end this process with code 0
+        signal.signal(signal.SIGINT, interrupted)
+    dask = needed("dask", "cluster")
+    own = dask.config.get("jobqueue.slurm", {})
+    defaults = {"cores": 1, "processes": 1, "memory": "4 GB"}
+    asked: dict[str, Any] = {name: value for name, value in defaults.items() if not own.get(name)}
+    if not _told_host():
+        asked["scheduler_options"] = {"host": LOOPBACK, "dashboard_address": f"{LOOPBACK}:0"}
+    try:
+        return jobqueue.SLURMCluster(job_cls=_noted(jobqueue.SLURMCluster.job_cls, refused), **asked)
+    except Exception as fault:
+        raise UsageError(f"--cluster slurm: {type(fault).__name__}: {fault}") from None
+
+
+def _noted(job: Any, refused: list[str]) -> Any:
+    """The class `job` of dask-jobqueue, which notes why it could not be submitted, instead of a line in a log."""
+
+    class Job(job):  # type: ignore[misc]
+        async def start(self) -> None:
+            try:
+                await super().start()
+            except Exception as fault:
+                told = str(fault).rpartition("stderr:")[2]
+                refused.append(" ".join(told.split())[:300] or type(fault).__name__)
+                self.status = needed("distributed", "cluster").Status.running  # as a process that was started
+
+    return Job
+
 
 SPAN = 10.0  # s of a batch
-LOOPBACK = slurm.LOOPBACK
-ANSWER = slurm.ANSWER
 JOIN, _QUEUE = 60.0, 86400.0  # s within which a worker joins; one that waits in the queue of a batch system
 _LOOK = 0.2  # s between two reports of progress
 _AHEAD = 2  # batches on their way for each worker, so that none waits for the next
@@ -234,7 +340,7 @@ def check(where: str, workers: int | None) -> str:
 def _started(where: str, workers: int | None, refused: list[str]) -> Any:
     """The cluster that is started here; None for a scheduler that runs already. Refused jobs add to `refused`."""
     if where == "slurm":
-        return slurm.started(workers, refused)
+        return started(workers, refused)
     if where != "local":
         return None
     distributed = needed("distributed", "cluster")

@@ -7,25 +7,53 @@ maps/belt-1a2b3c4d5e6f/     named by the digest of scene, axes, settings and sou
 
 A batch has an array `#units` with the numbers of its units, and the type of the processor, `#processor`. Arrays of one
 shape are stacked, "name" [unit, ...]; others are stored for each unit, "unit/name".
+
+What processes must have in common to compute the same bits: sources, kernels, and the type of processor.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import io
 import json
 import os
 from collections.abc import Iterator
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
-from rig import file_locks
-from rig.analysis.pool.identity import this_processor
 from rig.analysis.pool.work import Arrays, Work
+from rig.compiled import kernel
 from rig.errors import UsageError
-from rig.user_files import DATA, contents, draft_of, regular, write_file
+from rig.machine import files
+from rig.machine.files import DATA, contents, draft_of, regular, write_file
+from rig.record.provenance import blas, processor
+
+_ROOT = Path(__file__).resolve().parents[2]
+
+
+@cache
+def sources() -> str:
+    """Return version and hash (12 hex digits) of all sources and of what the kernels depend on."""
+    found = hashlib.sha256(kernel.source_key().encode())
+    for path in sorted(_ROOT.rglob("*.py")):
+        found.update(path.relative_to(_ROOT).as_posix().encode() + path.read_bytes())
+    try:
+        number = version("friction-rig")
+    except PackageNotFoundError:  # run from the sources without installation
+        number = "from sources"
+    return f"friction-rig {number}, sources {found.hexdigest()[:12]}"
+
+
+@cache
+def this_processor() -> str:
+    """Return the type of this processor and its linear algebra: results have the same bits on one type."""
+    return f"{processor()}, {blas()}"
+
 
 _JOB, _LOCK = "job.json", "lock"
 _UNITS, _PROCESSOR = "#units", "#processor"
@@ -72,7 +100,7 @@ class Store:
         while True:
             self._at.mkdir(parents=True, exist_ok=True)
             lock = (self._at / _LOCK).open("w")
-            if not file_locks.take(lock):
+            if not files.take(lock):
                 lock.close()
                 raise UsageError(f"{self.folder}: another process computes this at the moment; wait until it ends")
             with contextlib.suppress(FileNotFoundError):

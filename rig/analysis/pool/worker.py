@@ -2,7 +2,7 @@
 
 It reads the work on standard input, then a line for each batch, a list of [unit, value, ...], and ends when there are
 no more. What it
-tells (`rig.process.tell`):
+tells (`rig.machine.process.tell`):
 
 ready        waits for batches             at N   units of the batch that are finished
 done S       the batch is saved, S s       fault TEXT   the whole work has to end
@@ -23,7 +23,7 @@ from typing import IO
 from rig.analysis.pool.store import Store
 from rig.analysis.pool.work import Arrays, Work
 from rig.errors import ExitCode, RigError
-from rig.process import as_process, tell, with_parent
+from rig.machine.process import as_process, tell, with_parent
 
 _TELL = 0.1  # s between two messages on a batch
 

@@ -26,8 +26,7 @@ from rig.analysis.recorded.hysteresis import Hysteresis, hysteresis
 from rig.analysis.recorded.orders import Orders, orders
 from rig.analysis.recorded.portrait import Portrait, Section, portrait
 from rig.analysis.recorded.pressure import Pressure, pressure
-from rig.analysis.recorded.resonances import Resonance
-from rig.analysis.recorded.response import Response, response
+from rig.analysis.recorded.response import Resonance, Response, response
 from rig.analysis.recorded.series import Series, series
 from rig.analysis.recorded.spectrum import Spectrum, spectrum
 

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from rig.analysis import three_stages
+from rig.analysis import stick_speeds
 from rig.analysis.amplitude import Row, measured
 from rig.analysis.recorded.series import scene_name
-from rig.analysis.text_table import columns
+from rig.printable import columns
 from rig.record.run import Run
 from rig.results import Result
 
@@ -21,13 +21,13 @@ class Amplitudes(Result):
     `sticks`: speeds of the last and the first stick, if the run accelerates and decelerates.
     """
 
-    FIGURE: ClassVar = "rig.analysis.amplitude_figure:figure"
+    FIGURE: ClassVar = "rig.analysis.figures:amplitudes_figure"
     TITLE: ClassVar = "amplitude: half of peak to valley, mean over the cycles"
     COLUMNS: ClassVar = ("stage", "sensor", "mean", "amplitude", "cycles", "frequency")
 
     scene: str
     rows: tuple[Row, ...]
-    sticks: three_stages.Stages | None
+    sticks: stick_speeds.Stages | None
 
     def table(self) -> list[tuple[str, str, str, str, str, str]]:
         """Return a row of texts for each sensor and stage, in the order of COLUMNS."""
@@ -51,4 +51,4 @@ class Amplitudes(Result):
 
 def amplitudes(run: Run, first: float = 0.0, last: float = float("inf")) -> Amplitudes:
     """Compute the amplitude index of every sensor from `first` to `last` [s], for each stage of the run."""
-    return Amplitudes(scene_name(run), tuple(measured(run, first, last)), three_stages.stages(run))
+    return Amplitudes(scene_name(run), tuple(measured(run, first, last)), stick_speeds.stages(run))

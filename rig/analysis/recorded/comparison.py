@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.amplitude import growth, index
-from rig.analysis.text_table import columns
-from rig.analysis.three_stages import stuck
+from rig.analysis.stick_speeds import stuck
 from rig.errors import RigError, UsageError
 from rig.parts import is_binary
+from rig.printable import columns
 from rig.record.compare import Comparison, Difference, Series, series_of
 from rig.record.compare import compare as compare_signals
 from rig.record.run import Run
@@ -77,7 +77,7 @@ class Measure(NamedTuple):
 class Compared(Result):
     """The comparison of two recordings over a time span [s]; `tolerance`: a share of the range of each channel."""
 
-    FIGURE: ClassVar = "rig.analysis.recorded.comparison_figure:figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:comparison_figure"
 
     begin: float
     end: float

@@ -4,6 +4,10 @@
 
 A window smears a transition over the change of speed within it; the report states both. Therefore the critical speeds
 come from the contact state and not from the RMS: the last stick of a run-up and the first one of a run-down.
+
+The branches of a run-up and run-down: where a speed rises and where it falls, without the holds between.
+
+Centred moving windows over the samples of a recording with gaps, and the longest period in the samples.
 """
 
 from __future__ import annotations
@@ -12,18 +16,151 @@ import csv
 import io
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rig.analysis.recorded.branches import Branch, branches
 from rig.analysis.recorded.series import Series, drive, scene_name, series, vibration
-from rig.analysis.recorded.windows import FEWEST, PARTS, moving_mean, moving_rms, slowest
-from rig.analysis.text_table import columns
-from rig.analysis.three_stages import short, stuck
+from rig.analysis.stick_speeds import short, stuck
 from rig.errors import UsageError
+from rig.printable import columns
 from rig.record.run import Reals, Run
 from rig.results import Result
+
+_TURN = 0.05
+"""Share of the whole range: a smaller reversal does not end a branch."""
+_HELD = 0.01
+"""Share of the range of a branch: the speed counts as held within this distance of its ends."""
+_ROUNDING = 1e-9
+"""Share of the largest speed: a smaller change counts as none."""
+
+
+class Branch(NamedTuple):
+    """From `begin` to `end` [s] the speed changes from `first` to `last`, in its unit."""
+
+    begin: float
+    end: float
+    first: float
+    last: float
+
+    @property
+    def rises(self) -> bool:
+        """Whether it is a run-up."""
+        return self.last > self.first
+
+    @property
+    def rate(self) -> float:
+        """Rate of change of the speed [unit/s]; positive."""
+        return (1.0 - 2.0 * _HELD) * abs(self.last - self.first) / (self.end - self.begin)
+
+
+def branches(t: Reals, v: Reals) -> list[Branch]:
+    """Return the branches of speed `v` at times `t` [s], in order of time; none if the speed does not change."""
+    known = np.isfinite(v)
+    t, v = t[known], v[known]
+    least = _ROUNDING * np.abs(v).max(initial=0.0)
+    v = np.where(np.abs(v) <= least, 0.0, v)  # the rounding of a ramp down to zero
+    if v.size < 2 or np.ptp(v) <= least:
+        return []
+    turns = _turns(v, _TURN * float(np.ptp(v)))
+    found = []
+    for a, b in pairwise(turns):
+        part, near = v[a : b + 1], _HELD * abs(v[b] - v[a])
+        leaves = int(np.flatnonzero(np.abs(part - part[0]) <= near)[-1])
+        comes = leaves + int(np.flatnonzero(np.abs(part[leaves:] - part[-1]) <= near)[0])
+        if comes > leaves:
+            found.append(Branch(float(t[a + leaves]), float(t[a + comes]), float(v[a]), float(v[b])))
+    return found
+
+
+def _turns(v: Reals, least: float) -> list[int]:
+    """Indices of the turning points of `v` that are more than `least` apart in value; first and last sample
+    included.
+    """
+    turns: list[int] = []
+    top = bottom = way = 0
+    for i, here in enumerate(v.tolist()):
+        top = i if here > v[top] else top
+        bottom = i if here < v[bottom] else bottom
+        if way >= 0 and v[top] - here > least:
+            turns.append(top)
+            way, bottom = -1, i
+        elif way <= 0 and here - v[bottom] > least:
+            turns.append(bottom)
+            way, top = 1, i
+        if way > 0:
+            bottom = i
+        elif way < 0:
+            top = i
+    return [*turns, top if way > 0 else bottom]
+
+
+PARTS, _MOST_PARTS = 16, 40
+"""Successive windows are offset by about this fraction of their length, a whole number of samples."""
+FEWEST = 4
+"""Fewest samples in a window."""
+_KNOWN = 0.5  # share of the samples of a window that must exist
+_DRIFT = 3  # lines of a spectrum
+_STRONG = 0.1  # of the mean square
+
+
+def moving_rms(signal: Series, length: float) -> tuple[Reals, Reals, float]:
+    """Return middles [s] of windows of about `length` [s], the RMS about the mean in each, and their true length [s].
+
+    NaN where less than half of the samples of a window exist.
+    """
+    parts, hop = _divided(max(round(length * signal.rate), FEWEST))
+    ok = np.isfinite(signal.v)
+    if not ok.any() or ok.size < parts * hop:
+        return np.empty(0), np.empty(0), parts * hop / signal.rate
+    v = np.where(ok, signal.v - np.nanmean(signal.v), 0.0)  # subtract the mean: a large one costs digits
+    cuts = np.arange(0, v.size - hop + 1, hop)
+    whole = cuts.size * hop
+    n, first, second = (
+        np.convolve(values[:whole].reshape(-1, hop).sum(axis=1), np.ones(parts), "valid")
+        for values in (ok * 1.0, v, v * v)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        square = np.maximum(second / n - (first / n) ** 2, 0.0)
+    rms = np.asarray(np.where(n >= _KNOWN * parts * hop, np.sqrt(square), np.nan), np.float64)
+    middles = signal.start + (np.arange(n.size) * hop + 0.5 * (parts * hop - 1)) / signal.rate
+    return np.asarray(middles, np.float64), rms, parts * hop / signal.rate
+
+
+def moving_mean(t: Reals, v: Reals, at: Reals, length: float) -> Reals:
+    """Return the mean of v over windows of `length` [s] about `at`, from its integral by the trapezium rule."""
+    whole = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))))
+    begin, end = np.clip(at - 0.5 * length, t[0], t[-1]), np.clip(at + 0.5 * length, t[0], t[-1])
+    taken = np.maximum(end - begin, 1e-300)
+    return np.asarray((np.interp(end, t, whole) - np.interp(begin, t, whole)) / taken)
+
+
+def slowest(signal: Series) -> float:
+    """Return the lowest frequency [Hz] of a strong vibration, 0 if nothing vibrates: a tenth of the mean square lies
+    below it.
+
+    The drift over the whole recording does not count. Gaps are filled with the mean.
+    """
+    from scipy.signal import periodogram
+
+    ok = np.isfinite(signal.v)
+    v = np.where(ok, signal.v - np.nanmean(signal.v), 0.0)
+    frequencies, power = periodogram(v, signal.rate, window="hann", detrend="linear")
+    power[:_DRIFT] = 0.0
+    if not power.any():
+        return 0.0
+    below = np.cumsum(power)
+    return float(frequencies[np.searchsorted(below, _STRONG * below[-1])])
+
+
+def _divided(count: int) -> tuple[int, int]:
+    """Number of parts of a window of about `count` samples, and the samples in each part."""
+    if count <= _MOST_PARTS:
+        return count, 1
+    near = (count + sign * shift for shift in range(count) for sign in (1, -1))
+    return next((parts, n // parts) for n in near for parts in range(PARTS, _MOST_PARTS + 1) if n % parts == 0)
+
 
 _PERIODS = 5.0
 """Default window, in periods of the slowest strong vibration."""
@@ -69,7 +206,7 @@ class Hysteresis(Result):
     because less than half of their samples exist.
     """
 
-    FIGURE: ClassVar = "rig.analysis.recorded.figure:hysteresis_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:hysteresis_figure"
 
     scene: str
     name: str

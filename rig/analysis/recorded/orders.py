@@ -32,8 +32,8 @@ from rig.analysis.recorded.spectrum import (
 )
 from rig.errors import UsageError
 from rig.printable import counted
-from rig.record.even_times import bridge
 from rig.record.run import Reals, Run
+from rig.record.run_data import bridge
 
 DRIVE = "drive"
 """The default: the speed of the drive, whatever its output is called."""

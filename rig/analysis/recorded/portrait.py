@@ -15,13 +15,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rig.analysis.recorded.alignment import aligned
-from rig.analysis.recorded.series import Series, same, scene_name, series
+from rig.analysis.recorded.series import Series, aligned, same, scene_name, series
 from rig.errors import UsageError
 from rig.printable import counted
-from rig.record.names import TRUE
-from rig.record.roles import portrait_pair
 from rig.record.run import Reals, Run
+from rig.record.run_data import TRUE
+from rig.record.run_list import portrait_pair
 from rig.results import Result
 
 SAME = 1e-3
@@ -56,7 +55,7 @@ class Section(NamedTuple):
 class Portrait(Result):
     """The result of `portrait`: samples `x` and `y` [n] at times `t` [s]; NaN where one is missing."""
 
-    FIGURE: ClassVar = "rig.analysis.recorded.channel_figures:portrait_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:portrait_figure"
 
     scene: str
     x_name: str

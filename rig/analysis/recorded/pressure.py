@@ -13,11 +13,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rig.analysis.recorded.series import scene_name
-from rig.analysis.text_table import columns
 from rig.errors import UsageError
+from rig.printable import columns
 from rig.record.film_points import Points, points_of
-from rig.record.pressure_instants import Instant, characteristic
 from rig.record.run import Reals, Run
+from rig.record.statistics import Instant, characteristic
 from rig.results import Result
 
 MOST = 20
@@ -47,7 +47,7 @@ class Map(NamedTuple):
 class Pressure(Result):
     """The result of `pressure`: the points of the film, and a map for each instant."""
 
-    FIGURE: ClassVar = "rig.analysis.recorded.figure:pressure_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:pressure_figure"
 
     scene: str
     points: Points

@@ -15,13 +15,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from rig.analysis.recorded.hysteresis import slowest
 from rig.analysis.recorded.series import Series, scene_name, series, squared, vibration
-from rig.analysis.recorded.windows import slowest
-from rig.analysis.text_table import columns
 from rig.errors import UsageError
-from rig.printable import counted
-from rig.record.even_times import BRIDGED, bridge
+from rig.printable import columns, counted
 from rig.record.run import Reals, Run
+from rig.record.run_data import BRIDGED, bridge
 from rig.results import Result
 
 FEWEST = 32
@@ -74,7 +73,7 @@ class Map(NamedTuple):
 class Spectrum(Result):
     """The result of `spectrum`: `window` [s] of the density, `map_window` [s] of the spectrogram; `bridged` samples."""
 
-    FIGURE: ClassVar = "rig.analysis.recorded.figure:spectrum_figure"
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:spectrum_figure"
 
     scene: str
     name: str

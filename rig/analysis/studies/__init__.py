@@ -18,15 +18,14 @@ from typing import Any
 
 from rig.analysis.pool import Progress, Store, carry_out
 from rig.analysis.pool.cluster import check as check_cluster
-from rig.analysis.pool.identity import this_processor
-from rig.analysis.repeat.random import REMEDY, sources
-from rig.analysis.studies.condition import condition
+from rig.analysis.pool.store import this_processor
+from rig.analysis.repeat import REMEDY, sources
+from rig.analysis.studies.factors import condition
 from rig.analysis.studies.functions import check_not_loading
 from rig.analysis.studies.measures import measures
-from rig.analysis.studies.plan import plan
-from rig.analysis.studies.recordings import keep as keep_recordings
 from rig.analysis.studies.result import COLUMNS, StudyResult, gathered
-from rig.analysis.studies.runs import StudyRuns
+from rig.analysis.studies.runs import StudyRuns, plan
+from rig.analysis.studies.runs import keep as keep_recordings
 from rig.errors import RigError, UsageError
 from rig.quantities import run_length_ns
 from rig.record.provenance import provenance

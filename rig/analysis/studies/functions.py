@@ -18,9 +18,9 @@ from types import ModuleType
 from typing import Any
 
 from rig.errors import UsageError
+from rig.machine.files import contents
 from rig.record.run import Run
 from rig.scenes.faults import shortened
-from rig.user_files import contents
 
 _OWN: dict[str, Callable[[Run], Any]] = {}
 """Functions of this process that no file holds, by a random text: what else they use (globals, closures) may differ

@@ -23,11 +23,9 @@ from numpy.typing import NDArray
 
 from rig.analysis.amplitude import index
 from rig.analysis.cycle import limit_cycle
-from rig.analysis.motion_measures.measures import observe
-from rig.analysis.motion_measures.problem import problem
-from rig.analysis.motion_measures.settings import of
+from rig.analysis.motion_measures import observe, of, problem
 from rig.analysis.studies.functions import Function, function_of
-from rig.bench.simulate import simulate
+from rig.bench.run.simulate import simulate
 from rig.errors import NumericsError, RigError, SceneError
 from rig.model.assembly import portrait
 from rig.quantities import run_length_ns

@@ -1,31 +1,528 @@
-"""The result of a study, and what is done with it."""
+"""The result of a study, and what is done with it.
+
+The values of a study: every measure at every point, with units, seeds and reasons; as text, JSON and CSV.
+
+The result of a study as xarray's Dataset, and as a file: NetCDF or Zarr.
+
+The figures of studies: curves or a heat map over a grid, a scatter matrix of samples, a tornado of Sobol indices;
+and that of a search.
+
+Of dimensions that a figure does not show (samples, repeats, further parameters) it shows the median; curves show the
+range as well.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+import importlib.util
+import io
+import json
+import shutil
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.analysis.pool import Arrays
-from rig.analysis.studies.dataset import dataset, save
-from rig.analysis.studies.figure import draw
+from rig.analysis.studies.factors import measure_in_words, with_unit
 from rig.analysis.studies.measures import one_unit
-from rig.analysis.studies.result_data import COLUMNS, StudyData
-from rig.analysis.studies.runs import StudyRuns
+from rig.analysis.studies.runs import REPEAT, SAMPLE, StudyRuns
+from rig.errors import OutputError, UsageError
+from rig.extras import needed
+from rig.machine.files import write_file
+from rig.printable import columns
 from rig.results import Result
+from rig.view.palette import page, put
+from rig.view.run_figure import STYLE
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from xarray import Dataset
+
+    from rig.analysis.studies.factors import Factor
+    from rig.analysis.studies.search import SearchResult
+
+
+Array = NDArray[np.float64]
+COLUMNS = ("seed", "reason", "scene_json")
+"""Names in the results beside those of parameters, dimensions and measures."""
+_FEW = 24  # points that the report lists one by one
+_REASONS = 6  # different reasons in it
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Sobol indices of each measure, [measure, parameter]: the share of its variance due to one parameter.
+
+    `first`: alone; `whole`: with all its interactions.
+    """
+
+    keys: tuple[str, ...]
+    first: Array
+    whole: Array
+
+
+def _titled(name: str, unit: str) -> str:
+    return name if unit in ("", "1") else f"{name} [{unit}]"
+
+
+SUFFIXES = (".nc", ".zarr")
+
+
+def dataset(found: StudyResult) -> Dataset:
+    """Return measures, seed and reason over the keys of the grid, sample and repeat; drawn values over sample.
+
+    Every variable has `units` in SI and `long_name`; attributes state scene, plan and provenance. Raises UsageError if
+    xarray is not installed.
+    """
+    xarray: Any = needed("xarray", "data")
+    plan = found.work.plan
+    names, shape = tuple(plan.dimensions), tuple(plan.dimensions.values())
+    coordinates: dict[str, Any] = {
+        one.key: ((one.key,), np.array(one.axis.values), _about(one.axis.unit, one.axis.words)) for one in plan.grid
+    }
+    for i, one in enumerate(plan.drawn):
+        about = _about(one.axis.unit, one.axis.words) | {"distribution": str(one.distribution)}
+        coordinates[one.key] = ((SAMPLE,), plan.draws[:, i], about)
+    if plan.repeat > 1:
+        coordinates[REPEAT] = ((REPEAT,), np.arange(plan.repeat))
+    variables: dict[str, Any] = {
+        _name(name): (names, found.values_of(name), _about(unit, name)) for name, unit in zip(found.names, found.units)
+    }
+    seeds = np.array([plan.seed_of(k) for k in range(plan.total)])
+    variables["seed"] = (names, seeds.reshape(shape), {"long_name": "seed of the run"})
+    variables["reason"] = (names, np.array(found.reasons, dtype=object).reshape(shape),
+                           {"long_name": "why a value is missing"})  # fmt: skip
+    attributes: dict[str, Any] = {f"provenance_{name}": text for name, text in found.provenance.items()}
+    attributes |= {"scene": found.work.scene.name, "sampling": plan.sampling, "study_seed": plan.seed,
+                   "scene_json": found.work.scene.to_json(), "measures": json.dumps(found.names)}  # fmt: skip
+    made: Dataset = xarray.Dataset(variables, coordinates, attributes)
+    for one in made.coords.values():
+        one.encoding["_FillValue"] = None  # CF allows no missing values in a coordinate
+    return made
+
+
+def check_path(path: Path) -> None:
+    """Raise UsageError for what `save` could not write: another suffix, another folder, or a missing library."""
+    if path.suffix not in SUFFIXES:
+        raise UsageError(f"--to {path}: the name ends in .nc (NetCDF) or .zarr (Zarr)")
+    if path.suffix == ".zarr" and path.exists() and not (path / "zarr.json").is_file():
+        raise UsageError(
+            f"--to {path}: there is a file or folder of this name that is no Zarr folder; name another one"
+        )
+    needed("xarray", "data")
+    if path.suffix == ".nc":
+        needed("h5netcdf", "data")
+    elif importlib.util.find_spec("zarr") is None:
+        raise UsageError(
+            "zarr is not installed; pip install zarr installs it, or write NetCDF: a name that ends in .nc"
+        )
+
+
+def save(found: StudyResult, path: Path) -> None:
+    """Write the Dataset to a file .nc or a folder .zarr, completely or not at all. Raises UsageError, OutputError."""
+    check_path(path)
+    made = dataset(found)
+    try:
+        if path.suffix == ".zarr":
+            _zarr(made, path)
+            return
+        made["scene_json"] = ((), made.attrs.pop("scene_json"))  # HDF5 limits attributes to 64 KiB
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, bytes(made.to_netcdf(engine="h5netcdf")))  # on its own HDF5 tells a full disk in four lines
+    except OSError as fault:
+        raise OutputError(f"{path} cannot be written: {fault.strerror or fault}") from None
+
+
+def _zarr(made: Dataset, path: Path) -> None:
+    draft = path.with_name(f".{path.name}.part")
+    shutil.rmtree(draft, ignore_errors=True)
+    try:
+        made.to_zarr(draft, mode="w", consolidated=False)  # version 3 of the format has no consolidated metadata
+        shutil.rmtree(path, ignore_errors=True)
+        draft.rename(path)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _about(unit: str, words: str) -> dict[str, str]:
+    return {"units": unit or "1", "long_name": words}
+
+
+def _name(measure: str) -> str:
+    """A measure as the name of a variable: NetCDF allows no slash."""
+    return measure.replace("/", "_")
+
+
+_COLOUR, _BAND, _LIGHT, _BEST = "#1d4f91", "#b9cce4", "#d1802f", "#c03a76"
+_MOST = 6  # panels in a row of a scatter matrix
+_PANEL = 3.2  # inches
+_LINE = 18  # characters
+_TICKS, _APART = 8, 0.08  # values of an axis that are its ticks, if they are further apart than a share of the axis
+
+
+def _suiting(found: StudyResult) -> dict[str, Callable[[StudyResult], Figure]]:
+    """File name -> what draws it, for the figures that suit the plan."""
+    plan = found.work.plan
+    grid = [one for one in plan.grid if len(one.axis.values) > 1]
+    wanted: dict[str, Callable[[StudyResult], Figure]] = {}
+    if np.isfinite(found.values).any():
+        if len(grid) == 1:
+            wanted["curves.png"] = lambda found: _curves(found, grid[0])
+        elif grid:
+            wanted["heat_map.png"] = lambda found: _heat_map(found, grid[0], grid[1])
+        if plan.drawn and plan.rows > 1:
+            wanted["scatter.png"] = _scatter
+        if (indices := found.indices) is not None and np.isfinite(indices.whole).any():
+            wanted["tornado.png"] = lambda found: _tornado(found, indices)
+    return wanted
+
+
+def draw(found: StudyResult, folder: Path) -> list[Path]:
+    """Draw the figures that suit the plan into `folder` (PNG); return their files."""
+    paths = []
+    for name, make in _suiting(found).items():
+        put(_styled(make, found), folder / name)
+        paths.append(folder / name)
+    return paths
+
+
+def study_figure(found: StudyResult) -> Figure:
+    """Return the first of the figures that suit the plan. Raises UsageError if there is none."""
+    for make in _suiting(found).values():
+        return _styled(make, found)
+    values = "one point" if np.isfinite(found.values).any() else "no point has a value"
+    raise UsageError(f"nothing to draw: {values}")
+
+
+def search_figure(found: SearchResult) -> Figure:
+    """Return the value over each parameter and over the course of the search."""
+    count = len(found.factors) + 1
+    title = measure_in_words(found.measure, found.unit)
+    with page(STYLE, 9.6, 2.6 * count, layout="constrained") as figure:
+        figure.suptitle(f"{found.scene.title}: search", x=0.01, ha="left", fontweight="bold")
+        top, *rest = figure.subplots(count, 1, squeeze=False)[:, 0]
+        worst = -np.inf if found.largest else np.inf
+        course = np.where(np.isfinite(found.values), found.values, worst)
+        so_far = np.maximum.accumulate(course) if found.largest else np.minimum.accumulate(course)
+        numbers = np.arange(1, len(course) + 1)
+        top.plot(numbers, found.values, ".", ms=3.5, color=_BAND, label="points")
+        top.plot(numbers, np.where(np.isfinite(so_far), so_far, np.nan), color=_COLOUR, label="best so far")
+        top.set(xlabel="number of the evaluation", ylabel=title)
+        top.legend(loc="best")
+        for i, (axes, one) in enumerate(zip(rest, found.factors)):
+            axes.plot(found.points[:, i] / one.axis.scale, found.values, ".", ms=3.5, color=_COLOUR, alpha=0.5)
+            if found.best is not None:
+                axes.plot(found.points[found.best, i] / one.axis.scale, found.value, "o", color=_BEST, ms=6)
+            axes.set(xlabel=one.axis.title, ylabel=title)
+        figure.align_ylabels()
+    return figure
+
+
+def _styled(make: Callable[[StudyResult], Figure], found: StudyResult) -> Figure:
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
+        return make(found)
+
+
+def _figure(found: StudyResult, width: float, height: float, what: str) -> Figure:
+    count = len(found.values)
+    with page(STYLE, width, height, layout="constrained") as figure:
+        figure.suptitle(f"{found.work.scene.title}: {what}, {count} points", x=0.01, ha="left", fontweight="bold")
+    return figure
+
+
+def _over(found: StudyResult, measure: str, kept: list[Factor]) -> NDArray[np.float64]:
+    """Values of a measure, [values of the kept parameters ..., everything else]."""
+    names = list(found.work.plan.dimensions)
+    at = [names.index(one.key) for one in kept]
+    values = np.moveaxis(found.values_of(measure), at, range(len(at)))
+    return values.reshape(*(len(one.axis.values) for one in kept), -1)
+
+
+def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median over the last axis of what is not missing; nan where everything is."""
+    some = np.asarray(np.isfinite(values).any(axis=-1))
+    filled = np.where(some[..., None], values, 0.0)
+    return np.where(some, np.nanmedian(filled, axis=-1), np.nan)
+
+
+def _title(found: StudyResult, number: int) -> str:
+    return measure_in_words(found.names[number], found.units[number])
+
+
+def _curves(found: StudyResult, factor: Factor) -> Figure:
+    count = len(found.names)
+    figure = _figure(found, 9.6, 1.4 + 2.4 * count, f"over {factor.axis.words}")
+    x = factor.axis.shown_values
+    order = np.argsort(x)
+    for number, axes in enumerate(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]):
+        values = _over(found, found.names[number], [factor])[order]
+        if values.shape[1] > 1:
+            here = np.isfinite(values)
+            low = np.where(here, values, np.inf).min(axis=1)
+            high = np.where(here, values, -np.inf).max(axis=1)
+            some = here.any(axis=1)
+            axes.fill_between(x[order][some], low[some], high[some], color=_BAND, lw=0, label="range")
+        label = "median" if values.shape[1] > 1 else None
+        axes.plot(x[order], _median(values), "o-", ms=3.5, color=_COLOUR, label=label)
+        axes.set_ylabel(_title(found, number).replace(" [", "\n["))
+        if number == 0 and label:
+            axes.legend(loc="best")
+    axes.set_xlabel(factor.axis.title)
+    figure.align_ylabels()
+    return figure
+
+
+def _heat_map(found: StudyResult, x: Factor, y: Factor) -> Figure:
+    count = len(found.names)
+    columns = min(count, 2)
+    rows = -(-count // columns)
+    hidden = len(found.values) > len(x.axis.values) * len(y.axis.values)
+    what = "median over the others" if hidden else "grid"
+    what += "" if np.isfinite(found.values[:, :count]).all() else " (white: no value)"
+    figure = _figure(found, 5.6 * columns, 0.6 + 4.2 * rows, what)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    for number, axes in enumerate(panels):
+        if number >= count:
+            axes.set_axis_off()
+            continue
+        axes.grid(visible=False)
+        values = _median(_over(found, found.names[number], [x, y]))
+        order = np.argsort(x.axis.shown_values), np.argsort(y.axis.shown_values)
+        shown = values[np.ix_(*order)].T
+        mesh = axes.pcolormesh(x.axis.shown_values[order[0]], y.axis.shown_values[order[1]], shown, shading="nearest")
+        mesh.set_rasterized(True)
+        for ticks, factor in ((axes.set_xticks, x), (axes.set_yticks, y)):
+            at = np.sort(factor.axis.shown_values)
+            if len(at) <= _TICKS and np.diff(at).min() > _APART * np.ptp(at):
+                ticks(at)
+        bar = figure.colorbar(mesh, ax=axes, label=_title(found, number))
+        bar.outline.set_visible(False)  # type: ignore[operator]
+        axes.label_outer()
+        if number + columns >= count:
+            axes.set_xlabel(x.axis.title)
+            axes.tick_params(labelbottom=True)
+        if number % columns == 0:
+            axes.set_ylabel(y.axis.title)
+    return figure
+
+
+def _scatter(found: StudyResult) -> Figure:
+    """Every drawn parameter and measure against every other one; their histograms on the diagonal."""
+    plan = found.work.plan
+    keys = [one.key for one in plan.factors]
+    named: list[tuple[str, NDArray[np.float64]]] = [
+        (one.axis.title, found.points[:, keys.index(one.key)] / one.axis.scale) for one in plan.drawn
+    ]
+    named += [(_title(found, m), found.values[:, m]) for m in range(len(found.names)) if _varies(found.values[:, m])]
+    named = named[: max(_MOST, len(plan.drawn) + 1)]
+    count = len(named)
+    size = max(_PANEL * count / (1.0 + 0.12 * count), 5.0)
+    figure = _figure(found, size, size, "samples")
+    panels = figure.subplots(count, count, squeeze=False)
+    for row, column in np.ndindex(count, count):
+        axes: Any = panels[row, column]
+        _panel(axes, named[column][1], named[row][1], row, column)
+        if column > row:
+            continue
+        outer = row == count - 1, column == 0 and (row > 0 or count == 1)
+        axes.set_xlabel(_folded(named[column][0]) if outer[0] else "")
+        axes.set_ylabel(_folded(named[row][0]) if outer[1] else "")
+        axes.tick_params(labelbottom=outer[0], labelleft=outer[1], labelsize=8)
+        axes.locator_params(nbins=4)
+    figure.align_labels()
+    return figure
+
+
+def _panel(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], row: int, column: int) -> None:
+    from scipy.stats import spearmanr
+
+    axes.grid(visible=False)
+    here = np.isfinite(x) & np.isfinite(y)
+    if column == row:
+        axes.hist(x[here], bins=min(20, max(5, here.sum() // 6)), color=_BAND)
+        axes.set_yticks([])
+    elif column < row:
+        axes.plot(x[here], y[here], ".", ms=3.5, color=_COLOUR, alpha=0.6, mec="none")
+    else:
+        axes.set_axis_off()
+        if here.sum() > 2 and np.ptp(x[here]) > 0.0 and np.ptp(y[here]) > 0.0:
+            rank = round(float(spearmanr(x[here], y[here]).statistic), 2) + 0.0  # no -0.00
+            axes.text(0.5, 0.5, f"rank\ncorrelation\n{rank:.2f}", ha="center", va="center", transform=axes.transAxes)
+
+
+def _tornado(found: StudyResult, indices: Indices) -> Figure:
+    """For each measure the shares of its variance, the largest on top: alone, and with all interactions."""
+    drawn = {one.key: one for one in found.work.plan.drawn}
+    shown = [m for m in range(len(found.names)) if np.isfinite(indices.whole[m]).all()]
+    count = len(indices.keys)
+    figure = _figure(found, 9.6, 1.0 + len(shown) * (0.9 + 0.45 * count), "Sobol indices")
+    for m, axes in zip(shown, figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]):
+        order = np.argsort(indices.whole[m])
+        axes.barh(range(count), indices.whole[m][order], height=0.7, color=_BAND, label="with all interactions")
+        axes.barh(range(count), indices.first[m][order], height=0.35, color=_COLOUR, label="alone")
+        axes.set_yticks(range(count), [drawn[indices.keys[i]].axis.words for i in order])
+        axes.set_title(_title(found, m))
+        axes.grid(visible=False, axis="y")
+        axes.axvline(0.0, color="black", lw=0.8)
+    axes.set_xlabel("share of the variance")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=2)
+    return figure
+
+
+def _varies(values: NDArray[Any]) -> bool:
+    here = values[np.isfinite(values)]
+    return here.size > 1 and float(np.ptp(here)) > 0.0
+
+
+def _folded(title: str) -> str:
+    """A title in short lines, its unit on a line of its own."""
+    words, bracket, unit = title.partition(" [")
+    return "\n".join([*textwrap.wrap(words, _LINE), *([f"[{unit}"] if bracket else [])])
+
 
 __all__ = ["COLUMNS", "StudyResult", "gathered"]
 
 
-class StudyResult(StudyData, Result):
+@dataclass(frozen=True)
+class StudyResult(Result):
     """The result of `rig.study`. Printed, it is the report."""
 
-    FIGURE: ClassVar = "rig.analysis.studies.figure:study_figure"
+    work: StudyRuns
+    values: Array
+    units: tuple[str, ...]
+    reasons: tuple[str, ...]
+    provenance: Mapping[str, str]
+    folder: Path
+    recordings: Mapping[int, Path] = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the measures."""
+        return [one.name for one in self.work.measures]
+
+    @cached_property
+    def points(self) -> Array:
+        """The values (SI) of the varied parameters, [point, parameter]."""
+        plan = self.work.plan
+        keys = [one.key for one in plan.factors]
+        return np.array([[found[key] for key in keys] for found in map(plan.values, range(plan.total))])
+
+    def values_of(self, measure: str) -> Array:
+        """Return the values of a measure over the dimensions of the plan (`Plan.dimensions`)."""
+        column = self.values[:, self.names.index(measure)]
+        return column.reshape(tuple(self.work.plan.dimensions.values()))
+
+    @cached_property
+    def indices(self) -> Indices | None:
+        """Sobol indices, if the sampling allows them and no value is missing; of a grid, those at its first point."""
+        plan = self.work.plan
+        if plan.sampling != "saltelli" or not plan.drawn:
+            return None
+        from scipy.stats import sobol_indices
+
+        count, n = len(plan.drawn), plan.samples
+        shape = (-1, plan.rows, plan.repeat, len(self.names))
+        rows = self.values.reshape(shape)[0].mean(axis=1).T  # [measure, sample]
+        first, whole = np.full((2, len(self.names), count), np.nan)
+        for m, row in enumerate(rows):
+            if np.isfinite(row).all() and np.ptp(row[: 2 * n]) > 0.0:
+                twice = np.stack([row, row])  # scipy fails with one measure of one parameter
+                ab = twice[:, 2 * n :].reshape(2, count, n).transpose(1, 0, 2)
+                found = sobol_indices(func={"f_A": twice[:, :n], "f_B": twice[:, n : 2 * n], "f_AB": ab}, n=n)
+                first[m], whole[m] = found.first_order.reshape(2, -1)[0], found.total_order.reshape(2, -1)[0]
+        return Indices(tuple(one.key for one in plan.drawn), first, whole)
+
+    def text(self) -> str:
+        """Return the report as text."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        plan, names = self.work.plan, self.names
+        over = ", ".join(f"{one.key} {one.distribution or f'{len(one.axis.values)} values'}" for one in plan.factors)
+        sizes = " x ".join(map(str, plan.dimensions.values()))
+        yield f"{self.work.name}: {len(self.values)} points ({sizes}) over {over}"
+        if len(self.values) <= _FEW:
+            yield from ["", *self._table()]
+        yield ""
+        rows: list[tuple[str, ...]] = [("measure", "median", "least", "greatest", "unit", "missing")]
+        for m, (name, unit) in enumerate(zip(names, self.units)):
+            v = self.values[np.isfinite(self.values[:, m]), m]
+            numbers = (f"{np.median(v):.5g}", f"{v.min():.5g}", f"{v.max():.5g}") if v.size else ("-", "-", "-")
+            rows.append((name, *numbers, unit, f"{len(self.values) - v.size or ''}"))
+        yield from columns(rows, "<>>><>")
+        if (found := self.indices) is not None:
+            yield from ["", *self._index_table(found)]
+        if computed := self.provenance.get("processors"):
+            yield f"  computed on {computed}; results have the same bits on processors of one type only"
+        counts = Counter(why for why in self.reasons if why)
+        for why, count in counts.most_common(_REASONS):
+            at = self._at(self.reasons.index(why))
+            yield f"  {count} of {len(self.reasons)} points have missing values: {why}; first at {at}"
+        if len(counts) > _REASONS:
+            yield f"  and {len(counts) - _REASONS} more reasons, in study.csv"
+
+    def _at(self, point: int) -> str:
+        texts = [f"{one.key} = {one.axis.text(v)}" for one, v in zip(self.work.plan.factors, self.points[point])]
+        return f"{', '.join(texts)}, seed {self.work.plan.seed_of(point)}"
+
+    def _table(self) -> Iterator[str]:
+        rows = [(*(one.axis.label for one in self.work.plan.factors), *map(_titled, self.names, self.units))]
+        for at, values in zip(self.points, self.values):
+            keys = (f"{v / one.axis.scale:.6g}" for one, v in zip(self.work.plan.factors, at))
+            rows.append((*keys, *(f"{v:.6g}" if np.isfinite(v) else "-" for v in values)))
+        return columns(rows, "<" * len(self.work.plan.factors) + ">" * len(self.names))
+
+    def _index_table(self, found: Indices) -> Iterator[str]:
+        rows = [("share of the variance", *(f"{key}" for key in found.keys))]
+        for m, name in enumerate(self.names):
+            pairs = zip(found.first[m], found.whole[m])
+            rows.append((name, *(f"{a:.2f} alone, {b:.2f} in all" if np.isfinite(a) else "-" for a, b in pairs)))
+        return columns(rows, "<" + ">" * len(found.keys))
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """Yield every point as a flat record: parameters (SI), seed, measures, reason."""
+        plan = self.work.plan
+        for k, (at, values) in enumerate(zip(self.points.tolist(), self.values.tolist())):
+            record: dict[str, Any] = {one.key: value for one, value in zip(plan.factors, at)}
+            yield record | {"seed": plan.seed_of(k)} | dict(zip(self.names, values)) | {"reason": self.reasons[k]}
+
+    def csv(self) -> str:
+        """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
+        made = io.StringIO()
+        writer = csv.writer(made)
+        measures = (with_unit(name, unit) for name, unit in zip(self.names, self.units))
+        writer.writerow([*(one.axis.si_label for one in self.work.plan.factors), "seed", *measures, "reason"])
+        writer.writerows(record.values() for record in self.records())
+        return made.getvalue()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the result as JSON values; parameters in SI."""
+        plan, found = self.work.plan, self.indices
+        return {
+            "scene": self.work.name,
+            "over": {one.key: str(one.distribution or list(one.axis.values)) for one in plan.factors},
+            "dimensions": plan.dimensions,
+            "units": dict(zip(self.names, self.units)) | {one.key: one.axis.unit for one in plan.factors},
+            "points": list(self.records()),
+            "indices": None if found is None else {
+                name: {key: {"first": first[i], "whole": whole[i]} for i, key in enumerate(found.keys)}
+                for name, first, whole in zip(self.names, found.first.tolist(), found.whole.tolist())
+            },
+            "recordings": {str(point): str(path) for point, path in self.recordings.items()},
+            "folder": str(self.folder),
+        }  # fmt: skip
+
+    FIGURE: ClassVar = "rig.analysis.studies.result:study_figure"
 
     def to_xarray(self) -> Dataset:
         """Return the result as a Dataset over the dimensions of the plan, with units and provenance.

@@ -1,22 +1,185 @@
-"""The points of a study: each has its values and its seed, and is computed for itself."""
+"""The points of a study: each has its values and its seed, and is computed for itself.
+
+The points of a study: a grid, at each of its points drawn samples, each of them run with several seeds.
+
+random     independent draws (Monte Carlo)
+latin      Latin hypercube: each parameter has one value in each of N equal shares
+sobol      Sobol sequence, scrambled: fills the space evenly; N is a power of 2
+saltelli   N (d + 2) points from which Sobol indices of d parameters are computed; N is a power of 2
+
+The draws are the same at every point of the grid. Point number k is run with the seed of the study plus k. Source:
+Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270.
+
+Recordings of chosen points of a study: these are simulated again, since a run repeats to the last bit.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rig import kernel
 from rig.analysis.kernel_shapes import prepare
-from rig.analysis.pool import Arrays, Work
-from rig.analysis.studies.factors import changed
+from rig.analysis.pool import Arrays, Progress, Work, carry_out, temporary
+from rig.analysis.studies.factors import Factor, changed, factors, refused
 from rig.analysis.studies.measures import Measure, Measured, evaluate
-from rig.analysis.studies.plan import Plan
-from rig.bench.simulate import simulate
-from rig.errors import SceneError
+from rig.bench.run.simulate import simulate
+from rig.compiled import kernel
+from rig.errors import OutputError, RigError, SceneError, UsageError, WorkerError
+from rig.machine.files import draft_of
+from rig.quantities import run_length_ns, whole
+from rig.record.provenance import provenance
+from rig.record.save_run import save
 from rig.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+SAMPLINGS = ("random", "latin", "sobol", "saltelli")
+SAMPLES = 64
+"""Default number of samples."""
+MOST = 10_000_000
+"""Largest number of points, of samples, and of repeated runs."""
+MOST_SEED = 2**62
+"""Largest seed; those of all points then fit in 64 bits."""
+_EDGE = 1e-12
+SAMPLE, REPEAT = "sample", "repeat"
+"""Dimensions of the results beside those of the grid."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The points of a study."""
+
+    factors: tuple[Factor, ...]
+    samples: int
+    sampling: str
+    repeat: int
+    seed: int
+
+    @property
+    def grid(self) -> list[Factor]:
+        """The parameters with given values."""
+        return [one for one in self.factors if one.distribution is None]
+
+    @property
+    def drawn(self) -> list[Factor]:
+        """The parameters with a distribution."""
+        return [one for one in self.factors if one.distribution is not None]
+
+    @property
+    def rows(self) -> int:
+        """Number of samples at each point of the grid; 1 without a distribution."""
+        if not self.drawn:
+            return 1
+        return self.samples * (len(self.drawn) + 2 if self.sampling == "saltelli" else 1)
+
+    @property
+    def dimensions(self) -> dict[str, int]:
+        """The dimensions of the results: the keys of the grid, sample, repeat; the last two only where needed."""
+        found = {one.key: len(one.axis.values) for one in self.grid}
+        found |= {SAMPLE: self.rows} if self.drawn else {}
+        return found | ({REPEAT: self.repeat} if self.repeat > 1 else {})
+
+    @property
+    def total(self) -> int:
+        """Number of points."""
+        return math.prod(self.dimensions.values())
+
+    @cached_property
+    def shares(self) -> Array:
+        """The drawn shares, [sample, drawn parameter], between 0 and 1."""
+        from scipy.stats import qmc
+
+        count, chance = len(self.drawn), np.random.default_rng(self.seed)
+        if self.sampling not in SAMPLINGS[1:]:
+            return chance.random((self.samples, count))
+        if self.sampling == "latin":
+            return np.asarray(qmc.LatinHypercube(count, rng=chance).random(self.samples))
+        if self.sampling == "sobol":
+            return np.asarray(qmc.Sobol(count, rng=chance).random(self.samples))
+        both = qmc.Sobol(2 * count, bits=64, rng=chance).random(self.samples)
+        a, b = both[:, :count], both[:, count:]
+        mixed = []
+        for column in range(count):
+            one = a.copy()
+            one[:, column] = b[:, column]
+            mixed.append(one)
+        return np.concatenate([a, b, *mixed])
+
+    @cached_property
+    def draws(self) -> Array:
+        """The drawn values (SI), [sample, drawn parameter]."""
+        shares = np.clip(self.shares, _EDGE, 1.0 - _EDGE)  # a normal distribution has no value at 0 and 1
+        columns = [one.distribution.quantile(shares[:, i], one.axis.unit)  # type: ignore[union-attr]
+                   for i, one in enumerate(self.drawn)]  # fmt: skip
+        return np.column_stack(columns) if columns else np.zeros((1, 0))
+
+    def values(self, number: int) -> dict[str, float]:
+        """Return the values (SI) of the parameters of a point."""
+        *at, sample = np.unravel_index(number // self.repeat, (*(len(one.axis.values) for one in self.grid), self.rows))
+        found = {one.key: one.axis.values[i] for one, i in zip(self.grid, at)}
+        return found | {one.key: float(self.draws[sample, i]) for i, one in enumerate(self.drawn)}
+
+    def seed_of(self, number: int) -> int:
+        """Return the seed of a point."""
+        return self.seed + number
+
+
+def plan(
+    scene: Scene, over: Mapping[str, Any], samples: int | None, sampling: str, repeat: int, seed: int | None
+) -> Plan:
+    """Return the plan of a study of `scene`. Raises SceneError, UsageError with every fault."""
+    faults: list[str] = []
+    varied: tuple[Factor, ...] = ()
+    try:
+        varied = factors(scene, over)
+    except SceneError as fault:
+        faults.append(str(fault))
+    numbers = {}
+    for name, value, least, most in (
+        ("samples", SAMPLES if samples is None else samples, 1, MOST),
+        ("repeat", repeat, 1, MOST),
+        ("seed", scene.seed if seed is None else seed, 0, MOST_SEED),
+    ):
+        try:
+            numbers[name] = whole(name, value, least, most)
+        except UsageError as fault:
+            faults.append(str(fault))
+            numbers[name] = least
+    found = Plan(varied, sampling=sampling, **numbers)
+    if sampling not in SAMPLINGS:
+        faults.append(f"sampling {sampling}: unknown; known: {', '.join(SAMPLINGS)}")
+    elif sampling in ("sobol", "saltelli") and found.drawn and found.samples & (found.samples - 1):
+        near = 2 ** round(math.log2(found.samples))
+        faults.append(f"samples = {found.samples}: must be a power of 2 for sampling {sampling}, such as {near}")
+    if varied and not found.drawn and (samples is not None or sampling != "random"):
+        faults.append("samples and sampling are for distributions, and no parameter has one, such as normal(0.4, 0.02)")
+    if varied and not faults and found.total > MOST:
+        faults.append(f"{found.total} points: must be at most {MOST}")
+    if faults:
+        raise UsageError("\n".join(faults))
+    outside = []
+    for i, one in enumerate(found.drawn):
+        values = found.draws[:, i]
+        try:
+            remedy = (
+                ""
+                if one.distribution is None or one.distribution.kind == "uniform"
+                else ("; cut the distribution off with low=... and high=...")
+            )
+            refused(scene, one.axis, sorted({float(values.min()), float(values.max())}), remedy)
+        except ValueError as fault:
+            outside.append(f"{one.key}: {one.distribution} leaves the range of the parameter: {fault}")
+    if outside:
+        raise SceneError(scene.name, outside)
+    return found
+
 
 _ROOT = Path(__file__).resolve().parents[2]
 _ROOMS = ("analysis", "bench", "controllers", "design", "effects", "model", "motion", "plants", "record",
@@ -89,3 +252,43 @@ def digest(scene: Scene, text: str) -> str:
     for path in sorted(path for room in _ROOMS for path in (_ROOT / room).rglob("*.py")):
         found.update(path.name.encode() + path.read_bytes())
     return found.hexdigest()[:12]
+
+
+def keep(
+    study: StudyRuns, points: Sequence[int], folder: Path, workers: int | None, progress: Progress | None = None
+) -> dict[int, Path]:
+    """Record the runs of `points` into `folder`; return point -> file. Existing recordings are not made again.
+
+    A run that the scene refuses has none.
+    """
+    found = {point: folder / f"{point:06d}.mcap" for point in points}
+    missing = tuple(point for point, path in found.items() if not path.exists())
+    if missing:
+        folder.mkdir(parents=True, exist_ok=True)
+        work = Work(partial(_record, study, folder), missing)
+        try:
+            with temporary(work) as store:
+                carry_out(work, store, workers if study.portable else 1, progress)
+        except (OutputError, WorkerError) as fault:
+            raise type(fault)(
+                f"{fault}. The values of the study are kept in {folder.parent}; the same command continues"
+            ) from None
+    return {point: path for point, path in found.items() if path.exists()}
+
+
+def _record(study: StudyRuns, folder: Path, point: int) -> Arrays:
+    """Simulate a point and record it. Raises OutputError; a run that the scene refuses is not recorded."""
+    scene = study.scene_of(point)
+    try:
+        run = simulate(scene, duration_ns=run_length_ns(study.duration))
+    except RigError:
+        return {"recorded": np.array(False)}
+    run.provenance = provenance(scene.seed)
+    path = folder / f"{point:06d}.mcap"
+    try:
+        with draft_of(path) as draft:
+            save(run, draft)
+    except OutputError as fault:
+        why = str(fault).partition("cannot be written: ")[2].partition(";")[0]
+        raise OutputError(f"{path} cannot be written: {why or fault}") from None
+    return {"recorded": np.array(True)}

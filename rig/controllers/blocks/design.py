@@ -49,7 +49,7 @@ class Feedback(Controller, Protocol):
 
 
 class Rig(Protocol):
-    """The quantities of a rig for the design step (rig.design.design_rig), in SI units.
+    """The quantities of a rig for the design step (rig.design.rig), in SI units.
 
     Its methods raise ValueError ("key: fault") if the rig does not have the quantity.
     """

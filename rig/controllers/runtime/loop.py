@@ -12,8 +12,8 @@ from typing import Any
 
 from rig.controllers.blocks.base import Controller, State, Values, gets_every_sample, retune
 from rig.errors import ControllerFailed, PartError, RigError, UsageError
+from rig.machine.process import copies, end_copy
 from rig.parts import code_of, foreign_fault
-from rig.process import copies, end_copy
 from rig.units import brief
 
 NOT_FINITE = "an answer of {} is not finite: it is not sent, and the controller starts again"

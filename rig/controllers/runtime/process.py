@@ -23,16 +23,15 @@ from typing import Any
 from rig import bus, controllers
 from rig.bus import encode, run_setup
 from rig.bus.port import Session
+from rig.compiled.records import locked
 from rig.controllers.blocks.base import Controller, Samples
 from rig.controllers.runtime.file import load_file
 from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
 from rig.controllers.runtime.service import Service
 from rig.errors import BusError, RigError, UsageError
+from rig.machine.process import as_process, no_garbage, stopping, tell
+from rig.machine.scheduling import CONTROLLER, ahead, anywhere, come_first, placed
 from rig.parts import is_file, trust_scene
-from rig.pinned_memory import locked
-from rig.placement import anywhere, placed
-from rig.process import as_process, no_garbage, stopping, tell
-from rig.scheduling import CONTROLLER, ahead, come_first
 
 LONG_NS, LONG_ANSWERS = 300_000, 20
 """A controller with this number of successive answers above this time [ns] leaves the processor core of the bus."""

@@ -7,12 +7,16 @@ The slider's upper face is guided: the slider heaves (z), pitches (theta) and ro
 load F presses on this face. h: distance from this face to the plate. The slider starts at `slider.position` and moves
 along the plate's x at the speed of the drive; friction acts on the plate in this direction. Half of the film's
 mass moves with the slider.
+
+The points of a contact film: their positions, and the output with the pressure of each.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -30,20 +34,43 @@ from rig.model.assembly import Assembly, Output
 from rig.model.film import over
 from rig.model.named_rows import Row
 from rig.picture import Plot
-from rig.plants.structures.film_points import FilmPoints
 from rig.plants.structures.plate_model import Grid, Reduced
-from rig.quantities import (
-    KilogramPerCubicMetre,
-    NonNegativeMetre,
-    Pascal,
-    PoissonRatio,
-    PositiveMetre,
-    Second,
-    Section,
-)
-from rig.solve import film_sums
+from rig.quantities import KilogramPerCubicMetre, NonNegativeMetre, Pascal, PoissonRatio, PositiveMetre, Second, Section
+from rig.solve import film_steps
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FilmPoints:
+    """The points of a film: `along` x `across` equal areas of a slider of `length` x `width` [m]."""
+
+    length: float
+    width: float
+    along: int
+    across: int
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the pressure outputs, in order of the lines across the slider from the rear."""
+        return tuple(f"pressure_{i}_{j}" for i in range(1, self.along + 1) for j in range(1, self.across + 1))
+
+    @property
+    def x(self) -> Array:
+        """Positions [m] of the points along the travel, from the slider's middle."""
+        return ((np.arange(self.along) + 0.5) / self.along - 0.5) * self.length
+
+    @property
+    def y(self) -> Array:
+        """Positions [m] of the points across the travel, from the slider's middle."""
+        return ((np.arange(self.across) + 0.5) / self.across - 0.5) * self.width
+
+    def maps(self, signals: Mapping[str, Array]) -> Array:
+        """Pressures [instant, along, across] in Pa; 0 where a point is open."""
+        table = np.stack([signals[name] for name in self.names], axis=-1)
+        return table.reshape(*table.shape[:-1], self.along, self.across)
+
+
 Along = Annotated[int, Ge(1), Le(64)]
 Across = Annotated[int, Ge(2), Le(64)]
 X, Y, Z = range(3)
@@ -240,7 +267,7 @@ def _contact(a: Assembly, p: SliderTables, own: film.Film) -> None:
         "contact_fraction": Output({over("fraction"): 1.0}, "1", Plot(place=2)),
         "pressure_centre_x": Output({over("centre_x"): 1.0}, "m", CENTRE),
         "pressure_centre_y": Output({over("centre_y"): 1.0}, "m", CENTRE),
-        "openings": Output({over("openings"): 1.0 / film_sums.COUNTED}, "1", Plot()),
+        "openings": Output({over("openings"): 1.0 / film_steps.COUNTED}, "1", Plot()),
     }
     area = p.slider.length * p.slider.width / own.points
     for name, point in places(p.points, own).items():

@@ -22,7 +22,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import platformdirs
 
-from rig import file_locks
+from rig.machine import files
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -98,7 +98,7 @@ def stored_or_built(
         with suppress(ValueError):
             return _take(of, offered, read(offered))
     with suppress(OSError, ValueError):
-        content = file_locks.own_bytes(path, _INSTEAD)
+        content = files.own_bytes(path, _INSTEAD)
         found = read(content)
         with suppress(OSError):  # of a folder that cannot be written
             os.utime(path)
@@ -151,13 +151,13 @@ def _take(of: str, content: bytes, model: T) -> T:
 
 def _keep(path: Path, content: bytes) -> None:
     """Write a file atomically and delete the least recently used ones beyond `LIMIT`."""
-    if not file_locks.trusted(path.parent, _INSTEAD):
+    if not files.trusted(path.parent, _INSTEAD):
         return
-    file_locks.own_folder(path.parent)
+    files.own_folder(path.parent)
     draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}")
     try:
         draft.write_bytes(content)
-        file_locks.own_file(draft)
+        files.own_file(draft)
         draft.replace(path)
     except OSError:
         with suppress(OSError):

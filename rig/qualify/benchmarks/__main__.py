@@ -16,21 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import BusError, UsageError
-from rig.qualify.benchmarks import (
-    absent_effect,
-    against,
-    agent,
-    disc,
-    kernels,
-    loop,
-    maps,
-    one_contact,
-    pages,
-    recording,
-    studies,
-    twins,
-    whole_runs,
-)
+from rig.qualify.benchmarks import against, kernels, loop, one_contact, pages, recording, studies, twins, whole_runs
 from rig.record.provenance import provenance
 
 # Speeds are those of two idle cores on which the kernel of the pendulum does at least 31,000 times real time.
@@ -87,10 +73,10 @@ def main() -> int:
 
     def mapped() -> None:
         say("\nmap of the rig, run-up and run-down, kernels compiled")
-        found["map"] = m = maps.efficiency(24 if quick else 100)
+        found["map"] = m = one_contact.efficiency(24 if quick else 100)
         verdict = judged("map", m["efficiency"], "map")
-        say(f"  {maps.SCENE}, {m['points']} points: one worker {m['one']:.3g} points/s, two {m['two']:.3g} points/s, "
-            f"efficiency {m['efficiency']:.2f} {verdict}")  # fmt: skip
+        say(f"  {one_contact.MAP}, {m['points']} points: one worker {m['one']:.3g} points/s, two {m['two']:.3g} "
+            f"points/s, efficiency {m['efficiency']:.2f} {verdict}")  # fmt: skip
 
     def studied() -> None:
         say("\nstudies: points per second, one worker, two, and two of dask in turns; efficiency: median (range)")
@@ -169,11 +155,11 @@ def main() -> int:
 
     def stepped() -> None:
         say("\nenvironment of Gymnasium, one frame of 1 ms a step, processor time")
-        found["steps"] = s = agent.steps(3 if quick else 7)
+        found["steps"] = s = one_contact.steps(3 if quick else 7)
         if not s:
             say("  gymnasium is not installed: not measured")
             return
-        say(f"  {agent.SCENE}: {s['steps']:.0f} steps per second {judged('steps', s['steps'], 'steps')}; "
+        say(f"  {one_contact.DRIVEN}: {s['steps']:.0f} steps per second {judged('steps', s['steps'], 'steps')}; "
             f"four rigs at once {s['four']:.0f}; a reset {1e3 * s['reset']:.2f} ms")  # fmt: skip
 
     def finish() -> int:
@@ -239,7 +225,7 @@ def main() -> int:
         verdict = judged("stiff shunt", stiff["rtf"], "kernel_rtf")
         say(f"  exact on the stiff shunt of belt_shunt, 3400 Hz at 1 ms: {stiff['rtf']:.0f} x real time {verdict}, "
             f"error of event times {stiff['error']:.1e} of a period")  # fmt: skip
-    found["absent"] = a = absent_effect.cost()
+    found["absent"] = a = whole_runs.cost()
     verdict = judged("absent effects", a["ratio"], "absent", at_most=True)
     say(f"  forces without products: {a['ns']:.1f} ns, compiled without their source {a['ns_without']:.1f}: "
         f"ratio {a['ratio']:.3f} {verdict}")  # fmt: skip
@@ -261,8 +247,8 @@ def main() -> int:
         f"{judged('start', s['wall'], 'start', at_most=True)}")  # fmt: skip
 
     stepped()
-    say(f"\n{disc.SCENE} with seven modes: growth rate of the simulation beside the eigenvalue, kernel")
-    found["disc"] = growing = disc.growth()
+    say(f"\n{one_contact.DISC} with seven modes: growth rate of the simulation beside the eigenvalue, kernel")
+    found["disc"] = growing = one_contact.growth()
     for row in growing:
         say(f"  tol {row['tolerance']:.0e}  error {row['error']:8.1e}   {row['rtf']:9.0f} x real time")
     best = max((r["rtf"] for r in growing if r["error"] <= 1e-4), default=0.0)

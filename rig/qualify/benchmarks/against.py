@@ -21,7 +21,7 @@ from typing import Any
 import platformdirs
 
 from rig.errors import UsageError
-from rig.file_locks import own_folder, trusted
+from rig.machine.files import own_folder, trusted
 from rig.qualify.benchmarks.one_version import CASES
 
 ROUNDS = 21

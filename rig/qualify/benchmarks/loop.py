@@ -98,7 +98,7 @@ def _run(seconds: float, **how: Any) -> dict[str, Any]:
 
 
 def _carried(name: str, changes: dict[str, Any], seconds: float | None, **how: Any) -> dict[str, Any]:
-    from rig.bench.supervise import run
+    from rig.bench.live.supervise import run
     from rig.scenes import load
 
     scene = load(name, changes)
@@ -110,7 +110,7 @@ def _carried(name: str, changes: dict[str, Any], seconds: float | None, **how: A
 
 def _bare(seconds: float, *, paced: bool = True) -> float:
     """Median of bare round trips over the bus [us]."""
-    from rig.qualify.round_trip import round_trips
+    from rig.qualify.doctor import round_trips
 
     trips, _, fault = round_trips(seconds, paced=paced)
     if fault:

@@ -1,13 +1,30 @@
-"""Benchmark of rigs with one contact, in stick-slip or growing: the kernel without energy balance."""
+"""Benchmark of rigs with one contact, in stick-slip or growing: the kernel without energy balance.
+
+Benchmark of the slider on a flexible disc with seven modes: speed over the error of the simulated growth rate.
+
+Sliding is displaced along its least stable mode. The part of that mode after one second, from its left eigenvector,
+gives the growth rate of the simulation, and the eigenvalue gives the exact one.
+
+Benchmark of a map of 100 x 100 points with run-up and run-down: its rate, and the gain by a second core.
+
+Benchmark of the steps of an environment of Gymnasium, one frame of 1 ms each.
+"""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from rig.analysis.map import job
+from rig.analysis.map.row import units
+from rig.errors import UsageError
 from rig.model.method import chosen
 from rig.motion.motion import Motion
+from rig.qualify.benchmarks.studies import Workers, rate
 from rig.scenes.loader import load
 
 
@@ -50,3 +67,93 @@ def _motion(case: Case) -> tuple[Motion, int]:
     )
     motion.advance(ticks)
     return motion, ticks
+
+
+DISC = "disc_slider"
+SECONDS = 1.0
+PUSH = 1e-4
+"""Amplitude of the slip speed at the start, over the speed of the surface; the growth rate changes with its square."""
+ROUNDS = 5
+
+
+def growth(tolerances: tuple[float, ...] = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10)) -> list[dict[str, Any]]:
+    """Return for each tolerance of dopri5 the relative error of the growth rate, and the real-time factor (best of
+    rounds).
+    """
+    from rig import load
+    from rig.motion.motion import Motion
+    from rig.stability.linearisation import sliding_key, steady
+
+    scene = load(DISC)
+    system = scene.assemble().system()
+    at = steady(system, sliding_key(system))
+    rates, left = np.linalg.eig(at.A[np.ix_(at.moving, at.moving)].T)
+    first = int(rates.real.argmax())
+    shape = at.eigenvectors()[1][:, 0]
+    push = shape * PUSH * float(at.speed[0]) / (system.slip_rows @ shape)[0]
+    ticks = round(SECONDS / (scene.step_ns * 1e-9))
+
+    def part(x: Any) -> float:
+        return abs(complex(left[:, first] @ (x - at.x)[at.moving]))
+
+    rows = []
+    for tolerance in tolerances:
+        motion = Motion(system, scene.step_ns, "dopri5", tolerance=tolerance, with_energy=False, longest=ticks)
+        best = math.inf
+        for _ in range(ROUNDS):
+            motion.restart(at.x + push.real)
+            before = part(motion.x)
+            begin = time.perf_counter()
+            motion.advance(ticks)
+            best = min(best, time.perf_counter() - begin)
+            found = math.log(part(motion.x) / before) / SECONDS
+        error = abs(found / float(rates[first].real) - 1.0)
+        rows.append({"tolerance": tolerance, "error": error, "rtf": SECONDS / best})
+    return rows
+
+
+MAP = "lever"
+X, Y = "drive.speed=0.5 rpm:8 rpm:{}", "load.force=10 N:30 N:{}"
+
+
+def efficiency(points: int, scene: str = MAP, x: str = X, y: str = Y) -> dict[str, Any]:
+    """Return points per second of a map of `points` x `points` with one and two workers, and the efficiency."""
+    work = units(job(load(scene), x.format(points), y.format(points), runs=("up", "down")))
+    one, two = (rate(work, Workers(workers)).units * points for workers in (1, 2))
+    return {"points": points**2, "one": one, "two": two, "efficiency": two / (2.0 * one)}
+
+
+DRIVEN, STEPS = "belt_normal_force", 5000
+
+
+def steps(rounds: int = 7) -> dict[str, float]:
+    """Return steps per second and seconds of a reset, in processor time, and steps per second of four rigs at once.
+
+    Empty without gymnasium.
+    """
+    try:
+        from rig import gym
+    except UsageError:
+        return {}
+    ranges = {"observe": {"vibrometer": (-0.5, 0.5)}, "act": {"load.force": (0.0, 60.0)}}
+    more = {"reward": lambda now: -(now.measured["vibrometer"] ** 2), "duration": 60.0}
+    one, four = gym.make(DRIVEN, **ranges, **more), gym.make_vec(DRIVEN, 4, **ranges, **more)  # type: ignore[arg-type]
+    action, actions = np.array([20.0]), np.full((4, 1), 20.0)
+    best = {"steps": 0.0, "reset": np.inf, "four": 0.0}
+    for seed in range(rounds + 1):  # the first one loads kernels
+        begin = time.process_time()
+        one.reset(seed=seed)
+        begun = time.process_time()
+        for _ in range(STEPS):
+            one.step(action)
+        ended = time.process_time()
+        four.reset(seed=seed)
+        start = time.process_time()
+        for _ in range(STEPS // 4):
+            four.step(actions)
+        taken = time.process_time() - start
+        if seed:
+            best["reset"] = min(best["reset"], begun - begin)
+            best["steps"] = max(best["steps"], STEPS / (ended - begun))
+            best["four"] = max(best["four"], STEPS // 4 * 4 / taken)
+    return best

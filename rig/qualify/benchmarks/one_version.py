@@ -71,7 +71,9 @@ def whole(name: str, frames: int) -> Callable[[], Any]:
     """Return a function that advances a plant runner by `frames` frames and returns its motion."""
     from rig.scenes import load
 
-    runner = first("rig.bench.runner:PlantRunner", "rig.bench.stand:Stand")(load(name), truthful=True)
+    runner = first("rig.bench.run.runner:PlantRunner", "rig.bench.runner:PlantRunner", "rig.bench.stand:Stand")(
+        load(name), truthful=True
+    )
 
     def call() -> Any:
         end = runner.tick + frames

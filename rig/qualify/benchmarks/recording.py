@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from rig import bus, placement, scheduling
-from rig.bench import pace
-from rig.bench.sample_blocks import AllSamples
+from rig import bus
+from rig.bench.live import pace
+from rig.bench.live.hub import AllSamples
 from rig.bus import encode
 from rig.bus.run_setup import Setup
 from rig.errors import BusError
-from rig.process import no_garbage
+from rig.machine import scheduling
+from rig.machine.process import no_garbage
 from rig.sensors.chain.bank import KEPT_NS
 from rig.sensors.chain.instants import Instants
 
@@ -118,7 +119,7 @@ def _publish(session: Any, seconds: float) -> Any:
     spent = np.zeros(round(seconds * 1000))
     with ExitStack() as stack:
         stack.enter_context(no_garbage())
-        stack.enter_context(placement.placed(*placement.choose()))
+        stack.enter_context(scheduling.placed(*scheduling.choose()))
         stack.enter_context(scheduling.ahead(scheduling.PLANT))
         pacer = pace.Pacer(_FRAME_NS, 1.0, "catch-up", pace.WallClock(pace.choose(_FRAME_NS).spin_ns))
         pacer.anchor()

@@ -7,9 +7,7 @@ timing     the compute time of a setting            table      rows, kept as CSV
 pareto     the recommended setting                  order      order of errors, beside theory
 """
 
-from rig.qualify.cost.choice import chosen
-from rig.qualify.cost.measuring import FOLDER, cost, folder_of
-from rig.qualify.cost.pareto import front, recommended
-from rig.qualify.cost.table import WORST, Row, Table
+from rig.qualify.cost.measuring import FOLDER, chosen, cost, folder_of
+from rig.qualify.cost.table import WORST, Row, Table, front, recommended
 
 __all__ = ["FOLDER", "WORST", "Row", "Table", "chosen", "cost", "folder_of", "front", "recommended"]

@@ -15,13 +15,11 @@ from pathlib import Path
 
 from rig.analysis.control_loop import loop
 from rig.errors import SceneError
-from rig.qualify.cost.figure import COLOURS, LEAST, MARKS, sheet
-from rig.qualify.cost.order import step
-from rig.qualify.cost.table import WORST, Table
+from rig.machine.files import csv_table, write_file
+from rig.qualify.cost.report import COLOURS, LEAST, MARKS, sheet
+from rig.qualify.cost.table import WORST, Table, step
 from rig.scenes.scene import Scene
-from rig.user_files import csv_table, write_file
-from rig.view.palette import AMBER, PURPLE
-from rig.view.save_figure import put
+from rig.view.palette import AMBER, PURPLE, put
 
 IDEAL = 1_000  # ns, the sample period of the ideal loop
 FINE = 20  # samples in a delay: so many pending commands are states of the loop

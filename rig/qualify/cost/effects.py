@@ -11,28 +11,144 @@ Change: each measure (rig.analysis.motion_measures) with the effect and without 
 the larger of both. Where one plant repeats and the other does not, both are compared as motions that do not repeat.
 Such a motion may be irregular: then it is run twice, from starts that differ by rounding, and smaller changes than the
 difference of these two runs are not significant.
+
+The difference between the motions of two plants, by measure: with an effect and without it.
+
+Effects as a picture and as CSV: the cost of each per step, and the change without it.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.motion_measures.problem import held, problem
-from rig.analysis.motion_measures.settings import of
+from rig.analysis.motion_measures import SLOW, Problem, Seen, held, observe, of, problem
 from rig.errors import NumericsError, RigError
-from rig.process import no_garbage
-from rig.qualify.cost.changes import Change, changed
+from rig.machine.files import csv_table, write_file
+from rig.machine.process import no_garbage
+from rig.qualify.cost.report import sheet, tick_labels
+from rig.qualify.cost.table import Table
 from rig.qualify.cost.timing import QUIET, Contender, Spread
-from rig.scenes.effects import declared
 from rig.scenes.scene import Scene
-from rig.scenes.variants import SWITCHED, dropped, opened, without
+from rig.scenes.variants import SWITCHED, declared, dropped, opened, without
+from rig.view.palette import BLUE, VERMILION, put
+
+_NUDGE = 1e-9  # relative change of a start that reveals an irregular motion
+_LEAST_NUDGE = 1e-12
+_LEAST = 1e-9  # share of a measure that no run resolves
+_SIGNIFICANT = 2.0  # a change counts above this multiple of the difference between two runs of an irregular motion
+_UNITS = {
+    "period": "s",
+    "energy per cycle": "J",
+    "frequency": "Hz",
+    "growth rate": "1/s",
+    "friction power": "W",
+}
+KINDS = {"cycle": "a limit cycle", "vibration": "a vibration that does not repeat", "smooth": "no events"}
+
+
+@dataclass(frozen=True)
+class Change:
+    """A measure of the plant with an effect and without it, in `unit`; None if the measure does not exist.
+
+    `size`: their difference as a share of the larger of both (for stick shares the difference), 1 if only one plant has
+    the measure, 0 below the resolution of the runs (their tolerance, 1e-9 without one). `floor`: the same for two runs
+    of the plant with the effect whose starts differ by rounding.
+    """
+
+    measure: str
+    unit: str
+    whole: float | None
+    less: float | None
+    size: float
+    floor: float = 0.0
+
+    @property
+    def significant(self) -> bool:
+        """Whether the change is significant: neither zero nor the irregularity of the motion itself."""
+        return self.size > _SIGNIFICANT * self.floor
+
+    def text(self) -> str:
+        """Return the report as text."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if self.whole is None or self.less is None:
+            only = self.less if self.whole is None else self.whole
+            return f"{self.measure} {only:.4g}{unit} only {'without' if self.whole is None else 'with'} it"
+        digits = next((d for d in range(4, 17) if f"{self.whole:.{d}g}" != f"{self.less:.{d}g}"), 4)
+        whole, less = (f"{one:.{digits}g}{unit}" for one in (self.whole, self.less))
+        return f"{self.measure} {whole}, without it {less} ({_percent(self.size)} %)"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        return {**vars(self), "significant": self.significant}
+
+
+def _percent(size: float) -> str:
+    return f"{100.0 * size:.2g}" if size < 0.095 else f"{100.0 * size:.0f}"
+
+
+def changed(whole: Problem, less: Problem) -> tuple[tuple[Change, ...], str]:
+    """Compare the measures of `whole` and `less`; return changes, and notes on the two motions."""
+    notes = [] if whole.kind == less.kind else [f"{KINDS[whole.kind]} with it, {KINDS[less.kind]} without it"]
+    notes += [f"{which} it {one.leaves}" for which, one in (("with", whole), ("without", less)) if one.leaves]
+    if not (whole.kind == less.kind == "cycle"):
+        whole, less = _alike(whole, less)
+    truth, seen = (observe(p, of(p.scene, p.system)) for p in (whole, less))
+    for which, one in (("with", truth), ("without", seen)):
+        notes += [f"{which} it the plant stops: {one.fault}"] if one.fault else []
+    if truth.fault or seen.fault:
+        return (), "; ".join(notes)
+    floors = irregular(whole, truth) if whole.kind == "vibration" else {}
+    resolved = max(_LEAST, *(of(p.scene, p.system).tolerance for p in (whole, less)))
+    gone = whole.assembly.outputs.keys() - less.assembly.outputs.keys()
+    found = []
+    for name in dict.fromkeys((*truth.values, *seen.values)):
+        output = name.partition(" ")[2]
+        if output not in gone:
+            unit = _UNITS[name] if name in _UNITS else getattr(whole.assembly.outputs.get(output), "unit", "1")
+            values, size = (truth.values.get(name), seen.values.get(name)), _apart(name, truth, seen)
+            found.append(Change(name, unit, *values, size if size > resolved else 0.0, floors.get(name, 0.0)))
+    return tuple(found), "; ".join(notes)
+
+
+def _alike(whole: Problem, less: Problem) -> tuple[Problem, Problem]:
+    """Both treated as motions that do not repeat, over the same time."""
+    frame = whole.scene.frame_ns // whole.scene.step_ns
+    length = (min if whole.leaves or less.leaves else max)(whole.length, less.length)
+    window = max(min(length, whole.window), min(length, less.window), length // 3) // frame * frame
+    return tuple(replace(p, kind="vibration", length=length, window=window) for p in (whole, less))  # type: ignore[return-value]
+
+
+def _apart(name: str, one: Seen, other: Seen) -> float:
+    """Difference of a measure between two runs (see `Change`)."""
+    a, b = one.values.get(name), other.values.get(name)
+    if a is None or b is None:
+        return 1.0
+    larger = max(abs(a), abs(b))
+    if name.startswith("stick share"):
+        larger = 1.0
+    if name == "growth rate":
+        larger = max(larger, SLOW * 2.0 * math.pi * one.values.get("frequency", 0.0))
+    return abs(a - b) / larger if larger > 0.0 else 0.0
+
+
+def irregular(problem: Problem, seen: Seen) -> dict[str, float]:
+    """By measure, the difference between a run and one whose start differs by rounding: large if the motion is
+    chaotic.
+    """
+    structure = 2 * len(problem.system.coordinates)
+    start = problem.system.start.copy()
+    start[:structure] += _NUDGE * start[:structure] + _LEAST_NUDGE
+    other = observe(replace(problem, system=replace(problem.system, start=start)), of(problem.scene, problem.system))
+    return {name: _apart(name, seen, other) for name in seen.values}
+
 
 Array = NDArray[np.float64]
 ROUNDS = 9
@@ -263,3 +379,73 @@ def _difference(rounds: Array) -> Spread:
 def _quiet(rounds: Array) -> Array:
     """The lower quartile over the rounds: other work on the machine makes rounds longer, never shorter."""
     return np.asarray(np.quantile(rounds, QUIET, axis=0, method="lower"))
+
+
+def write(found: Sequence[Paired], path: Path) -> None:
+    """Write one line for each effect and measure. Raises OutputError."""
+    rows: list[list[object]] = [
+        ["effect", "measured", "states", "cost per step [ns]", "low [ns]", "high [ns]", "noise [ns]",
+         "measure", "unit", "with", "without", "change", "significant", "note"]
+    ]  # fmt: skip
+    for one, how in [(one, "as held") for one in found] + [(p.closed, "closed") for p in found if p.closed]:
+        head = [one.name, how, one.states, *one.to_json()["tick"].values(), one.to_json()["noise"]]
+        note = one.fault or one.note
+        for c in one.changes:
+            rows.append([*head, c.measure, c.unit, c.whole, c.less, c.size, c.significant, note])
+        if not one.changes:
+            rows.append([*head, *[""] * 6, note])
+    write_file(path, csv_table(rows))
+
+
+def text(one: Paired) -> str:
+    """Return the report as text."""
+    if one.fault:
+        return f"effect {one.name}: {one.change()}"
+    return f"effect {one.name}: {one.states} states, {one.cost()} per step; change if left out: {one.change()}"
+
+
+def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
+    """Draw bars: ns per step on the left, changes by measure on the right."""
+    shown = [one.closed or one for one in found if not math.isnan((one.closed or one).tick.value)]
+    if not shown:
+        return
+    with sheet(f"{table.title}: what its effects cost", table.machine) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        places = range(len(shown) + 1)
+        ticks = [one.shown_cost for one in shown]
+        whole = shown[0].whole
+        rest = max(whole - sum(max(tick.value, 0.0) for tick in ticks), 0.0)
+        begin = rest
+        left.barh(0, rest, color="#9aa5b1")
+        for place, one in zip(places[1:], shown):
+            left.barh(place, one.shown_cost.value, left=begin, color=BLUE)
+            spread = [
+                [max(one.shown_cost.value - one.shown_cost.low, 0.0)],
+                [max(one.shown_cost.high - one.shown_cost.value, 0.0)],
+            ]
+            left.errorbar(begin + one.shown_cost.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
+            begin += one.shown_cost.value
+            for change in one.changes:
+                if change.significant:
+                    right.plot(change.size, place, "o", ms=5, color=VERMILION, alpha=0.7)
+            worst = one.worst
+            if worst is not None:
+                right.annotate(f"{worst.measure.replace('_', ' ')}, {worst.size:.2g}", (worst.size, place), (0, 8),
+                               textcoords="offset points", ha="right", fontsize=8.5)  # fmt: skip
+            else:
+                right.annotate("no change", (0.02, place), xycoords=("axes fraction", "data"), fontsize=9.5)
+        left.axvline(whole, color="black", ls=":", lw=1.0)
+        noise = max(one.noise for one in shown)
+        left.set(xlabel=f"compute of a step of {1e6 * table.step:g} us [ns]; noise up to {noise:.2g} ns")
+        left.set_yticks(list(places), ["everything else", *(one.name.replace("_", " ") for one in shown)])
+        right.set(xscale="log", xlabel="change if left out: share of the larger value")
+        right.set_xlim(*_range([size for one in shown for size in one.errors.values()]))
+        tick_labels(right)
+        figure.supxlabel("\n", fontsize=8.5)  # room for the machine
+    put(figure, path)
+
+
+def _range(errors: Sequence[float]) -> tuple[float, float]:
+    """The range of the errors with a margin."""
+    seen = [error for error in errors if error > 0.0] or [1e-3]
+    return 0.1 * min(seen), 10.0 * max(seen)

@@ -17,14 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.motion_measures.measures import errors, observe
-from rig.analysis.motion_measures.problem import problem
-from rig.analysis.motion_measures.settings import fastest
+from rig.analysis.motion_measures import errors, fastest, observe, problem
 from rig.errors import UsageError
 from rig.qualify.cost.measuring import cost, timed
-from rig.qualify.cost.pareto import recommended
 from rig.qualify.cost.reference import references
-from rig.qualify.cost.table import WORST
+from rig.qualify.cost.table import WORST, recommended
 from rig.scenes.loader import load
 from rig.scenes.scene import Scene
 

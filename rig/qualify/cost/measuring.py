@@ -1,25 +1,67 @@
-"""Measurement of the cost table of a scene, for `rig cost`."""
+"""Measurement of the cost table of a scene, for `rig cost`.
+
+The trials of a cost measurement, each the measures of one setting, as a work of worker processes.
+
+The integrator setting of a run, chosen from the cost table of this machine, which is measured first if necessary.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from rig.analysis.many_points import refuse
-from rig.analysis.motion_measures.measures import errors
-from rig.analysis.motion_measures.problem import Problem, digest, problem
-from rig.analysis.motion_measures.settings import eligible, fastest, ladder
+from rig.analysis.motion_measures import (
+    Problem,
+    Seen,
+    Setting,
+    digest,
+    eligible,
+    errors,
+    fastest,
+    ladder,
+    observe,
+    problem,
+)
+from rig.analysis.pool import Arrays, Work, carry_out, packed, temporary, unpacked
 from rig.errors import NumericsError, UsageError
 from rig.qualify.cost import timing
-from rig.qualify.cost.order import orders
 from rig.qualify.cost.reference import references
-from rig.qualify.cost.table import Row, Table
+from rig.qualify.cost.table import WORST, Row, Table, orders, recommended
 from rig.qualify.cost.timing import Contender, Cost, Spread
-from rig.qualify.cost.trials import trials
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
+
+
+def trials(
+    problem: Problem, settings: Sequence[Setting], workers: int | None = None, step: Callable[[], object] = lambda: None
+) -> list[Seen]:
+    """Return the measures of each setting; `step` is called as each is done. One process for each core by default."""
+    work = Work(partial(_trial, problem), settings, problem.scene.name, problem.digest, failed=_failed)
+    reported = 0
+
+    def progress(done: int, total: int) -> None:
+        nonlocal reported
+        for _ in range(reported, done):
+            step()
+        reported = max(reported, done)
+
+    with temporary(work) as store:
+        found = carry_out(work, store, workers, progress)
+    return [Seen.from_json(unpacked(found[unit])) for unit in range(work.total)]
+
+
+def _trial(problem: Problem, setting: Setting) -> Arrays:
+    return packed(observe(problem, setting).to_json())
+
+
+def _failed(_: Setting, why: str) -> Arrays:
+    """Measures that say why there are none."""
+    return packed(Seen({}, fault=why).to_json())
+
 
 Report = Callable[[int, int], object]
 FOLDER = Path("cost")
@@ -116,3 +158,38 @@ def timed(
         else:
             found[i] = replace(rows[i], cost=result, share=result.p99.value * 1e-3)
     return found
+
+
+_MACHINE = ("host", "processor", "cores", "python", "numba")
+
+
+def chosen(
+    scene: Scene,
+    accuracy: float | None,
+    budget: float | None,
+    say: Callable[[str], object],
+    root: Path = FOLDER,
+    report: Report | None = None,
+) -> Scene:
+    """Return `scene` with the recommended method and step; `say` gets a line about any compromise.
+
+    `accuracy`: largest relative error of any measure; `budget`: largest share of a frame at p99. Raises UsageError if
+    no setting meets both.
+    """
+    pick = recommended(table(scene, say, root, report).rows, WORST, accuracy, budget)
+    say(pick.text(WORST))
+    return pick.setting.applied(scene)
+
+
+def table(scene: Scene, say: Callable[[str], object], root: Path = FOLDER, report: Report | None = None) -> Table:
+    """Return the cost table of `scene` on this machine, read or measured."""
+    folder = folder_of(scene, root)
+    here = provenance(scene.seed)
+    try:
+        found = Table.read(folder)
+        if all(found.machine[name] == here[name] for name in _MACHINE) and all(row.timed for row in found.rows):
+            return found
+    except UsageError:
+        pass
+    say(f"{scene.name}: this machine has no cost table of it yet; measuring one, as rig cost does, into {folder}")
+    return cost(scene, root, report)

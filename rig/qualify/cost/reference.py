@@ -19,11 +19,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.motion_measures.measures import Seen, errors, numbered, observe
-from rig.analysis.motion_measures.problem import Problem
-from rig.analysis.motion_measures.settings import TIGHTEST, Setting, ladder
-from rig.motion.memory import SEGMENTS
-from rig.user_files import DATA, contents, write_file
+from rig.analysis.motion_measures import TIGHTEST, Problem, Seen, Setting, errors, ladder, numbered, observe
+from rig.machine.files import DATA, contents, write_file
+from rig.motion.motion import SEGMENTS
 
 WALL = 4.0  # s, for one run of a reference
 _UNSURE = 1e-3  # a reference that differs so much from itself at twice the step is refined

@@ -1,16 +1,29 @@
-"""A cost table as a report: text, and the figure of `rig cost`."""
+"""A cost table as a report: text, and the figure of `rig cost`.
+
+Figures of error against compute time.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from rig.analysis.motion_measures.settings import THEORY
-from rig.analysis.text_table import columns
-from rig.qualify.cost.pareto import front
-from rig.qualify.cost.table import WORST, Row, Table
+import numpy as np
+
+from rig.analysis.motion_measures import THEORY
+from rig.errors import UsageError
+from rig.printable import columns
+from rig.qualify.cost.table import WORST, Row, Table, front
 from rig.results import Result
+from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, VERMILION, page, printed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "rt factor", "")
 
@@ -19,7 +32,7 @@ COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95
 class CostReport(Result):
     """Error by a measure against compute time: `pick` is the recommended setting, `budget` a share of a frame."""
 
-    FIGURE: ClassVar = "rig.qualify.cost.figure:figure"
+    FIGURE: ClassVar = "rig.qualify.cost.report:figure"
 
     table: Table
     metric: str = WORST
@@ -78,3 +91,160 @@ def notes(found: Table, metric: str) -> list[str]:
             "inf: the mode set changes differ from those of the reference, so that their times cannot be compared"
         )
     return out + [f"{method} left out: {why}" for method, why in found.left_out.items()]
+
+
+At = Callable[[Row], float]
+
+COLOURS = {"exact": BLUE, "dopri5": VERMILION, "rk4": GREEN, "kick": AMBER, "smooth": PURPLE}
+MARKS = {"exact": "D", "dopri5": "o", "rk4": "s", "kick": "^", "smooth": "v"}
+STYLE: dict[str, Any] = {
+    "font.size": 10.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 9.5,
+}
+LEAST = 1e-16  # errors of zero are drawn at this value
+
+
+def figure(report: CostReport) -> Figure:
+    """Return error over compute time, with Pareto front, budget and recommended setting.
+
+    Left: frames as in a run. Right: the plant alone, without interruption. Raises UsageError if no setting has both an
+    error and a cost.
+    """
+    found, metric, pick = report.table, report.metric, report.pick
+    if not front(found.rows, metric):
+        raise UsageError("nothing to draw: no setting has both an error and a cost")
+    with sheet(f"{found.title}: error against compute time", found.machine) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        _frames(left, found, metric, report.budget)
+        _alone(right, found, metric)
+        for axes, at in ((left, _of_frame), (right, _of_plant)):
+            if pick is not None:
+                label = f"recommended: {printed(str(pick.setting))}"
+                axes.plot(at(pick), _shown(pick, metric), "o", ms=17, mfc="none", mec="black", mew=1.6, label=label)
+            axes.set(xscale="log", yscale="log")
+        second_axis(left, percent_of_frame, "share of a frame [%]")
+        second_axis(right, real_time_factor, "real-time factor")
+        left.set_ylabel("largest relative error of all measures" if metric == WORST else f"error of {metric}")
+        labels = dict(zip(*reversed(left.get_legend_handles_labels())))
+        figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=2)
+    return figure
+
+
+@contextlib.contextmanager
+def sheet(title: str, machine: dict[str, str]) -> Iterator[Figure]:
+    """Yield an empty figure with a title and the machine."""
+    with page(STYLE, 10.8, 6.4, layout="constrained") as figure:
+        yield figure
+        m = machine
+        machine_text = (
+            f"{m['processor']}, {m['cores']} cores\nPython {m['python']}, numba {m['numba']}, {m['date'][:10]}"
+        )
+        figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        figure.text(0.99, 0.015, machine_text, ha="right", va="bottom", fontsize=8.5, color="#666666")
+
+
+def _of_frame(row: Row) -> float:
+    return row.p99
+
+
+def _of_plant(row: Row) -> float:
+    return 1e3 / row.cost.factor.value
+
+
+def _shown(row: Row, metric: str) -> float:
+    return max(row.error(metric), LEAST)
+
+
+def _frames(axes: Axes, found: Table, metric: str, budget: float | None) -> None:
+    spread = [(row.p99 - row.cost.p99.low, row.cost.p99.high - row.p99) for row in found.rows]
+    _curves(axes, found, metric, _of_frame, spread)
+    best = front(found.rows, metric)
+    style: dict[str, Any] = {"where": "post", "color": "black", "ls": ":", "lw": 1.2, "zorder": 1}
+    axes.step([row.p99 for row in best], [_shown(row, metric) for row in best], label="Pareto front", **style)
+    if budget is not None:
+        axes.axvline(1e3 * budget, color=ALARM, lw=1.3, label=f"budget, {budget:.0%} of a frame")
+    axes.set_xlabel("frames as in a run: compute in 1 ms of simulated time, p99 [us]")
+
+
+def _alone(axes: Axes, found: Table, metric: str) -> None:
+    factors = [row.cost.factor for row in found.rows]
+    spread = [(1e3 / f.value - 1e3 / f.high, 1e3 / f.low - 1e3 / f.value) for f in factors]
+    _curves(axes, found, metric, _of_plant, spread)
+    last = math.inf
+    for row in found.rows:
+        x, y = _of_plant(row), _shown(row, metric)
+        if row.p99 > 0.0 and np.isfinite(y) and not 0.5 < y / last < 2.0:
+            dial = str(row.setting).partition(" at ")[2]
+            axes.annotate(printed(dial), (x, y), (12, 6), textcoords="offset points", fontsize=7.5)
+            last = y
+    axes.set_xlabel("plant alone, in one piece: compute in 1 ms of simulated time [us]")
+
+
+def _curves(axes: Axes, found: Table, metric: str, at: At, spread: Sequence[tuple[float, float]]) -> None:
+    floor = max((row.floor(metric) for row in found.rows), default=0.0)
+    for method in dict.fromkeys(row.setting.method for row in found.rows):
+        points = [
+            (row, max(wide[0], 0.0), max(wide[1], 0.0))
+            for row, wide in zip(found.rows, spread)
+            if row.setting.method == method and row.p99 > 0.0 and np.isfinite(row.error(metric))
+        ]
+        if points:
+            rows, low, high = zip(*points)
+            x, y = [at(row) for row in rows], [_shown(row, metric) for row in rows]
+            style: dict[str, Any] = {"color": COLOURS.get(method, "black"), "marker": MARKS.get(method, "o")}
+            style |= {"ms": 5.5, "lw": 1.2, "elinewidth": 0.8, "capsize": 2}
+            axes.errorbar(x, y, xerr=(low, high), label=_label(found, method), **style)
+    if LEAST < floor < math.inf:
+        axes.axhspan(LEAST, floor, color="#f0f0f0", lw=0, label="below the resolution of the references", zorder=0)
+    shown = [_shown(row, metric) for row in found.rows if np.isfinite(row.error(metric))]
+    top = 5.0 * max([10.0 * LEAST, *shown])
+    axes.set_ylim(min(max(0.2 * min([floor, *shown]), LEAST), 0.1 * top), top)
+
+
+_SHORT = 100.0
+"""Ratio of the ends of an axis up to which the labels of its minor ticks have room beside those of the decades."""
+
+
+def second_axis(axes: Axes, converted: Callable[[float], float], label: str) -> None:
+    """Draw a second horizontal axis on top: the same values in another unit."""
+    top = axes.twiny()
+    low, high = axes.get_xlim()
+    top.set(xscale="log", xlim=(converted(low), converted(high)), xlabel=label)
+    top.grid(visible=False)
+    for one in (axes, top):
+        tick_labels(one)
+
+
+def tick_labels(axes: Axes) -> None:
+    """Label a logarithmic horizontal axis so that its labels stay apart."""
+    low, high = sorted(axes.get_xlim())
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(_some if high < _SHORT * low else "")
+
+
+def _some(value: float, _: float) -> str:
+    """Labels of minor ticks: two and five."""
+    return f"{value:g}" if f"{value:.0e}"[0] in "25" else ""
+
+
+def percent_of_frame(compute: float) -> float:
+    """Compute time [us] as percent of 1 ms."""
+    return 0.1 * compute
+
+
+def real_time_factor(compute: float) -> float:
+    """Real-time factor of a compute time [us] for 1 ms."""
+    return 1e3 / compute
+
+
+def _label(found: Table, method: str) -> str:
+    if method in found.orders:
+        return f"{method}: order {found.orders[method]:.1f}, theory {THEORY[method]}"
+    return method

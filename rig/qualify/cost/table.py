@@ -1,4 +1,15 @@
-"""The cost table of a scene: a row for each setting, stored as CSV and Parquet with machine and versions."""
+"""The cost table of a scene: a row for each setting, stored as CSV and Parquet with machine and versions.
+
+The observed order of convergence of each method with a fixed step.
+
+Pareto front of the settings, and the recommended setting.
+
+A setting is on the Pareto front if no other setting is both cheaper and has a smaller error. The recommended setting is
+the cheapest at p99 of those that meet the target error and the budget. Settings whose 95 % interval begins below 1.1
+times this cost count as equally cheap; of these only those are considered whose plant alone takes up to a tenth longer
+than the fastest. The one with the smallest error is taken, of equal errors the one with the finest tolerance, because
+frames may have cut the steps of all of them to the same length.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +22,106 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.motion_measures.settings import Setting
+import numpy as np
+
+from rig.analysis.motion_measures import THEORY, Setting
 from rig.errors import UsageError
+from rig.machine.files import DATA, contents, csv_table, draft_of, write_file
 from rig.qualify.cost.timing import Cost, Spread
-from rig.user_files import DATA, contents, csv_table, draft_of, write_file
+
+_CLEAR = 30.0  # multiple of the resolution above which an error is used
+_LARGEST = 0.1
+_RANGE = 1.5  # smallest ratio of steps: similar steps, as where frames cut them all, give no order
+
+
+def orders(rows: Sequence[Row], seconds: float) -> dict[str, float]:
+    """Return method -> slope of the largest error over the step (its mean, if it varies), between the finest clear
+    points.
+
+    Methods with fewer than two clear points are left out.
+    """
+    found = {}
+    for method in THEORY:
+        points = [(math.log(step(row, seconds)), math.log(row.error(WORST))) for row in rows if _clear(row, method)]
+        points = sorted(points)[:4]
+        if len(points) > 1 and points[-1][0] - points[0][0] > math.log(_RANGE):
+            steps, found_errors = np.array(points).T
+            found[method] = float(np.polyfit(steps, found_errors, 1)[0])
+    return found
+
+
+def step(row: Row, seconds: float) -> float:
+    """Return the step of a setting [s]; the mean if the method adapts it."""
+    return row.setting.step_ns * 1e-9 if row.setting.step_ns else seconds / max(row.steps, 1)
+
+
+def _clear(row: Row, method: str) -> bool:
+    error = row.error(WORST)
+    known = bool(row.setting.step_ns or row.steps)
+    return row.setting.method == method and known and _CLEAR * row.floor(WORST) < error < _LARGEST
+
+
+SAME = 1.1  # ratio of costs that count as equal
+_RESOLVED = 2.0  # an error below this multiple of the difference between the references is not resolved
+
+
+def front(rows: Sequence[Row], metric: str) -> list[Row]:
+    """Return the settings that no other beats in both error and cost, cheapest first."""
+    best, found = math.inf, []
+    timed = [row for row in rows if row.p99 > 0.0]
+    for row in sorted(timed, key=lambda row: (row.p99, row.error(metric))):
+        if row.error(metric) < best:
+            best = row.error(metric)
+            found.append(row)
+    return found
+
+
+def recommended(rows: Sequence[Row], metric: str, target: float | None, budget: float | None) -> Row:
+    """Return the recommended setting. `target`: largest error; `budget`: largest share of a frame at p99.
+
+    Without a target: the one with the smallest error that fits the budget. Raises UsageError if none does, with the
+    best available one.
+    """
+    able = [row for row in rows if row.p99 > 0.0 and math.isfinite(row.error(metric))]
+    fitting = [row for row in able if budget is None or row.share <= budget]
+    enough = [row for row in fitting if target is None or row.error(metric) <= target]
+    if not enough:
+        raise UsageError(_why(able, fitting, metric, target, budget))
+    if target is None:
+        best = min(row.error(metric) for row in enough)
+        enough = [row for row in enough if row.error(metric) <= max(best, _RESOLVED * row.floor(metric))]
+    least = min(row.p99 for row in enough)
+    cheap = [row for row in enough if row.cost.p99.low <= SAME * least]
+    fastest = min(row.cost.tick.value for row in cheap)
+    return min(
+        (row for row in cheap if row.cost.tick.value <= SAME * fastest),
+        key=lambda row: (row.error(metric), row.setting.tolerance),
+    )
+
+
+def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None, budget: float | None) -> str:
+    if not able:
+        return "no setting completes this scene; the table has the reasons"
+    if not fitting:
+        least = min(able, key=lambda row: row.share)
+        took = f"the cheapest, {least.setting}, takes {least.share:.1%}"
+        return f"no setting fits {_percent(budget)} of a frame here; {took}"
+    best = min(fitting, key=lambda row: row.error(metric))
+    within = "" if budget is None else f" within {_percent(budget)} of a frame"
+    name = best.worst if metric == WORST else metric
+    error, floor = best.error(metric), best.floor(name)
+    if error <= _RESOLVED * floor:
+        return (
+            f"no setting provably reaches a relative error of {target:.0e}{within}: the references agree only to "
+            f"{floor:.0e} in {name}, and the error of {best.setting} is as small"
+        )
+    has = f"the best, {best.setting}, has {error:.1e} in {name}"
+    return f"no setting reaches a relative error of {target:.0e}{within}; {has}"
+
+
+def _percent(share: float | None) -> str:
+    return "all" if share is None else f"{100.0 * share:g} %"
+
 
 WORST = "worst"
 

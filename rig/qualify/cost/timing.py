@@ -20,18 +20,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rig import placement, scheduling
-from rig.analysis.motion_measures.problem import Problem
-from rig.analysis.motion_measures.settings import Setting
+from rig.analysis.motion_measures import Problem, Setting
 from rig.analysis.orbit import in_frames
-from rig.bench import pace
-from rig.bench.compiled_controllers import CompiledControllers
-from rig.bench.experiment import Experiment
-from rig.bench.frame_batches import LONGEST_NS, length
-from rig.bench.simulate import carry_on
+from rig.bench.live import pace
+from rig.bench.live.pace import LONGEST_NS, length
+from rig.bench.run.compiled_controllers import CompiledControllers
+from rig.bench.run.experiment import Experiment
+from rig.bench.run.simulate import carry_on
 from rig.errors import NumericsError
+from rig.machine import scheduling
+from rig.machine.process import no_garbage
 from rig.motion.motion import Motion
-from rig.process import no_garbage
 
 Array = NDArray[np.float64]
 ROUNDS = 7
@@ -173,7 +172,7 @@ def measured(contenders: Sequence[Contender], rounds: int, report: Callable[[], 
     """Return the cost of each, in turns; for one that has to stop, the reason."""
     found: list[list[tuple[Array, float]]] = [[] for _ in contenders]
     faults = [""] * len(contenders)
-    with no_garbage(), placement.placed(*placement.choose()):
+    with no_garbage(), scheduling.placed(*scheduling.choose()):
         with scheduling.ahead(scheduling.PLANT):
             clock = pace.WallClock(pace.choose(LONGEST_NS).spin_ns)
         for _ in range(rounds):

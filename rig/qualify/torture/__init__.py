@@ -17,7 +17,6 @@ report                JSON and JUnit
 search                random search over the boxes of the cases
 """
 
-from rig.qualify.torture.case_cells import matrix
-from rig.qualify.torture.cells import Cell
+from rig.qualify.torture.cells import Cell, matrix
 
 __all__ = ["Cell", "matrix"]

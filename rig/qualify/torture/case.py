@@ -1,9 +1,20 @@
-"""Cases of the torture test: a rig with a start, actions while it runs, and the expected results."""
+"""Cases of the torture test: a rig with a start, actions while it runs, and the expected results.
+
+Small rigs that no scene has: each isolates one difficulty for the torture test.
+
+Each is written like a plant, with `Parameters` and `assemble`, so that cases change them by the same keys.
+
+The scene of a case for the torture test: with its sensors, a given step, and outputs of each contact.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -12,10 +23,18 @@ from pydantic import Field, ValidationError, model_validator
 
 from rig import scenes
 from rig.errors import SceneError, UsageError
+from rig.model import friction_law
+from rig.model.assembly import Assembly, Output
 from rig.model.tables import UNROLLED
 from rig.quantities import Nanoseconds, Section
 from rig.scenes import faults, places, source
+from rig.scenes.faults import lines
 from rig.scenes.places import Place
+from rig.scenes.protocol import Clock
+from rig.scenes.scene import Scene
+from rig.sensors.chain.instrument import Instrument
+from rig.sensors.displacement_laser import DisplacementLaser
+from rig.sensors.laser_vibrometer import LaserVibrometer
 
 FOLDER = Path(__file__).parent / "cases"
 Share = Annotated[float, Gt(0.0)]
@@ -71,7 +90,7 @@ class Expect(Section):
 
 
 class Case(Section):
-    """One case. `scene`: a shipped one, "*" for each, a scene file, or `rig`: one of rig.qualify.torture.rigs.
+    """One case. `scene`: a shipped one, "*" for each, a scene file, or `rig`: one of rig.qualify.torture.case.
 
     `set` changes values of the rig; `places`: where the file gives them.
 
@@ -163,3 +182,235 @@ def load(name: str) -> Case:
         hint = f"did you mean {' or '.join(like)}?" if like else f"known: {', '.join(names())}"
         raise UsageError(f"there is no case {name!r}; {hint}")
     return read(FOLDER / f"{name}.toml")
+
+
+class Ball(Section):
+    """A mass that falls on a stiff, damped contact with a belt; a spring and a damper, `sway`, hold it sideways.
+
+    Without the damper it would, once at rest, just reach the belt speed in every period, with zero margin.
+    """
+
+    mass: float = 1.0
+    gravity: float = 9.81
+    height: float = 0.01
+    stiffness: float = 1e5
+    damping: float = 100.0
+    spring: float = 1000.0
+    sway: float = 1.0
+    mu: float = 0.3
+    belt: float = 0.05
+
+
+def ball(p: Ball, moved: Mapping[str, str]) -> Assembly:
+    """Assemble N = -k z - d z' of the height z; the contact opens where it would pull."""
+    a = Assembly("ball")
+    a.coordinate("x", p.mass, p.sway, p.spring)
+    a.coordinate("z", p.mass)
+    a.push("z", {"one": -p.mass * p.gravity})
+    a.patch("contact", {"x": 1.0}, {"one": p.belt}, friction_law.coulomb(p.mu, p.mu))
+    a.normal("load", "contact", {"z": -p.stiffness, "z'": -p.damping}, {"z": 1.0})
+    a.start |= {"z": p.height}
+    a.outputs |= {"height": Output({"z": 1.0}, "m"), "fall": Output({"z'": 1.0}, "m/s")}
+    return a
+
+
+class Twins(Section):
+    """Two masses side by side on one belt, equal except for `apart`, by which the second starts later."""
+
+    mass: float = 1.0
+    stiffness: float = 1000.0
+    damping: float = 0.0
+    belt: float = 0.05
+    load: float = 10.0
+    mu_static: float = 0.4
+    mu_kinetic: float = 0.25
+    apart: float = 0.0
+
+
+def twins(p: Twins, moved: Mapping[str, str]) -> Assembly:
+    """Assemble two oscillators whose events are simultaneous."""
+    a = Assembly("twins")
+    for name, late in (("x1", 0.0), ("x2", p.apart)):
+        a.coordinate(name, p.mass, p.damping, p.stiffness)
+        a.patch(f"contact {name}", {name: 1.0}, {"one": p.belt}, friction_law.coulomb(p.mu_static, p.mu_kinetic))
+        a.normal(f"load {name}", f"contact {name}", {"one": p.load})
+        a.start |= {name: -late * p.belt, f"{name}'": p.belt}
+        a.outputs[name] = Output({name: 1.0}, "m")
+    return a
+
+
+class Sectored(Twins):
+    """The twins on a belt whose first lane has sectors of another friction, `piece` long, `gap` apart.
+
+    `sliding`: the first mass begins in its sliding equilibrium; if both frictions are equal in slip it stays there, and
+    edges come at belt / piece.
+    """
+
+    piece: float = 0.0005
+    gap: float = 0.0005
+    mu_piece: float = 0.3
+    sliding: bool = False
+
+
+def sectored(p: Sectored, moved: Mapping[str, str]) -> Assembly:
+    """Assemble the twins with the position of the first mass on its lane, which is constant in stick."""
+    a = twins(p, moved)
+    a.signal("turn", {"one": p.belt}, 0.0, "belt")
+    law = friction_law.coulomb(p.mu_static, p.mu_kinetic)
+    piece = friction_law.coulomb(max(p.mu_piece, p.mu_static), p.mu_piece)
+    length = p.piece + p.gap
+    a.sector("lane", "contact x1", {"turn": 1.0, "x1": -1.0}, "turn", length, (0.0, p.piece), (piece, law))
+    if p.sliding:
+        rest = p.mu_kinetic * p.load / p.stiffness
+        a.start |= {"x1": rest, "x1'": 0.0, "turn": rest}
+    return a
+
+
+class BeltLoop(Section):
+    """A mass on a belt that follows it: command v0 + gain x', a lag, and limits if there are any."""
+
+    mass: float = 5.0
+    stiffness: float = 2500.0
+    damping: float = 2.0
+    load: float = 20.0
+    mu_static: float = 0.5
+    mu_kinetic: float = 0.4
+    belt: float = 0.06
+    gain: float = 5.33
+    lag: float = 0.01
+    lowest: float = 0.0
+    highest: float = 0.25
+    limited: bool = True
+
+
+def belt_loop(p: BeltLoop, moved: Mapping[str, str]) -> Assembly:
+    """Assemble V' = (clamp(v0 + K x') - V) / lag: in stick x' = V, growth (K - 1) / lag until the drive clamps."""
+    a = Assembly("belt_loop")
+    a.coordinate("x", p.mass, p.damping, p.stiffness)
+    a.signal("command", {}, p.belt, "drive")
+    a.signal("actual", {"actual": -1.0 / p.lag}, p.belt, "drive")
+    row = {"command": 1.0, "x'": p.gain}
+    if p.limited:
+        a.limit("drive", row, p.lowest, p.highest, "actual", 1.0 / p.lag)
+    else:
+        a.signals["actual"] |= {name: value / p.lag for name, value in row.items()}
+    a.patch("contact", {"x": 1.0}, {"actual": 1.0}, friction_law.coulomb(p.mu_static, p.mu_kinetic))
+    a.normal("load", "contact", {"one": p.load})
+    a.start |= {"x'": p.belt}
+    a.outputs["surface_speed"] = Output({"actual": 1.0}, "m/s")
+    return a
+
+
+RIGS: dict[str, tuple[type[Section], Callable[[Any, Mapping[str, str]], Assembly], Instrument]] = {
+    "ball": (Ball, ball, DisplacementLaser(reads="height", ideal=True)),
+    "twins": (Twins, twins, DisplacementLaser(reads="x1", ideal=True)),
+    "sectored": (Sectored, sectored, DisplacementLaser(reads="x1", ideal=True)),
+    "belt_loop": (BeltLoop, belt_loop, LaserVibrometer(reads="surface_speed", ideal=True)),
+}
+"""The parameters of each rig, how it is assembled, and an ideal instrument on it."""
+
+
+@dataclass(frozen=True)
+class Watched(Scene):
+    """A scene with outputs for every contact: friction (T:), slip speed (w:) and normal forces (N:).
+
+    Without `contacts` it has its own outputs only, whose names a recording accepts.
+    """
+
+    rig: str = ""
+    drives: tuple[tuple[str, str], ...] = ()
+    step: int = 0
+    contacts: bool = True
+
+    @cached_property
+    def step_ns(self) -> int:
+        """Sample step [ns]: that of the case; sensors publish between the ticks too."""
+        return self.step
+
+    @cached_property
+    def moved(self) -> dict[str, str]:
+        """Actuators that the case moves, in addition to those of the scene."""
+        known = {} if self.rig else super().moved
+        return known | dict(self.drives)
+
+    def assemble(self, parameters: Section | None = None) -> Any:
+        """Return the rig with the outputs that the invariants need."""
+        a = RIGS[self.rig][1](parameters or self.parameters, self.moved) if self.rig else super().assemble(parameters)
+        if a.film is not None or not self.contacts:  # points of a film are states, which `Trial` checks
+            return a
+        for name, *_ in a.patches:
+            a.outputs |= {f"T:{name}": Output({f"T:{name}": 1.0}, "N"), f"w:{name}": Output({f"w:{name}": 1.0}, "m/s")}
+        for name, *_ in a.normals:
+            a.outputs[f"N:{name}"] = Output({f"N:{name}": 1.0}, "N")
+        return a
+
+
+@lru_cache(maxsize=64)
+def _loaded(name: str, changes: str, given: tuple[tuple[str, Place], ...]) -> Scene:
+    """A scene with `changes`, as JSON, and their places; read once for all methods and steps of a case."""
+    return scenes.load(name, json.loads(changes), dict(given))
+
+
+def changed(case: Case) -> Scene:
+    """Return the scene of a case with the values of the case."""
+    return _loaded(case.scene, json.dumps(case.set), (*case.places.items(),))
+
+
+def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None, unstable: str = "run") -> Watched:
+    """Return the scene of a case with a method and a step. Raises SceneError if the case is inconsistent."""
+    clock: dict[str, Any] = {
+        "frame": max((case.frame or 0) // step_ns, 1) * step_ns * 1e-9,
+        "method": method,
+        "rk4_step": step_ns * 1e-9,
+        "unstable": unstable,
+    }
+    if tolerance is not None:
+        clock["tolerance"] = tolerance
+    drives: dict[str, str] = {}
+    limits: dict[str, float] = {}
+    for act in case.acts:
+        if act.do in ("set", "command", "follow"):
+            drives[act.target] = "ramped" if act.over else drives.get(act.target, "held")
+    if case.rig:
+        if case.rig not in RIGS:
+            raise SceneError(case.name, [f"rig = {case.rig!r}: unknown; known: {', '.join(RIGS)}"])
+        try:
+            parameters = RIGS[case.rig][0].model_validate(case.set)
+        except ValidationError as error:
+            faults = [line for _, line in lines(error, RIGS[case.rig][0], case.set, "set")]
+            raise SceneError(case.name, faults) from None
+        base: dict[str, Any] = {
+            "plant": case.rig,
+            "parameters": parameters,
+            "clock": Clock.model_validate(clock),
+            "seed": 1,
+            "sensors": {"ideal": RIGS[case.rig][2]},
+        }
+    else:
+        scene = changed(case)
+        if scene.assemble().film is not None:  # a tick has its own steps
+            clock["rk4_step"] = min(step_ns, int(scene.clock.rk4_step)) * 1e-9
+        clock = scene.clock.model_dump(mode="json") | clock
+        limits = scene.limits if case.limited else {}
+        calm = scene.parameters.model_copy(
+            update={"noise": None}
+        )  # it would be another one in frames of another length
+        base = {
+            "plant": scene.plant,
+            "parameters": calm,
+            "clock": Clock.model_validate(clock),
+            "seed": 1,
+            "sensors": scene.sensors,
+        }
+    return Watched(
+        name=case.name,
+        title=case.title,
+        about=case.about,
+        controllers={},
+        protocol=(),
+        limits=limits,
+        rig=case.rig,
+        drives=tuple(drives.items()),
+        step=step_ns,
+        **base,
+    )

@@ -1,30 +1,32 @@
-"""The cells of the torture test: which runs there are, and their results."""
+"""The cells of the torture test: which runs there are, and their results.
+
+The matrix of the torture test: its cases, each with all its cells, as a work of worker processes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any, Self
 
-from rig.analysis.kernel_shapes import Shape, shape
+from rig.analysis.kernel_shapes import Shape, prepare, shape
+from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
 from rig.errors import NumericsError, RigError, SceneError, UsageError
 from rig.model.method import as_integrated, chosen
 from rig.printable import counted
 from rig.qualify.torture import case as cases
-from rig.qualify.torture import rk4_without_events
-from rig.qualify.torture.case import Case
-from rig.qualify.torture.case_scene import Watched, changed, watched
-from rig.qualify.torture.cell_result import CellResult, amber, judge, red, stopped
-from rig.qualify.torture.outcome import Found, OutOfTime
-from rig.qualify.torture.trial import Trial
-from rig.qualify.torture.user_run import processes, recording
+from rig.qualify.torture import wrong_methods
+from rig.qualify.torture.case import Case, Watched, changed, watched
+from rig.qualify.torture.results import CellResult, Found, OutOfTime, amber, judge, red, stopped
+from rig.qualify.torture.trial import Trial, processes, recording
 from rig.qualify.torture.wrong_methods import PATIENCE, WRONG
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign", *WRONG)
 """Methods of the solver, and those for comparison, which no scene can select."""
-COMPARED: dict[str, Callable[[Case, Watched, int, float], Found]] = {"sign": rk4_without_events.run, **WRONG}
+COMPARED: dict[str, Callable[[Case, Watched, int, float], Found]] = {"sign": wrong_methods.run, **WRONG}
 FINER = 4  # refinement of the step of the reference
 TIGHT = 1e-10  # tolerance of the reference
 NEAR = 0.01  # relative tolerance of a growth rate: the precision of the sources
@@ -244,3 +246,26 @@ def _line(error: Exception) -> str:
     """The message of an error, as one line."""
     lines = error.faults if isinstance(error, SceneError) else str(error).splitlines()
     return str(lines[0]) if lines else str(error)
+
+
+def matrix(
+    names: Iterable[str],
+    quick: bool,
+    report: Callable[[str], object] | None = None,
+    progress: Progress | None = None,
+    workers: int | None = None,
+) -> list[Cell]:
+    """Compute all cells of the cases `names`, the reference of each run first.
+
+    Missing kernels are compiled before the first cell; `report` gets a line for each. `progress` counts cases.
+    `workers`: processes, one for each core by default.
+    """
+    work = Work(partial(_cells, quick), [one for name in names for one in cases.each(cases.load(name), quick)])
+    prepare((scene for case in work.items for scene in kernel_scenes(case, quick)), report)
+    with temporary(work) as store:
+        found = carry_out(work, store, workers, progress)
+    return [Cell.of(raw) for unit in sorted(found) for raw in unpacked(found[unit])]
+
+
+def _cells(quick: bool, case: Case) -> Arrays:
+    return packed([asdict(cell) for cell in cells(case, quick)])

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import UsageError
+from rig.machine.files import write_file
 from rig.qualify.torture.case import FOLDER, Case
 from rig.qualify.torture.cells import Cell, cells
-from rig.user_files import write_file
 
 EXAMPLES = 30
 PLACES = 1000

@@ -1,24 +1,57 @@
-"""One run of a case: simulates the plant with the actions of the case and checks every step."""
+"""One run of a case: simulates the plant with the actions of the case and checks every step.
+
+Checks of the points of a film: they press, and friction stays within its cone.
+
+The run of a case as a user makes it: with sensors, as a recording that is verified, and as processes.
+"""
 
 from __future__ import annotations
 
 import itertools
+import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import fields, replace
 from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rig.bench.exchange import Exchange
-from rig.bench.journal import Journal
-from rig.bench.pace import Pacer
-from rig.bench.runner import PlantRunner
-from rig.bench.stepped_plant import ROWS
-from rig.qualify.torture import film_checks
-from rig.qualify.torture.case import Act, Case
-from rig.qualify.torture.case_scene import Watched
-from rig.qualify.torture.outcome import Found, OutOfTime
-from rig.solve.state_codes import OPEN, STICK
+from rig.bench.again.verify import verify
+from rig.bench.live.pace import Pacer
+from rig.bench.live.supervise import run as supervise
+from rig.bench.run.exchange import Exchange
+from rig.bench.run.journal import OPERATOR, Journal
+from rig.bench.run.runner import ROWS, PlantRunner
+from rig.bench.run.simulate import Recorded, simulate
+from rig.model.film import at
+from rig.model.system import System
+from rig.printable import counted
+from rig.qualify.torture.case import Act, Case, Watched, changed
+from rig.qualify.torture.results import CellResult, Found, OutOfTime, red
+from rig.record import reader
+from rig.record.run import Run
+from rig.scenes.scene import Scene
+from rig.solve.records import OPEN, STICK
+
+Array = NDArray[np.float64]
+
+
+def look(system: System, states: Array, found: Found) -> None:
+    """Record in `found` how far a point pulls or leaves its cone at `states` [state, n], over the largest force."""
+    film = system.film
+    assert film is not None
+    normal, *others = (
+        states[:, [system.names.index(at(kept, point)) for point in range(film.points)]]
+        for kept in ("P", "f", "g")[: film.directions]
+    )
+    friction = np.sqrt(sum(part**2 for part in others))
+    found.pulling = max(found.pulling, -float(normal.min()) / max(float(np.abs(normal).max()), 1e-30))
+    outside = float((friction - film.mu * np.maximum(normal, 0.0)).max())
+    found.outside_cone = max(found.outside_cone, outside / max(float(friction.max()), 1e-30))
+
 
 CHUNK = 4096
 KEPT = 20_000  # events stored individually
@@ -265,7 +298,7 @@ class Trial:
         modes = [motion.system.modes(one.key) for one in sets]
         self._stuck_ticks += int(np.array([self._sticks(one.key) for one in sets])[mode_sets].sum())
         if motion.system.film is not None:
-            film_checks.look(motion.system, states, found)
+            look(motion.system, states, found)
         N = values[:, self._normals]
         forces = N.sum(axis=1) if N.size else np.zeros(rows)
         for k, opens in enumerate(self._opens):
@@ -292,3 +325,91 @@ class Trial:
             if stuck.any():
                 speed = max(float(np.abs(values[:, slip]).max()), float(np.abs(states).max()))
                 found.creep = max(found.creep, float(np.abs(w[stuck]).max()) / max(speed, 1e-30))
+
+
+RECORDED = 4000
+"""Most sample steps of a recording, or one frame. # chosen: recording and verifying it take a tenth of a second"""
+
+
+def recording(case: Case, scene: Watched, until_ns: int) -> CellResult | None:
+    """Record the begin of a run, and return what is wrong with its measurements or its file; None: nothing.
+
+    Of the actions of the case, an operator carries out set, change and knock, without ramps. The outputs are those of
+    the scene, and its sensors set the sample step. A rig that no scene has is not simulated again from its file.
+    """
+    user_scene: Scene = replace(scene, contacts=False)
+    if not case.rig:
+        user_scene = Scene(**{one.name: getattr(scene, one.name) for one in fields(Scene)})
+    most = max(RECORDED * user_scene.step_ns // scene.frame_ns, 1)
+    length = min(until_ns // scene.frame_ns, most) * scene.frame_ns
+    acts = [_event(act, act.at // scene.frame_ns) for act in case.acts if act.do in ("set", "change", "knock")]
+    events = sorted((one for one in acts if one["t_ns"] < length), key=lambda one: one["tick"])
+    run = simulate(user_scene, {}, length, Recorded({}, events), audited=False)
+    if run.fault:
+        return red("recording", run.fault.splitlines()[0])
+    if faults := [*_unmeasured(run)]:
+        return red("recording", faults[0])
+    with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
+        path = Path(folder) / "run.mcap"
+        run.save(path)
+        if fault := _difference(reader.open(path), run):
+            return red("recording", f"the file differs from the run: {fault}")
+        faults = [] if case.rig else [*verify(path).faults]
+    return red("recording", f"the file is not verified: {faults[0]}") if faults else None
+
+
+def processes(case: Case, until_ns: int) -> CellResult:
+    """Run the scene of a case, with its controllers and protocol, as processes in lockstep and in this process.
+
+    Green if both give the same bits and the recording is verified. Raises BusError on a system without live runs.
+    """
+    scene = changed(case)
+    with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
+        path = Path(folder) / "run.mcap"
+        outcome = supervise(scene, pace=None, lockstep=True, duration=until_ns * 1e-9, out=path, say=lambda line: None)
+        if outcome.exit_code or outcome.died:
+            return red("recording", "; ".join([*outcome.died, *outcome.summary["reasons"]]))
+        log = reader.open(path)
+        if fault := _difference(log, simulate(scene, duration_ns=until_ns)):
+            return red("recording", f"processes give another result: {fault}")
+        if faults := verify(path).faults:
+            return red("recording", f"the file is not verified: {faults[0]}")
+    parts = f"{counted(len(log.measurements), 'sensor')} and {counted(len(log.commands), 'controller')}"
+    return CellResult("green", "", f"{parts} have the same bits as in one process")
+
+
+def _event(act: Act, tick: int) -> dict[str, Any]:
+    """An action as the event of an operator, as a recording contains it."""
+    kind = "knock" if act.do == "knock" else "parameter"
+    data: dict[str, Any] = {"impulse": act.to} if kind == "knock" else {"set": {act.target: act.to}}
+    return {"t_ns": act.at, "tick": tick, "kind": kind, "text": kind, "data": {"by": OPERATOR, **data}}
+
+
+def _unmeasured(run: Run) -> Iterator[str]:
+    """Sensors without a finite measurement at every sample."""
+    if not run.measurements:
+        yield "the run has no measurements"
+    for name, (_, values) in run.measurements.items():
+        if not values.size:
+            yield f"{name} has no samples"
+        elif bad := np.count_nonzero(~np.isfinite(values)):
+            yield f"{bad} of {values.size} samples of {name} are not finite"
+
+
+def _difference(log: Run, run: Run) -> str:
+    """The first quantity of which the recording `log` has other bits than `run`; "" if there is none."""
+    for what in ("signals", "measurements", "commands"):
+        if getattr(log, what).keys() != getattr(run, what).keys():
+            return f"it has other {what}"
+    at = np.searchsorted(run.time, log.time - 1e-9)  # a live run records outputs at its frames
+    for name, values in log.signals.items():
+        if values.tobytes() != run.signals[name][at].tobytes():
+            return f"the output {name}"
+    for name, (t_ns, values) in log.measurements.items():
+        known = run.measurements[name]
+        if not np.array_equal(t_ns, known.t_ns) or values.tobytes() != known.v.tobytes():
+            return f"the measurement {name}"
+    for name, commands in log.commands.items():
+        if commands.values.tobytes() != run.commands[name].values.tobytes():
+            return f"the commands of {name}"
+    return ""

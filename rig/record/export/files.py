@@ -1,29 +1,295 @@
-"""The formats of an export, and its files, which are written beside their place and moved there when complete."""
+"""The formats of an export, and its files, which are written beside their place and moved there when complete.
+
+The description of a folder of exported files, `datapackage.json`: its files, their columns and units, the run.
+
+It follows the Frictionless Data Package (https://specs.frictionlessdata.io/data-package), with the unit of a column as
+`unit`, and `run` for the facts about the run.
+
+What an exported file says about its run besides the numbers: scene, provenance, timing verdict, damage.
+
+Tables as files of Apache Arrow's formats, one for each table: CSV and Parquet.
+
+CSV (RFC 4180, UTF-8): the first line has the names with their units, `"time [s]","velocity [m/s]"`. Numbers have a
+decimal point and the fewest digits from which the same floating-point number is read again. A missing number is an
+empty cell.
+
+Parquet: the metadata of a column's field have its unit, and a description where it needs one. The metadata of the file
+describe the run. A missing number is null.
+
+Tables as one file of MATLAB (MAT-file, version 5): a struct of column vectors for each table.
+
+MATLAB's names are letters, digits and underscores, at most 63. A name that is not valid is changed: `load.force`
+becomes `load_force`. The struct `names` has the original name of each field, `units` its unit, `run` the facts about
+the run.
+
+    load run.mat
+    plot(outputs.time, outputs.velocity); ylabel(units.outputs.velocity)
+
+A file for the HDF5 library, which ends the process if a file cannot be written or closed.
+"""
 
 from __future__ import annotations
 
 import errno
+import io
+import json
 import math
 import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rig.errors import OutputError, UsageError
 from rig.extras import needed
+from rig.machine.files import DATA, contents, regular
 from rig.record import wav
-from rig.record.even_times import grid
-from rig.record.export import arrow_files, mat_file, package
-from rig.record.export.frames import tree
-from rig.record.export.hdf5_disk import hdf5_disk
-from rig.record.export.tables import MODE, Column, Table, Tables
-from rig.record.run_data import Samples
-from rig.user_files import regular
+from rig.record.export.tables import MODE, Column, Table, Tables, tree
+from rig.record.run_data import RunData, Samples, grid
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+FILE = "datapackage.json"
+_FORMATS = {"csv": ".csv", "parquet": ".parquet", "wav": ".wav"}
+
+
+def write_package(folder: Path, name: str, resources: Iterable[Mapping[str, Any]], facts: Mapping[str, str]) -> None:
+    """Write the description of the files in `folder`. Raises OSError."""
+    description = {"name": name, "resources": [*resources], "run": dict(facts)}
+    (folder / FILE).write_text(json.dumps(description, indent=1), "utf-8")
+
+
+def package_files(folder: Path) -> set[str]:
+    """Return the names of the files that an earlier export to `folder` describes; none without such a description."""
+    try:
+        found = json.loads(contents(folder / FILE, DATA))["resources"]
+        return {
+            one["path"]
+            for one in found
+            if Path(one["path"]).name == one["path"] and one["path"].endswith(_FORMATS[one["format"]])
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return set()
+
+
+def description(run: RunData) -> dict[str, str]:
+    """Return facts about a run by name, as text; those with structure are JSON. Empty ones are left out.
+
+    `scene` is the resolved scene, `provenance` has versions, machine, seed and command. `damage` and `recovered` say
+    what a damaged recording has lost, `restarted` which processes restarted so that losses are unknown, `fault` why a
+    run is not complete.
+    """
+    found: dict[str, Any] = {
+        "scene": run.scene,
+        "provenance": run.provenance,
+        "verdict": run.summary.get("verdict", ""),
+        "damage": run.damage,
+        "recovered": run.recovered,
+        "restarted": run.untold,
+        "fault": run.fault,
+        "energy": run.energy,
+        "summary": run.summary,
+        "step_ns": run.step_ns,
+        "frame_ns": run.frame_ns,
+    }
+    return {name: _text(value) for name, value in found.items() if value}
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+_ROWS = 1 << 16
+
+
+def write_csv(table: Table, path: Path) -> None:
+    """Write `table` to `path`. Raises OSError."""
+    from pyarrow import csv
+
+    schema = _schema(table, {}, [head(one) for one in table.with_time])
+    with path.open("wb") as file, csv.CSVWriter(file, schema) as writer:
+        for batch in _batches(table, schema):
+            writer.write_batch(batch)
+
+
+def write_parquet(table: Table, path: Path, facts: Mapping[str, str]) -> None:
+    """Write `table` to `path`, with `facts` about the run. Raises OSError."""
+    from pyarrow import parquet
+
+    schema = _schema(table, facts, [one.name for one in table.with_time])
+    with path.open("wb") as file, parquet.ParquetWriter(file, schema, compression="zstd") as writer:
+        for batch in _batches(table, schema):
+            writer.write_batch(batch)
+
+
+def head(one: Column) -> str:
+    """Return the name of a column with its unit."""
+    return f"{one.name} [{one.unit}]" if one.unit else one.name
+
+
+def _schema(table: Table, facts: Mapping[str, str], names: list[str]) -> pa.Schema:
+    import pyarrow as pa
+
+    fields = []
+    for one, name in zip(table.with_time, names):
+        kind = pa.string() if one.values.dtype == object else pa.from_numpy_dtype(one.values.dtype)
+        metadata = {"unit": one.unit, "description": one.about}
+        fields.append(pa.field(name, kind, metadata={key: text for key, text in metadata.items() if text}))
+    return pa.schema(fields, metadata=dict(facts))
+
+
+def _batches(table: Table, schema: pa.Schema) -> Iterator[Any]:
+    import pyarrow as pa
+
+    columns = table.with_time
+    for begin in range(0, table.t_ns.size, _ROWS):
+        rows = [one.values[begin : begin + _ROWS] for one in columns]
+        arrays = [pa.array(v, kind, from_pandas=True) for v, kind in zip(rows, schema.types)]  # NaN becomes null
+        yield pa.record_batch(arrays, schema=schema)
+
+
+LONGEST = 63  # characters of a name
+_LARGEST = 1 << 31  # bytes of a variable
+_WORDS = frozenset(
+    "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return spmd "
+    "switch try while".split()
+)
+
+
+def write_mat(tables: Iterable[Table], path: Path, facts: Mapping[str, str]) -> None:
+    """Write `tables` to `path`, with `facts` about the run.
+
+    Raises OSError, and UsageError for a table that is larger than a variable of the format can be (2 GiB).
+    """
+    from scipy.io import savemat
+
+    data: dict[str, Any] = {}
+    names: dict[str, Any] = {}
+    units: dict[str, Any] = {}
+    taken = {"names", "units", "run"}
+    for table in tables:
+        columns = table.with_time
+        if (size := sum(one.values.nbytes for one in columns)) >= _LARGEST:
+            raise UsageError(
+                f"{table.name}: {size / 2**30:.1f} GiB; a variable of a MAT-file of version 5 has less than 2 GiB. "
+                "Choose outputs and sensors with --only, a lower --rate, or --to hdf5, which MATLAB reads too"
+            )
+        variable = valid(table.name, taken)
+        taken.add(variable)
+        fields: dict[str, Column] = {}
+        for one in columns:
+            fields[valid(one.name, fields)] = one
+        data[variable] = {name: one.values[:, None] for name, one in fields.items()}
+        names[variable] = {name: one.name for name, one in fields.items()}
+        units[variable] = {name: one.unit for name, one in fields.items()}
+    with path.open("wb") as file:
+        savemat(file, {**data, "names": names, "units": units, "run": dict(facts)}, long_field_names=True)
+
+
+def valid(name: str, taken: Iterable[str]) -> str:
+    """Return `name` as MATLAB takes it: other characters become "_", "x" is put in front where needed.
+
+    A name among `taken` gets a number.
+    """
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    if not re.match(r"[A-Za-z]", plain) or plain in _WORDS:
+        plain = f"x{plain}"
+    plain, others = plain[:LONGEST], set(taken)
+    if plain not in others:
+        return plain
+    return next(one for n in count(2) if (one := f"{plain[: LONGEST - 1 - len(str(n))]}_{n}") not in others)
+
+
+T = TypeVar("T")
+
+
+class Hdf5Disk(io.RawIOBase):
+    """A new file at `path` that never refuses the library anything: `fault` keeps what went wrong first.
+
+    From then on nothing is written. What is read are zeros, which the library does not look at before it has closed
+    the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.fault: BaseException | None = None
+        self._file = path.open("w+b", buffering=0)
+
+    def readable(self) -> bool:
+        """See `io.RawIOBase`."""
+        return True
+
+    def writable(self) -> bool:
+        """See `io.RawIOBase`."""
+        return True
+
+    def seekable(self) -> bool:
+        """See `io.RawIOBase`."""
+        return True
+
+    def tell(self) -> int:
+        """See `io.RawIOBase`."""
+        return self._file.tell()
+
+    def seek(self, offset: int, whence: int = 0, /) -> int:
+        """See `io.RawIOBase`."""
+        return self._attempt(lambda: self._file.seek(offset, whence), offset)
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        """See `io.RawIOBase`."""
+        found = self._attempt(lambda: self._file.readinto(buffer), -1)
+        if found < 0:
+            buffer[:] = bytes(len(buffer))
+        return len(buffer) if found < 0 else found
+
+    def write(self, content: bytes | memoryview) -> int:  # type: ignore[override]
+        """See `io.RawIOBase`."""
+        self._attempt(lambda: self._write(memoryview(content).cast("B")), None)
+        return memoryview(content).nbytes
+
+    def _write(self, rest: memoryview) -> None:
+        while rest:
+            rest = rest[self._file.write(rest) :]
+
+    def truncate(self, size: int | None = None) -> int:
+        """See `io.RawIOBase`."""
+        return self._attempt(lambda: self._file.truncate(size), size or 0)
+
+    def close(self) -> None:
+        """See `io.RawIOBase`."""
+        self._attempt(self._file.close, None)
+        with suppress(OSError):
+            self._file.close()
+        super().close()
+
+    def _attempt(self, do: Callable[[], T], instead: T) -> T:
+        """The result of `do`, or `instead` after a fault."""
+        if self.fault is None:
+            try:
+                return do()
+            except BaseException as fault:  # also Ctrl-C, which comes while the library calls
+                self.fault = fault
+        return instead
+
+
+@contextmanager
+def hdf5_disk(path: Path) -> Iterator[Hdf5Disk]:
+    """A new file for the library. At the end the first fault is raised, such as the OSError of a full disk."""
+    with Hdf5Disk(path) as disk:
+        try:
+            yield disk
+        finally:
+            if disk.fault is not None:
+                raise disk.fault
+
 
 Report = Callable[[str], object]
 Facts = Mapping[str, str]
@@ -92,7 +358,7 @@ def files(tables: Tables, to: str) -> list[str]:
     """Return the names of the files that `export` writes into a folder."""
     suffix = FORMATS[to].suffix
     names = [name for name, *_ in _signals(tables)] if to == "wav" else [table.name for table in tables]
-    return [*(f"{name}{suffix}" for name in names), package.FILE]
+    return [*(f"{name}{suffix}" for name in names), FILE]
 
 
 @contextmanager
@@ -121,7 +387,7 @@ def _place(draft: Path, path: Path, folder: bool) -> None:
     if folder and not target.exists():
         draft.rename(target)
         return
-    former = package.files(target) - {one.name for one in drafts} if folder else set()
+    former = package_files(target) - {one.name for one in drafts} if folder else set()
     for one in drafts:
         there = target / one.name if folder else target
         if there.exists():
@@ -145,13 +411,13 @@ def _each(to: str, tables: Tables, folder: Path, facts: Facts, report: Report) -
         file = f"{table.name}{FORMATS[to].suffix}"
         report(f"writing {file}, {number} of {len(tables.tables)}")
         if to == "csv":
-            arrow_files.write_csv(table, folder / file)
+            write_csv(table, folder / file)
         else:
-            arrow_files.write_parquet(table, folder / file, facts)
+            write_parquet(table, folder / file, facts)
         written.append(_written(table, file))
-        fields = [_field(one, arrow_files.head(one) if to == "csv" else one.name) for one in table.with_time]
+        fields = [_field(one, head(one) if to == "csv" else one.name) for one in table.with_time]
         resources.append({"name": table.name.lower(), "path": file, "format": to, "schema": {"fields": fields}})
-    package.write(folder, folder.name, resources, facts)
+    write_package(folder, folder.name, resources, facts)
     return written
 
 
@@ -167,7 +433,7 @@ def _field(one: Column, name: str) -> dict[str, str]:
 
 def _mat(tables: Tables, path: Path, facts: Facts, report: Report) -> list[Written]:
     report(f"writing {path.name}")
-    mat_file.write(tables, path, facts)
+    write_mat(tables, path, facts)
     return [_written(table, path.name) for table in tables]
 
 
@@ -196,7 +462,7 @@ def _wav(tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Wri
         written.append(Written(file, table.name, even.v.size, 1, even.rate, full, one.unit))
         resources.append({"name": name.lower(), "path": file, "format": "wav", "unit": one.unit,
                           "full_scale": full, "rate": even.rate, "start": float(table.time[0])})  # fmt: skip
-    package.write(folder, folder.name, resources, facts)
+    write_package(folder, folder.name, resources, facts)
     return written
 
 

@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.compiled.kernel import entry
+from rig.compiled.records import Loan
 from rig.errors import SceneError
-from rig.kernel import entry
-from rig.lent_records import Loan
 from rig.sensors.chain.front_end import FrontEnd
-from rig.sensors.chain.instants import SECOND, Integers, common_step
+from rig.sensors.chain.instants import SECOND, Integers, Stream, common_step
 from rig.sensors.chain.instrument import Instrument
-from rig.sensors.chain.streams import Stream
-from rig.solve.pole_response import COLUMNS, POLE, RESIDUE, STATE
+from rig.solve.expm import COLUMNS, POLE, RESIDUE, STATE
 from rig.solve.sampling import GATHERED, INSTRUMENT, NOW, SHORT, InstrumentTables, advance_instruments, prepare_poles
-from rig.solve.segments import DEGREE, Segments
+from rig.solve.segment_output import DEGREE, Segments
 
 CHUNK = 1024  # least number of random numbers drawn and of samples stored at a time, unless a caller names another
 _FRAMES = 64  # least number of frames for which they suffice

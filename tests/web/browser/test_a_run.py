@@ -9,8 +9,8 @@ import psutil
 import pytest
 
 from rig import scenes
-from rig.bench.plant_process import warm
-from rig.bench.verify import verify
+from rig.bench.again.verify import verify
+from rig.bench.live.plant_process import warm
 
 pytestmark = pytest.mark.browser
 Keys = pytest.importorskip("selenium.webdriver.common.keys", reason="needs Selenium: make install").Keys
@@ -178,7 +178,9 @@ def test_a_reload_keeps_the_scene_and_the_curves(page):
 def test_a_killed_plant_is_said_on_the_page_and_another_run_can_start(page):
     start(page)
     plant = next(
-        one for one in psutil.Process().children(recursive=True) if "rig.bench.plant_process" in " ".join(one.cmdline())
+        one
+        for one in psutil.Process().children(recursive=True)
+        if "rig.bench.live.plant_process" in " ".join(one.cmdline())
     )
     os.kill(plant.pid, signal.SIGKILL)
     page.until_phase("ended")

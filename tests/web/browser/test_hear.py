@@ -3,7 +3,7 @@
 import pytest
 
 from rig import scenes
-from rig.bench.plant_process import warm
+from rig.bench.live.plant_process import warm
 
 pytestmark = pytest.mark.browser
 

@@ -10,10 +10,10 @@ import pytest
 
 import rig
 from rig import scenes
-from rig.bench.plant_process import warm
+from rig.bench.live.plant_process import warm
 from rig.lessons import lessons
 from rig.plants import PLANTS
-from rig.scenes.step_sequences import unrolled
+from rig.scenes.sections import unrolled
 
 pytestmark = pytest.mark.browser
 ROOT = Path(__file__).parents[3]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from rig.analysis.motion_measures.settings import Setting, eligible, fastest, ladder
+from rig.analysis.motion_measures import Setting, eligible, fastest, ladder
 from rig.motion.motion import Motion
 from rig.scenes.scene import Scene
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.scenes.effects import optional
 from rig.scenes.scene import Scene
+from rig.scenes.variants import optional
 
 Array = NDArray[np.float64]
 Slip = Callable[[float, float, float, Array], tuple[float, float] | None]

@@ -5,6 +5,8 @@ The error is the largest difference of a mode change's time from the reference, 
 changes were missed or invented. Our own methods are compared with another of our methods (rig.qualify.cost.reference),
 the peers with our best. For each setting the best of the rounds counts, because other work on the machine only makes a
 run longer.
+
+The comparison of solvers as a table, as CSV and as a picture.
 """
 
 from __future__ import annotations
@@ -14,14 +16,18 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
-from rig.analysis.motion_measures.settings import TIGHTEST, Setting
+from rig.analysis.motion_measures import TIGHTEST, Setting
+from rig.machine.files import csv_table, write_file
 from rig.qualify.cost.peers import by_diffrax, by_mujoco, by_pathsim, by_rig, by_scipy, by_sundials
 from rig.qualify.cost.peers.oscillator import Oscillator
+from rig.qualify.cost.report import sheet
 from rig.scenes.scene import Scene
+from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, PURPLE, VERMILION, put
 
 PEERS: tuple[ModuleType, ...] = (by_scipy, by_sundials, by_diffrax, by_pathsim, by_mujoco)
 ROUNDS = 5
@@ -109,3 +115,50 @@ def cheapest(entries: Sequence[Entry], target: float) -> list[Entry]:
         enough = [one for one in mine if one.error <= target]
         out.append(max(enough, key=lambda one: one.factor) if enough else min(mine, key=lambda one: one.error))
     return out
+
+
+COLUMNS = ("solver", "setting", "error of event times", "real-time factor", "rig is faster by", "")
+_COLOURS = (BLUE, GREEN, PURPLE, AMBER, VERMILION, GREY)
+
+
+def lines(found: Sequence[Entry], target: float) -> list[tuple[str, ...]]:
+    """Return for each solver the fastest setting that meets `target`."""
+    best = cheapest(found, target)
+    rows: list[tuple[str, ...]] = []
+    for one in best:
+        if math.isnan(one.factor):
+            rows.append((one.peer, "", "", "", "", one.fault))
+            continue
+        short = "" if one.error <= target else f"does not reach {target:g}"
+        ratio = f"{best[0].factor / one.factor:.0f}" if one.peer != OURS and not short else ""
+        error = f"{one.error:.1e}" if math.isfinite(one.error) else "changes missed or invented"
+        note = "; ".join(part for part in (short, one.fault) if part)
+        rows.append((one.peer, one.setting, error, f"{one.factor:.3g}", ratio, note))
+    return rows
+
+
+def write(found: Sequence[Entry], path: Path) -> None:
+    """Write the comparison as CSV. Raises OutputError."""
+    head = ("solver", "setting", "largest error of event times / period", "real-time factor", "fault")
+    write_file(path, csv_table([head, *(vars(one).values() for one in found)]))
+
+
+def draw(found: Sequence[Entry], title: str, machine: dict[str, str], target: float, path: Path) -> None:
+    """Draw the error of event times over compute time, a curve for each method of each solver."""
+    with sheet(f"{title}: beside other solvers", machine) as figure:
+        axes = figure.add_subplot()
+        for colour, peer in zip(_COLOURS, dict.fromkeys(one.peer for one in found)):
+            mine = [one for one in found if one.peer == peer and math.isfinite(one.error)]
+            marks = iter("osD^v")
+            for method in dict.fromkeys(one.setting.partition(" at ")[0] for one in mine):
+                points = [one for one in mine if one.setting.partition(" at ")[0] == method]
+                x, y = [1e3 / one.factor for one in points], [one.error for one in points]
+                axes.plot(x, y, color=colour, marker=next(marks), ms=5, lw=1.2, label=f"{peer} {method}")
+            if not mine:
+                why = next(one.fault for one in found if one.peer == peer)
+                axes.plot([], [], " ", label=f"{peer}: {why.partition(':')[0]}")
+        axes.axhline(target, color=ALARM, lw=1.0, ls=":", label=f"{target:g}")
+        axes.set(xscale="log", yscale="log", xlabel="compute in 1 ms of simulated time [us], samples every 1 ms")
+        axes.set_ylabel("largest error of event times / period")
+        figure.legend(loc="outside lower left", ncols=3)
+    put(figure, path)

@@ -1,0 +1,383 @@
+"""Figures of analyses: limit cycle, sweep, identification, control loop, amplitudes, runs with different seeds.
+
+Amplitudes of a recording as a picture: one plot for each sensor, one bar for each stage of the run.
+
+A limit cycle as a picture: outputs over one period, phase portrait, Floquet multipliers.
+
+The measurements of an identification experiment as a picture, with the model that was fitted to them.
+
+Control loops as pictures: the response of the open loop with its margins; and the report of `rig loop`, with the
+delay budget as a bar and the decay over delay, jitter and loss.
+
+Eigenvalues as pictures. Of a scene: its modes in the plane of growth and frequency. Of a sweep: growth and frequency
+over the key, and the root locus.
+
+The spread of runs with different seeds as a picture: openings, every number over its median, the spectrum.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.amplitude import Row
+from rig.analysis.cycle_report import Cycle
+from rig.analysis.identify import Identified
+from rig.analysis.loop_report import LoopReport
+from rig.analysis.modes import Modes
+from rig.analysis.recorded.amplitudes import Amplitudes
+from rig.analysis.repeat import ONSET, Repeats
+from rig.analysis.sweep import Sweep
+from rig.errors import UsageError
+from rig.view.channels import Channels
+from rig.view.curves import Bools, apart
+from rig.view.palette import ALARM, BLUE, GREY, LINES, VERMILION, page
+from rig.view.run_figure import STYLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+_COLUMNS = 3
+_BAR = BLUE
+
+
+def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
+    """Return the figure of the amplitudes. Raises UsageError if no sensor has samples."""
+    rows = amplitudes.rows
+    sensors = list(dict.fromkeys(row.sensor for row in rows))
+    if not sensors:
+        raise UsageError("nothing to draw: no sensor has samples")
+    columns = min(len(sensors), _COLUMNS)
+    lines = math.ceil(len(sensors) / columns)
+    with page(STYLE, 4.4 * columns, 1.0 + 3.2 * lines, layout="constrained") as figure:
+        title = f"{amplitudes.scene}: amplitude in each stage", "(half of peak to valley) and frequency"
+        figure.suptitle(("\n" if columns == 1 else " ").join(title), ha="center")
+        for i, sensor in enumerate(sensors):
+            _bars(figure.add_subplot(lines, columns, i + 1), [row for row in rows if row.sensor == sensor])
+    return figure
+
+
+def _bars(axes: Axes, rows: Sequence[Row]) -> None:
+    first = rows[0]
+    places = range(len(rows))
+    bars = axes.bar(places, [row.found.half if row.found.cycles else 0.0 for row in rows], color=_BAR, width=0.6)
+    labels = [f"{row.found.frequency:.4g} Hz" if row.found.cycles else "no cycle" for row in rows]
+    axes.bar_label(bars, labels, fontsize=8, padding=2)
+    axes.margins(y=0.15)
+    axes.set_xticks(places, [row.stage for row in rows], rotation=20 if len(rows) > 3 else 0, fontsize=8)
+    axes.set_ylabel(f"{first.sensor.replace('_', ' ')} [{first.unit}]")
+    axes.grid(axis="x", visible=False)
+    axes.set_axisbelow(True)
+
+
+_PLOTS = 3
+"""Number of plots over time."""
+_STICK = "#d9dde3"
+
+
+def cycle_figure(cycle: Cycle) -> Figure:
+    """Return the figure of a limit cycle; a search that found none gives one with the reason."""
+    with page(STYLE, 12.8, 6.6) as figure:
+        figure.suptitle(_title(cycle), x=0.07, ha="left", wrap=True)
+        if cycle.found:
+            _compose_cycle(figure, cycle)
+    return figure
+
+
+def _title(cycle: Cycle) -> str:
+    if not cycle.found:
+        return f"{cycle.scene}: {cycle.why}"
+    sticks = "".join(f", {name} sticks {100.0 * share:.3g} %" for name, share in cycle.stick_share.items())
+    return f"limit cycle of {cycle.scene}: period {cycle.period:.6g} s, {cycle.frequency:.5g} Hz{sticks}"
+
+
+def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
+    rig = (cycle.rig, cycle.rig.assemble()) if cycle.rig is not None else None
+    channels = Channels(rig, {n: cycle.units[n] for n in cycle.outputs if n in cycle.units}, {})
+    panels = [panel for panel in channels.panels if panel.outputs][:_PLOTS]
+    grid = figure.add_gridspec(1, 2, width_ratios=(1.4, 1), left=0.07, right=0.975, top=0.88, bottom=0.09, wspace=0.22)
+    left = grid[0].subgridspec(len(panels), 1, hspace=0.28)
+    right = grid[1].subgridspec(2, 1, height_ratios=(1.5, 1), hspace=0.35)
+    rows = [figure.add_subplot(left[i]) for i in range(len(panels))]
+    for axes, panel in zip(rows, panels):
+        for name in panel.outputs:
+            axes.plot(cycle.time, cycle.outputs[name], color=channels.colours[name], lw=1.6, label=_plain(name))
+        for begin, end in cycle.sticking:
+            axes.axvspan(begin, end, color=_STICK, lw=0.0, zorder=0)
+        axes.set_ylabel(panel.title)
+        axes.set_xlim(0.0, cycle.period)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize=8, frameon=False, handlelength=1.0)
+        axes.tick_params(labelbottom=axes is rows[-1])
+    sticks = f"; grey: {_plain(next(iter(cycle.stick_time)))} sticks" if cycle.sticking else ""
+    rows[-1].set_xlabel(f"time in the period [s]{sticks}")
+    figure.align_ylabels(rows)
+    if channels.portrait is not None:
+        _portrait(figure.add_subplot(right[0]), cycle, *channels.portrait)
+    _multipliers(figure.add_subplot(right[1]), cycle)
+
+
+def _portrait(axes: Axes, cycle: Cycle, displacement: str, velocity: str) -> None:
+    style = "--" if cycle.repels else "-"
+    axes.plot(cycle.outputs[displacement], cycle.outputs[velocity], style, color=BLUE, lw=1.4)
+    axes.set_xlabel(f"{_plain(displacement)} [{cycle.units[displacement]}]")
+    axes.set_ylabel(f"{_plain(velocity)} [{cycle.units[velocity]}]")
+    axes.set_title("phase portrait" + "; dashed: the cycle is unstable" * cycle.repels)
+
+
+def _multipliers(axes: Axes, cycle: Cycle) -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    axes.plot(np.cos(angle), np.sin(angle), color="#9aa3ad", lw=1.0)
+    values = np.asarray(cycle.floquet.multipliers, np.complex128)
+    out = (np.abs(values) > 1.0) & cycle.repels  # else those above one are one within their error
+    axes.plot(values.real[~out], values.imag[~out], "o", color=BLUE, ms=5)
+    axes.plot(values.real[out], values.imag[out], "x", color=VERMILION, ms=7, mew=1.6)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("real part")
+    axes.set_ylabel("imaginary part")
+    axes.set_title(
+        "Floquet multipliers; outside of the circle (x): unstable" if values.size else "no Floquet multipliers"
+    )
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+_MEASURED, _MODEL = BLUE, VERMILION
+
+
+def identification_figure(found: Identified) -> Figure:
+    """Return the figure of `found`; its title has the identified parameters."""
+    fit = found.fit
+    with page(STYLE, 7.0, 4.2, layout="constrained") as figure:
+        values = ", ".join(f"{one.key} = {one.found:.4g}{_unit(one.unit)}" for one in found.parameters)
+        figure.suptitle(f"{found.scene}: {found.experiment}\n{values}", ha="center")
+        axes = figure.add_subplot()
+        axes.plot(fit.x, fit.y, "o", color=_MEASURED, markersize=3, label="measured")
+        axes.plot(fit.model_x, fit.model_y, color=_MODEL, linewidth=1.2, label="fitted")
+        axes.set_xlabel(fit.x_name)
+        axes.set_ylabel(fit.y_name)
+        axes.legend()
+    return figure
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
+def loop_figure(report: LoopReport) -> Figure:
+    """Return the figure of `report`."""
+    with page(STYLE, 12.8, 6.6) as figure:
+        _compose_loop(figure, report)
+    return figure
+
+
+def _compose_loop(figure: Figure, report: LoopReport) -> None:
+    grid = figure.add_gridspec(2, 3, height_ratios=(1, 1.5), left=0.07, right=0.985, top=0.86, bottom=0.09,
+                               hspace=0.5, wspace=0.24)  # fmt: skip
+    figure.suptitle(f"{report.scene}: loop of {report.found.controller}", x=0.07, ha="left", weight="bold")
+    _budget(figure.add_subplot(grid[0, :]), report)
+    for column, curve in enumerate(report.curves):
+        axes = figure.add_subplot(grid[1, column])
+        scale, unit = (1e2, "%") if curve.key == "loss" else (1e3, "ms")
+        axes.plot([scale * v for v in curve.values], [-g for g in curve.growth], "o-", color=LINES[0], ms=4)
+        axes.axhline(0.0, color=ALARM, lw=1.0)
+        axes.set_xlabel(f"{curve.key} of the sensor's link [{unit}]")
+        if not column:
+            axes.set_ylabel("decay rate [1/s]")
+
+
+def _budget(axes: Axes, report: LoopReport) -> None:
+    """A bar of the delays one after the other, then the margin that is left."""
+    at = 0.0
+    margin = report.found.margins
+    shown = [one for one in report.items if one.seconds > 0.0]
+    for i, one in enumerate(shown):
+        axes.barh(0.0, 1e3 * one.seconds, left=at, height=0.5, color=LINES[i % len(LINES)], label=one.part)
+        at += 1e3 * one.seconds
+    if margin is not None and margin["delay"] < 1e3:
+        bus = sum(1e3 * one.seconds for one in report.items if one.part.startswith("bus"))
+        left = max(1e3 * margin["delay"] - bus, 0.0)
+        axes.barh(0.0, left, left=at, height=0.5, color="white", edgecolor=GREY, hatch="//", label="delay margin")
+        at += left
+    axes.set_xlim(0.0, at or 1.0)
+    axes.set_ylim(-0.5, 0.5)
+    axes.set_yticks([])
+    axes.set_xlabel("delay [ms]")
+    axes.set_title("delay budget")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.32), ncols=5, fontsize=8.5)
+
+
+Array = NDArray[np.float64]
+
+
+_COLOURS = (*LINES, GREY)
+_MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
+
+
+def sweep_figure(sweep: Sweep) -> Figure:
+    """Return the figure of `sweep`."""
+    with page(STYLE, 12.8, 6.6) as figure:
+        compose(figure, sweep)
+    return figure
+
+
+def modes_figure(found: Modes) -> Figure:
+    """Return the modes in the plane of growth rate and frequency. Raises UsageError without steady sliding."""
+    groups = [(found.sliding, "o", ""), (found.dithered, "D", "forced" if found.slow else "dithered")]
+    if not any(sliding and sliding.modes for sliding, *_ in groups):
+        raise UsageError(f"nothing to draw: no steady sliding at these values: {found.sliding.why}")
+    with page(STYLE, 8.4, 5.2, layout="constrained") as figure:
+        axes = figure.add_subplot()
+        for sliding, mark, how in groups:
+            for grows, colour in ((False, LINES[0]), (True, ALARM)):
+                rates = np.array([(m.growth, m.frequency) for m in (sliding.modes if sliding else ())])
+                if (shown := rates[(rates[:, 0] > 0.0) == grows] if rates.size else rates).size:
+                    label = ", ".join(filter(None, ("grows" if grows else "does not grow", how)))
+                    axes.plot(*shown.T, mark, color=colour, ms=6, mfc="none" if how else colour, label=label)
+        _zero(axes, upright=True)
+        axes.set(xlabel="growth rate [1/s]", ylabel="frequency [Hz]")
+        axes.set_ylim(-0.03 * axes.get_ylim()[1], 1.05 * axes.get_ylim()[1])
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+        what = "steady sliding" if found.sliding.coefficient else "at rest"
+        figure.suptitle(f"{found.scene}: vibration modes, {what}", x=0.01, ha="left", fontweight="bold")
+    return figure
+
+
+def compose(figure: Figure, sweep: Sweep) -> None:
+    """Draw growth, frequency and root locus of a sweep into `figure`."""
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1), left=0.07, right=0.985, top=0.855, bottom=0.09,
+                               hspace=0.12, wspace=0.2)  # fmt: skip
+    growth = figure.add_subplot(grid[0, 0])
+    frequency = figure.add_subplot(grid[1, 0], sharex=growth)
+    locus = figure.add_subplot(grid[:, 1])
+    x, rates, hertz = sweep.axis.shown_values, sweep.growth, sweep.frequency
+    colours = {b: _COLOURS[i % len(_COLOURS)] for i, b in enumerate(np.flatnonzero(np.isfinite(rates).any(axis=0)))}
+    jumps = _jumps(sweep)
+    for branch, colour in colours.items():
+        for grows, line in ((False, "-"), (True, "--")):
+            style: dict[str, Any] = {"color": colour, "ls": line, "lw": 1.6}
+            part = _part(rates[:, branch], grows)
+            growth.plot(*apart(x, rates[:, branch] + part, jumps), **style)
+            frequency.plot(*apart(x, hertz[:, branch] + part, jumps), **style)
+        locus.plot(*apart(rates[:, branch], hertz[:, branch], jumps), color=colour, lw=1.0, alpha=0.5)
+    shades = np.broadcast_to(x[:, None], rates.shape)
+    seen = np.isfinite(rates)
+    dots = locus.scatter(rates[seen], hertz[seen], c=shades[seen], s=13, cmap="viridis", zorder=3)
+    bar = figure.colorbar(dots, ax=locus, pad=0.02, label=sweep.axis.title)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    _critical(sweep, growth, frequency, locus)
+    for axes in (growth, locus):
+        _zero(axes, upright=axes is locus)
+    growth.set_ylabel("growth [1/s]")
+    growth.tick_params(labelbottom=False)
+    frequency.set_ylabel("frequency [Hz]")
+    frequency.set_xlabel(sweep.axis.title)
+    if np.any(seen):
+        low, high = float(np.nanmin(hertz)), float(np.nanmax(hertz))
+        margin = max(0.08 * (high - low), 0.02 * high, 1e-9)  # a nearly constant curve must look constant
+        frequency.set_ylim(low - margin, high + margin)
+    locus.set_xlabel("growth [1/s]")
+    locus.set_ylabel("frequency [Hz]")
+    locus.set_title("root locus")
+    figure.align_ylabels((growth, frequency))
+    what = f"loop of {sweep.loop}" if sweep.loop else "steady sliding"
+    what += f", {sweep.friction}" if sweep.friction else ""
+    figure.text(0.07, 0.95, f"{sweep.scene}: {what}", fontsize=15, fontweight="bold")
+    fixed = f"fixed: {sweep.fixed}; " if sweep.fixed else ""
+    figure.text(0.07, 0.918, f"{fixed}solid: decays, dashed: grows", fontsize=10)
+
+
+def _jumps(sweep: Sweep) -> Bools:
+    """Whether a rate jumps between a value and the next one [n - 1]."""
+    at = np.array([one.value for one in sweep.critical if one.kind == "jump"])
+    ends = np.sort(np.stack([sweep.axis.values[:-1], sweep.axis.values[1:]]), axis=0)
+    return np.asarray(np.any((ends[0, :, None] <= at) & (at <= ends[1, :, None]), axis=1))
+
+
+def _part(rates: Array, grows: bool) -> Array:
+    """Zero where a branch grows, or does not, and at the ends of the line between such points; else nan [n]."""
+    inside = rates > 0.0 if grows else rates <= 0.0
+    if grows:  # the line over the sign change is dashed
+        inside[1:] |= inside[:-1].copy() & np.isfinite(rates[1:])
+        inside[:-1] |= (rates[1:] > 0.0) & np.isfinite(rates[:-1])
+    return np.where(inside, 0.0, np.nan)
+
+
+def _critical(sweep: Sweep, growth: Axes, frequency: Axes, locus: Axes) -> None:
+    for one in sweep.critical:
+        value, mark = one.value / sweep.axis.scale, _MARK[one.kind]
+        label = f"{one.kind} at {sweep.axis.text(one.value)}"
+        growth.plot([value], [0.0], mark, color=ALARM, ms=7, zorder=4, label=label)
+        frequency.plot([value], [one.frequency], mark, color=ALARM, ms=7, zorder=4)
+        locus.plot([0.0], [one.frequency], mark, color=ALARM, ms=7, zorder=4)
+        for axes in (growth, frequency):
+            axes.axvline(value, color=ALARM, lw=0.8, ls=":", zorder=1)
+    if sweep.critical:
+        growth.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2, handletextpad=0.3)
+
+
+def _zero(axes: Axes, upright: bool) -> None:
+    """Draw the line of zero growth, with the unstable side shaded."""
+    low, high = axes.get_xlim() if upright else axes.get_ylim()
+    low, high = min(low, -0.05 * (high - low)), max(high, 0.05 * (high - low))
+    if upright:
+        axes.axvline(0.0, color=GREY, lw=1.0)
+        axes.axvspan(0.0, high, color=ALARM, alpha=0.06, lw=0)
+        axes.set_xlim(low, high)
+    else:
+        axes.axhline(0.0, color=GREY, lw=1.0)
+        axes.axhspan(0.0, high, color=ALARM, alpha=0.06, lw=0)
+        axes.set_ylim(low, high)
+
+
+_MOST = 24  # numbers in the picture
+_COLOUR, _BAND = BLUE, "#b9cce4"
+
+
+def repeats_figure(found: Repeats) -> Figure:
+    """Return the figure of the spread. Raises UsageError if no run was simulated."""
+    if not found.seen:
+        raise UsageError(f"nothing to draw: {found.ended or 'no run was simulated'}")
+    with page(STYLE, 12.0, 7.0, layout="constrained", dpi=100) as figure:
+        left, right = figure.subplots(1, 2)
+        _numbers(left, found)
+        _spectrum(right, found)
+        figure.suptitle(f"{found.scene}: {len(found.seen)} runs with seeds {found.seeds[0]} to {found.seeds[-1]}")
+    return figure
+
+
+def _numbers(axes: Axes, found: Repeats) -> None:
+    """Every number of every run over its median."""
+    shown = [one for one in found.spreads if one.median and one.least != one.greatest][:_MOST]
+    for place, one in enumerate(shown):
+        ratio = np.array(found.values(one.name)) / one.median
+        axes.plot(ratio, np.full(len(ratio), -place), ".", color=_COLOUR, alpha=0.6)
+    labels = [f"{one.name}  {one.median:.4g} {one.unit}".rstrip(" 1") for one in shown]
+    axes.set_yticks([-place for place in range(len(shown))], labels, fontsize=8)
+    axes.set_xlabel("ratio to the median, which stands beside the name")
+    opened = found.values(ONSET)
+    axes.set_title(f"{len(opened)} of {len(found.seen)} runs open" if opened else "spread over the seeds")
+
+
+def _spectrum(axes: Axes, found: Repeats) -> None:
+    """Median and range of the spectra, line by line."""
+    seen = [one for one in found.seen if one.s]
+    if not seen:
+        axes.set_axis_off()
+        axes.text(0.5, 0.5, "no run is long enough for a spectrum", ha="center", transform=axes.transAxes)
+        return
+    f = np.array(seen[0].f)[1:]
+    s = np.array([one.s for one in seen if len(one.s) == len(seen[0].s)])[:, 1:]
+    axes.fill_between(f, s.min(axis=0), s.max(axis=0), color=_BAND, label="range")
+    axes.semilogy(f, np.median(s, axis=0), color=_COLOUR, label="median")
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel(f"power spectral density of {seen[0].name} [({seen[0].unit})$^2$/Hz]")
+    axes.set_title(f"spectrum, {len(s)} runs")
+    axes.legend()

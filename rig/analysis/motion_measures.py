@@ -1,0 +1,616 @@
+"""Measures of a plant's motion from its start with actuators held: period, amplitude, stick share, frequency, growth.
+
+settings   the method of integration with its step or tolerance
+problem    plant, start and duration, and the kind of motion: a cycle, a vibration, a smooth motion
+measures   the measures of a run, and the differences between two runs
+
+Settings of the integration: a method with its step or tolerance, and the series of settings that `rig cost`
+measures.
+
+exact    no setting: its step is the sample step of the scene
+dopri5   tolerance                rk4   step
+
+The simulation problem of a cost measurement: a scene's plant with every actuator held, a start, and a duration.
+
+Actuators have the values that the protocol of the scene holds for the longest. If these differ from the initial values,
+the rig starts stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. A first run with
+the method of the scene decides the kind of motion and the duration:
+
+    cycle       mode set changes repeat: simulated until some rounds after they do; on an uneven surface they must
+                repeat over a whole turn of it
+    vibration   mode set changes that do not repeat (yet)
+    smooth      none in the last third: growth, decay, forced motion
+
+A motion that leaves a limit of the scene is simulated until then. The evaluated window is a whole number of frames.
+
+Physical measures of a run, and the differences between two runs in them.
+
+    every kind   event times: of the first mode set changes, as a share of the mean time of a cycle (or between two)
+    cycle        period, stick share, energy in a cycle; amplitude (half of peak to peak) of every quantity
+    vibration    frequency, stick share, friction power; rms about the mean of every quantity
+    smooth       frequency, growth rate; rms about the mean of every quantity
+
+Quantities are the displacement, or the first output of the plant, and every output that a sensor of the scene reads.
+Pointwise differences are not used: the phases of two stick-slip motions drift apart while all properties of interest
+agree.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.cycle import stuck
+from rig.analysis.orbit import Dense, Orbit, all_round, repeating, turn_of
+from rig.bench.run.rig_variants import with_values
+from rig.bench.run.runner import PlantRunner
+from rig.compiled import kernel
+from rig.errors import NumericsError
+from rig.model import kick_tables
+from rig.model.assembly import Assembly, portrait
+from rig.model.method import METHODS, as_integrated, chosen
+from rig.model.singular import assembled
+from rig.model.system import System
+from rig.motion.motion import SEGMENTS, Event
+from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
+from rig.scenes.scene import Scene
+from rig.stability.linearisation import sliding_key, steady
+from rig.stability.step_limits import RK4_LIMIT, mode_sets
+
+TIGHTEST = 1e-12  # tolerance
+THEORY = {"dopri5": 5, "rk4": 4, "kick": 2}  # order of the error in the step
+_FINE = 2e-3  # |lambda| h of the finest rk4 step of a series
+_RUNG = 2.0  # smallest ratio of two steps of a series
+
+
+@dataclass(frozen=True, order=True)
+class Setting:
+    """A method with its setting: `tolerance` of dopri5, `step_ns` [ns] of rk4 and kick; 0 if the method has none."""
+
+    method: str
+    tolerance: float = 0.0
+    step_ns: int = 0
+
+    def applied(self, scene: Scene) -> Scene:
+        """Return the scene with this setting."""
+        changes: dict[str, Any] = {"method": self.method}
+        changes |= {"tolerance": self.tolerance} if self.tolerance else {}
+        changes |= {"rk4_step": self.step_ns} if self.step_ns else {}
+        return replace(scene, clock=scene.clock.model_copy(update=changes))
+
+    @property
+    def adapts(self) -> bool:
+        """Whether the error determines its steps, except for the last one of each frame, which is cut."""
+        return self.method == "dopri5"
+
+    def __str__(self) -> str:
+        if self.tolerance:
+            return f"{self.method} at {self.tolerance:.0e}"
+        return f"{self.method} at {self.step_ns * 1e-3:.4g} us" if self.step_ns else self.method
+
+
+def of(scene: Scene, system: System) -> Setting:
+    """Return the setting of a scene."""
+    method = chosen(scene.clock.method, system)
+    return _with_dial(method, scene.clock.tolerance, int(scene.clock.rk4_step))
+
+
+def _with_dial(method: str, tolerance: float, step_ns: int) -> Setting:
+    return Setting(
+        method, *{"dopri5": (tolerance, 0), "rk4": (0.0, step_ns), "kick": (0.0, step_ns)}.get(method, (0.0, 0))
+    )
+
+
+def eligible(system: System) -> dict[str, str]:
+    """Return for every method of the rig why it cannot be used for this system, "" if it can."""
+    found = {}
+    for method in METHODS:
+        if method == "smooth":
+            found[method] = "never sticks: for comparison only, rig torture shows its errors"
+        elif method == "kick":
+            found[method] = kick_tables.refusal(system)
+        else:
+            found[method] = _refused(system, method)
+    if system.linear and not found.get("exact", "exact"):
+        found["dopri5"] = "every mode set is linear: dopri5 would use the exact propagator"
+    return found
+
+
+def _refused(system: System, method: str) -> str:
+    try:
+        as_integrated(system, method, 0.0)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def fastest(system: System) -> float:
+    """Return the largest eigenvalue [1/s] of the mode sets that the stability report examines."""
+    return max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
+
+
+def ladder(method: str, scene: Scene, rate: float) -> list[Setting]:
+    """Return the settings of a method to be measured, coarse to fine. `rate` [1/s]: of the fastest mode."""
+    if method == "dopri5":
+        return [Setting(method, 10.0**-p) for p in range(2, 12)]
+    if method in ("rk4", "kick"):
+        shortest = scene.frame_ns / (SEGMENTS // 2)  # finer ones would exceed the room of a frame
+        return [Setting(method, step_ns=h) for h in _steps(scene.step_ns, rate, _FINE) if h >= shortest]
+    return [Setting(method)]
+
+
+def _steps(step_ns: int, rate: float, finest: float) -> Iterator[int]:
+    """Divisors of the sample step [ns], coarse to fine, each at most half of the one before, with which rk4 is
+    stable.
+    """
+    last = math.inf
+    for count in range(1, step_ns + 1):
+        h, rest = divmod(step_ns, count)
+        turn = rate * h * 1e-9
+        if rest or turn > RK4_LIMIT or h * _RUNG > last:
+            continue
+        yield h
+        if turn < finest or h == 1:
+            return
+        last = h
+
+
+Array = NDArray[np.float64]
+ROUNDS = 4  # simulated cycles after repetition
+TIGHT = 1e-10  # tolerance of the first run
+_REPEATS = 1e-6  # of a period: it counts as repeating
+_LONGEST = 60.0  # s, simulated
+_WALL = 3.0  # s, for the first run
+_EVENTS = 4000
+_TIMED = 2000  # fewest sample steps in one timed run
+_FALL = 7.0  # natural logarithm of the decay over which a motion is simulated
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A scene's plant over a range of time. `length` and `window` in ticks: the whole run, and its evaluated end.
+
+    `count`: mode set changes in one cycle, 0 without a cycle; `slips`: those of them that are not lift-offs. `values`:
+    of the held actuators. `leaves`: the limit of the scene that the motion leaves, where it ends.
+    """
+
+    scene: Scene
+    assembly: Assembly
+    system: System
+    values: dict[str, float]
+    kind: str
+    length: int
+    window: int
+    count: int
+    slips: int = 0
+    leaves: str = ""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        rest = {one.name: getattr(self, one.name) for one in fields(self)[3:]}
+        return _remade, (self.scene, self.system.start, rest)
+
+    @property
+    def step(self) -> float:
+        """Sample step [s]."""
+        return self.scene.step_ns * 1e-9
+
+    @property
+    def seconds(self) -> float:
+        """Length of the run [s]."""
+        return self.length * self.step
+
+    @property
+    def quantities(self) -> list[str]:
+        """Names of the compared outputs."""
+        outputs = self.assembly.outputs
+        first, _ = portrait(outputs) or (next(iter(outputs)), "")
+        read = [name for section in self.scene.sensors.values() for name in [section.reads] if name in outputs]
+        return list(dict.fromkeys([first, *read]))
+
+    @property
+    def digest(self) -> str:
+        """Hash (16 hex digits) of scene, sources and problem, without the scene's own integrator setting."""
+        return digest(self.scene)
+
+    @property
+    def timed(self) -> int:
+        """Number of timed ticks: those of the window, and more if it is too short to time."""
+        return self.window if self.leaves else max(self.window, _TIMED)
+
+    def orbit(self, setting: Setting, framed: bool = True) -> Orbit:
+        """Return the plant at its start with `setting`; `framed`: step by step as in a run with this setting."""
+        scene = setting.applied(self.scene)
+        tolerance, start = scene.clock.tolerance, self.system.start
+        return Orbit(scene, self.assembly, start, setting.method, tolerance, self.quantities, framed)
+
+    def later(self, setting: Setting) -> Array:
+        """Return the state where the window begins."""
+        orbit, begin = self.orbit(setting), self.length - self.window
+        while orbit.motion.tick < begin:
+            orbit.block(begin - orbit.motion.tick)
+        return orbit.motion.x.copy()
+
+    def runner(self, setting: Setting) -> PlantRunner:
+        """Return the plant runner with sensors, as in a run, with the actuator values set."""
+        runner = PlantRunner(_tolerant(setting.applied(self.scene)))
+        for name, value in self.values.items():
+            runner.apply(name, value)
+        return runner
+
+
+def _remade(scene: Scene, start: Array, rest: dict[str, Any]) -> Problem:
+    """A problem that another process has pickled, made from its scene and its start."""
+    assembly = scene.assemble()
+    return Problem(scene, assembly, replace(assembly.system(), start=start), **rest)
+
+
+def _tolerant(scene: Scene) -> Scene:
+    """The scene with the permission to run if it is unstable."""
+    return replace(scene, clock=scene.clock.model_copy(update={"unstable": "run"}))
+
+
+def digest(scene: Scene) -> str:
+    """Return a hash (16 hex digits) of everything that a cost table depends on, except the machine."""
+    raw = json.loads(Setting("exact", 1e-7, 100_000).applied(scene).to_json())
+    kept = {key: raw[key] for key in raw.keys() - {"name", "title", "about", "origins"}}
+    text = json.dumps(kept, sort_keys=True) + kernel.source_key() + _own_sources()
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@cache
+def _own_sources() -> str:
+    """The sources that define the measurement."""
+    rooms = Path(__file__).parents[1]
+    names = ["qualify/cost/reference", "analysis/motion_measures", "analysis/orbit"]
+    return "".join((rooms / f"{name}.py").read_text() for name in names)
+
+
+def problem(scene: Scene, values: Mapping[str, float] | None = None, patience: float = _WALL) -> Problem:
+    """Determine the problem to measure for `scene`. Raises rig.errors.NumericsError if the simulation has to stop.
+
+    `values`: of actuators that the rig has; by default those that the protocol holds for the longest. `patience` [s]:
+    wall time of the first run; without a limit the result does not depend on the load of the machine.
+    """
+    assembly = scene.assemble()
+    values = held(scene, assembly) if values is None else {k: v for k, v in values.items() if k in assembly.inputs}
+    for name, value in values.items():
+        one = assembly.inputs[name]
+        if one.write is None and not one.state:  # no command reaches it: it is a parameter
+            scene = replace(scene, parameters=with_values(scene.parameters, {name: value}))
+    assembly = scene.assemble()
+    values = {name: value for name, value in values.items() if value != assembly.inputs[name].value}
+    runner = PlantRunner(_tolerant(scene))
+    for name, value in values.items():
+        runner.apply(name, value)
+    system = replace(assembly.system(), start=runner.motion.x.copy())
+    if values:
+        sliding = steady(system, sliding_key(system))
+        if sliding.exists:
+            system = replace(system, start=stuck(system, sliding.x))
+    first = Problem(scene, assembly, system, values, "smooth", 0, 0, 0)
+    return _watched(first, patience)
+
+
+def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
+    """Return the actuator values that the protocol holds for the longest, those that differ from the start."""
+    now = {name: one.value for name, one in assembly.inputs.items()}
+    start, times = dict(now), {tuple(now.values()): 0}
+    for step in flat(scene.protocol):
+        if isinstance(step, Load):
+            now[step.target] = step.force
+        elif isinstance(step, Ramp | Set) and step.target in now:
+            now[step.target] = step.to
+        elif isinstance(step, Hold):
+            key = tuple(now.values())
+            times[key] = times.pop(key, 0) + int(step.time)
+    longest = max(reversed(times), key=lambda key: times[key])
+    return {name: value for name, value in zip(now, longest) if value != start[name]}
+
+
+def lift(what: str) -> bool:
+    """Return whether a mode change opens or closes a contact."""
+    return what.endswith((" opens", " closes"))
+
+
+def _watched(first: Problem, patience: float) -> Problem:
+    """Simulate it once to find the kind of motion and the duration."""
+    scene, step = first.scene, first.step
+    setting = of(scene, first.system)
+    orbit = first.orbit(replace(setting, tolerance=TIGHT) if setting.tolerance else setting)
+    turn = turn_of(steady(first.system, sliding_key(first.system)))
+    longest = min(max(scene.duration_ns or 10**10, _turns(turn)), int(_LONGEST * 1e9)) // scene.step_ns
+    events: list[Event] = []
+    count, enough, asked = 0, longest, 0
+    end = time.perf_counter() + patience
+    while orbit.motion.tick < enough and len(events) < _EVENTS and time.perf_counter() < end:
+        events += orbit.block(min(orbit.longest, enough - orbit.motion.tick))
+        if beyond := orbit.beyond():
+            first = replace(first, leaves=f"{beyond} after {orbit.motion.tick * step:.3g} s")
+            break
+        if count or len(events) < asked + max(4, asked // 4):
+            continue
+        asked = len(events)
+        found, drift = repeating(events, step, _REPEATS)
+        period = (events[-1].tick - events[-1 - found].tick) * step if found else 0.0
+        if drift <= _REPEATS and all_round(period, turn):
+            count = found
+            enough = min(longest, orbit.motion.tick + int((ROUNDS + 0.5) * period / step))
+    length = orbit.motion.tick
+    whole = scene.frame_ns // scene.step_ns
+    length = max(length // whole, 3) * whole
+    if count and len(events) > ROUNDS * count:
+        span = (events[-1].tick - events[-1 - ROUNDS * count].tick) / ROUNDS
+        slips = sum(not lift(event.what) for event in events[-count:])
+        window = int(span) + 1
+        return replace(first, kind="cycle", length=length, window=window + -window % whole, count=count, slips=slips)
+    if any(event.tick > 2 * length // 3 for event in events):
+        return replace(first, kind="vibration", length=length, window=_third(length, whole))
+    last = max((event.tick for event in events), default=0) * step
+    frames = min(length // whole, int((last + _dies(first.system)) / (scene.frame_ns * 1e-9)))
+    length = max(frames, 3) * whole
+    return replace(first, kind="smooth", length=length, window=_third(length, whole))
+
+
+def _turns(turn: float) -> int:
+    """Time [ns] of enough turns of `turn` [s] that the last third is a whole one; 0 without turns."""
+    return 0 if math.isinf(turn) else int(3.1e9 * turn)
+
+
+def _third(length: int, whole: int) -> int:
+    """A third of a run [ticks], in whole frames."""
+    return length // (3 * whole) * whole
+
+
+def _dies(system: System) -> float:
+    """Time [s] after which a small motion about steady sliding has decayed; a long one if it does not decay."""
+    sliding = steady(system, sliding_key(system))
+    rate = -float(sliding.eigenvalues()[0].real) if sliding.exists else 0.0
+    return _FALL / rate if rate > _FALL / _LONGEST else _LONGEST
+
+
+FIRST = 12  # mode set changes whose times are compared, for a motion that does not repeat
+_STILL = 1e-9  # of the size of a quantity: below this it does not move
+_AT_ONCE = 1e-3  # of the mean time of a cycle, or between two events: the order of nearer ones is left to rounding
+SLOW = 1e-2  # of the angular frequency: smallest scale of an error of growth
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Measures of one run: name -> value; `events`: (time [s], what) of the first mode set changes, `count` of all.
+
+    `mean`: time [s] of a cycle, or between two changes. `lifts`: number of those that open or close a contact; None for
+    a method that does not report them. `steps`: integration steps, 0 if a method does not report them. `fault`: why the
+    run had to stop, "" if it did not.
+    """
+
+    values: dict[str, float]
+    events: tuple[tuple[float, str], ...] = ()
+    count: int = 0
+    mean: float = 0.0
+    lifts: int | None = 0
+    steps: int = 0
+    fault: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> Seen:
+        """Return the measures of `to_json`."""
+        return cls(**{**raw, "events": tuple((float(t), str(what)) for t, what in raw["events"])})
+
+    def slips(self, repeats: bool) -> Seen:
+        """Return the measures without opening and closing contacts; `repeats`: `mean` is the time of a cycle, and
+        stays.
+        """
+        kept = tuple(event for event in self.events if not lift(event[1]))
+        count = self.count - (self.lifts or 0)
+        mean = self.mean if repeats else self.mean * max(self.count - 1, 1) / max(count - 1, 1)
+        return replace(self, events=kept, count=count, mean=mean, lifts=None)
+
+
+def observe(problem: Problem, setting: Setting, framed: bool = True) -> Seen:
+    """Run `problem` with `setting` and compute its measures; `framed`: step by step as in a run with this setting."""
+    try:
+        return _observed(problem, setting, framed)
+    except NumericsError as error:
+        return Seen({}, fault=error.what)
+
+
+def _observed(problem: Problem, setting: Setting, framed: bool) -> Seen:
+    orbit = problem.orbit(setting, framed)
+    events: list[Event] = []
+    until = problem.length - (0 if problem.kind == "cycle" else problem.window)
+    while orbit.motion.tick < until:
+        events += orbit.block(until - orbit.motion.tick)
+    step, kicks = problem.step, setting.method == "kick"
+    count = problem.slips if kicks else problem.count
+    if problem.kind == "cycle":
+        values = _cycle(problem, orbit, events, count)
+    else:
+        values, more = _stretch(problem, orbit)
+        events += more
+    times = tuple(((e.tick + e.place) * step, e.what) for e in _first(problem, events))
+    gaps = max(len(events) - 1, 1) / (count or 1)
+    mean = (events[-1].tick - events[0].tick) * step / gaps if len(events) > 1 else problem.seconds
+    lifts = None if kicks else sum(lift(e.what) for e in events)
+    return Seen(values, times, len(events), mean, lifts, orbit.motion.counts()["trial_steps"])
+
+
+def _first(problem: Problem, events: list[Event]) -> list[Event]:
+    """The events whose times are compared: the first of all, and the first of those without lift-offs.
+
+    A few more are kept, because the last one may have happened at the same time as its successors.
+    """
+    all_of, slips_of = (ROUNDS * problem.count, ROUNDS * problem.slips) if problem.count else (FIRST, FIRST)
+    all_of, slips_of = all_of + _at_once(problem), slips_of + _at_once(problem)
+    slips = itertools.accumulate(not lift(e.what) for e in events)
+    return [
+        e for i, (e, slip) in enumerate(zip(events, slips)) if i < all_of or (not lift(e.what) and slip <= slips_of)
+    ]
+
+
+def _at_once(problem: Problem) -> int:
+    """Number of events that may happen at one time: one of each contact and normal force."""
+    return len(problem.system.patches) + len(problem.system.normals)
+
+
+def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> dict[str, float]:
+    """Measures of a limit cycle of `count` mode set changes, from its last rounds and one more recorded round."""
+    step = problem.step
+    if not count or len(events) <= ROUNDS * count:
+        return {}
+    last = events[-ROUNDS * count - 1 :]
+    times = [((e.tick - last[0].tick) + e.place) * step for e in last]
+    period = (times[-1] - times[0]) / ROUNDS
+    found = {"period": period}
+    for p, patch in enumerate(problem.system.patches):
+        held = sum(b - a for a, b, e in zip(times, times[1:], last[1:]) if orbit.stuck(e.before, p))
+        found[f"stick share {patch.name}"] = held / (times[-1] - times[0])
+    one = orbit.round(period)
+    found["energy per cycle"] = one.energy["friction"]
+    for name in problem.quantities:
+        low, high = one.dense.extremes(orbit.outputs.index(name))
+        if moves(low, high):
+            found[f"amplitude {name}"] = 0.5 * (high - low)
+    return found
+
+
+def moves(low: float, high: float) -> bool:
+    """Return whether a quantity with these extremes moves at all."""
+    return high - low > _STILL * max(abs(low), abs(high))
+
+
+def _stretch(problem: Problem, orbit: Orbit) -> tuple[dict[str, float], list[Event]]:
+    """Measures of the last part of a motion that does not repeat, and the events in it."""
+    length = problem.window * problem.step
+    one = orbit.round(length)
+    events = [event for _, event in one.events]
+    found: dict[str, float] = {}
+    names = problem.quantities
+    for name in names:
+        output = orbit.outputs.index(name)
+        if moves(*one.dense.extremes(output)):
+            found[f"rms {name}"] = rms(one.dense, output, 0.0, length)
+    lead = orbit.outputs.index(names[0])
+    turns = crossings(one.dense, lead, mean(one.dense, lead, 0.0, length))
+    if len(turns) > 2:
+        found["frequency"] = (len(turns) - 1) / (turns[-1] - turns[0])
+    if problem.kind == "smooth":
+        early, late = (rms(one.dense, lead, a, a + 0.5 * length) for a in (0.0, 0.5 * length))
+        if min(early, late) > 0.0:
+            found["growth rate"] = math.log(late / early) / (0.5 * length)
+    else:
+        found["friction power"] = one.energy["friction"] / length
+        ends = [0.0, *(t for t, _ in one.events), length]
+        keys = [*(e.before for e in events), orbit.motion.key]
+        for p, patch in enumerate(problem.system.patches):
+            held = sum(b - a for a, b, key in zip(ends, ends[1:], keys) if orbit.stuck(key, p))
+            found[f"stick share {patch.name}"] = held / length
+    return found, events
+
+
+def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
+    """Return the difference of `seen` from `truth`, by measure: relative; shares absolute; times as shares of a cycle.
+
+    Infinite for a missing measure: mode set changes were missed or invented, or the run stopped.
+    """
+    found: dict[str, float] = {}
+    if seen.lifts is None:
+        truth = truth.slips(problem.count > 0)
+    for name, value in truth.values.items():
+        largest = abs(value)
+        if name.startswith("stick share"):
+            largest = 1.0
+        if name == "growth rate":
+            largest = max(largest, SLOW * 2.0 * math.pi * truth.values.get("frequency", 0.0))
+        away = abs(seen.values.get(name, math.inf) - value)
+        found[name] = away / largest if largest > 0.0 else (0.0 if away == 0.0 else math.inf)
+    if truth.events:
+        enough = abs(seen.count - truth.count) <= 1 + truth.count // 50
+        found["event times"] = _apart(seen, truth, _at_once(problem)) / truth.mean if enough else math.inf
+    return found
+
+
+def numbered(events: Sequence[tuple[float, str]]) -> dict[tuple[str, int], float]:
+    """Return the times [s] of events by what happens and how often it has happened before.
+
+    Equal parts of a rig have simultaneous events, and rounding decides which of them is the first.
+    """
+    passed: Counter[str] = Counter()
+    found = {}
+    for at, what in events:
+        found[what, passed[what]] = at
+        passed[what] += 1
+    return found
+
+
+def _apart(seen: Seen, truth: Seen, at_once: int) -> float:
+    """The largest difference [s] of the times of an event; infinite if one is missing in either run.
+
+    Only simultaneous events may have another order. If there are more events than those kept, the last `at_once` may
+    have their counterpart among the others.
+    """
+    ours, theirs = numbered(seen.events), numbered(truth.events)
+    for run, events, others in ((seen, ours, theirs), (truth, theirs, ours)):
+        certain = len(events) - (at_once if run.count > len(events) else 0)
+        times = [others[key] for key in events if key in others]
+        back = max((last - time for last, time in zip(itertools.accumulate(times, max), times)), default=0.0)
+        if any(key not in others for key in [*events][:certain]) or back > _AT_ONCE * truth.mean:
+            return math.inf
+    return max((abs(ours[key] - theirs[key]) for key in ours.keys() & theirs.keys()), default=math.inf)
+
+
+def rms(dense: Dense, output: int, begin: float, end: float) -> float:
+    """Return the root mean square about the mean of an output between two times [s]."""
+    weights, values = _nodes(dense, output, begin, end)
+    middle = float(weights @ values / weights.sum())
+    return math.sqrt(float(weights @ (values - middle) ** 2 / weights.sum()))
+
+
+def mean(dense: Dense, output: int, begin: float, end: float) -> float:
+    """Return the mean of an output between two times [s]."""
+    weights, values = _nodes(dense, output, begin, end)
+    return float(weights @ values / weights.sum())
+
+
+def _nodes(dense: Dense, output: int, begin: float, end: float) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Weights [s] and values at Gauss nodes of the segments, as far as they lie between two times."""
+    start, length, coef = dense.segments(output)
+    low, high = (np.clip(edge, begin, end) for edge in (start, start + length))
+    places, weights = np.polynomial.legendre.leggauss(8)
+    at = (low - start + 0.5 * (places[:, None] + 1.0) * (high - low)) / length  # [node, segment]
+    values = np.polynomial.polynomial.polyval(at, coef.T, tensor=False)
+    return np.ravel(0.5 * weights[:, None] * (high - low)), np.ravel(values)
+
+
+def crossings(dense: Dense, output: int, level: float) -> list[float]:
+    """Return the times [s] at which an output rises through `level`."""
+    from scipy.optimize import brentq
+
+    start, length, coef = dense.segments(output)
+    begins, ends = coef[:, 0] - level, coef.sum(axis=1) - level
+    found = []
+    for i in np.flatnonzero((begins < 0.0) & (ends >= 0.0)):
+        polynomial = coef[i].copy()
+        polynomial[0] -= level
+
+        def value(u: float, c: Array = polynomial) -> float:
+            return float(np.polynomial.polynomial.polyval(u, c))
+
+        place = 1.0 if value(1.0) <= 0.0 else float(brentq(value, 0.0, 1.0, xtol=1e-15))
+        found.append(float(start[i] + place * length[i]))
+    return found

@@ -1,0 +1,329 @@
+"""Figures of the analyses of a recording.
+
+Figures that relate channels of a recording: frequency response, phase portrait.
+
+The figure of two recordings: channels over each other, and their difference.
+
+A sound as a picture: the signal, its short-time spectrum, its level.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.analysis.recorded.comparison import Compared
+from rig.analysis.recorded.hysteresis import Hysteresis
+from rig.analysis.recorded.orders import Orders
+from rig.analysis.recorded.portrait import Portrait, Section
+from rig.analysis.recorded.pressure import Pressure
+from rig.analysis.recorded.response import Response
+from rig.analysis.recorded.series import scene_name, squared
+from rig.analysis.recorded.sound import Sound
+from rig.analysis.recorded.spectrum import Density, Line, Map, Spectrum
+from rig.printable import counted
+from rig.record.compare import series_of
+from rig.record.statistics import whole_signals
+from rig.view import curves
+from rig.view.curves import plain, thinned
+from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, VERMILION, page
+from rig.view.pressure import draw_map, draw_scale
+from rig.view.run_figure import STYLE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+_UP, _DOWN, _LINE = BLUE, AMBER, GREY
+_RANGE = 70.0
+"""Range of a map [dB below its maximum]."""
+_NAMED, _APART = 3, 0.35
+"""Number of lines that a picture labels, and their smallest distance [decades]."""
+_ALL = 1e-4
+"""Share of the mean square that may lie above the range of a map."""
+
+
+@contextmanager
+def sheet(title: str, size: tuple[float, float]) -> Iterator[Figure]:
+    """Yield an empty figure of `size` [inches] to draw on; it gets its title at the end."""
+    with page(STYLE, *size, layout="constrained") as figure:
+        yield figure
+        figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+
+
+def hysteresis_figure(found: Hysteresis) -> Figure:
+    """Draw the RMS over the speed, and both over time."""
+    over, name = plain(found.over), plain(found.name)
+    with sheet(f"{found.scene}: {name} over {over}", (12.0, 8.0)) as figure:
+        loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
+        rms.sharex(speed)
+        labelled = set()
+        for curve in found.curves:
+            way, colour, dashes = ("rising", _UP, "-") if curve.branch.rises else ("falling", _DOWN, "--")
+            label = f"{over} {way}"
+            loop.plot(
+                *thinned(curve.speed, curve.rms), color=colour, ls=dashes, label=None if label in labelled else label
+            )
+            labelled.add(label)
+            for axes, values in ((rms, curve.rms), (speed, curve.speed)):
+                axes.plot(*thinned(curve.t, values), color=colour)
+            if math.isfinite(curve.stick):
+                what = "last stick" if curve.branch.rises else "first stick"
+                loop.axvline(
+                    curve.stick, color=colour, lw=0.9, ls=":", label=f"{what}: {curve.stick:.4g} {found.over_unit}"
+                )
+        window = f"centred window of {found.window:.4g} s"
+        loop.set_title(f"RMS about the mean, {window}")
+        loop.set(xlabel=f"{over} [{found.over_unit}]", ylabel=f"RMS of {name} [{found.unit}]")
+        loop.set_ylim(0.0, None)
+        loop.legend(loc="best")
+        rms.set(ylabel=f"RMS [{found.unit}]")
+        rms.set_ylim(0.0, None)
+        rms.tick_params(labelbottom=False)
+        speed.set(ylabel=f"{over}\n[{found.over_unit}]", xlabel="time [s]")
+        figure.align_ylabels([rms, speed])
+    return figure
+
+
+def spectrum_figure(found: Spectrum, order: Orders | None = None) -> Figure:
+    """Draw density and spectrogram, and those over orders."""
+    size = (12.0, 7.6) if order is None else (15.0, 8.0)
+    with sheet(f"{found.scene}: spectrum of {plain(found.name)}", size) as figure:
+        (density, *beside), (spectrogram, *below) = figure.subplots(2, 1 if order is None else 2, squeeze=False)
+        _density(density, found.density, found.lines, f"{squared(found.unit)}/Hz", "Hz")
+        density.set(
+            title=f"mean of {counted(found.density.windows, 'Hann window')} of {found.window:.4g} s",
+            xlabel="frequency [Hz]",
+        )
+        _map(spectrogram, found.map, found.density, f"level [dB re 1 {squared(found.unit)}/Hz]")
+        spectrogram.set(title=f"windows of {found.map_window:.4g} s", xlabel="time [s]", ylabel="frequency [Hz]")
+        if order is not None:
+            per = order.per
+            _density(beside[0], order.density, order.lines, f"{squared(found.unit)}*{per}", f"1/{per}")
+            beside[0].set(
+                title=f"mean of {counted(order.density.windows, 'Hann window')} of {order.window:.4g} {per}, "
+                f"over {plain(order.over)}",
+                xlabel=f"order [1/{per}]",
+            )
+            _map(below[0], order.map, order.density, f"level [dB re 1 {squared(found.unit)}*{per}]")
+            below[0].set(title=f"windows of {order.map_window:.4g} {per}", xlabel="time [s]", ylabel=f"order [1/{per}]")
+    return figure
+
+
+def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, axis: str) -> None:
+    axes.loglog(density.f[1:], density.s[1:], color=_UP)
+    low, high = axes.get_ylim()
+    top = float(density.s[1:].max(initial=0.0))
+    axes.set_ylim(max(low, 1e-12 * top) if top else low, 8.0 * high)
+    axes.set_ylabel(f"power spectral density\n[{unit}]")
+    named: list[float] = []
+    for line in lines:
+        if len(named) == _NAMED or any(abs(math.log10(line.at / other)) < _APART for other in named):
+            continue
+        named.append(line.at)
+        digits = max(0, 3 - math.floor(math.log10(line.at)))  # at least four, without an exponent
+        axes.annotate(f"{line.at:.{digits}f} {axis}", (line.at, line.density), (0, 5), textcoords="offset points",
+                      ha="center", fontsize=9, color=_LINE,
+                      bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
+
+
+def _map(axes: Axes, found: Map, density: Density, unit: str) -> None:
+    above = np.cumsum(density.s[::-1])[::-1] / max(float(density.s.sum()), 1e-300)
+    top = density.f[min(int(np.count_nonzero(above > _ALL)), density.f.size - 1)]
+    shown = found.f <= max(1.3 * top, found.f[min(20, found.f.size - 1)])
+    s = 10.0 * np.log10(np.maximum(found.s[shown], 1e-30))
+    best = float(np.nanmax(s, initial=-300.0))
+    mesh = axes.pcolormesh(found.t, found.f[shown], s, vmin=best - _RANGE, vmax=best, cmap="magma", shading="nearest")
+    mesh.set_rasterized(True)
+    axes.grid(visible=False)
+    bar = axes.figure.colorbar(mesh, ax=axes, label=unit, pad=0.01)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+def pressure_figure(found: Pressure) -> Figure:
+    """Draw the maps, all on one scale."""
+    across = 3 if len(found.maps) in (3, 5, 6, 9) else min(len(found.maps), 4)
+    down = -(-len(found.maps) // across)
+    with sheet(f"{found.scene}: pressure of the film", (1.2 + 3.0 * across, 1.9 + 2.4 * down)) as figure:
+        drawn = figure.subplots(down, across, squeeze=False)
+        largest = max(one.largest for one in found.maps)
+        scale = found.points.scale
+        for number, axes in enumerate(drawn.flat):
+            if number >= len(found.maps):
+                axes.set_axis_off()
+                continue
+            one = found.maps[number]
+            draw_map(axes, found.points, one.pressures, scale, one.centre)
+            head = f"({chr(ord('a') + number)}) {one.time:.5g} s, {100 * one.fraction:.0f} % in contact"
+            axes.set_title("\n".join(filter(None, (head, one.why))), fontsize=9.5)
+            if number + across >= len(found.maps):
+                axes.set_xlabel("x on the slider [mm]")
+            if number % across == 0:
+                axes.set_ylabel("y on the slider [mm]")
+        draw_scale(drawn[0, 0], scale, largest > scale, ax=drawn, location="bottom", aspect=45, shrink=0.7)
+    return figure
+
+
+_CURVE, _POINT, _AXIS = BLUE, ALARM, GREY
+_NAMED_PEAKS = 6
+"""Resonances that a picture labels, the largest ones."""
+_DRAWN_SAMPLES = 40_000  # samples of a portrait
+
+
+def response_figure(found: Response) -> Figure:
+    """Draw magnitude with its random error, phase and coherence over frequency."""
+    title = f"{found.scene}: response of {plain(found.output)} to {plain(found.input)}"
+    with sheet(title, (12.0, 8.4)) as figure:
+        size, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.2, 0.9))
+        h = np.abs(found.h)
+        size.loglog(found.f, h, color=_CURVE)
+        band = np.isfinite(h * found.error) & (found.error < 1.0)
+        edges = h * (1.0 - found.error), h * (1.0 + found.error)
+        size.fill_between(found.f, *edges, where=band, color=_CURVE, alpha=0.2, lw=0, label="random error (68 %)")
+        size.set_ylabel(f"magnitude [{found.unit}]")
+        if band.any():
+            size.legend(loc="best")
+        for one in sorted(found.resonances, key=lambda one: -one.magnitude)[:_NAMED_PEAKS]:
+            text = f"{one.frequency:.5g} Hz\n{100.0 * one.damping:.3g} %"
+            size.annotate(text, (one.at, one.magnitude), (0, 4), textcoords="offset points", ha="center", fontsize=9,
+                          color=_AXIS)  # fmt: skip
+        low, high = size.get_ylim()
+        size.set_ylim(low, 4.0 * high)
+        kind = "Hann windows" if found.tapered else "windows from pulse to pulse"
+        size.set_title(f"H1, mean of {found.windows} {kind} of {found.window:.4g} s")
+        angle = np.degrees(np.angle(found.h))
+        angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan  # a step of a turn is no line
+        phase.semilogx(found.f, angle, color=_CURVE)
+        phase.set(ylabel="phase [degree]", ylim=(-190.0, 190.0), yticks=(-180, -90, 0, 90, 180))
+        coherence.semilogx(found.f, found.coherence, color=_CURVE)
+        if np.isfinite(found.certain):
+            coherence.axhline(found.certain, color=_AXIS, lw=0.9, ls="--", label="unrelated channels (95 %)")
+            coherence.legend(loc="best")
+        else:
+            coherence.set_title("unknown from a single window")
+        coherence.set(ylabel="coherence", ylim=(0.0, 1.05), xlabel="frequency [Hz]")
+        figure.align_ylabels([size, phase, coherence])
+    return figure
+
+
+def portrait_figure(found: Portrait) -> Figure:
+    """Draw the portrait, with its section and the points of the section over time."""
+    section = found.section
+    title = f"{found.scene}: {plain(found.y_name)} over {plain(found.x_name)}"
+    with sheet(title, (7.6, 6.6) if section is None else (14.0, 6.6)) as figure:
+        curve, *beside = figure.subplots(1, 1 if section is None else 2, squeeze=False)[0]
+        every = max(found.t.size // _DRAWN_SAMPLES, 1)
+        curve.plot(found.x[::every], found.y[::every], color=_CURVE, lw=0.8)
+        curve.set(xlabel=f"{plain(found.x_name)} [{found.x_unit}]", ylabel=f"{plain(found.y_name)} [{found.y_unit}]")
+        curve.set_title("phase portrait")
+        if section is not None:
+            _cut(curve, found, section)
+            _points(beside[0], found, section)
+    return figure
+
+
+def _cut(axes: Axes, found: Portrait, section: Section) -> None:
+    at = f"{plain(section.name)} rises through {section.value:.4g} {section.unit}"
+    axes.plot(section.x, section.y, "o", ms=4, color=_POINT, label=at, zorder=3)
+    if section.name == found.x_name:
+        axes.axvline(section.value, color=_AXIS, lw=0.9, ls="--")
+    elif section.name == found.y_name:
+        axes.axhline(section.value, color=_AXIS, lw=0.9, ls="--")
+    axes.legend(loc="best")
+
+
+def _points(axes: Axes, found: Portrait, section: Section) -> None:
+    name, unit, values, whole = found.x_name, found.x_unit, section.x, found.x
+    if section.name == found.x_name:
+        name, unit, values, whole = found.y_name, found.y_unit, section.y, found.y
+    axes.plot(section.t, values, "o", ms=3, color=_POINT)
+    title = f"{section.t.size} points"
+    if section.returns:
+        title += f", repeat after {section.returns}: period {section.period:.6g} s"
+    axes.set(title=f"Poincare section, {title}", xlabel="time [s]", ylabel=f"{plain(name)} [{unit}]")
+    low, high = float(np.nanmin(whole)), float(np.nanmax(whole))
+    axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))  # as in the portrait: what repeats is a line
+
+
+_A, _B, _DIFFERENCE = BLUE, AMBER, GREY
+_DRAWN_CHANNELS = 5
+"""Most channels in a figure: those that differ first."""
+
+
+def comparison_figure(found: Compared) -> Figure:
+    """Draw up to five channels of two runs, those that differ first, with their difference."""
+    first, second = found.runs
+    one, two = (series_of(run, found.begin, found.end) for run in (first, second))
+    known = {signal.topic: signal for signal in found.signals.signals}
+    names = [
+        name for name in (*whole_signals(first), *(f"meas/{name}" for name in first.measurements)) if name in known
+    ]
+    names = sorted(names, key=lambda name: known[name].equal)[:_DRAWN_CHANNELS]
+    title = " and ".join(dict.fromkeys(scene_name(run) for run in (first, second)))
+    with sheet(f"{title}: two recordings", (14.0, 1.4 + 2.1 * len(names))) as figure:
+        rows = figure.subplots(max(len(names), 1), 2, squeeze=False, sharex=True, width_ratios=(1.5, 1.0))
+        for (over, apart), name in zip(rows, names):
+            unit = first.units.get(name, "")
+            for which, series, style in (("A", one[name], {"color": _A}), ("B", two[name], {"color": _B, "ls": "--"})):
+                t = np.multiply(series.t_ns, 1e-9, dtype=np.float64)
+                over.plot(*thinned(t, series.values), lw=1.0, label=which, **style)
+            over.set_ylabel(f"{plain(name.removeprefix('meas/'))}\n[{unit}]")
+            shared, at_one, at_two = np.intersect1d(one[name].t_ns, two[name].t_ns, return_indices=True)
+            away = two[name].values[at_two] - one[name].values[at_one]
+            apart.plot(*thinned(np.multiply(shared, 1e-9, dtype=np.float64), away), lw=0.9, color=_DIFFERENCE)
+            apart.set_ylabel(f"difference B - A\n[{unit}]")
+            signal = known[name]
+            apart.set_title(
+                f"from t = {signal.time:.6g} s on, up to {signal.deviation:.3g} of the range"
+                if signal.differing
+                else "equal, bit by bit"
+            )
+        rows[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        for axes in rows[-1]:
+            axes.set_xlabel("time [s]")
+        figure.align_ylabels(rows[:, 0])
+        figure.align_ylabels(rows[:, 1])
+    return figure
+
+
+_SIGNAL, _TONE, _WORK = BLUE, VERMILION, GREEN
+_COLUMNS = 2400
+
+
+def sound_figure(sound: Sound) -> Figure:
+    """Return the figure of `sound`."""
+    with page(STYLE, 12.0, 7.6, layout="constrained") as figure:
+        signal, spectrum, level = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.5, 1.0))
+        every = -(-sound.v.size // _COLUMNS)
+        edges = np.arange(0, sound.v.size, every)
+        t = sound.start + edges / sound.rate
+        low, high = np.minimum.reduceat(sound.v, edges), np.maximum.reduceat(sound.v, edges)
+        signal.fill_between(t, low, high, color=_SIGNAL, lw=0.5)
+        signal.set_ylabel(f"{plain(sound.channel)} [{sound.unit}]")
+        for span in curves.controlled(sound.run):
+            if span.begin > 0.0 or span.end < curves.end_of(sound.run):  # one that works throughout needs no mark
+                for axes in (signal, level):
+                    axes.axvspan(span.begin, span.end, color=_WORK, alpha=0.12, lw=0)
+                signal.annotate(span.text, (span.begin, 1.01), xycoords=("data", "axes fraction"), color=_WORK)
+        shown = sound.frequencies <= max(6e3, 1.5 * max((one.highest for one in sound.squeals), default=0.0))
+        top = float(sound.spectrum.max())
+        mesh = spectrum.pcolormesh(sound.times, 1e-3 * sound.frequencies[shown], sound.spectrum[:, shown].T,
+                                   vmin=top - _RANGE, vmax=top, cmap="magma", shading="nearest")  # fmt: skip
+        mesh.set_rasterized(True)
+        spectrum.grid(visible=False)
+        spectrum.set_ylabel("frequency [kHz]")
+        bar = figure.colorbar(mesh, ax=spectrum, label=f"level [{sound.reference}]", pad=0.01)
+        bar.outline.set_visible(False)  # type: ignore[operator]
+        level.plot(sound.times, sound.level, color=_SIGNAL, label="total")
+        level.plot(sound.times, sound.tone, color=_TONE, label="loudest tone above 1 kHz")
+        level.axhline(sound.threshold, color=GREY, lw=0.8, ls=":", label="squeal above")
+        level.set(ylabel=f"level [{sound.reference}]", xlabel="time [s]", xlim=(sound.times[0], sound.times[-1]))
+        level.set_ylim(max(float(np.percentile(sound.tone, 1.0)) - 5.0, float(sound.level.max()) - 120.0), None)
+        level.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
+        figure.suptitle(f"{sound.scene}: {plain(sound.channel)}", x=0.01, ha="left", fontsize=13, fontweight="bold")
+    return figure

@@ -1,0 +1,285 @@
+"""The sound at a microphone: level, spectrum and squeals, as numbers and a picture.
+
+hearing    level, short-time spectrum, squeals
+figure     a picture
+
+Level, short-time spectrum and squeals of a sensor that samples fast.
+
+    level = 20 dB lg(rms / reference)      20 uPa for sound pressure, ISO 1683 for motion
+
+A window of 40 ms (Hann) is taken every 10 ms. A squeal lasts while the loudest tone above 1 kHz exceeds a threshold.
+The threshold is 60 dB for sound pressure. For motion no threshold of hearing is known, so that it is 20 dB below the
+loudest window. Growth and decay are slopes of the tone's level up to 6 dB below its maximum; a window blurs rates above
+about 50 1/s.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c (60 dB, 1 kHz), figure 29.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.recorded.series import scene_name
+from rig.errors import UsageError
+from rig.record.run import Run
+from rig.record.run_data import increasing, places
+from rig.results import Result
+
+__all__ = ["Sound", "Squeal", "hear"]
+
+
+Reals = NDArray[np.float64]
+
+REFERENCE = {"Pa": 20e-6, "m/s": 1e-9, "m/s^2": 1e-6, "m": 1e-12}
+"""By unit: the reference value of 0 dB."""
+_SHOWN = {"Pa": "20 uPa", "m/s": "1 nm/s", "m/s^2": "1 um/s^2", "m": "1 pm"}
+WINDOW, HOP = 0.040, 0.010  # s
+LOWEST = 1000.0  # Hz
+LOUD = 60.0  # dB, of sound pressure
+BELOW = 20.0  # dB
+_SETTLED = 3.0  # dB by which a tone falls below the threshold before its squeal is over
+_TOP = 6.0  # dB below the maximum, where growth ends and decay begins
+_FEWEST = 3  # windows
+_NEPER = 20.0 / math.log(10.0)  # dB
+_SILENCE = 1e-12  # of the reference: the level of zero
+
+
+@dataclass(frozen=True)
+class Squeal:
+    """From `begin` to `end` [s]: mean, lowest and highest `frequency` [Hz], loudest tone `level` [dB].
+
+    `growth`, `decay` [1/s] of the amplitude at its begin and end; NaN if the recording does not contain them.
+    """
+
+    begin: float
+    end: float
+    frequency: float
+    lowest: float
+    highest: float
+    level: float
+    growth: float
+    decay: float
+
+    def __str__(self) -> str:
+        parts = [f"{self.begin:.2f} to {self.end:.2f} s: {self.frequency:.1f} Hz ({self.lowest:.1f} to "
+                 f"{self.highest:.1f}), {self.level:.1f} dB"]  # fmt: skip
+        parts += [f"grows with {self.growth:.3g} 1/s"] if math.isfinite(self.growth) else []
+        parts += [f"decays with {self.decay:.3g} 1/s"] if math.isfinite(self.decay) else []
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Sound(Result):
+    """The sound at sensor `channel`: samples `v` [n] in `unit` at `rate` [Hz] from `start` [s] on.
+
+    Of each window [k]: `times` [s] of its middle, `level` and level of its loudest tone above 1 kHz `tone` [dB],
+    `frequency` [Hz] of that tone. `spectrum` [k, f] in dB at `frequencies` [f]. `threshold` [dB] of a squeal; `missing`
+    samples count as silence.
+    """
+
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:sound_figure"
+
+    scene: str
+    channel: str
+    unit: str
+    rate: float
+    start: float
+    v: Reals
+    missing: int
+    times: Reals
+    level: Reals
+    tone: Reals
+    frequency: Reals
+    frequencies: Reals
+    spectrum: NDArray[np.float32]
+    threshold: float
+    squeals: tuple[Squeal, ...]
+    run: Run = field(compare=False, repr=False)
+    """The run that it was heard in."""
+
+    @property
+    def reference(self) -> str:
+        """The reference of 0 dB, in words."""
+        return f"dB re {_SHOWN[self.unit]}"
+
+    @property
+    def overall(self) -> float:
+        """The level of the whole signal [dB]."""
+        return float(_decibel(float(np.sqrt(np.mean(self.v**2))), self.unit))
+
+    @property
+    def peak(self) -> float:
+        """The largest absolute sample, in `unit`."""
+        return float(np.abs(self.v).max())
+
+    def text(self) -> str:
+        """Return the report as text."""
+        lines = [
+            f"{self.scene}: {self.channel}, {len(self.v) / self.rate:.2f} s at {self.rate:g} Hz",
+            f"  level {self.overall:.1f} {self.reference}, in {1e3 * WINDOW:g} ms from {self.level.min():.1f} to "
+            f"{self.level.max():.1f} dB; peak {self.peak:.3g} {self.unit}",
+        ]
+        lines += [f"  {self.missing} samples are missing and count as silence"] if self.missing else []
+        lines += [f"  squeal {squeal}" for squeal in self.squeals]
+        silent = f"  no squeal: no tone above {LOWEST / 1e3:g} kHz exceeds {self.threshold:.1f} dB"
+        return "\n".join(lines if self.squeals else [*lines, silent])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values; samples and spectrum are left out."""
+        return {
+            "scene": self.scene,
+            "channel": self.channel,
+            "unit": self.unit,
+            "rate": self.rate,
+            "seconds": len(self.v) / self.rate,
+            "reference": REFERENCE[self.unit],
+            "level": self.overall,
+            "peak": self.peak,
+            "missing": self.missing,
+            "threshold": self.threshold,
+            "squeals": [vars(squeal) for squeal in self.squeals],
+            "windows": {
+                "times": self.times.tolist(),
+                "level": self.level.tolist(),
+                "tone": self.tone.tolist(),
+                "frequency": self.frequency.tolist(),
+            },
+        }
+
+
+def hear(run: Run, channel: str = "") -> Sound:
+    """Analyse the sound at sensor `channel` of `run`, by default the first one that reads sound pressure.
+
+    Raises UsageError if there is no such sensor, or none that samples fast and long enough.
+    """
+    channel = channel or _microphone(run)
+    unit = _unit(run, channel)
+    t_ns, raw = run.measurements[channel]
+    if not increasing(t_ns):
+        raise UsageError(f"{channel}: its times do not increase")
+    at = places(t_ns)
+    rate = 1e9 * int(at[-1]) / int(t_ns[-1] - t_ns[0]) if t_ns.size > 1 else 0.0
+    length = round(WINDOW * rate)
+    if rate < 4.0 * LOWEST:
+        raise UsageError(f"{channel} samples at {rate:g} Hz; a squeal needs {4.0 * LOWEST:g} Hz or more")
+    v = np.zeros(int(at[-1]) + 1)
+    v[at] = np.nan_to_num(raw)
+    if v.size < length:
+        raise UsageError(f"{channel} recorded {v.size / rate:.3g} s; at least {WINDOW:g} s are needed")
+    begins = np.arange(0, v.size - length + 1, round(HOP * rate))
+    frequencies, sizes, rms = _windows(v, begins, length, rate)
+    frequency, tone = _loudest(frequencies, sizes)
+    tone, level = _decibel(tone / math.sqrt(2.0), unit), _decibel(rms, unit)
+    threshold = LOUD if unit == "Pa" else float(tone.max()) - BELOW
+    times = t_ns[0] * 1e-9 + (begins + 0.5 * length) / rate
+    return Sound(
+        scene=scene_name(run),
+        channel=channel,
+        unit=unit,
+        rate=rate,
+        start=float(t_ns[0] * 1e-9),
+        v=v,
+        missing=int(v.size - np.count_nonzero(np.isfinite(raw))),
+        times=times,
+        level=level,
+        tone=tone,
+        frequency=frequency,
+        frequencies=frequencies,
+        spectrum=_decibel(sizes / math.sqrt(2.0), unit),
+        run=run,
+        threshold=threshold,
+        squeals=tuple(_squeals(times, tone, frequency, threshold)),
+    )
+
+
+def _microphone(run: Run) -> str:
+    found = [name for name in run.measurements if run.units.get(f"meas/{name}") == "Pa"]
+    if found:
+        return found[0]
+    others = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
+    sensors = ", ".join(f"{name} [{unit}]" for name, unit in others.items()) or "none"
+    near = next((name for name, unit in others.items() if unit in REFERENCE), "")
+    instead = f", or analyse another sensor: --signal {near}" if near else ""
+    raise UsageError(
+        f"no sensor of this recording reads sound pressure [Pa]; its sensors: {sensors}. "
+        f"Give the scene a microphone ([sensors.microphone]){instead}"
+    )
+
+
+def _unit(run: Run, channel: str) -> str:
+    if channel not in run.measurements:
+        raise UsageError(f"no sensor {channel!r} in this recording; known: {', '.join(run.measurements) or 'none'}")
+    unit = run.units.get(f"meas/{channel}", "")
+    if unit not in REFERENCE:
+        raise UsageError(
+            f"{channel} reads {unit or 'a number'}: neither sound pressure nor a vibration ({', '.join(REFERENCE)})"
+        )
+    return unit
+
+
+def _decibel(size: Any, unit: str) -> Any:
+    return 20.0 * np.log10(np.maximum(size / REFERENCE[unit], _SILENCE))
+
+
+def _windows(v: Reals, begins: NDArray[np.int64], length: int, rate: float) -> tuple[Reals, NDArray[np.float32], Reals]:
+    """Frequencies [f], amplitudes [k, f], root mean squares [k] of the windows that begin at samples `begins` [k]."""
+    from scipy.fft import next_fast_len, rfft, rfftfreq
+    from scipy.signal.windows import hann
+
+    window = hann(length, sym=False)
+    fine = next_fast_len(2 * length, real=True)
+    frequencies = rfftfreq(fine, 1.0 / rate)
+    sizes = np.empty((begins.size, frequencies.size), np.float32)
+    rms = np.empty(begins.size)
+    for k, begin in enumerate(begins):
+        part = v[begin : begin + length] * window
+        sizes[k] = np.abs(rfft(part, fine)) * (2.0 / window.sum())
+        rms[k] = math.sqrt(float(part @ part) / float(window @ window))
+    return frequencies, sizes, rms
+
+
+def _loudest(frequencies: Reals, sizes: NDArray[np.float32]) -> tuple[Reals, Reals]:
+    """Frequency [k] and amplitude [k] of the loudest tone above LOWEST, by a parabola through the logarithms."""
+    first = int(np.searchsorted(frequencies, LOWEST))
+    top = np.clip(first + sizes[:, first:-1].argmax(axis=1), 1, frequencies.size - 2)
+    rows = np.arange(len(sizes))
+    before, here, after = (np.log(np.maximum(sizes[rows, top + d].astype(float), 1e-300)) for d in (-1, 0, 1))
+    bend = before - 2.0 * here + after
+    aside = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, -1.0), 0.0)
+    return frequencies[top] + aside * frequencies[1], np.exp(here - 0.25 * (before - after) * aside)
+
+
+def _squeals(times: Reals, tone: Reals, frequency: Reals, threshold: float) -> Iterator[Squeal]:
+    begin = None
+    for k, loud in enumerate([*tone, -math.inf]):
+        if begin is None and loud >= threshold:
+            begin = k
+        elif begin is not None and loud < threshold - _SETTLED:
+            if k - begin >= _FEWEST:
+                yield _squeal(times[begin:k], tone[begin:k], frequency[begin:k], k == tone.size)
+            begin = None
+
+
+def _squeal(times: Reals, tone: Reals, frequency: Reals, goes_on: bool) -> Squeal:
+    high = np.flatnonzero(tone >= tone.max() - _TOP)
+    first, last = int(high[0]), int(high[-1])
+    return Squeal(
+        begin=float(times[0]),
+        end=float(times[-1]),
+        frequency=float(frequency[high].mean()),
+        lowest=float(frequency[high].min()),
+        highest=float(frequency[high].max()),
+        level=float(tone.max()),
+        growth=_slope(times[: first + 1], tone[: first + 1]),
+        decay=math.nan if goes_on else -_slope(times[last:], tone[last:]),
+    )
+
+
+def _slope(times: Reals, tone: Reals) -> float:
+    """Slope of the amplitude's logarithm [1/s]; NaN over too few windows."""
+    return float(np.polyfit(times, tone, 1)[0]) / _NEPER if times.size >= _FEWEST else math.nan

@@ -1,0 +1,284 @@
+"""One scene simulated with many seeds: the spread of its numbers where randomness matters.
+
+random   the random parts of a scene
+measure  the numbers of one run
+runs     the runs, as a work of worker processes
+spread   the numbers of all runs: median and range
+figure   the same as a picture
+
+The parts of a scene that depend on its seed: process noise, sensor noise, drop-outs.
+
+The numbers of one of many runs.
+
+first opening                         of a contact of many points; if there is one, the other numbers begin there
+mean, least contact_fraction          range pressure_centre_x
+rms OUTPUT, rms meas/SENSOR           about the mean
+band meas/SENSOR                      RMS in octaves
+amplitude, frequency                  of periodic outputs (rig.analysis.amplitude), for rigs without such points
+
+The spread of numbers over runs with different seeds: median, smallest and largest.
+
+The runs of one scene with many seeds, as a work (rig.analysis.pool): each unit is the run of one seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from rig.analysis.amplitude import index
+from rig.analysis.kernel_shapes import prepare
+from rig.analysis.pool import Arrays, Work, carry_out, packed, temporary, unpacked
+from rig.analysis.recorded.series import series, vibration
+from rig.analysis.recorded.spectrum import welch
+from rig.bench.run.simulate import simulate
+from rig.errors import UsageError
+from rig.printable import columns
+from rig.quantities import run_length_ns, whole
+from rig.record.run import Run
+from rig.record.run_data import bridge
+from rig.record.statistics import OPENINGS, first_opening, statistics, whole_signals
+from rig.results import Result
+from rig.scenes.scene import Scene
+from rig.scenes.variants import optional
+
+REMEDY = (
+    "Add process noise, a random force at the place of a knock: -p noise.force=1e-6 (N/Hz^0.5); or add sensor "
+    "noise: -p sensors.NAME.noise=..."
+)
+
+
+def sources(scene: Scene) -> tuple[str, ...]:
+    """Return the random parts of `scene`; empty if two seeds give the same run."""
+    effects = [one for one in optional(scene.parameters) if one.given and one.about.random]
+    found = [f"{one.key}.{one.about.random}" for one in effects]
+    found = [key for key in found if scene.values()[key][0] > 0.0]
+    for name, section in scene.sensors.items():
+        end = section.front_end()
+        found += [f"sensors.{name}.noise"] if end.noise > 0.0 else []
+        found += [f"sensors.{name}.dropout_rate"] if end.dropout_rate > 0.0 else []
+    return tuple(found)
+
+
+ONSET = "first opening"
+_WINDOW = 1024  # samples of a window of the spectrum
+_WINDOWS = 4  # fewest windows
+_STILL = 1e-9  # of the size of an output: below this it does not move
+
+
+class Number(NamedTuple):
+    """A number and its unit."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The numbers of one run by name; density `s` of signal `name` at `f` [Hz], empty if the run is too short."""
+
+    seed: int
+    seconds: float
+    numbers: dict[str, Number]
+    name: str = ""
+    unit: str = ""
+    f: tuple[float, ...] = ()
+    s: tuple[float, ...] = ()
+    fault: str = ""
+    """Why the run stopped: diverged numerics or a limit."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        return asdict(self) | {"numbers": {name: list(one) for name, one in self.numbers.items()}}
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> Seen:
+        """Return the run of `to_json`."""
+        numbers = {name: Number(*one) for name, one in raw["numbers"].items()}
+        return cls(**{**raw, "numbers": numbers, "f": tuple(raw["f"]), "s": tuple(raw["s"])})
+
+
+def measure(run: Run, seed: int) -> Seen:
+    """Compute the numbers of a run."""
+    numbers: dict[str, Number] = {}
+    opened, begin = first_opening(run), 0.0
+    if opened is not None:
+        numbers[ONSET], begin = Number(opened, "s"), opened
+    for one in statistics(run, begin):
+        numbers[one.name] = Number(one.value, one.unit)
+    if OPENINGS not in run.signals:
+        for name in whole_signals(run):
+            v = run.signals[name]
+            if np.ptp(v) > _STILL * float(np.abs(v).max(initial=0.0)) and (found := index(run.time, v)).cycles:
+                numbers[f"amplitude {name}"] = Number(found.half, run.units.get(name, ""))
+                numbers[f"frequency {name}"] = Number(found.frequency, "Hz")
+    name, unit, f, s = _density(run, begin)
+    stopped = "" if run.summary.get("ended") in ("done", None) else str(run.summary["ended"])
+    return Seen(seed, float(run.time[-1]), numbers, name, unit, f, s, run.fault.partition("\n")[0] or stopped)
+
+
+def _density(run: Run, begin: float) -> tuple[str, str, tuple[float, ...], tuple[float, ...]]:
+    """Name, unit, frequencies [Hz] and power spectral density of the default vibration signal."""
+    try:
+        found = series(run, vibration(run), begin)
+    except UsageError:  # nothing vibrates, or less than two samples are left
+        return "", "", (), ()
+    if found.v.size < _WINDOWS * _WINDOW:
+        return "", "", (), ()
+    density = welch(bridge(found.v)[0], found.rate, _WINDOW)
+    return found.name, found.unit, tuple(density.f.tolist()), tuple(density.s.tolist())
+
+
+class Spread(NamedTuple):
+    """One number over `runs` runs, in `unit`."""
+
+    name: str
+    unit: str
+    runs: int
+    median: float
+    least: float
+    greatest: float
+
+
+@dataclass(frozen=True)
+class Repeats(Result):
+    """Runs of one scene with `seeds`: its `random` parts, the numbers `seen` in each run, the reason why they `ended`
+    early.
+
+    `ended` is empty if every seed was simulated.
+    """
+
+    FIGURE: ClassVar = "rig.analysis.figures:repeats_figure"
+
+    scene: str
+    random: tuple[str, ...]
+    seeds: tuple[int, ...]
+    seen: tuple[Seen, ...]
+    ended: str = ""
+
+    @property
+    def spreads(self) -> tuple[Spread, ...]:
+        """The spread of every number, in the order of the first run that has it."""
+        found: dict[str, list[float]] = {}
+        units: dict[str, str] = {}
+        for one in self.seen:
+            for name, (value, unit) in one.numbers.items():
+                found.setdefault(name, []).append(value)
+                units[name] = unit
+        return tuple(
+            Spread(name, units[name], len(v), float(np.median(v)), min(v), max(v)) for name, v in found.items()
+        )
+
+    def values(self, name: str) -> list[float]:
+        """Return a number of every run that has it, in the order of the seeds."""
+        return [one.numbers[name].value for one in self.seen if name in one.numbers]
+
+    @property
+    def opened(self) -> int:
+        """Number of runs in which a contact point opened after all were closed."""
+        return len(self.values(ONSET))
+
+    def text(self) -> str:
+        """Return the report as text."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        count = len(self.seen)
+        seeds = f"seeds {self.seeds[0]} to {self.seeds[-1]}"
+        done = f"{count} of {len(self.seeds)} runs ({self.ended})" if self.ended else f"{count} runs"
+        yield f"{self.scene}: {done}, {seeds}; random: {', '.join(self.random)}"
+        if not count:
+            return
+        chaotic = any("contact_fraction" in name for one in self.seen for name in one.numbers)
+        if chaotic:
+            yield f"  a contact point opened in {self.opened} of {count} runs"
+            if self.opened:
+                yield "  the other numbers are from the first opening to the end, where the motion is chaotic"
+        for one in self.seen:
+            if one.fault:
+                yield f"  seed {one.seed} stopped at t = {one.seconds:g} s: {one.fault}"
+        yield ""
+        rows = [("number", "median", "least", "greatest", "unit", "runs")]
+        for s in self.spreads:
+            rows.append((s.name, f"{s.median:.5g}", f"{s.least:.5g}", f"{s.greatest:.5g}", s.unit, str(s.runs)))
+        yield from columns(rows, "<>>><>")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields as JSON values."""
+        return {
+            "scene": self.scene,
+            "random": list(self.random),
+            "seeds": list(self.seeds),
+            "ended": self.ended,
+            "runs": [one.to_json() for one in self.seen],
+            "spread": [one._asdict() for one in self.spreads],
+        }
+
+
+def seed_runs(scene: Scene, seeds: Sequence[int], duration: float | None) -> Work:
+    """Return the runs of `scene` with each of `seeds`, for `duration` [s] or the length of its protocol."""
+    return Work(partial(_run, scene, duration), seeds, scene.name, scene.digest, partial(_prepare, scene), _failed)
+
+
+def _prepare(scene: Scene) -> None:
+    """Compile the kernels. Raises SceneError as a run does."""
+    prepare([scene])
+    simulate(scene, duration_ns=scene.frame_ns)
+
+
+def _run(scene: Scene, duration: float | None, seed: int) -> Arrays:
+    run = simulate(replace(scene, seed=seed), duration_ns=run_length_ns(duration), audited=False)
+    return packed(measure(run, seed).to_json())
+
+
+def _failed(seed: int, why: str) -> Arrays:
+    """A run without numbers."""
+    return packed(Seen(seed, 0.0, {}, fault=why).to_json())
+
+
+__all__ = ["Repeats", "repeat"]
+
+
+def repeat(
+    scene: Scene,
+    count: int,
+    duration: float | None = None,
+    workers: int | None = None,
+    progress: Callable[[int, int], object] = lambda done, total: None,
+    stop: Callable[[], str] = lambda: "",
+) -> Repeats:
+    """Simulate `scene` with `count` seeds, its own and the following ones, and return the spread of its numbers.
+
+    `duration` [s]: by default the length of the protocol. `workers`: processes, one for each core by default. `stop`:
+    called at least ten times a second; a text from it ends the work and is the reason. Finished runs are reported.
+    Raises UsageError for fewer than two runs, and for a scene in which nothing is random; SceneError as a run does.
+    """
+    if whole("count", count, 0, 10**6) < 2:
+        raise UsageError(f"{count} runs have no spread: at least 2 are needed")
+    found = sources(scene)
+    if not found:
+        raise UsageError(f"{scene.name}: nothing in it is random, so that all {count} runs are the same. {REMEDY}")
+    if run_length_ns(duration) is None and scene.duration_ns is None:
+        raise UsageError(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
+    work, ended = seed_runs(scene, range(scene.seed, scene.seed + count), duration), ""
+
+    def watch(done: int, total: int) -> None:
+        progress(done, total)
+        if why := stop():
+            raise _Stopped(why)
+
+    with temporary(work) as store:
+        try:
+            runs = carry_out(work, store, workers, watch, apart=True)
+        except _Stopped as stopped:
+            runs, ended = store.load(), str(stopped)
+    seen = tuple(Seen.from_json(unpacked(runs[unit])) for unit in sorted(runs))
+    return Repeats(scene.name, found, tuple(work.items), seen, ended)
+
+
+class _Stopped(Exception):
+    """The work ends early, for the stated reason."""

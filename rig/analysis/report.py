@@ -1,0 +1,701 @@
+"""A recording as one page of HTML that is self-contained: no script, no request to any host.
+
+html      elements, with all texts escaped
+sketch    small curves as SVG
+outcome   damage, timing, measures of stages, energy balance, audit
+devices   controllers and sensors
+account   events, values, provenance, notes, commands
+style     its style
+page      the page: its sections in order
+
+HTML made of elements: every text is escaped, unless an element of this module made it.
+
+A small curve over time as inline SVG, in the colour of the text around it: sharp, light, and printed as it is.
+
+The style of the page: light and dark, wide and narrow, printed.
+
+What belongs to a run beside its numbers: events, values of the scene, provenance, notes, and how to repeat it.
+
+Controllers and sensors of a run: their settings, and how they did.
+
+How a run went: damage, timing verdict, what it did; measures of each stage; energy balance; audit of its effects.
+
+The page: its head, and its sections in order.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from html import escape
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.analysis import amplitude
+from rig.analysis.amplitude import stages
+from rig.bench.live import status
+from rig.errors import LogError, RigError
+from rig.machine.files import write_file
+from rig.printable import counted
+from rig.record import statistics, user_notes
+from rig.record.contents import digest
+from rig.record.run import Commands, Integers, Reals, Run
+from rig.record.run_data import period
+from rig.record.statistics import FRACTION
+from rig.record.user_notes import Notes
+from rig.scenes.explain import explain
+from rig.scenes.scene import Scene
+from rig.scenes.sections import values_of
+from rig.view import contact, curves
+from rig.view.curves import scene_of
+
+_EMPTY = frozenset({"img", "meta"})
+_UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u202a-\u202e\u2066-\u2069\ufffe\uffff]")
+"""What UTF-8 or HTML cannot contain, and what changes the direction of the text after it."""
+
+
+class Html(str):
+    """Text that is HTML already."""
+
+    __slots__ = ()
+
+
+def text(content: object) -> Html:
+    """Return a text as HTML: escaped, characters that cannot be shown replaced."""
+    return content if isinstance(content, Html) else Html(escape(_UNPRINTABLE.sub("\ufffd", str(content))))
+
+
+def element(name: str, /, *contents: object, **attributes: object) -> Html:
+    """Return an element with its contents. An attribute None is left out; `class_` is class."""
+    given = ((key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items() if value is not None)
+    opening = "".join([name, *(f' {key}="{text(str(value))}"' for key, value in given)])
+    return Html(f"<{opening}>" if name in _EMPTY else f"<{opening}>{''.join(map(text, contents))}</{name}>")
+
+
+def joined(parts: Iterable[object]) -> Html:
+    """Return several parts in a row."""
+    return Html("".join(map(text, parts)))
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> Html:
+    """Return a table with a caption. It scrolls by itself where it is wider than the page.
+
+    The first column names the row. Without rows the result is empty.
+    """
+    body = [_row(row) for row in rows]
+    if not body:
+        return Html()
+    head = element("tr", *(element("th", column, scope="col") for column in columns))
+    made = element("table", element("caption", title), element("thead", head), element("tbody", *body))
+    return element("div", made, class_="wide", role="region", tabindex=0, aria_label=title)
+
+
+def _row(cells: Sequence[object]) -> Html:
+    first, *others = cells
+    return element("tr", element("th", first, scope="row"), *map(_cell, others))
+
+
+def _cell(content: object) -> Html:
+    if isinstance(content, bool):
+        return element("td", "yes" if content else "no")
+    if isinstance(content, float | int):
+        return element("td", number(content), class_="number")
+    return element("td", content)
+
+
+def number(value: float) -> str:
+    """A number with six significant digits; a whole number in full; a dash for one that is not known."""
+    if isinstance(value, int):
+        return str(value)
+    return "\N{EN DASH}" if value != value else f"{value:.6g}"
+
+
+def facts(rows: Iterable[tuple[str, object]]) -> Html:
+    """Return names and what is known under them; without rows the result is empty."""
+    found = joined(joined((element("dt", name), element("dd", what))) for name, what in rows)
+    return element("dl", found) if found else Html()
+
+
+COLUMNS = 480
+"""Columns of a curve: in each of them it reaches from its lowest to its highest sample."""
+HEIGHT = 100
+_GAP = 1.5
+"""Longest distance of neighbouring samples without a gap, in median distances."""
+
+
+def sketch(t_ns: Integers, v: Reals, span: tuple[float, float], marks: list[float], label: str) -> Html:
+    """Draw samples `v` at `t_ns` within a `span` [s]: fast vibration as a band, a gap where there is no sample.
+
+    `marks`: times of vertical lines [s]; `label` says in words what is drawn. Nothing for samples that are not numbers.
+    """
+    here = np.isfinite(v)
+    t, v, (begin, end) = t_ns[here] * 1e-9, v[here], span
+    if not v.size or end <= begin:
+        return Html()
+    order = np.argsort(t, kind="stable")
+    x, v = COLUMNS * np.clip((t[order] - begin) / (end - begin), 0.0, 1.0), v[order]
+    low, high = float(v.min()), float(v.max())
+    y = HEIGHT * (0.96 - 0.92 * (v - low) / (high - low)) if high > low else np.full(v.size, 0.5 * HEIGHT)
+    inside = [COLUMNS * (mark - begin) / (end - begin) for mark in marks if begin < mark < end]
+    lines = [element("path", d=f"M{at:.1f} 0V{HEIGHT}", class_="mark") for at in inside]
+    dense = x.size > 2 * COLUMNS
+    shape = element("path", d=_outline(x, y, dense), class_="band" if dense else "line")
+    return element(
+        "svg",
+        *lines,
+        shape,
+        viewBox=f"0 0 {COLUMNS} {HEIGHT}",
+        preserveAspectRatio="none",
+        role="img",
+        aria_label=label,
+    )
+
+
+def _outline(x: Reals, y: Reals, dense: bool) -> str:
+    """The path of a line, or if it is `dense` the outline of what lies between lowest and highest in each column."""
+    pieces = list(pairwise([*_breaks(x), x.size]))
+    if not dense:
+        return "".join(_line(x[a:b], y[a:b]) for a, b in pieces)
+    parts = []
+    for a, b in pieces:
+        column = np.minimum(x[a:b].astype(np.int64), COLUMNS - 1)
+        first = np.flatnonzero(np.diff(column, prepend=-1))
+        top, bottom = np.minimum.reduceat(y[a:b], first), np.maximum.reduceat(y[a:b], first)
+        at = column[first] + 0.5
+        parts.append(_line(np.concatenate([at, at[::-1]]), np.concatenate([top, bottom[::-1]])) + "Z")
+    return "".join(parts)
+
+
+def _breaks(x: Reals) -> list[int]:
+    """Where a piece begins: at the start, and after each gap that is wider than a column."""
+    if x.size < 3:
+        return [0]
+    steps = np.diff(x)
+    longest = max(_GAP * float(np.median(steps)), 1.0)
+    return [0, *(np.flatnonzero(steps > longest) + 1).tolist()]
+
+
+def _line(x: Reals, y: Reals) -> str:
+    points = "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x.tolist(), y.tolist()))
+    return f"M{points}" if x.size > 1 else f"M{points}h1"
+
+
+STYLE = """
+:root { color-scheme: light dark; --text: #1b1b1b; --soft: #5c5c5c; --line: #d4d4d4; --page: #fff; --card: #f6f6f4;
+  --good: #14703f; --doubtful: #8a5600; --bad: #b5211e; --curve: #0063a0; }
+@media (prefers-color-scheme: dark) { :root { --text: #e6e6e6; --soft: #a6a6a6; --line: #444; --page: #161616;
+  --card: #202020; --good: #5fc48d; --doubtful: #e0a94a; --bad: #ff8a80; --curve: #6cb8ee; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; padding: 1rem; max-width: 76rem; background: var(--page); color: var(--text);
+  font: 16px/1.5 system-ui, sans-serif; overflow-wrap: anywhere; }
+h1 { margin: .5rem 0 0; line-height: 1.2; }
+h2 { margin: 2.2rem 0 .6rem; border-bottom: 1px solid var(--line); }
+h3 { margin: 1.2rem 0 .3rem; }
+p { margin: .4rem 0; max-width: 75ch; }
+.soft, dt, caption, summary { color: var(--soft); }
+a { color: var(--curve); }
+nav a, .skip { display: inline-block; margin-right: 1rem; }
+.skip:not(:focus) { position: absolute; left: -99rem; }
+:focus-visible { outline: 3px solid var(--curve); outline-offset: 2px; }
+.good { color: var(--good); }
+.doubtful { color: var(--doubtful); }
+.bad { color: var(--bad); font-weight: 600; white-space: pre-line; }
+.verdicts { padding-left: 1.2rem; font-size: 1.05rem; }
+.wide { overflow-x: auto; margin: .6rem 0; }
+figure { margin: 0; }
+img { display: block; width: 100%; min-width: 44rem; height: auto; background: #fff; border-radius: 4px; }
+table { border-collapse: collapse; font-size: .9rem; overflow-wrap: break-word; }
+caption { text-align: left; padding: .2rem 0; }
+th, td { padding: .2rem .8rem .2rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line);
+  max-width: 46ch; }
+td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+dl { display: grid; grid-template-columns: minmax(9rem, max-content) 1fr; gap: .15rem 1rem; margin: .4rem 0; }
+dd { margin: 0; }
+dd p { margin: 0; max-width: none; }
+code { font-family: ui-monospace, monospace; font-size: .9rem; }
+.cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 24rem), 1fr)); gap: 1rem; }
+.cards figure { background: var(--card); border: 1px solid var(--line); border-radius: 4px; padding: .6rem; }
+svg { display: block; width: 100%; height: 6rem; margin: .4rem 0; color: var(--curve); }
+.band, .line, .mark { vector-effect: non-scaling-stroke; stroke: currentColor; fill: none; }
+.band { fill: currentColor; }
+.mark { stroke: var(--soft); stroke-dasharray: 4 3; }
+@media (max-width: 40rem) {
+  body { font-size: 15px; }
+  dl { grid-template-columns: 1fr; }
+  dd { margin-bottom: .4rem; }
+}
+@media print {
+  body { max-width: none; font-size: 10pt; }
+  nav, .skip { display: none; }
+  .wide { overflow: visible; }
+  img { min-width: 0; }
+  h2, h3 { break-after: avoid; }
+  figure, tr { break-inside: avoid; }
+}
+"""
+
+
+SHOWN = 200
+"""Most events that are shown open; longer lists are folded."""
+_COUNTED = "contact"
+"""Kind of events that are only counted: there may be thousands a second."""
+
+
+def events(run: Run) -> Html:
+    """Return the events of all processes in order. What a process other than the plant says, it says of itself."""
+    shown = [event for event in run.events if event["kind"] != _COUNTED]
+    rows = [(f"{event['t_ns'] * 1e-9:.6f}", event["source"], event["kind"], event["text"]) for event in shown]
+    found = table("Events", ("time [s]", "process", "kind", "text"), rows) or element("p", "No event was recorded.")
+    if len(shown) > SHOWN:
+        kinds = ", ".join(f"{kind} {count}" for kind, count in Counter(event["kind"] for event in shown).most_common())
+        found = element("details", element("summary", f"{counted(len(shown), 'event')}: {kinds}"), found)
+    count = len(run.events) - len(shown)
+    contacts = f"{counted(count, 'event')} of contacts (stick, slip, lift-off, contact) left out of the list."
+    return joined((found, element("p", contacts) if count else ""))
+
+
+def values(run: Run, scene: Scene | None, why: str) -> Html:
+    """Return every value of the scene with unit and origin; without a readable scene (`why`), as it was recorded."""
+    if scene is not None:
+        rows = [
+            (one.key, value(one.value), "" if one.unit == "1" else one.unit, one.origin.origin, one.origin.note)
+            for one in explain(scene).values
+        ]
+        return table("Values in SI units", ("key", "value", "unit", "origin", "note"), rows)
+    found = [(key, value(one)) for key, one in _flat(scene_of(run), "")]
+    return joined((element("p", why, class_="doubtful"), table("Values as recorded", ("key", "value"), found)))
+
+
+def _flat(content: Any, key: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(content, dict) and key != "parts":  # of parts that it carries the text is no value
+        for name, one in content.items():
+            yield from _flat(one, f"{key}.{name}" if key else str(name))
+    elif isinstance(content, list) and any(isinstance(one, dict | list) for one in content):
+        for i, one in enumerate(content, 1):
+            yield from _flat(one, f"{key}[{i}]")
+    elif key != "parts":
+        yield key, content
+
+
+def provenance(run: Run, digest: str) -> Html:
+    """Return versions, machine, command, seed and commit, and the SHA-256 that the recording states of itself."""
+    known = dict(plain(run.provenance)) | ({"SHA-256 of the recording": digest} if digest else {})
+    return facts((str(key), str(one)) for key, one in known.items()) or element("p", "Not recorded.")
+
+
+def notes(found: user_notes.Notes) -> Html:
+    """Return the notes of users on the recording. They are stored beside it; no checksum covers them."""
+    rows = [(one.date, one.text, " ".join(f"#{tag}" for tag in one.tags)) for one in found.found]
+    odd = [(len(found.other), "on another recording that had this name"), (found.unreadable, "cannot be read")]
+    lines = [f"{count} {'note' if count == 1 else 'notes'} {what}" for count, what in odd if count]
+    return joined(
+        (table("Notes", ("date", "text", "tags"), rows) or element("p", "None."), *(element("p", one) for one in lines))
+    )
+
+
+def commands(run: Run, log: Path) -> Html:
+    """Return the commands that check and repeat the run."""
+    name = shlex.quote(log.name)
+    repeated = str(plain(run.provenance).get("command", ""))
+    rows = [
+        ("check: the same bits when it is simulated again", f"rig verify {name}"),
+        ("play it back to viewers and controllers", f"rig replay {name}"),
+        ("recover what is left", f"rig recover {name}") if run.damage else ("look at it", f"rig view {name}"),
+        ("the command that made it", repeated),
+    ]
+    return facts((what, element("code", command)) for what, command in rows if command)
+
+
+_CLAMPED, _SAFE = 1, 2
+"""Status of a command (`rig.record.run.Commands`)."""
+
+
+def value(content: object, unit: str = "") -> str:
+    """A value of a scene with its unit, in words."""
+    if isinstance(content, list | tuple):
+        return ", ".join(value(one, unit) for one in content)
+    if isinstance(content, bool):
+        return "yes" if content else "no"
+    words = number(content) if isinstance(content, int | float) else str(content)
+    return f"{words} {unit}".strip() if unit != "1" else words
+
+
+def settings(section: Any, recorded: object) -> Iterator[tuple[str, str]]:
+    """Yield the settings of an instrument or a controller with units; without its section, as they were recorded."""
+    if section is not None:
+        yield from ((key, value(found, unit)) for key, (found, unit) in values_of(section))
+    else:
+        yield from ((str(key), value(found)) for key, found in plain(recorded).items() if found is not None)
+
+
+def controllers(run: Run, scene: Scene | None) -> Html:
+    """Return each controller with its settings, its numbers from the design, and what happened to its commands."""
+    recorded = plain(scene_of(run).get("controllers"))
+    counted = plain(run.summary.get("loop", run.summary.get("exchange")))
+    found = []
+    for name in dict.fromkeys((*run.commands, *run.controllers, *recorded)):
+        section = scene.controllers.get(name) if scene else None
+        own = plain(run.controllers.get(name))
+        numbers = plain(own.get("numbers"))
+        rows = [*settings(section, recorded.get(name) or own.get("section"))]
+        rows += [(f"{key} (design)", value(one)) for key, one in numbers.items()]
+        rows += _loop(run, name, plain(counted.get(name)))
+        found.append(joined((element("h3", name), facts(rows))))
+    return joined(found) or element("p", "No controller took part.")
+
+
+def _loop(run: Run, name: str, counts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    if (commands := run.commands.get(name)) is not None:
+        yield "commands", str(commands.tick.size)
+        if commands.tick.size:
+            yield from _delays(commands, run.frame_ns)
+    for key, count in counts.items():
+        if key != "taken" and isinstance(count, int) and count:
+            yield str(key).replace("_", " "), str(count)
+    trip = plain(run.summary.get("round_trip"))
+    if trip.get("max"):
+        times = (f"{float(trip[one]) / 1e3:.2f}" for one in ("p50", "p99", "max") if one in trip)
+        yield "latency", f"{' / '.join(times)} ms from step to command (p50, p99, worst; all controllers)"
+    for topic, count in plain(run.summary.get("lost")).items():
+        if str(topic).endswith(f" to {name}"):
+            yield "lost", f"{count} of {topic}"
+
+
+def _delays(commands: Commands, frame_ns: int) -> Iterator[tuple[str, str]]:
+    """What the recorded commands themselves say."""
+    answers = commands.status != _SAFE
+    if answers.any():
+        age = (commands.tick - commands.answered)[answers]
+        ages = f"{age.mean():.3g} frames of {frame_ns * 1e-6:g} ms on average, {age.max()} at most"
+        yield "age of a command", f"{ages}, from its measurement to its effect"
+    yield "clamped or completed", str(np.count_nonzero(commands.status == _CLAMPED))
+    yield "safe values", f"{np.count_nonzero(~answers)} commands"
+    ends = [f"{number(float(v.min()))} to {number(float(v.max()))}" for v in commands.values.T]
+    yield "range of the commands", "; ".join(ends)
+
+
+def sensors(run: Run, scene: Scene | None, marks: list[float]) -> Html:
+    """Return a table of all sensors, and each with its curve and its settings. `marks`: begins of stages [s]."""
+    if not run.measurements:
+        return element("p", "No sensor was recorded.")
+    recorded, counted = plain(scene_of(run).get("sensors")), plain(run.summary.get("sensors"))
+    end = max([curves.end_of(run), *(float(t_ns[-1]) * 1e-9 for t_ns, _ in run.measurements.values() if t_ns.size)])
+    begin = run.begin_ns * 1e-9
+    rows, cards = [], []
+    for name, (t_ns, v) in run.measurements.items():
+        section = scene.sensors.get(name) if scene else None
+        raw, counts, unit = plain(recorded.get(name)), plain(counted.get(name)), run.units.get(f"meas/{name}", "")
+        known = v[np.isfinite(v)]
+        ends = (float(known.min()), float(known.max())) if known.size else (float("nan"),) * 2
+        rate = 1e9 / step if (step := period(t_ns)) else float("nan")
+        rows.append((name, str(raw.get("kind", "")), str(raw.get("reads", "")), unit, rate, v.size, *ends,
+                     counts.get("clipped", ""), counts.get("dropped_out", "")))  # fmt: skip
+        words = f"{number(ends[0])} to {value(ends[1], unit)}" if known.size else "no sample"
+        curve = sketch(t_ns, v, (begin, end), marks, f"{name} from {begin:g} to {end:g} s: {words}")
+        caption = element("figcaption", element("strong", name), f" {words}")
+        fields = element("details", element("summary", "settings"), facts(settings(section, raw)))
+        cards.append(element("figure", caption, curve, fields))
+    columns = ("sensor", "kind", "reads", "unit", "rate [Hz]", "samples", "lowest", "highest", "clipped", "dropped out")
+    return joined((table("What each sensor delivered", columns, rows), element("div", *cards, class_="cards")))
+
+
+_TERMS = {
+    "drive": "supplied by the drive",
+    "friction": "dissipated at the contacts",
+    "damper": "dissipated in the dampers",
+    "forces": "supplied by external forces",
+    "normal": "supplied through normal forces",
+    "resistor": "dissipated in the resistors of the network",
+    "switch": "lost where a switch interrupts a current",
+    "edges": "supplied by changes of the stiffness",
+    "impulses": "supplied at once: by knocks, and by changes of values",
+    "stored": "change of the stored energy",
+}
+UNKNOWN = -1
+"""Contact mode of a sample that a damaged recording has lost."""
+_MARKS = {"VALID": "good", "DEGRADED": "doubtful", "INVALID": "bad"}
+
+
+def plain(found: object) -> Mapping[str, Any]:
+    """What a summary says under a key; nothing where an older or damaged recording has something else."""
+    return found if isinstance(found, dict) else {}
+
+
+def verdicts(run: Run, modes: Integers) -> Html:
+    """Return what the run shows, in a few lines: damage first, then timing, then what it did, then what proves it."""
+    damage = f"The recording is damaged: {run.damage}" if run.damage else ""
+    lost = [line for line in (damage, run.recovered, run.untold) if line]
+    if run.fault != run.damage:
+        lost.insert(0, f"The run stopped early: {run.fault}")
+    lines = [element("li", line, class_="bad") for line in lost]
+    word, why = timing(run)
+    lines.append(element("li", element("strong", word), f" {why}", class_=_MARKS.get(word)))
+    if run.window:
+        lines.append(element("li", f"A window of a longer run, from {run.begin_ns * 1e-9:g} s on: {run.window}"))
+    lines.append(element("li", ", ".join(_course(run, modes))))
+    proof = "Checksums prove every byte of the recording."
+    if not run.sealed:
+        proof = "No checksum proves the whole recording: it is damaged, or an older version recorded it."
+    lines.append(element("li", " ".join([proof, *_residual(run)])))
+    return element("ul", *lines, class_="verdicts")
+
+
+def timing(run: Run) -> tuple[str, str]:
+    """Return the timing verdict and its reasons, or what is known instead."""
+    if "verdict" in run.summary:
+        reasons = run.summary.get("reasons", ())
+        words = "; ".join(map(str, reasons if isinstance(reasons, list | tuple) else ()))
+        return str(run.summary["verdict"]), f"timing: {words or 'no reason is stated'}"
+    if run.summary:
+        return "Simulated", "without a clock: there is no timing to judge"
+    return "No timing verdict", "the recording has no summary of its run"
+
+
+def _course(run: Run, modes: Integers) -> Iterator[str]:
+    plant = plain(run.summary.get("plant"))
+    length = curves.end_of(run) - run.begin_ns * 1e-9
+    yield f"{length:g} s at steps of {run.step_ns * 1e-6:g} ms" if run.time.size else "no sample"
+    if "method" in plant:
+        yield f"method {plant['method']}"
+    if "events" in plant:
+        yield counted(plant["events"], "event")
+    if share := stick(modes):
+        yield share
+    if points := statistics.contact(run):
+        yield points
+    if "ended" in run.summary:
+        yield f"ended: {run.summary['ended']}"
+
+
+def stick(modes: Integers) -> str:
+    """Return the share of time in stick in words; "" if no contact state is known."""
+    known = modes[modes != UNKNOWN]
+    return f"stick {np.mean(known == 0):.1%} of the time" if known.size else ""
+
+
+def _residual(run: Run) -> list[str]:
+    if "error" not in run.energy:
+        return []
+    return [f"Residual of the energy balance: {abs(run.energy['error']):.1e} of its largest term."]
+
+
+def course(run: Run) -> Html:
+    """Return the summary that the run printed at its end: clock, loop, losses, refused messages. Nothing without it."""
+    try:
+        parts = status.parts({**run.summary, "energy": run.energy, "fault": run.fault})
+    except (KeyError, TypeError, AttributeError):  # simulated, or the summary of an older version
+        return Html()
+    return facts((name, joined(element("p", line) for line in lines if line)) for name, lines in parts if any(lines))
+
+
+def measures(run: Run, modes: Integers) -> Html:
+    """Return tables of each stage: contact and events; mean, amplitude and frequency of each sensor.
+
+    `modes`: index of the contact state at each time (rig.view.contact.NAMES), or UNKNOWN; empty if one mode does not
+    define it.
+    """
+    begin = run.begin_ns * 1e-9
+    spans = amplitude.stages(run, begin)
+    told = [(event["t_ns"] * 1e-9, str(event["kind"])) for event in run.plant_events]
+    named = enumerate(contact.NAMES) if modes.size else ()
+    shares = {name: np.where(modes == UNKNOWN, np.nan, modes == i) for i, name in named}
+    if statistics.FRACTION in run.signals:
+        shares["points closed"] = run.signals[statistics.FRACTION]
+    rows = []
+    for stage in spans:
+        here = (run.time >= stage.begin) & (run.time <= stage.end)
+        last = stage is spans[-1]
+        kinds = Counter(kind for t, kind in told if stage.begin <= t < stage.end or (last and t >= stage.end))
+        words = ", ".join(f"{kind} {count}" for kind, count in kinds.most_common())
+        rows.append((stage.text, stage.begin, stage.end, *(_mean(v[here]) for v in shares.values()), words or "none"))
+    columns = ("stage", "from [s]", "to [s]", *shares, "events")
+    found = [
+        (row.stage, row.sensor, row.mean, row.found.half if row.found.cycles else float("nan"), row.unit,
+         row.found.cycles, row.found.frequency)
+        for row in amplitude.measured(run, begin)
+    ]  # fmt: skip
+    names = ("stage", "sensor", "mean", "amplitude", "unit", "cycles", "frequency [Hz]")
+    return joined(
+        (
+            table("Stages: events, and mean shares of the contact", columns, rows),
+            table("Sensors: mean, and half of peak to valley as mean over the cycles", names, found),
+        )
+    )
+
+
+def _mean(shares: Reals) -> str:
+    known = shares[np.isfinite(shares)]
+    return f"{known.mean():.1%}" if known.size else "\N{EN DASH}"
+
+
+def energy(run: Run) -> Html:
+    """Return the terms of the energy balance [J], and its residual in words."""
+    terms = [(name, float(value), _TERMS.get(name, "")) for name, value in run.energy.items() if name != "error"]
+    found = table("Energy since the start", ("term", "energy [J]", "meaning"), terms)
+    return joined((found, *(element("p", line) for line in _residual(run))))
+
+
+def audit(run: Run) -> Html:
+    """Return which effects had no influence in this run and which were missing."""
+    found = run.summary.get("audit")
+    judged = [one for one in found if plain(one)] if isinstance(found, list) else []
+    remarks = [element("li", one.get("text", "")) for one in judged if one.get("noted")]
+    rows = [
+        (one.get("effect", ""), "on" if one.get("on") else "absent", _share(one.get("share")), one.get("like", ""))
+        for one in judged
+    ]
+    if not judged:
+        why = "the run was too short, or no shipped scene of its plant has values for the absent effects"
+        return element("p", f"No effect was judged: {why}.")
+    return joined(
+        (
+            element("ul", *remarks)
+            if remarks
+            else element("p", "Every judged effect had an influence, and none is missing."),
+            table("Effects", ("effect", "state", "share of the forces", "values as in scene"), rows),
+        )
+    )
+
+
+def _share(value: object) -> str:
+    return f"{value:.2g}" if isinstance(value, int | float) else ""
+
+
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+"""What the page may load: nothing. A browser then refuses what an escaped text must not have become."""
+
+
+def write(run: Run, log: Path, path: Path) -> int:
+    """Write the page of the recording `log`, read as `run`, to the file `path`; return its size [bytes].
+
+    Raises rig.errors.OutputError if it cannot be written.
+    """
+    content = page(run, log).encode()
+    write_file(path, content)
+    return len(content)
+
+
+def page(run: Run, log: Path) -> str:
+    """Return the report of the recording `log`, read as `run`, as the text of an HTML page that is self-contained."""
+    scene, why = _scene(run)
+    modes = _modes(run)
+    marks = [stage.begin for stage in stages(run)]
+    sections = {
+        "What it shows": verdicts(run, modes),
+        "The run": _figure(run, modes),
+        "Measures of each stage": measures(run, modes),
+        "Energy balance": energy(run),
+        "Influence of the effects": audit(run),
+        "Timing and transport": course(run),
+        "Controllers": controllers(run, scene),
+        "Sensors": sensors(run, scene, marks),
+        "Events": events(run),
+        "Values of the scene": values(run, scene, why),
+        "Provenance": provenance(run, _digest(log)),
+        "Notes of users": notes(_notes(log)),
+        "Check and repeat": commands(run, log),
+    }
+    shown = {f"part-{i}": one for i, one in enumerate(sections.items(), 1) if one[1]}
+    links = [element("a", name, href=f"#{key}") for key, (name, _) in shown.items()]
+    parts = [
+        element("section", element("h2", name, id=key), what, aria_labelledby=key)
+        for key, (name, what) in shown.items()
+    ]
+    title = _title(run, log)
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        element("title", f"{title}: report"),
+        element("style", Html(STYLE)),
+    )
+    skip = element("a", "Skip to the content", href="#part-1", class_="skip")
+    body = element(
+        "body", skip, _header(run, log, title), element("nav", *links, aria_label="Parts"), element("main", *parts)
+    )
+    return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n"
+
+
+def _title(run: Run, log: Path) -> str:
+    told = scene_of(run)
+    return str(told.get("title") or told.get("name") or log.stem)
+
+
+def _header(run: Run, log: Path, title: str) -> Html:
+    told = scene_of(run)
+    began = datetime.fromtimestamp(run.began_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC") if run.began_ns else ""
+    known = [f"{word} {told[key]}" for word, key in (("scene", "name"), ("plant", "plant")) if told.get(key)]
+    line = element("p", ", ".join(filter(None, (log.name, *known, began))), class_="soft")
+    about = [element("p", one) for one in str(told.get("about", "")).strip().split("\n\n") if one]
+    return element("header", element("h1", title), line, *about)
+
+
+def _scene(run: Run) -> tuple[Scene | None, str]:
+    """The scene, or why it cannot be read."""
+    try:
+        return Scene.from_json(run.scene_text()), ""
+    except RigError as error:
+        return None, str(error)
+
+
+def _modes(run: Run) -> Integers:
+    """Index of the contact state at each time; empty if it was not recorded or the rig cannot be assembled.
+
+    Empty too for a contact of many points, which open, stick and slip by themselves.
+    """
+    if FRACTION in run.signals:
+        return np.empty(0, np.int64)
+    try:
+        system = contact.system_of(run.scene)
+    except RigError:  # of a plant whose code the user has not trusted
+        system = None
+    if system is None:
+        return np.empty(0, np.int64)
+    return np.where(run.mode < 0, UNKNOWN, contact.Modes(system).indices(run.mode))
+
+
+def _notes(log: Path) -> Notes:
+    try:
+        return user_notes.read(log)
+    except LogError:
+        return Notes(user_notes.path_of(log), unreadable=1)
+
+
+def _digest(log: Path) -> str:
+    try:
+        return digest(log)
+    except LogError:  # a run that was never a file
+        return ""
+
+
+def _figure(run: Run, modes: Integers) -> Html:
+    try:
+        figure = run.plot()
+    except RigError as error:  # e.g. of a plant whose code the user has not trusted
+        return element("p", f"The run was not drawn: {error}", class_="doubtful")
+    from matplotlib import rc_context
+
+    drawn = io.BytesIO()
+    with rc_context({"agg.path.chunksize": 300}):  # a curve that fills its panel takes a quarter of the time
+        figure.savefig(drawn, format="png")
+    names = ", ".join(name.replace("_", " ") for name in list(run.signals)[:6])
+    held = f"; {share}" if (share := stick(modes)) else ""
+    words = (
+        f"Outputs of the plant over {curves.end_of(run):g} s ({names}), phases of the protocol, contact states{held}"
+    )
+    source = Html("data:image/png;base64," + base64.b64encode(drawn.getvalue()).decode())
+    image = element("img", src=source, alt=words)
+    image = element("div", image, class_="wide", role="region", tabindex=0, aria_label="Figure of the run")
+    return element("figure", image)
+
+
+__all__ = ["page", "write"]

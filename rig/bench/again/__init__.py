@@ -1,0 +1,1 @@
+"""A recording again: branched, played back, replayed, verified."""

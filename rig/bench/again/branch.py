@@ -1,0 +1,275 @@
+"""Continues a recording from one of its instants, with other values from there on.
+
+Up to the instant the recording is simulated again: its commands and the actions of operators take effect at their
+recorded ticks, and the controllers see the measurements. So plant, sensors, noise, controllers and protocol are in the
+state in which they were. At the instant the new values take effect, as if an operator had set them; from there on the
+controllers command. The samples before the instant must agree with the recording.
+
+If the recording contains a checkpoint before the instant (rig.bench.run.checkpoint), only what follows it is simulated
+again, with the same bits, and the samples before it are those of the recording (rig.bench.again.branch).
+
+The run that results begins at 0 and holds this history. Therefore it is verified like any other recording.
+
+What a new simulation takes from a recording: its scene, and the history of a branch that begins at a checkpoint.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig import controllers, design
+from rig.bench.again.agreement import ELSEWHERE, agreement, changed_place, duration_ns, pairs, unknown
+from rig.bench.run.builds import GOES_ON, WAITS
+from rig.bench.run.experiment import BRANCH, EMERGENCY, PLANT, Experiment
+from rig.bench.run.journal import OPERATOR
+from rig.bench.run.runner import Resumption
+from rig.bench.run.simulate import Recorded, Stop, begun, simulate
+from rig.bench.run.tuning import divided
+from rig.controllers.blocks.base import Controller, retune, tunable
+from rig.errors import LogError, RigError, UsageError
+from rig.record import reader
+from rig.record.provenance import provenance
+from rig.record.run import Run
+from rig.scenes.faults import near, shortened
+from rig.scenes.merged import OWN
+from rig.scenes.scene import Scene
+
+CHECKPOINT = "checkpoint_ns"
+"""Key of the provenance: the instant up to which the samples of a branch are those of its ancestor."""
+
+_ABORTED = ("limit", EMERGENCY)
+"""Kinds of events after which the run goes to the safe state, without further checkpoints."""
+
+
+def recorded_scene(log: Path, run: Run) -> Scene:
+    """The scene of the recording `log`. Raises LogError if it or the length of a frame is lost, SceneError if it is not
+    of this version.
+    """
+    if not run.frame_ns:
+        raise LogError(f"{log} has lost the description of its run: it can be read, but not simulated again")
+    try:
+        return Scene.from_json(run.scene_text(), f"{log}, the recorded scene")
+    except LogError as fault:
+        raise LogError(f"{log}: {fault}") from None
+
+
+def nearest(run: Run, scene: Scene, tick: int) -> Resumption | None:
+    """The last checkpoint before `tick` from which `run` can be continued with the bits of a simulation from 0 on.
+
+    None if there is none, if the sources or the processor are others, or if samples or commands of the run are missing:
+    then a simulation from the begin on has to show that it repeats.
+    """
+    whole = run.sealed and not (run.notes or run.untold or run.summary.get("lost")) and run.mode.size == run.time.size
+    if not whole or changed_place(run) or any(event["kind"] in _ABORTED for event in run.plant_events):
+        return None
+    for at in sorted((at for at in run.checkpoints if at < tick), reverse=True):
+        counts = {name: one.instants.count(at * run.frame_ns) for name, one in scene.sensors.items()}
+        if all(
+            name in run.measurements
+            and np.array_equal(run.measurements[name].t_ns[:count], scene.sensors[name].instants.at(np.arange(count)))
+            for name, count in counts.items()
+        ):
+            return Resumption(at, run.checkpoints[at], run.measurements)
+    return None
+
+
+def history_end(run: Run) -> int:
+    """Instant up to which the outputs of `run` are those of its ancestor [ns]; -1 if it has no such history."""
+    stated = run.provenance.get(CHECKPOINT, "")
+    return int(stated) if stated.isdecimal() else -1
+
+
+def add_history(found: Run, run: Run, tick: int) -> None:
+    """Put the outputs, contacts and checkpoints of `run` up to `tick` before those of `found`, simulated from there on.
+
+    `found` has one row of outputs at 0, then those after the checkpoint. Outputs of a live recording are farther apart.
+    """
+    now = tick * found.frame_ns
+    old = run.time <= (now + 0.5) * 1e-9
+    new = np.arange(1, found.time.size) * found.step_ns + now
+
+    def joined(history: NDArray[Any], later: NDArray[Any]) -> NDArray[Any]:
+        return np.concatenate([history[old], later[1:]])
+
+    found.time = np.concatenate([run.time[old], new * 1e-9])
+    found.signals = {name: joined(run.signals[name], v) for name, v in found.signals.items()}
+    found.mode = joined(run.mode, found.mode)
+    contacts = [event for event in run.plant_events if event["kind"] == "contact" and event["t_ns"] <= now]
+    found.events = sorted([*contacts, *found.events], key=lambda event: int(event["t_ns"]))
+    found.checkpoints = {at: state for at, state in run.checkpoints.items() if at <= tick} | found.checkpoints
+
+
+def branch(
+    log: Path,
+    at: float | None = None,
+    changes: Mapping[str, Any] | None = None,
+    duration_ns: int | None = None,
+    stop: Stop | None = None,
+) -> Run:
+    """Continue the recording `log` from `at` [s] (None: its end) with other values, for `duration_ns` or its protocol.
+
+    `changes`: dotted key -> value with unit, of the rig or of a controller (controllers.NAME.KEY). The instant is the
+    nearest frame. `stop`: see `simulate`. Raises UsageError for values that cannot change in the middle of a run and
+    for an instant outside of the recording, LogError for a recording that does not repeat here.
+    """
+    changes = changes or {}
+    run = reader.open(log)
+    scene = recorded_scene(log, run)
+    if run.begin_ns:
+        begin = f"{run.begin_ns * 1e-9:g} s"
+        raise UsageError(f"{log}: is a window of a run, from {begin} on: the state at its begin is not recorded, so it "
+                         "cannot be continued; continue a recording that begins at 0 s")  # fmt: skip
+    tick = _tick(log, run, at)
+    end = scene.duration_ns if duration_ns is None else tick * run.frame_ns + duration_ns
+    if end is None or end <= tick * run.frame_ns:
+        begin = f"{tick * run.frame_ns * 1e-9:g} s"
+        raise UsageError(f"{log}: its protocol has no steps after {begin}; state a duration, e.g. --duration 10")
+    origin: dict[str, str | int] = {
+        "ancestor": log.name,
+        "ancestor_sha256": _digest(log),
+        "instant_ns": tick * run.frame_ns,
+    }
+    acting = {name: controllers.restored(one) for name, one in design.described(scene).items()}
+    _check(begun(scene, acting)[0], acting, changes)
+    asked: list[str] = []
+
+    def ask() -> str:
+        if stop is not None and (why := stop()):
+            asked.append(why)
+        return asked[-1] if asked else ""
+
+    events = [*_events_before(run, tick), *_actions(origin, tick, changes)]
+
+    def continued(resumption: Resumption | None) -> Run:
+        recorded = Recorded(run.commands, events, tick, resumption)
+        try:
+            found = simulate(scene, None, end, recorded, None if stop is None else ask)
+        except LogError as fault:
+            raise LogError(f"{log}: {fault}") from None
+        if resumption is not None:
+            add_history(found, run, resumption.tick)
+        reached = round(float(found.time[-1]) * 1e9)
+        if reached <= tick * run.frame_ns and not asked:
+            why = found.fault.partition("\n")[0] or found.summary["ended"]
+            raise UsageError(f"{log}: its run ended at {reached * 1e-9:g} s ({why}); name an instant before")
+        _repeats(log, run, found, scene, min(reached, tick * run.frame_ns) * 1e-9)
+        return found
+
+    found: Run | None = None
+    if (resumption := nearest(run, scene, tick)) is not None:
+        with suppress(RigError, ValueError, KeyError):  # the simulation from the begin on says what is wrong
+            found = continued(resumption)
+            origin[CHECKPOINT] = resumption.tick * run.frame_ns
+    found = found or continued(None)
+    found.provenance = provenance(scene.seed) | {key: str(value) for key, value in origin.items()}
+    return found
+
+
+def _tick(log: Path, run: Run, at: float | None) -> int:
+    """The frame nearest to an instant [s]. Raises UsageError for one outside of the recording."""
+    frames = duration_ns(run) // run.frame_ns if run.frame_ns else 0
+    if not frames:
+        raise LogError(f"{log}: the recording ends before its first frame; there is nothing to continue")
+    if at is None:
+        return frames
+    place = at * 1e9 / run.frame_ns
+    if not 0.5 < place < frames + 0.5:
+        length = f"{frames * run.frame_ns * 1e-9:g} s"
+        raise UsageError(f"{log}: has no instant {at:g} s; name one after 0 s, up to its end at {length}")
+    return round(place)
+
+
+def _digest(log: Path) -> str:
+    with log.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _check(experiment: Experiment, acting: Mapping[str, Controller], changes: Mapping[str, Any]) -> None:
+    """Raise UsageError or SceneError for changes that a run cannot make."""
+    own, rig = divided(changes)
+    known = experiment.tuning.tunable()
+    given = {**experiment.scene.values(), **dict.fromkeys(OWN)}
+    fixed = [key for key in rig if key not in known and (key in given or key.partition(".")[0] in OWN)]
+    whole = [".".join(filter(None, ("controllers", name))) for name, values in own.items() if "" in values]
+    if fixed or whole:
+        rest = [f"controllers.{name}.{key}" for name, one in acting.items() for key in tunable(one)]
+        faults = [f"{shortened(key)}: {_why_fixed(key)}" for key in fixed]
+        faults += [f"{shortened(key)}: name one value of a controller of the scene" for key in whole]
+        raise UsageError("\n".join([*faults, f"what can be changed: {', '.join([*known, *rest])}"]))
+    for name, values in own.items():
+        if name not in acting:
+            raise UsageError(f"controllers.{shortened(name)}: there is no such controller; {near(name, acting)}")
+        retune(acting[name], values)
+    if wanted := experiment.tuning.wanted(rig):
+        experiment.runner.variants.build(wanted)
+
+
+def _why_fixed(key: str) -> str:
+    if key.partition(".")[0] != "protocol":
+        return "is fixed while the rig runs; a new run can have another value"
+    return (
+        "its steps go on as they are. For other steps change values one after the other: continue with -p and "
+        "--duration, and continue the result from its end. A ramp needs a new run of a scene with these steps (rig new)"
+    )
+
+
+def _events_before(run: Run, tick: int) -> list[dict[str, Any]]:
+    """Events before `tick` to repeat, and the ends of waits for matrices that had begun then.
+
+    A controller with its own process has published its changes of parameters itself.
+    """
+    now = tick * run.frame_ns
+    told = [event for event in run.plant_events if event["t_ns"] < now]
+    waiting = {event["data"]["action"] for event in told if event["kind"] == WAITS}
+    late = (event for event in run.plant_events if event["t_ns"] >= now and event["kind"] == GOES_ON)
+    told += [event for event in late if event["data"]["action"] in waiting]
+    for event in run.events:
+        at, values = (event["data"].get(key) for key in ("after_tick", "set"))
+        if event["kind"] != "parameter" or event["source"] not in run.commands:
+            continue
+        if (
+            isinstance(at, int) and isinstance(values, dict) and at + 1 < tick
+        ):  # a user's controller may publish anything
+            changes = {f"controllers.{event['source']}.{key}": value for key, value in values.items()}
+            told.append(_action("parameter", at + 1, (at + 1) * run.frame_ns, event["text"], {"set": changes}))
+    return sorted(told, key=lambda event: int(event["t_ns"]))
+
+
+def _actions(origin: Mapping[str, Any], tick: int, changes: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The events that record and make the branch at `tick`."""
+    now = origin["instant_ns"]
+    text = f"continues {origin['ancestor']} from {now * 1e-9:g} s"
+    found = [_action(BRANCH, tick, now, text, origin)]
+    return [*found, _action("parameter", tick, now, "", {"set": changes})] if changes else found
+
+
+def _action(kind: str, tick: int, t_ns: int, text: str, data: Mapping[str, Any]) -> dict[str, Any]:
+    """An event that the plant carries out for an operator."""
+    return {
+        "t_ns": t_ns, "tick": tick, "source": PLANT, "kind": kind, "text": text, "data": {**data, "by": OPERATOR},
+    }  # fmt: skip
+
+
+def _repeats(log: Path, run: Run, found: Run, scene: Scene, until: float) -> None:
+    """Raise LogError if the samples of `found` before `until` [s] are not those of the recording."""
+    if strange := unknown(run, found):
+        raise LogError(f"{log}: cannot be continued: {'; '.join(strange)}")
+    moved = changed_place(run)
+    same = agreement(pairs(run, found), scene, bool(moved), until)
+    remedy = f"name an earlier instant; rig verify {log} gives details"
+    if same.first and (not moved or same.deviation > ELSEWHERE):
+        elsewhere = f" (recorded elsewhere: other {', '.join(moved)})" if moved else ""
+        raise LogError(f"{log}: does not repeat up to {until:g} s: {same.first}{elsewhere}; {remedy}")
+    for name, (t_ns, _) in run.measurements.items():
+        counts = [int(np.searchsorted(one, until * 1e9 - 0.5)) for one in (t_ns, found.measurements[name].t_ns)]
+        if missing := counts[1] - counts[0]:
+            which = "missing" if missing > 0 else "there more than once"
+            raise LogError(f"{log}: {abs(missing)} samples of {name} before {until:g} s are {which}, so it is not "
+                           f"certain that they repeat; {remedy}")  # fmt: skip

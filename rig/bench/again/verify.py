@@ -1,0 +1,470 @@
+"""Verifies a recording: it must be complete, and a re-simulation must give the same values.
+
+The plant is simulated again from the scene in the file; commands and other actions from outside take effect at their
+recorded ticks. `rig.bench.again.agreement` states how samples must agree, `rig.bench.again.verify` which events must.
+If samples do not because contact points have opened, they are compared up to the first opening, and statistics after it
+(rig.bench.again.agreement).
+
+A window that a trigger recorded can be simulated again only if it begins at t = 0. Otherwise the state at its begin is
+unknown, and only its checksums are verified.
+
+Events of a recording that its re-simulation must repeat: those of the rig, its protocol and its operators.
+
+Whether the recorded commands of controllers can be what took effect.
+
+A re-simulation takes the commands as they are, so it says nothing of the measurement that a command answers and of its
+status. Both follow from rules of the exchange, and a live recording contains what the controllers sent.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import repeat, zip_longest
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.bench.again.agreement import (
+    BEFORE,
+    ELSEWHERE,
+    ROUNDED,
+    SHORTEST,
+    Openings,
+    agreement,
+    changed_place,
+    compared,
+    duration_ns,
+    other_mode_sets,
+    pairs,
+    unknown,
+)
+from rig.bench.again.branch import history_end, recorded_scene
+from rig.bench.run.command_queue import AS_SENT, CLAMPED, SAFE
+from rig.bench.run.experiment import EMERGENCY, PLANT
+from rig.bench.run.faults import FAULT
+from rig.bench.run.local_controllers import LOST
+from rig.bench.run.simulate import Recorded, Tell, simulate
+from rig.bus.impaired_link import ImpairedLink
+from rig.errors import LogError
+from rig.printable import counted
+from rig.record import reader, user_notes
+from rig.record.message_scan import Scan
+from rig.record.reader import Decoder
+from rig.record.recorded_setup import setup_of
+from rig.record.run import Commands, Integers, Reals, Run
+from rig.scenes.scene import Scene
+
+_REPEATED = frozenset(
+    {"step", "mark", "timeout", "limit", "knock", "parameter", "connected", "disconnected", "admitted", "dismissed"}
+    | {EMERGENCY, FAULT}
+)
+"""Kinds of events that depend on ticks and commands only; others tell how processes and the clock behaved."""
+_CONTACT = "contact"
+"""Kind of event that a run on the bus does not publish."""
+
+Event = Mapping[str, Any]
+
+
+def differences(run: Run, again: Run, end_ns: int, exact: bool = True) -> tuple[int, list[str]]:
+    """Compare the events of `run` up to `end_ns` with those of its re-simulation `again`, to the last bit.
+
+    Returns the number of events that agree, and the first one of each kind that does not, as text. Contacts are
+    compared if the outputs were recorded at every step in one process: the bus does not carry contacts. Not `exact`: on
+    another processor, where contacts move by rounding errors and are not compared, and neither are numbers of events.
+    """
+    every_step = (
+        exact and not run.on_bus and run.time.size > 1 and round(float(run.time[1] - run.time[0]) * 1e9) == run.step_ns
+    )
+    kinds = _REPEATED | ({_CONTACT} if every_step else frozenset())
+    recorded, simulated = (_by_kind(one.events, kinds, end_ns) for one in (run, again))
+    agrees = _agree if exact else _alike
+    agree, found = 0, []
+    for kind in sorted(recorded.keys() | simulated.keys()):
+        pairs = list(zip_longest(recorded[kind], simulated[kind]))
+        same = next((i for i, pair in enumerate(pairs) if not agrees(*pair)), len(pairs))
+        agree += same
+        if same < len(pairs):
+            one, other = pairs[same]
+            t_ns = min(event["t_ns"] for event in (one, other) if event is not None)
+            found.append(f"event {kind} differs at t = {t_ns * 1e-9:.9g} s: {_shown(one)} and {_shown(other)}")
+    return agree, found
+
+
+def _by_kind(events: Iterable[Event], kinds: frozenset[str], end_ns: int) -> dict[str, list[Event]]:
+    found: dict[str, list[Event]] = defaultdict(list)
+    for event in events:
+        if (
+            event["source"] == PLANT
+            and event["kind"] in kinds
+            and event["t_ns"] <= end_ns
+            and not _of_controller(event)
+        ):
+            found[event["kind"]].append(event)
+    return found
+
+
+def _of_controller(event: Event) -> bool:
+    """Whether the protocol changes a value of a controller: in a re-simulation none works, and none can refuse."""
+    return bool(event["kind"] == "parameter" and event["text"].startswith("controllers."))
+
+
+def _alike(one: Event | None, other: Event | None) -> bool:
+    return one is not None and other is not None and all(one[key] == other[key] for key in ("t_ns", "tick", "text"))
+
+
+def _agree(one: Event | None, other: Event | None) -> bool:
+    if one is None or other is None or not _alike(one, other):
+        return False
+    shared = one["data"].keys() & other["data"].keys()  # older recordings contain less data
+    return all(one["data"][key] == other["data"][key] for key in shared)
+
+
+def _shown(event: Event | None) -> str:
+    if event is None:
+        return "none"
+    data = f" {event['data']}" if event["data"] else ""
+    return f"{event['text']!r} at {event['t_ns']} ns{data}"
+
+
+Wrong = tuple[NDArray[np.bool_], str]
+
+
+def command_faults(log: Path, run: Run, scene: Scene) -> Iterator[str]:
+    """The first command of each controller that breaks a rule, with its time."""
+    sent = _sent(log) if run.on_bus and run.commands else {}
+    links = scene.links("act")
+    for name, commands in run.commands.items():
+        delay, link = _delay_ns(name, run, scene) // run.frame_ns, links.get(name)
+        rules = *_ruled(commands, delay, _on_time(run), link), *_as_sent(commands, sent.get(name, {}))
+        for wrong, rule in rules:
+            if wrong.any():
+                at = int(np.argmax(wrong))
+                t = int(commands.tick[at]) * run.frame_ns * 1e-9
+                said = f"status {commands.status[at]}, answers the step of tick {commands.answered[at]}"
+                yield f"the command of {name} at t = {t:.9g} s ({said}) cannot be right: {rule}"
+                break
+
+
+def _delay_ns(name: str, run: Run, scene: Scene) -> int:
+    """The additional delay of the loop of a controller; of one that was admitted, the event of its admission has it."""
+    if (section := scene.controllers.get(name)) is not None:
+        return int(section.delay)
+    admitted = [one["data"] for one in run.events if one["kind"] == "admitted" and one["source"] == PLANT]
+    found = (data.get("delay_ns", 0) for data in admitted if data.get("controller") == name)
+    return next((one for one in found if isinstance(one, int)), 0)
+
+
+def _on_time(run: Run) -> bool:
+    """Whether every command came as soon as it could: in one process, with no history of a live run.
+
+    `Run.save` writes a live run as one of this process, but its summary has the verdict on its timing.
+    """
+    return not run.on_bus and "verdict" not in run.summary and "ancestor" not in run.provenance
+
+
+def _ruled(commands: Commands, delay: int, on_time: bool, link: ImpairedLink | None) -> Iterator[Wrong]:
+    """Rules of the exchange for a loop with a delay of `delay` ticks, whose commands come over `link`."""
+    tick, answered, status, _ = commands
+    safe = status == SAFE
+    least, most = (0, 0) if link is None else (link.least, link.most)
+    early = answered + delay + least > tick
+    if link is not None and link.loss:
+        lost = np.array([number >= 0 and link.loses(number) for number in answered.tolist()], np.bool_)
+        yield lost, "the scene's link loses the answer to this step"
+    yield (status < AS_SENT) | (status > SAFE), "a status is 0 (as sent), 1 (clamped or completed) or 2 (safe)"
+    yield safe != (answered == -1), "safe values answer no step, all other commands answer one"
+    yield ~safe & ((answered < 0) | early), "it took effect before it could arrive"
+    if on_time:
+        late = answered + delay + most < tick
+        yield ~safe & late, "in one process a command takes effect as soon as its delay is over"
+
+
+def _as_sent(commands: Commands, sent: dict[int, list[tuple[float, ...]]]) -> Iterator[Wrong]:
+    """Rules for a command and what its controller sent for the step that it answers.
+
+    A value can be the one that was in force before: if the controller sent none, or if its rig is still being built.
+    """
+    unsent = np.zeros(commands.tick.size, np.bool_)
+    unclamped = unsent.copy()
+    before: tuple[float, ...] = ()
+    for i, (answered, status, row) in enumerate(
+        zip(commands.answered.tolist(), commands.status.tolist(), commands.values.tolist())
+    ):
+        values, known = tuple(row), sent.get(answered, ())
+        if known and status == AS_SENT:
+            unsent[i] = not any(map(_follows, known, repeat(values), repeat(before or values)))
+        elif known and status == CLAMPED:
+            unclamped[i] = values in known
+        before = values
+    yield unsent, "with status 0 it has the values that the controller sent for this step, and it has others"
+    yield unclamped, "with status 1 it has other values than the controller sent for this step, and it has the same"
+
+
+def _follows(sent: Sequence[float], values: Sequence[float], before: Sequence[float]) -> bool:
+    return len(sent) == len(values) and all(
+        value == given or value == held or not isfinite(given) for given, value, held in zip(sent, values, before)
+    )
+
+
+def _sent(log: Path) -> dict[str, dict[int, list[tuple[float, ...]]]]:
+    """Controller -> tick -> commands that it sent over the bus in answer to this step."""
+    scan, found = Scan(log), dict[str, dict[int, list[tuple[float, ...]]]]()
+    gathered = scan.payloads(("act/",))
+    decode = Decoder(setup_of(scan))
+    for topic, payloads in gathered.items():
+        own = found.setdefault(topic.removeprefix("act/"), {})
+        for block in decode.columns(topic, payloads):
+            for tick, values in zip(block["tick"].ravel().tolist(), block["values"].reshape(len(block["tick"]), -1)):
+                own.setdefault(tick, []).append(tuple(values.tolist()))
+    return found
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The result of verifying a recording."""
+
+    log: str
+    seconds: float
+    """Simulated time [s]."""
+    compared: int
+    """Number of values compared."""
+    events: int
+    """Number of events that agree."""
+    identical: bool
+    deviation: float
+    """Largest deviation of a signal as a share of its range."""
+    elsewhere: tuple[str, ...]
+    """Differences between this machine and that of the recording: sources, processor, versions."""
+    faults: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    """Notes that the user should know, but that are not faults of the recording."""
+    opened: float | None = None
+    """Time of the first opening of a contact point [s], if samples were compared only up to there."""
+    statistics: tuple[str, ...] = ()
+    """Statistics compared after it: of the recording, of the re-simulation, and the tolerance."""
+    simulated: bool = True
+    """Whether the run was simulated again; not possible for a window that begins after t = 0."""
+    user_notes: tuple[str, ...] = ()
+    """Notes that somebody wrote on the recording. They lie beside it and are not verified."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the recording is verified: no fault was found."""
+        return not self.faults
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as plain values for JSON."""
+        return {**vars(self), "passed": self.passed}
+
+    def text(self) -> str:
+        """The result as text."""
+        right = "verified" if self.simulated else "undamaged, but not simulated again"
+        lines = [f"{self.log}: {right if self.passed else 'not verified'}"]
+        lines += [f"  {line}" for line in (*self.faults, *self.notes)]
+        return "\n".join([*lines, *(self._agreement() if self.simulated else ()), *self._remarks()])
+
+    def _agreement(self) -> list[str]:
+        """The comparison as lines."""
+        if not self.deviation:
+            agreement = "bit by bit" if self.identical or self.opened else "except for rounding errors"
+        else:
+            agreement = f"to {self.deviation:.1e} of their range"
+        events = f", and {counted(self.events, 'event')}" if self.events else ""
+        lines = [f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {agreement}{events}"]
+        if self.opened is not None:
+            lines = [
+                f"  {self.seconds:g} s simulated again; a contact point opens first at t = {self.opened:.6g} s",
+                f"  before: {self.compared} numbers agree {agreement} ({BEFORE:g} is allowed)",
+                "  from there on the motion is chaotic: statistics, recorded and here (what is allowed)",
+                *(f"    {one}" for one in self.statistics),
+            ]
+        if self.elsewhere and not self.identical:
+            lines.append(f"  recorded elsewhere: other {', '.join(self.elsewhere)}")
+        return lines
+
+    def _remarks(self) -> list[str]:
+        """The notes of users as lines."""
+        title = ["  notes on it (not part of the recording, not verified):"] if self.user_notes else []
+        return [*title, *(f"    {n}" for n in self.user_notes)]
+
+
+def verify(log: Path, tell: Tell | None = None) -> Verification:
+    """Verify the recording `log`; `tell` gets the progress (`rig.bench.run.simulate`).
+
+    Raises rig.errors.LogError if the file is no recording or has lost its scene.
+    """
+    run = reader.open(log)
+    if run.begin_ns:
+        return _window(log, run)
+    scene = recorded_scene(log, run)
+    try:
+        again = simulate(scene, {}, duration_ns(run), Recorded(run.commands, run.events), tell=tell)
+    except LogError as error:
+        raise LogError(f"{log}: {error}") from None
+    elsewhere = changed_place(run)
+    notes = [note for note in (run.recovered, run.untold) if note]
+    if scene.models != Scene.from_json(again.scene).models:
+        elsewhere.append("model")
+        notes.append("the recording has lost the model of its structure: one that was built here takes its place")
+    elif scene.models and not run.models:
+        notes.append("the recording has lost the model of its structure; the one that was built here is the same")
+    common = list(pairs(run, again, modes=not (elsewhere or run.notes)))  # a lost one cannot be told from a mode set
+    found = agreement(common, scene, bool(elsewhere))
+    openings = Openings.of(run, again)
+    chaotic = found.first and elsewhere and found.deviation > ELSEWHERE and openings.first is not None
+    faults, events = [*unknown(run, again), *_gaps(run, again)], 0
+    if not run.damage:
+        faults += [*command_faults(log, run, scene), *_network(run, again)]
+    if run.damage:
+        notes.append("events were not compared, because of the damage")
+    elif other := sorted(set(elsewhere) - ROUNDED):
+        notes.append(f"events and mode sets were not compared: it was recorded with another {' and '.join(other)}")
+    else:
+        end_ns = round(openings.first * 1e9) if chaotic and openings.first is not None else duration_ns(run)
+        events, others = differences(run, again, end_ns, exact=not elsewhere)
+        faults += others
+        if elsewhere and not run.notes:
+            faults += other_mode_sets(run, again, end_ns)
+    lost = [event["text"] for event in run.plant_events if event["kind"] == LOST]
+    if run.fault in lost:  # controllers are not called again
+        notes.append(run.fault)
+    elif run.fault not in ("", run.damage, again.fault, again.summary["ended"]):  # a limit ends a run without a fault
+        faults.insert(0, run.fault)
+    if run.damage:
+        faults.insert(0, run.damage)
+    parts: list[str] = []
+    allowed = ELSEWHERE
+    if chaotic and openings.first is not None:
+        found, allowed = agreement(common, scene, True, openings.first), BEFORE
+        if fault := openings.fault(float(np.diff(run.time[:2]).sum())):
+            faults.append(fault)
+        else:
+            parts, wrong = _statistics(run, again, openings.first)
+            faults += wrong
+    if found.first and (not elsewhere or found.deviation > allowed):
+        faults.append(found.first)
+    if not (run.sealed or run.damage):
+        notes.append("no digest: an older version recorded it, and damage to its descriptions would not show")
+    return Verification(
+        log=str(log),
+        seconds=duration_ns(run) * 1e-9,
+        compared=found.compared,
+        events=events,
+        identical=not found.first and not parts,
+        deviation=found.deviation,
+        elsewhere=tuple(elsewhere),
+        faults=tuple(faults),
+        notes=tuple(notes),
+        opened=openings.recorded if parts else None,
+        statistics=tuple(parts),
+        user_notes=_user_notes(log),
+    )
+
+
+def _window(log: Path, run: Run) -> Verification:
+    """The result for a window of a run: its state at the begin is not recorded, so only checksums can be verified."""
+    begin, end = run.begin_ns * 1e-9, duration_ns(run) * 1e-9
+    return Verification(
+        log=str(log),
+        seconds=end - begin,
+        compared=0,
+        events=0,
+        identical=False,
+        deviation=0.0,
+        elsewhere=(),
+        faults=(run.damage,) if run.damage else (),
+        notes=(
+            f"a window of a run, t = {begin:.3f} to {end:.3f} s, recorded by a trigger: {run.window}",
+            *(["checked: the checksums prove every byte of the file"] if run.sealed else []),
+            f"not checked: a simulation starts at t = 0, and the file lacks what happened before t = {begin:.3f} s. "
+            "Only a recording of the whole run can be simulated again: rig record without --trigger",
+        ),
+        simulated=False,
+        user_notes=_user_notes(log),
+    )
+
+
+def _user_notes(log: Path) -> tuple[str, ...]:
+    """The notes on a recording; why they cannot be read, if so: they never decide about the recording."""
+    try:
+        return tuple(map(str, user_notes.read(log).found))
+    except LogError as fault:
+        return (str(fault),)
+
+
+def _statistics(run: Run, again: Run, opened: float) -> tuple[list[str], list[str]]:
+    """Statistics compared from the first opening `opened` [s] on, and those that do not agree."""
+    end = float(min(run.time[-1], again.time[-1]))
+    if end - opened < SHORTEST:
+        return [f"{end - opened:.3g} s are too few for statistics ({SHORTEST:g} s are needed): not compared"], []
+    found = list(compared(run, again, opened, end))
+    return [str(one) for one in found], [f"does not agree: {one}" for one in found if not one.agrees]
+
+
+def _gaps(run: Run, again: Run) -> Iterator[str]:
+    """Faults for samples that a sensor published and commands that took effect, but that are not in the file."""
+    lost = run.summary.get("lost")
+    for way, count in (lost if isinstance(lost, dict) else {}).items():
+        if way.startswith("applied/") and way.endswith(" to recorder"):
+            name = way.removeprefix("applied/").removesuffix(" to recorder")
+            yield f"{count} messages of the commands of {name} were lost on their way: the run cannot be repeated"
+    for name in run.commands.keys() - again.commands.keys():
+        yield f"the commands of {name} are recorded, but not that it was admitted: the run cannot be repeated"
+    for name, (t_ns, _) in run.measurements.items():
+        if name not in again.measurements:
+            continue
+        expected = again.measurements[name].t_ns
+        if run.window and t_ns.size:  # its end cuts the blocks of each sensor at another instant
+            expected = expected[expected <= t_ns[-1]]
+        missing = expected.size - t_ns.size
+        if missing > 0:
+            yield f"{counted(missing, 'sample')} of {name} {_are(missing)} missing"
+        elif missing:
+            ended = again.summary["ended"]
+            yield f"{-missing} samples of {name} are more than the re-simulation has, which ended: {ended}"
+    t_ns, history_ns = np.rint(run.time * 1e9).astype(np.int64), history_end(run)
+    old = t_ns <= history_ns  # outputs of a history may be farther apart than those that were simulated after it
+    rows = _missing_rows(t_ns[old]) + _missing_rows(t_ns[~old], history_ns if old.any() else None)
+    for name, v in run.signals.items():
+        if name not in again.signals:
+            continue
+        if missing := rows + int(np.count_nonzero(np.isnan(v) & ~np.isnan(_at(again, name, run.time)))):
+            yield f"{counted(missing, 'sample')} of the output {name} {_are(missing)} missing"
+
+
+def _network(run: Run, again: Run) -> Iterator[str]:
+    """Impaired links of measurements of which the recording counts other messages than the re-simulation.
+
+    In a re-simulation no controller works, so the links of commands carry nothing.
+    """
+    for topic, counts in run.summary.get("network", {}).items():
+        here = again.summary.get("network", {}).get(topic)
+        if topic.startswith("meas/") and counts != here:
+            yield f"the summary counts {counts} on the link {topic}, the re-simulation {here}"
+
+
+def _missing_rows(t_ns: Integers, before: int | None = None) -> int:
+    """Number of instants at which no output was recorded: they are recorded at even distances.
+
+    `before` [ns]: the instant before the first one; without it the first one is 0.
+    """
+    if t_ns.size < 2:
+        return 0
+    step = int(np.median(np.diff(t_ns)))
+    gaps = np.diff(t_ns, prepend=-step if before is None else before)
+    return int(np.sum(np.rint(gaps / step).astype(np.int64) - 1)) if step else 0
+
+
+def _at(run: Run, name: str, time: Reals) -> Reals:
+    """Values of an output at instants that `run` has; NaN at others."""
+    rows = np.minimum(np.searchsorted(run.time, time - 0.5e-9), run.time.size - 1)
+    return np.where(np.abs(run.time[rows] - time) < 0.5e-9, run.signals[name][rows], np.nan)
+
+
+def _are(number: int) -> str:
+    return "is" if number == 1 else "are"

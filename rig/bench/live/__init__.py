@@ -1,0 +1,1 @@
+"""A live run: plant, hub, pace and processes."""

@@ -1,0 +1,194 @@
+"""Tasks of a plant that are not needed in every frame: presence of processes, health messages, skipped time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import Any
+
+from rig.bench.live import pace
+from rig.bench.live.hub import Hub
+from rig.bench.live.operator_commands import Operator
+from rig.bench.live.outcome import Job, called
+from rig.bench.live.timing import Timing
+
+ATTEND_NS = 20_000_000
+HEALTH_NS = 200_000_000
+MISSED = ("controller", "recorder")
+"""Roles whose early leaving the timing verdict mentions."""
+
+
+class Housekeeper:
+    """Does these tasks 50 times per second, and publishes the health of the run 5 times per second."""
+
+    def __init__(self, hub: Hub, operator: Operator, job: Job, timing: Timing) -> None:
+        self.faults: list[str] = []
+        """Reasons for the timing verdict that are not about timing."""
+        self.health: dict[str, Any] = {}
+        self.gone = False
+        """Whether the parent process has ended."""
+        self.pacer: pace.Pacer | None = None
+        self._hub, self._operator, self._job, self._timing = hub, operator, job, timing
+        self._experiment, self._runner = hub.experiment, hub.runner
+        self._due = self._health_due = 0
+        self._marked = (0, 0)
+        self._given_up = 0
+        self._passed_ns: list[int] = []
+        self._known: set[tuple[str, str]] = set(job.expect)
+        """Processes that were expected, or present at the first frame."""
+        self._left: dict[tuple[str, str], str] = {}
+        """Processes that have left and not come back -> the entry in `faults`."""
+        self._asleep = pace.asleep_ns()
+        self._begun, self._stolen = 0, 0
+        self._counted = False
+        self._statistics: dict[str, Any] = {}
+
+    def begin(self, now: int, pacer: pace.Pacer | None) -> None:
+        """Start: the first frame begins at `now`."""
+        self._due = self._health_due = now
+        self._marked, self.pacer = (now, 0), pacer
+        self._begun, self._stolen = now, pace.stolen_ns()
+        self._known |= self._hub.watch.present
+
+    def look(self, now: int) -> bool:
+        """Do what is due now; whether the health was published."""
+        if now < self._due:
+            return False
+        self._due = now + ATTEND_NS
+        self._hub.session.flush()
+        self.notice()
+        self._hub.serve_scene()
+        if now < self._health_due:
+            return False
+        if not self._counted:  # spread over three calls, because one frame has no time for all
+            self._count(now)
+            return False
+        if not self._statistics:
+            self._statistics = self._runner.statistics()
+            return False
+        self._health_due = now + HEALTH_NS - 2 * ATTEND_NS
+        self.gone = self.orphaned()
+        self._publish(now)
+        return True
+
+    def _tell_passed(self, late_ns: int) -> None:
+        """Keep one fault for all pauses without a frame: an overloaded machine has many of them."""
+        passed = self._passed_ns
+        before = _passed(*passed)
+        passed.append(late_ns)
+        self.faults = [fault for fault in self.faults if fault != before] + [_passed(*passed)]
+
+    def orphaned(self) -> bool:
+        """Whether the parent process has ended."""
+        return self._job.parent not in (0, os.getppid())
+
+    def notice(self) -> None:
+        """Record which processes have joined and left."""
+        note = self._experiment.journal.note
+        for who in self._hub.look():
+            known = {"role": who.role, "name": who.name}
+            if who.here:
+                note("joined", f"{called(who.role, who.name)} is here", **known)
+                self._is_back(who.role, who.name)
+                continue
+            text = f"{called(who.role, who.name)} left at t = {self._runner.t_ns / 1e9:.3f} s"
+            note("left", text, **known)
+            if who.role in MISSED and self._missed(who.role, who.name):
+                self.faults.append(text)
+                self._left[who.role, who.name] = text
+
+    def _missed(self, role: str, name: str) -> bool:
+        """Whether the run relied on a process that has left.
+
+        It relied on processes that it waited for or began with, on controllers that drive something, and on reserved
+        names, such as a recorder started by hand. A guest that joins later can have any other name and does not count.
+        """
+        driving = role == "controller" and name in self._experiment.exchange.queues
+        return (role, name) in self._known or driving or name in self._hub.session.inbound.reserved
+
+    def _is_back(self, role: str, name: str) -> None:
+        """A process has come back: shorten its fault to the time of its absence."""
+        if (text := self._left.pop((role, name), None)) in self.faults:
+            back = f"{self._runner.t_ns / 1e9:.3f} s"
+            self.faults[self.faults.index(text)] = f"{text.replace(' left at t = ', ' was away from t = ')} to {back}"
+
+    def miss(self, missing: Iterable[str]) -> None:
+        """Record which expected processes (see `called`) are not present at the first frame."""
+        for who in missing:
+            text = f"{who} was not here when the run began"
+            self._experiment.journal.note("missing", text)
+            if who.startswith(MISSED):
+                self.faults.append(text)
+
+    def tell_health(self, now: int) -> None:
+        """Publish the health of the run now."""
+        self._count(now)
+        self._publish(now)
+
+    def _count(self, now: int) -> None:
+        timing, self._counted = self._timing, True
+        self._hub.commands.fold()
+        for text in self._hub.session.inbound.news():
+            self._experiment.journal.repeated("refused", text)
+        for text in self._hub.commands.floods():
+            self._flooded(text)
+        if self.pacer is not None:
+            self._count_given_up(self.pacer)
+            timing.fold()
+            whole = (now - self._begun) * (os.cpu_count() or 1)
+            timing.stolen_share = (pace.stolen_ns() - self._stolen) / whole if whole else 0.0
+
+    def _flooded(self, text: str) -> None:
+        """Record once that a controller sends too many commands, since reading them makes frames late."""
+        name = text.partition(" sent ")[0]
+        if not any(fault.startswith(f"{name} sent ") for fault in self.faults):
+            self.faults.append(text)
+        self._experiment.journal.repeated("flood", f"{name} sends too many commands")
+
+    def _publish(self, now: int) -> None:
+        timing, statistics = self._timing, self._statistics or self._runner.statistics()
+        self._counted, self._statistics = False, {}
+        wall, t_ns = now - self._marked[0], self._runner.t_ns
+        rate = (t_ns - self._marked[1]) / wall if wall else 0.0
+        self._marked = (now, t_ns)
+        progress = self._experiment.progress()
+        steps = f" {progress.step}/{progress.steps or '-'}" if progress.step else ""
+        left = progress.left_ns
+        self.health = {
+            "phase": "paused" if self._operator.paused else f"{progress.phase or 'run'}{steps}",
+            "rate": rate,
+            "lateness_us": timing.lateness.quantile(0.99) / 1e3,
+            "worst_us": timing.worst_ns / 1e3,
+            "late": timing.late + timing.given_up,
+            "overruns": sum(timing.overruns.values()),
+            "drops": sum(self._hub.commands.lost().values()),
+            "held": sum(queue.counts.held for queue in self._experiment.exchange.all_queues.values()),
+            "energy_error": statistics["energy_error"],
+            "stick_share": statistics.get("stick_share", 0.0),
+            "refused": self._hub.session.inbound.total,
+            "eta_s": -1.0 if left is None else left / 1e9 / (self._job.pace or max(rate, 1e-9)),
+        }
+        self._hub.put_health(**self.health)
+
+    def _count_given_up(self, pacer: pace.Pacer) -> None:
+        """Record time of the wall clock that was skipped; its frames count as late."""
+        new = pacer.given_up[self._given_up :]
+        self._given_up += len(new)
+        self._timing.given_up += sum(one.frames for one in new)
+        journal = self._experiment.journal
+        for one in new:
+            if one.late_ns > pace.PAUSE:
+                journal.note("pause", _passed(one.late_ns), frame=one.frame, late_ns=one.late_ns)
+                self._tell_passed(one.late_ns)
+            else:
+                journal.repeated("overrun", "time of the wall clock was given up", frames=one.frames)
+        if (asleep := pace.asleep_ns()) > self._asleep + ATTEND_NS:
+            text = f"the machine was suspended for {(asleep - self._asleep) / 1e9:.3g} s"
+            journal.note("pause", text)
+            self.faults.append(text)
+        self._asleep = asleep
+
+
+def _passed(*late_ns: int) -> str:
+    times = f", in {len(late_ns)} pieces" if len(late_ns) > 1 else ""
+    return f"{sum(late_ns) / 1e9:.3g} s of the wall clock passed without a frame{times}"

@@ -1,0 +1,121 @@
+"""What a plant process is to do, and how a run ended: its job, its summary, its recording, its exit code.
+
+The outcome of a run that has ended: its summary, its recording, its exit code.
+
+The job of a plant process: the run that it performs. Its parent passes it as a JSON file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from rig.bench.live import status
+from rig.bench.live.timing import NOTHING_LOST
+from rig.errors import ExitCode, UsageError
+from rig.scenes.scene import Scene
+
+CALLING = "calling"
+"""File beside that of the summary, with the name of the controller that the rehearsal is calling."""
+
+
+def called(role: str, name: str) -> str:
+    """Return a process in words: `controller nf`, but `recorder` where role and name are the same."""
+    return role if role == name else f"{role} {name}"
+
+
+@dataclass(frozen=True)
+class Job:
+    """The settings of one run of the plant. Raises UsageError for a pace that is not positive."""
+
+    scene: str
+    """The scene as JSON text (`Scene.to_json`)."""
+    run: str | None = None
+    endpoint: str | None = None
+    pace: float | None = 1.0
+    """Simulated time over wall time; None: lockstep, as fast as the controllers answer."""
+    lockstep: bool = False
+    duration: float | None = None
+    """Simulated time [s]; by default the duration of the protocol."""
+    expect: tuple[tuple[str, str], ...] = ()
+    """Role and name of the processes for which the first frame waits."""
+    wait: float = 20.0
+    """Longest wait for them [s]."""
+    parent: int = 0
+    """Id of the parent process; this process ends when the parent has ended. 0: none."""
+    command: tuple[str, ...] = ()
+    """The user's command line, for the recording."""
+
+    def __post_init__(self) -> None:
+        if self.pace is not None and self.pace <= 0.0:
+            raise UsageError(f"the pace is {self.pace:g}; it must be above zero")
+
+    @property
+    def in_lockstep(self) -> bool:
+        """Whether each frame waits for the answers of the controllers."""
+        return self.lockstep or self.pace is None
+
+    def to_json(self) -> str:
+        """The job as JSON text."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Job:
+        """The job from the JSON text of `to_json`."""
+        found = json.loads(text)
+        found["expect"] = tuple((role, name) for role, name in found["expect"])
+        return cls(**{**found, "command": tuple(found["command"])})
+
+
+def keeps_up(scene: Scene, pace: float | None) -> None:
+    """Raise UsageError if `pace` exceeds the pace limit that `scene` states (None: without a clock)."""
+    limit = scene.clock.pace_limit
+    if pace is not None and limit is not None and pace > limit:
+        raise UsageError(
+            f"{scene.name} cannot run at a pace of {pace:g}: {scene.slow}. What works: rig simulate; "
+            f"rig run --lockstep; rig run --pace {limit:g}. To try it anyway: -p clock.pace_limit={pace:g}"
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The outcome of a run."""
+
+    summary: Mapping[str, Any]
+    """The summary that the plant published; if the plant died, what is known."""
+    log: str = ""
+    """Path of the recording."""
+    account: str = ""
+    """The recorder's text about the finished recording; empty if it did not finish it."""
+    died: tuple[str, ...] = field(default_factory=tuple)
+    """Processes that died or had to be killed, in words."""
+    machine: Mapping[str, float] = field(default_factory=dict)
+    """Shares of the processors' time that others took (rig.bench.live.pace)."""
+    unrecorded: bool = False
+    """Whether a recording was requested that is missing or incomplete."""
+
+    def without_recording(self, why: str) -> Outcome:
+        """The same outcome for a run with an incomplete recording: at best DEGRADED; `why` says what is lost."""
+        reasons = [reason for reason in self.summary["reasons"] if reason != NOTHING_LOST]
+        verdict = "DEGRADED" if self.summary["verdict"] == "VALID" else self.summary["verdict"]
+        summary = {**self.summary, "verdict": verdict, "reasons": [*reasons, f"the recording is not complete: {why}"]}
+        return replace(self, summary=summary, unrecorded=True)
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """The exit code of the command."""
+        code = ExitCode(self.summary["exit_code"])
+        return ExitCode.FAILED if self.unrecorded and code in (ExitCode.DONE, ExitCode.INTERRUPTED) else code
+
+    def to_json(self) -> dict[str, Any]:
+        """The outcome as plain values for JSON."""
+        return {**self.summary, "log": self.log, "died": list(self.died), "machine": dict(self.machine)}
+
+    def text(self) -> str:
+        """The summary as text, with commands to try next."""
+        broken = self.unrecorded and not self.account  # a finished file needs no recovery
+        commands = ("recover",) if broken else ("report", "verify", "replay")
+        following = [f"rig {command} {self.log}" for command in commands] if self.log else []
+        return status.summary(self.to_json(), self.account or self.log, following)

@@ -1,0 +1,566 @@
+"""The plant of a live run: in lockstep with its controllers, at the pace of the wall clock, or both.
+
+A frame of a paced run            A frame in lockstep
+  wait until it is due              collect state and samples, if due
+  receive messages                  protocol, if due; operators, every few milliseconds of the wall clock
+  send step, samples, state         send step
+  protocol, operators               wait for the controllers that joined and are due
+  commands in force                 commands in force
+  integrate                         integrate
+
+In lockstep plant and controllers work one after the other, so that a tick takes the time of all that both do for it.
+Therefore the plant looks at operators, presence of processes and events only when the protocol has something to do,
+after an event, and every `LOOK_NS`. Meanwhile the compiled loop asks the controllers (rig.bench.live.waiting).
+
+If a controller dies, its last command is held, then its actuators take their safe values; the plant continues. If the
+integration must stop, an event states where and why, and the recording is kept.
+
+The parts of a plant process, shared by the module that runs it and the one that finalises it.
+
+The end of a run: last messages, losses, the timing verdict and the summary.
+
+The plant publishes how many messages it sent; recorders and controllers answer with how many they received. The
+difference is a loss. Then the plant publishes the timing verdict and the totals again, so that they include it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
+from typing import Any
+
+from rig import design
+from rig.bench.live import pace
+from rig.bench.live.controllers_in_plant import ControllersInPlant
+from rig.bench.live.housekeeping import Housekeeper
+from rig.bench.live.hub import Hub, missing
+from rig.bench.live.operator_commands import Operator
+from rig.bench.live.outcome import Job, called
+from rig.bench.live.pace import FrameBatches, length
+from rig.bench.live.rehearsal import PreparedRigs
+from rig.bench.live.timing import Timing, TimingVerdict
+from rig.bench.live.waiting import Lockstep, RecorderLag, Stopped
+from rig.bench.run.builds import Rebuild
+from rig.bench.run.experiment import BEGIN, Experiment
+from rig.bench.run.runner import PlantRunner
+from rig.bus import messages
+from rig.bus.port import Session
+from rig.bus.run_setup import Setup
+from rig.compiled import records
+from rig.errors import BusError, ExitCode, NumericsError, RigError
+from rig.machine import scheduling
+from rig.machine.process import no_garbage
+from rig.parts import foreign_fault
+from rig.plants.structures import model_store
+from rig.printable import counted
+from rig.quantities import run_length_ns
+from rig.record.provenance import provenance
+from rig.scenes.scene import Scene
+
+ANSWERS_S = 5.0
+"""Longest wait for the totals of the other processes, and for a sign that a recorder still catches up [s]."""
+CATCH_UP_S = 300.0
+"""Longest wait for a recorder that catches up [s]. # chosen: what waits for it fits into 160 MB"""
+TELL_S = 2.0
+"""Time between two lines about a recorder that catches up [s]."""
+COUNTERS_S = 1.0
+"""Longest wait for the counters of a controller [s]; it looks for questions ten times per second."""
+LAST_ANSWER_S = 0.1
+"""Longest wait for the answers to the last steps [s]."""
+
+
+def finalise(plant: Plant) -> dict[str, Any]:
+    """End the run of `plant` and return its summary."""
+    hub, experiment, runner = plant.hub, plant.experiment, plant.runner
+    now = time.perf_counter_ns()
+    wall = now - plant.begun_ns if plant.begun_ns else 0
+    plant.operator.close()
+    hub.collect()  # a batch of frames may have ended before its last tick
+    hub.put_applied()
+    hub.put_rest()
+    ended = "diverged" if plant.fault else experiment.over or "failed"
+    experiment.end()
+    counters = _counters(plant)
+    plant.housekeeper.faults += [*experiment.postponed.never, *plant.in_plant.failures]
+    for name, counts in counters.items():
+        if counts["refused"]:
+            plant.housekeeper.faults.append(
+                f"{counted(counts['refused'], 'answer')} of {name} not finite, and not sent"
+            )
+    experiment.journal.note("end", ended)
+    hub.put_events()
+    plant.in_plant.leave()
+    plant.housekeeper.tell_health(now)
+    lost, unknown = _lost_elsewhere(plant)
+    lost |= _unanswered(plant)
+    hub.commands.receive()
+    lost |= hub.commands.lost()
+    verdict = timing_verdict(plant, lost, unknown)
+    statistics = runner.statistics()
+    t = runner.t_ns / 1e9
+    summary: dict[str, Any] = {
+        "run": plant.session.run,
+        "scene": plant.scene.name,
+        "verdict": verdict.word,
+        "reasons": list(verdict.reasons),
+        "exit_code": _exit_code(plant, ended, verdict),
+        "ended": ended,
+        "fault": plant.fault or experiment.aborted,
+        "mode": ("lockstep" if plant.job.in_lockstep else "paced") if plant.job.pace else "lockstep, not paced",
+        "pace": plant.job.pace,
+        "ticks": runner.tick,
+        "seconds": t,
+        "wall_seconds": wall / 1e9,
+        "rate": t * 1e9 / wall if wall else 0.0,
+        "timing": plant.timing.to_json() if plant.job.pace else {},
+        "waiting": plant.waiting._asdict() if plant.waiting else {},
+        "scheduling": plant.ahead.account if plant.ahead else "",
+        "memory": plant.memory,
+        "round_trip": hub.commands.round_trip.to_json(),
+        "loop": experiment.exchange.counters(),
+        "controllers": counters,
+        "lost": lost,
+        "unknown": unknown,
+        "refused": plant.session.inbound.refusals(),
+        "faults": plant.housekeeper.faults,
+        "postponed": experiment.postponed.to_json(),
+        "energy": statistics.pop("energy"),
+        "plant": statistics,
+        "audit": runner.audit(),
+        "sensors": runner.bank.counters(),
+        **({"network": network} if (network := experiment.network()) else {}),
+        "processor_seconds": sum(os.times()[:2]),
+    }
+    summary = json.loads(json.dumps(summary, default=float))
+    event = messages.event(runner.t_ns, runner.tick, "plant", "verdict", verdict.word, summary)
+    plant.session.publisher("event/plant").put(event, runner.t_ns)
+    hub.put_totals()
+    return summary
+
+
+def _exit_code(plant: Plant, ended: str, verdict: TimingVerdict) -> ExitCode:
+    if plant.fault or plant.experiment.aborted:
+        return ExitCode.STOPPED
+    if ended == "failed":
+        return ExitCode.FAILED
+    return verdict.exit_code or (ExitCode.INTERRUPTED if plant.interrupted else ExitCode.DONE)
+
+
+def timing_verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
+    """The timing verdict of a run. `lost`: messages by topic; `unknown`: processes whose losses are unknown."""
+    faults = list(plant.housekeeper.faults)
+    for name, commands in plant.experiment.exchange.all_queues.items():
+        if commands.counts.safe:
+            faults.append(f"safe values replaced the commands of {name} {counted(commands.counts.safe, 'time')}")
+        if commands.counts.not_finite:
+            faults.append(f"{counted(commands.counts.not_finite, 'command')} of {name} not finite")
+    if plant.fault:
+        faults.append(plant.fault.partition("\n")[0])
+    clock, pacer = plant.scene.clock, plant.housekeeper.pacer
+    broken = pacer is not None and pacer.stopped
+    return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults, broken, unknown)
+
+
+def _counters(plant: Plant) -> dict[str, dict[str, int]]:
+    """Controller -> its counters (`Loop.counters`); those of another process are asked for, if it is still here."""
+    found, here = plant.in_plant.counters(), plant.hub.watch.present
+    for name in plant.experiment.exchange.queues:
+        if name not in found and ("controller", name) in here:
+            with suppress(BusError, LookupError, TypeError, ValueError):  # one in another language has none
+                told = plant.session.ask(f"param/{name}", {"get": []}, COUNTERS_S)["counters"]
+                found[name] = {what: int(told[what]) for what in ("updates", "held", "refused")}
+    return found
+
+
+def _unanswered(plant: Plant) -> dict[str, int]:
+    """Return the number of steps without an answer, for each controller that was connected during the whole run."""
+    hub, found = plant.hub, {}
+    if plant.job.in_lockstep:  # a step in lockstep is repeated until it is answered
+        return {}
+    here = plant.from_start & hub.watch.present
+    deadline = time.monotonic() + LAST_ANSWER_S
+    asked = plant.scene.controllers.keys() - hub.in_plant
+    for name in sorted(name for role, name in here if role == "controller" and name in asked):
+        while hub.commands.unanswered(name) > 0 and (left := deadline - time.monotonic()) > 0.0:
+            hub.commands.next(left)
+        if (count := hub.commands.unanswered(name)) > 0:
+            found[f"step to {name}"] = count
+    return found
+
+
+def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
+    """Return the messages that others miss ("topic to name" -> number), and the recorders that did not answer.
+
+    Only the recorder of the run and controllers that drive an actuator count: a viewer may drop what it cannot draw,
+    and a guest may use any name.
+    """
+    hub, session = plant.hub, plant.session
+    hub.totals.drain()
+    hub.put_totals()
+    own = messages.decode("total/plant", session.totals())
+    sent = {topic: n for topic, n in zip(own.sent_topic, own.sent) if topic != "total/plant"}
+    roles = dict.fromkeys(plant.recorders(), "recorder")
+    asked = set(roles)
+    roles |= {name: role for role, name in hub.watch.present if role == "controller" and hub.drives(name)}
+    found: dict[str, int] = {}
+    t, deadline = plant.runner.t_ns / 1e9, time.monotonic() + ANSWERS_S
+    last, tell = time.monotonic() + CATCH_UP_S, time.monotonic() + TELL_S
+    while asked and (left := min(deadline, last) - time.monotonic()) > 0.0:
+        message = hub.totals.get(left)
+        if message is None:
+            break
+        name = message.topic.partition("/")[2]
+        if name not in roles or not hub.commands.speaks_for(message.user, name):
+            continue
+        if roles[name] == "recorder" and "total/plant" not in message.said.heard_topic:
+            deadline = time.monotonic() + ANSWERS_S  # a plant as fast as possible outruns it; it goes on writing
+            if time.monotonic() > tell:
+                tell = time.monotonic() + TELL_S
+                plant.say(f"waiting for {name}: {message.t_ns / 1e9:.1f} of {t:.1f} s are written")
+            continue
+        asked.discard(name)
+        wanted = sent if roles[name] == "recorder" else {"step": sent["step"]}
+        whole = (roles[name], name) in plant.from_start
+        for topic, count in missing(wanted, message.said, whole).items():
+            found[f"{topic} to {name}"] = count
+    for name in sorted(asked):
+        plant.housekeeper.faults.append(f"{roles[name]} {name} did not report what it received")
+    away = plant.from_start - hub.watch.present
+    gone = {name for role, name in away if role == "recorder" and plant.is_recorder(name)}
+    return found, [f"recorder {name}" for name in sorted(asked | gone)]
+
+
+Say = Callable[[str], object]
+Show = Callable[[dict[str, Any]], object]
+LOOK_NS = 10_000_000
+"""Longest time [ns of the wall clock] between two looks at operators in lockstep. # chosen: nobody notices it"""
+
+
+class Plant:
+    """One run of a job on an open session. `stopping()` returns the reason to end at the next frame, or "".
+
+    `sets`: mode sets that a paced run builds before its first frame.
+    """
+
+    def __init__(self, session: Session, job: Job, stopping: Callable[[], str], sets: Iterable[int] = ()) -> None:
+        self.session, self.job = session, job
+        self.scene = scene = Scene.from_json(job.scene)
+        with model_store.collected() as self.models:
+            self.runner = runner = PlantRunner(scene, piece=length(scene, job.pace))
+        duration_ns = run_length_ns(job.duration)
+        self.experiment = Experiment(scene, runner, duration_ns, self._retune)
+        self.cores = scheduling.choose()
+        """Cores of the plant's thread (in a paced run) and of the threads of the bus."""
+        self.setup = self._setup()
+        self.hub = hub = Hub(session, self.experiment, self.setup, job.in_lockstep)
+        self.operator = Operator(hub)
+        self.prepared_rigs: PreparedRigs | None = None
+        """Rigs that a paced run builds in advance."""
+        self.frame_batches = FrameBatches(self.experiment, job.pace)
+        self.timing = Timing(self.frame_batches.length * runner.frame_ns / (job.pace or 1.0), self.frame_batches.length)
+        self.housekeeper = Housekeeper(hub, self.operator, job, self.timing)
+        self.in_plant = ControllersInPlant(session, self.experiment, self.setup.controllers, self.housekeeper.notice)
+        self.fault = ""
+        """Why the numerics stopped the run."""
+        self.interrupted = False
+        """Whether a signal ended the run before the end that its protocol or its duration sets."""
+        self.from_start: set[tuple[str, str]] = set()
+        """Processes that were connected at the first frame."""
+        self.waiting: pace.Waiting | None = None
+        self.memory = ""
+        """Why the memory of a paced run is not locked; "" if it is."""
+        self.ahead: scheduling.Ahead | None = None
+        """The real-time scheduling of a paced run."""
+        self.begun_ns = 0
+        self.refusals: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.say: Callable[[str], object] = lambda _: None
+        """Gets lines for the user."""
+        self._stopping, self._sets = stopping, sets
+        self.operator.status = self._status
+
+    def recorders(self) -> list[str]:
+        """The recorders of the run that are here."""
+        return [name for role, name in self.hub.watch.present if role == "recorder" and self.is_recorder(name)]
+
+    def is_recorder(self, name: str) -> bool:
+        """Whether a recorder is that of the run: expected, or under a name that no guest can use."""
+        return name in self.session.inbound.reserved or ("recorder", name) in self.job.expect
+
+    def _setup(self) -> Setup:
+        scene, runner = self.scene, self.runner
+        return Setup(
+            run=self.session.run,
+            scene=scene.made_with(self.models).to_json() if self.models else self.job.scene,
+            frame_ns=runner.frame_ns,
+            step_ns=runner.step_ns,
+            outputs={name: runner.units[name] for name in runner.outputs},
+            sensors={n: (u, p) for n, u, p in zip(runner.bank.names, runner.bank.units, runner.bank.periods_ns)},
+            controllers=design.described(scene),
+            paced=self.job.pace is not None,
+            core=self.cores[1],
+            provenance=provenance(scene.seed, self.job.command or tuple(sys.argv)),
+            models=tuple(self.models.values()),
+        )
+
+    def _retune(self, controller: str, changes: dict[str, Any]) -> None:
+        """Ask a controller to change its parameters. A paced run does not wait for the answer of another process."""
+        if controller in self.scene.in_plant:
+            self.in_plant.retune(controller, changes)
+            return
+        if self.job.in_lockstep:
+            self.session.ask(f"param/{controller}", {"set": changes}, timeout=2.0)
+            return
+
+        def ask() -> None:
+            try:
+                self.session.ask(f"param/{controller}", {"set": changes}, timeout=2.0)
+            except RigError as fault:
+                self.refusals.put(f"{controller}: {fault}")
+
+        threading.Thread(target=ask, name=f"retune-{controller}", daemon=True).start()
+
+    def gather(self, say: Say) -> None:
+        """Wait for the expected processes; `say` gets their names, and later lines of the run."""
+        self.say = say
+        present, deadline, shown = self.hub.watch.present, time.monotonic() + self.job.wait, ""
+        self.hub.look()
+        while missing := [called(role, name) for role, name in self.job.expect if (role, name) not in present]:
+            if self._stopping() or self.housekeeper.orphaned():
+                return
+            waited = [who for who in missing if who not in self.operator.excused]
+            if not waited or self.operator.begun or time.monotonic() >= deadline:
+                self.housekeeper.miss(missing)
+                break
+            if (text := f"waiting for {', '.join(waited)}") != shown:
+                shown = text
+                say(text)
+            self.hub.look(0.02)
+            self.hub.serve_scene()
+            self.operator.poll()
+        self.from_start = set(present)
+
+    def run(self, show: Show) -> dict[str, Any]:
+        """Run all frames and return the summary; `show` gets the health five times per second."""
+        try:
+            self.run_frames(show)
+        except NumericsError as error:
+            self.fault = str(error)
+            data = {"time": error.time, "mode": error.mode, "state": error.state}
+            self.experiment.journal.note("diverged", self.fault, **data)
+        except Exception as error:
+            self.housekeeper.faults.append("the plant process failed")
+            self.experiment.journal.note("fault", foreign_fault(error) or traceback.format_exc())
+            finalise(self)
+            raise
+        return finalise(self)
+
+    def run_frames(self, show: Show) -> None:
+        """Run all frames, without the summary; see `run`."""
+        job, pacer = self.job, None
+        with ExitStack() as stack:
+            if job.pace is not None:
+                self.runner.motion.foresee(self._sets)
+                self.prepared_rigs = PreparedRigs(self.experiment)
+                self.experiment.exchange.rebuild = Rebuild(self.runner, self.experiment.journal, self.experiment.builds)
+                self.experiment.builds.apart = True
+            stack.enter_context(self.timing.interruptions.watched())
+            # before real-time scheduling: a garbage collection after compiling takes 0.2 s or more
+            stack.enter_context(no_garbage())
+            stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+            sys.setswitchinterval(1e-4)  # a thread waits a tenth of a frame for the interpreter, instead of five frames
+            own, of_bus = self.cores
+            stack.enter_context(scheduling.placed(of_bus if job.in_lockstep else own, of_bus))
+            if job.pace is not None:
+                self.memory = stack.enter_context(records.locked())
+                self.ahead = stack.enter_context(scheduling.ahead(scheduling.PLANT, self._fell_back))
+                self.waiting = pace.choose(int(self.timing.wall_ns))
+                clock = pace.WallClock(self.waiting.spin_ns)
+                pacer = pace.Pacer(self.runner.frame_ns, job.pace, self.scene.clock.overrun, clock)
+            self.begun_ns = time.perf_counter_ns()
+            self.housekeeper.begin(self.begun_ns, pacer)
+            others = [name for role, name in sorted(self.from_start) if role != "plant"]
+            self.experiment.journal.note(BEGIN, f"begins with {', '.join(others) or 'nobody else'}", here=others)
+            self.experiment.open()
+            if pacer is not None:
+                pacer.anchor()
+            if job.in_lockstep:
+                self._in_lockstep(pacer, show)
+            elif pacer is not None:
+                self.paced(pacer, show)
+
+    def paced(self, pacer: pace.Pacer, show: Show) -> None:
+        """Run all frames, each batch of them when `pacer` says that it is due."""
+        hub, operator, experiment = self.hub, self.operator, self.experiment
+        housekeeper, rows = self.housekeeper, self.timing
+        clock, processor = time.perf_counter_ns, time.thread_time_ns
+        while True:
+            frames = self.frame_batches.next(rows)
+            hub.carries(frames)
+            begin, late = pacer.wait(frames)
+            spent = processor()
+            hub.commands.receive()
+            received = clock()
+            hub.put_step(self.runner.tick)
+            hub.gather(self.runner.tick)
+            sent = clock()
+            if not experiment.begin() or self._ends(pacer):
+                rows.rows.append((begin, late, pacer.waited, 0, 0, 0, 0, spent))
+                return
+            operator.poll()
+            self.in_plant.poll()
+            goes_on = self._carry(frames)
+            done = clock()
+            if frames > 1:
+                hub.put_applied()
+            hub.put_events()
+            looked = clock()
+            if housekeeper.look(looked):
+                self._report(show)
+            served = clock()
+            spans = (received - begin, done - sent, sent - received + looked - done, served - looked)
+            rows.rows.append((begin, late, pacer.waited, *spans, spent))
+            if not goes_on:
+                return
+
+    def _carry(self, frames: int) -> bool:
+        """Advance the plant by a batch of frames and return whether the run continues.
+
+        At the first tick everything except the commands is already done.
+        """
+        hub, experiment, runner, in_plant = self.hub, self.experiment, self.runner, self.in_plant
+        end = runner.tick + frames
+        while True:
+            in_plant.carry_on(min(end, experiment.until(), hub.state_due) if frames > 1 else end)
+            if runner.tick >= end:
+                return True
+            hub.gather_state(runner.tick)
+            if not experiment.begin():
+                return False
+
+    def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
+        hub, operator, experiment = self.hub, self.operator, self.experiment
+        housekeeper, rows = self.housekeeper, self.timing
+        lockstep, runner = Lockstep(hub, housekeeper, lambda: bool(self._stopping())), self.runner
+        events, ahead = experiment.journal.events, 1
+        lag = self._lag(show) if pacer is None else None
+        clock, processor = time.perf_counter_ns, time.thread_time_ns
+        while True:
+            frames = self.frame_batches.next(rows)
+            hub.carries(frames)
+            if pacer is not None:
+                begin, late = pacer.wait(frames)
+                spent = processor()
+            hub.gather(runner.tick)
+            if not experiment.begin() or self._ends(pacer):
+                return
+            operator.poll()
+            self.in_plant.poll()
+            self.in_plant.partners = lockstep.look()
+            first, begun, noted = runner.tick, clock(), len(events)
+            quiet = self._quiet(pacer)
+            until = min(experiment.until(), hub.checkpoint_due, first + ahead) if quiet else first + frames
+            goes_on = True
+            try:
+                while True:
+                    lockstep.exchange(runner.tick)
+                    answered = clock()
+                    if quiet and lockstep.asks_each_tick:
+                        self.in_plant.carry_on(until)
+                    else:
+                        goes_on = self._carry(frames)
+                    if not goes_on or runner.tick >= until or runner.limited or len(events) > noted:
+                        break
+            except Stopped:
+                self._ends(pacer)
+                return
+            done = clock()
+            ahead = max((runner.tick - first) * LOOK_NS // (done - begun), 1)
+            if frames > 1:
+                hub.put_applied()
+            hub.put_events()
+            looked = clock()
+            if housekeeper.look(looked):
+                self._report(show)
+            if lag is not None:
+                lag.look(looked)
+            if pacer is not None:
+                spans = (answered - begin, done - answered, looked - done, clock() - looked)
+                rows.rows.append((begin, late, pacer.waited, *spans, spent))
+            if not goes_on:
+                return
+
+    def _quiet(self, pacer: pace.Pacer | None) -> bool:
+        """Whether neither a clock nor an operator nor a controller in the plant process has to act at each tick."""
+        return pacer is None and not self.operator.paused and not self.in_plant.at_work
+
+    def _status(self) -> dict[str, Any]:
+        """How the run goes: the timing verdict if it ended now, its reasons, the step of the protocol, pause and pace.
+
+        What other processes missed is counted at the end.
+        """
+        verdict = timing_verdict(self, self.hub.commands.lost(), [])
+        word, reasons = (verdict.word, list(verdict.reasons)) if self.job.pace is not None else ("", [])
+        return {
+            "verdict": word,
+            "reasons": reasons,
+            "step": self.experiment.progress().step,
+            "paused": self.operator.paused,
+            "pace": self.job.pace,
+        }
+
+    def _lag(self, show: Show) -> RecorderLag:
+        housekeeper = self.housekeeper
+
+        def serve() -> None:
+            if housekeeper.look(time.perf_counter_ns()):
+                self._report(show)
+
+        return RecorderLag(
+            self.hub, self.recorders, serve, lambda: bool(self._stopping()) or housekeeper.gone, self.say
+        )
+
+    def _fell_back(self) -> None:
+        assert self.ahead is not None
+        text = f"real-time scheduling fell back: {self.ahead.why}"
+        self.experiment.journal.note("scheduling", text)
+
+    def _report(self, show: Show) -> None:
+        while not self.refusals.empty():
+            self.experiment.journal.note("refused", self.refusals.get(), by="protocol")
+        if self.prepared_rigs is not None:
+            self.prepared_rigs.look()
+        show({"t": self.runner.t_ns / 1e9, **self.housekeeper.health})
+
+    def _ends(self, pacer: pace.Pacer | None) -> bool:
+        """Return whether the run must end. During a pause this waits, except for single steps."""
+        operator, paused = self.operator, self.operator.paused
+        if paused:
+            self.experiment.postponed.step_back()
+        while not (why := self._why()) and operator.paused and not operator.steps:
+            self.housekeeper.look(time.perf_counter_ns())
+            self.hub.put_events()
+            time.sleep(0.01)
+            operator.poll()
+            self.in_plant.poll()
+        if paused and pacer is not None:
+            pacer.anchor()
+        operator.steps -= operator.paused and operator.steps > 0
+        if pacer is not None and pacer.stopped:
+            why = "stopped: a frame began more than one frame late, and the scene asks to stop then"
+        if why:
+            self.experiment.stop(why)
+        return bool(why)
+
+    def _why(self) -> str:
+        if self.housekeeper.gone:
+            return "stopped: the process that started the plant has gone"
+        why = self._stopping()
+        self.interrupted = bool(why) and self.experiment.ends
+        return why or self.operator.stopped

@@ -1,0 +1,86 @@
+"""The process of the plant, which is the hub of a run."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import threading
+from pathlib import Path
+from typing import Any
+
+from rig import bus
+from rig.bench.live.outcome import CALLING, Job, keeps_up
+from rig.bench.live.plant import Plant, Say, Show
+from rig.bench.live.rehearsal import marked, visited
+from rig.bench.run.runner import PlantRunner
+from rig.bus import address
+from rig.errors import Interrupted, RigError
+from rig.machine import scheduling
+from rig.machine.process import as_process, tell, told_to_stop
+from rig.scenes.scene import Scene
+from rig.units import si
+
+
+def carry_out(
+    job: Job, say: Say = lambda _: None, show: Show = lambda _: None, calling: Path | None = None
+) -> dict[str, Any]:
+    """Host a run, carry out the job and return its summary. Raises RigError if the run cannot begin.
+
+    A stop signal ends the run in order. `say` gets status lines before the first frame, `show` gets the health of the
+    run while it continues. `calling`: see `rig.bench.live.rehearsal.marked`.
+    """
+    scene = Scene.from_json(job.scene)
+    keeps_up(scene, job.pace)
+    address.directory()  # a system without live runs is refused before the rehearsal, and so is a name
+    if job.run is not None:
+        address.check(job.run)
+    with marked(calling):  # Ctrl-C may interrupt this, but nothing after it
+        sets = visited(scene, job) if job.pace is not None else warm(scene)
+    asked: list[str] = []
+    with told_to_stop(asked.append):
+        scheduling.come_first()  # the threads of the bus inherit it
+        with bus.host(job.run, scene.name, job.endpoint, scene.controllers) as session:
+            plant = Plant(session, job, lambda: f"stopped by {asked[0]}" if asked else "", sets)
+            session.announce()
+            tell("run", session.run)
+            say(f"run {session.run}")
+            units = threading.Thread(target=si, args=("1 ms", "s"), name="units", daemon=True)
+            units.start()  # loading units takes 0.3 s, which no frame has: an operator may send a value with a unit
+            plant.gather(say)
+            units.join()
+            if asked:
+                raise Interrupted(f"stopped by {asked[0]} before the first frame")
+            return plant.run(show)
+
+
+def warm(scene: Scene) -> tuple[int, ...]:
+    """Compile or load the kernels of `scene` before any frame is due. Return the keys of the mode sets visited."""
+    runner = PlantRunner(scene)
+    for _ in range(3):
+        runner.frame()
+        runner.output_values()
+    runner.statistics()
+    return runner.motion.mode_sets.keys
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """`python -m rig.bench.live.plant_process JOB SUMMARY`, started by a supervisor, which is told status lines
+    (say).
+    """
+    parser = argparse.ArgumentParser(prog="rig.bench.live.plant_process", description=__doc__.partition("\n")[0])
+    parser.add_argument("job", type=Path, help="file with the job as JSON")
+    parser.add_argument(
+        "summary", type=Path, help="file for the summary as JSON, or for the reason why there was no run"
+    )
+    given = parser.parse_args(arguments)
+    try:
+        job = Job.from_json(given.job.read_text())
+        summary = carry_out(job, lambda text: tell("say", text), calling=given.summary.with_name(CALLING))
+    except RigError as error:
+        summary = {"failed": str(error), "exit_code": error.exit_code}
+    given.summary.write_text(json.dumps(summary))
+    return int(summary["exit_code"])
+
+
+if __name__ == "__main__":
+    as_process(main)

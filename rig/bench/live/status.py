@@ -1,0 +1,219 @@
+"""Progress line and summary of a run, as text."""
+
+from __future__ import annotations
+
+import queue
+import shutil
+import sys
+import threading
+from collections.abc import Iterable, Mapping
+from typing import Any, TextIO
+
+from rig.bench.live import pace
+from rig.printable import counted
+
+LABEL = 10
+REFUSED = 5
+"""Number of kinds of refused messages that the summary lists."""
+
+
+class Live:
+    """A progress line that stays in one place of a terminal; without a terminal only the lines of `say` are written.
+
+    A separate thread writes, so that a slow terminal does not delay the plant.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream, self._width = stream or sys.stderr, 0
+        self._terminal = self._stream.isatty()
+        self._queue: queue.SimpleQueue[tuple[str, bool] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="live", daemon=True)
+        self._thread.start()
+
+    def show(self, health: Mapping[str, Any]) -> None:
+        """Replace the progress line by that of `health`."""
+        if self._terminal:
+            self._queue.put((line(health), False))
+
+    def say(self, text: str) -> None:
+        """Write a line that stays."""
+        self._queue.put((text, True))
+
+    def done(self) -> None:
+        """Clear the progress line; waits up to one second for the writing thread."""
+        self._queue.put(None)
+        self._thread.join(1.0)
+
+    def _write(self) -> None:
+        while (found := self._queue.get()) is not None:
+            text, stays = found
+            if self._terminal:
+                text = text if stays else text[: shutil.get_terminal_size().columns - 1]
+                end = "\n" if stays else ""
+                self._stream.write(f"\r{text.ljust(self._width)}{end}")
+                self._width = 0 if stays else len(text)
+            else:
+                self._stream.write(f"{text}\n")
+            self._stream.flush()
+        if self._terminal and self._width:
+            self._stream.write(f"\r{' ' * self._width}\r")
+            self._stream.flush()
+
+
+def line(health: Mapping[str, Any]) -> str:
+    """The progress line from the health of a plant, with simulated time `t` [s]; 80 columns show all but the end."""
+    left, late = health["eta_s"], health["lateness_us"] / 1e3
+    words = [
+        health["phase"],
+        f"{health['t']:.1f} s",
+        f"rt {health['rate']:.2f}" if health["rate"] < 10.0 else f"rt {health['rate']:.0f}",
+        f"late {late:.2f} ms" if late < 10.0 else f"late {late:.0f} ms",
+        f"drops {health['drops']}",
+        f"E {health['energy_error']:.0e}",
+        f"stick {health['stick_share']:.0%}",
+        *([f"{left:.0f} s left"] if left >= 0.0 else []),
+        f"overruns {health['overruns']}",
+        f"held {health['held']}",
+        *([f"refused {health['refused']}"] if health.get("refused") else []),
+    ]
+    return " ".join(words)
+
+
+def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
+    """The summary of a run; `log`: state of the recording, `following`: commands to try next."""
+    audit = [one["text"] for one in found.get("audit", ()) if one["noted"]]
+    return _table([*parts(found), ("audit", audit), ("log", [log]), ("next", [" | ".join(following)])])
+
+
+def parts(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
+    """The summary of a run without its audit: label and lines of each part; a part without lines says nothing."""
+    return [
+        ("timing", _timing(found)),
+        ("busy", _busy(found)),
+        ("loop", _loop(found)),
+        ("network", [link(topic, counts) for topic, counts in found.get("network", {}).items()]),
+        ("lost", _lost(found)),
+        ("refused", _refused(found)),
+        ("plant", _plant(found)),
+        ("protocol", _postponed(found)),
+        ("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]),
+    ]
+
+
+def link(topic: str, counts: Mapping[str, int]) -> str:
+    """What became of the messages of an impaired link, as a line."""
+    sent, *others = counts.items()
+    return f"{topic}: {sent[1]} sent, " + (
+        ", ".join(f"{n} {what}" for what, n in others if n) or "none of them impaired"
+    )
+
+
+def _table(labelled: Iterable[tuple[str, Iterable[str]]]) -> str:
+    rows = []
+    for label, lines in labelled:
+        for i, text in enumerate(line for line in lines if line):
+            rows.append(f" {label if i == 0 else '':{LABEL}}{text}")
+    return "\n".join(rows)
+
+
+def _timing(found: Mapping[str, Any]) -> list[str]:
+    wall = f" in {found['wall_seconds']:.3g} s" if found["wall_seconds"] else ""  # unknown of a plant that died
+    frames = f"{found['ticks']} frames, {found['seconds']:g} s simulated{wall}"
+    lines = [
+        f"{found['verdict']}: {'; '.join(found['reasons'])}",
+        f"{frames} ({found['mode']}); ended: {found['ended']}",
+    ]
+    timing = found["timing"]
+    if timing:
+        late = timing["lateness"]
+        lines.append(f"lateness {late['p50']:.0f} / {late['p95']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us "
+                     f"(p50, p95, p99, worst); the plant waits by {_waiting(found)}")  # fmt: skip
+        spans = [f"{name} {s['mean']:.0f}/{s['p95']:.0f}/{s['max']:.0f}" for name, s in timing["spans"].items()]
+        each = timing.get("each", 1)
+        what = "compute time per frame" if each == 1 else f"compute time per piece of {each} frames"
+        lines.append(f"{what}: {', '.join(spans)} us (mean/p95/worst)")
+        lines.append(f"scheduling {found['scheduling'] or 'real-time'}; {found['memory'] or 'memory is locked'}")
+        causes = [f"{count} {cause}" for cause, count in timing["overruns"].items()]
+        if causes:
+            lines.append(f"overruns by cause: {', '.join(causes)}")
+        if timing["given_up"]:
+            lines.append(f"{timing['given_up']} {'frames' if each == 1 else 'pieces'} of the wall clock skipped")
+    return lines
+
+
+def _busy(found: Mapping[str, Any]) -> list[str]:
+    return [pace.advice(found["verdict"], found["timing"].get("late_share", 0.0), found.get("machine", {}))]
+
+
+def _waiting(found: Mapping[str, Any]) -> str:
+    waiting = found["waiting"]
+    return f"{'sleep and spin' if waiting.get('spin_ns') else 'sleep'} ({waiting.get('why', '')})"
+
+
+def _loop(found: Mapping[str, Any]) -> list[str]:
+    lines = []
+    trip = found["round_trip"]
+    if trip["max"]:
+        lines.append(f"time from step to command {trip['p50'] / 1e3:.2f} / {trip['p99'] / 1e3:.2f} / "
+                     f"{trip['max'] / 1e3:.2f} ms (p50, p99, worst)")  # fmt: skip
+    for name, counts in found["loop"].items():
+        if name == "refused":
+            lines += [f"{sender}: {count} commands refused" for sender, count in counts.items()]
+        else:
+            lines += _counted(name, counts)
+    for name, counts in found.get("controllers", {}).items():
+        lines += [f"{name}: {', '.join(words)}"] if (words := unanswered(counts)) else []
+    return lines
+
+
+def unanswered(counts: Mapping[str, int]) -> list[str]:
+    """What a controller with these counters (`Loop.counters`) did not answer, in words."""
+    held, refused = counts["held"], counts["refused"]
+    return [
+        *([f"{counted(held, 'update')} left out, because a measurement was missing"] if held else []),
+        *([f"{counted(refused, 'answer')} not finite, and not sent"] if refused else []),
+    ]
+
+
+def _refused(found: Mapping[str, Any]) -> list[str]:
+    """Refused messages by sender and kind, the most frequent first."""
+    known = sorted(found.get("refused", {}).items(), key=lambda one: -one[1])
+    lines = [f"{count} from {sender}" for sender, count in known[:REFUSED]]
+    return lines + ([f"{sum(n for _, n in known[REFUSED:])} others"] if known[REFUSED:] else [])
+
+
+def _counted(name: str, counts: Mapping[str, int]) -> list[str]:
+    words = [f"{counts['taken']} commands"]
+    words += [f"{n} {what.replace('_', ' ')}" for what, n in counts.items() if n and what not in ("taken", "oldest")]
+    if counts["oldest"]:
+        words.append(f"oldest {counts['oldest']} frame{'s' * (counts['oldest'] != 1)}")
+    return [f"{name}: {', '.join(words)}"]
+
+
+def _lost(found: Mapping[str, Any]) -> list[str]:
+    lines = [f"{count} of {topic}" for topic, count in found["lost"].items()]
+    return lines + [f"unknown losses on the way to {who}" for who in found["unknown"]]
+
+
+def _postponed(found: Mapping[str, Any]) -> list[str]:
+    counts = found.get("postponed")
+    if not counts:
+        return []
+    steps = "1 step" if counts["waited"] == 1 else f"{counts['waited']} steps"
+    never = f"; {counts['never']} never took effect" if counts["never"] else ""
+    return [f"{steps} waited for new matrices, the longest {counts['longest_s']:.3g} s{never}"]
+
+
+def _plant(found: Mapping[str, Any]) -> list[str]:
+    return [plant(found["plant"], found["energy"]["error"])] if found["plant"] else []
+
+
+def plant(values: Mapping[str, Any], energy_error: float) -> str:
+    """Method, events, stick share and residuals of the plant in one line."""
+    text = f"method {values['method']}, {counted(values['events'], 'event')}"
+    if "stick_share" in values:  # a rig with a friction patch
+        text += f", stick {values['stick_share']:.0%}"
+    text += f", energy residual {energy_error:.0e}"
+    if "kick_residual" in values:
+        text += f", residual of kick {values['kick_residual']['share']:.0e}"
+    return text

@@ -1,0 +1,1 @@
+"""One run of a rig: plant runner, exchange, protocol, controllers in this process, journal and audit."""

@@ -1,0 +1,361 @@
+"""One experiment on a plant runner: everything that happens at a tick between measurement and integration.
+
+It is the same in every mode:
+
+    operation.open()                       once, before anything is measured: the protocol at tick 0
+    operation.begin()                      carry out what is due at this tick: protocol, limits
+    exchange.receive(...)                  answers of the controllers to the measurements of this tick, or older ones
+    operation.take_over()                  put commands into force
+    runner.frames(1)                       integrate to the next tick
+
+Actions from outside (an operator changes a parameter or knocks, a user's own controller is admitted) are carried out
+between `begin` and `take_over` and recorded with their tick, so that the run can be simulated again.
+
+Actions from outside on an experiment: knocks, and controllers that are connected, admitted or dismissed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rig.bench.run.before import DelayWarnings
+from rig.bench.run.builds import Builds, PostponedSteps
+from rig.bench.run.command_queue import CommandQueue
+from rig.bench.run.exchange import Exchange
+from rig.bench.run.faults import FaultTimes, FaultyActuators
+from rig.bench.run.journal import OPERATOR, Journal
+from rig.bench.run.protocol import (
+    Action,
+    Apply,
+    Change,
+    Finish,
+    Move,
+    Note,
+    Progress,
+    Protocol,
+    Release,
+    Strike,
+    Switch,
+)
+from rig.bench.run.rig_variants import Wanted
+from rig.bench.run.runner import PlantRunner
+from rig.bench.run.tuning import Tuning, divided
+from rig.bus.impaired_link import counters
+from rig.controllers import controller_drives
+from rig.errors import LogError, NumericsError, RigError, UsageError
+from rig.quantities import finite
+from rig.scenes.protocol import Connect, flat
+from rig.scenes.scene import Scene
+
+RUN_DOWN_NS = 500_000_000
+"""Time in which the drive stops after a limit has ended the experiment. # chosen"""
+BEGIN, BRANCH, PLANT, EMERGENCY = "begin", "branch", "plant", "emergency"
+
+Retune = Callable[[str, dict[str, Any]], None]
+
+
+class Experiment:
+    """The experiment of `scene` on `runner`. It ends after `duration_ns`, or when its protocol is done.
+
+    `retune(controller, changes)` changes parameters of a controller, wherever it works. `events` are those of a
+    recorded run: actions from outside are repeated at the same ticks. Only events of the plant count.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        runner: PlantRunner,
+        duration_ns: int | None,
+        retune: Retune,
+        exchange: type[Exchange] = Exchange,
+        events: Iterable[Mapping[str, Any]] = (),
+    ) -> None:
+        journal = Journal(runner.frame_ns, lambda: runner.tick)
+        actuators = FaultyActuators(runner) if scene.faults else None
+        links = scene.links("act", runner.bank.seed)
+        commands = exchange(actuators or runner, runner.frame_ns, scene.clock.hold_frames, journal, links)
+        self.scene, self.runner, self.exchange, self.journal = scene, runner, commands, journal
+        self._faults = FaultTimes(scene, runner, self.journal, actuators)
+        if actuators is not None:
+            self.exchange.faulty = actuators.faulty
+        for name, section in scene.controllers.items():
+            self.exchange.admit(name, controller_drives(section), section.period, section.delay)
+        self._connected_later = {step.controller for step in flat(scene.protocol) if type(step) is Connect}
+        for name in self._connected_later & scene.controllers.keys():
+            self.exchange.connect(name, False)
+        units = dict(zip(runner.bank.names, runner.bank.units))
+        self.tuning = Tuning(scene, runner, self.exchange, self.journal)
+        self.protocol = Protocol(scene.protocol, runner.frame_ns, units, runner.inputs)
+        self.over = ""
+        """Why the experiment has ended; empty while it runs."""
+        self.aborted = ""
+        """The limit that was exceeded, or the emergency stop; empty otherwise."""
+        self._retune = retune
+        self._end = None if duration_ns is None else -(-duration_ns // runner.frame_ns)
+        length = scene.duration_ns if duration_ns is None else duration_ns
+        self.ends = length is not None
+        """Whether protocol or duration set an end."""
+        self._delay_warnings = DelayWarnings(scene, self.journal)
+        if length is not None:
+            self._delay_warnings.check(length)
+        reported = [event for event in events if event.get("source", PLANT) == PLANT]  # others may publish anything
+        self.builds = Builds(runner)
+        self.postponed = PostponedSteps(runner, self.journal, self._wants, self.builds, reported)
+        first = next((i for i, event in enumerate(reported) if event["kind"] == BEGIN), 0)
+        self._before, self._outside = (
+            deque(event for event in part if event["data"].get("by") == OPERATOR)
+            for part in (reported[:first], reported[first:])
+        )
+
+    def knock(self, impulse: float, by: str = OPERATOR, duration_ns: int = 0) -> None:
+        """Strike the body at this tick with `impulse` [N s]; with a duration by a half sine of force."""
+        try:
+            finite(impulse, "N*s")
+        except ValueError as fault:
+            raise UsageError(f"the body cannot be knocked with an impulse of {impulse:g} N s: it {fault}") from None
+        self.runner.knock(impulse, duration_ns)
+        within = f" within {duration_ns / 1e9:g} s" if duration_ns else ""
+        self.journal.note("knock", f"knock with {impulse:g} N s{within}", by=by, impulse=impulse)
+
+    def switch(self, controller: str, on: bool, by: str = OPERATOR) -> None:
+        """Connect or disconnect a controller at this tick."""
+        if controller not in self.exchange.queues:
+            known = ", ".join(self.exchange.queues) or "none"
+            raise UsageError(f"no controller is called {controller:.80}; there are: {known}")
+        self.exchange.connect(controller, on)
+        word = "connected" if on else "disconnected"
+        self.journal.note(word, f"{controller} is {word}", by=by, controller=controller)
+
+    def admission(
+        self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False, gone: Collection[str] = ()
+    ) -> list[Wanted]:
+        """The rigs that `admit` needs, one after the other. Raises UsageError if this controller cannot be admitted.
+
+        `gone`: controllers that have left, whose actuators it takes.
+        """
+        if hears and period_ns != self.runner.frame_ns:
+            frame = f"{self.runner.frame_ns / 1e6:g} ms"
+            raise UsageError(f"{controller:.80} reads every sample, so its period must be one frame, {frame}")
+        if controller in self.scene.controllers:
+            raise UsageError(f"the scene already has a controller {controller}; give yours another name")
+        self.exchange.check(controller, drives, period_ns, gone)
+        lacking = self.runner.lacking(drives)
+        found = [wanted for other in gone for wanted in self.given_back(other)]
+        return [*found, *([Wanted({}, lacking)] if lacking else []), *self.given_back(controller)]
+
+    def given_back(self, controller: str) -> list[Wanted]:
+        """The rigs that are needed, one after the other, to disconnect a controller."""
+        queue = self.exchange.queues.get(controller)
+        back = self.exchange.given_back(queue) if queue is not None else {}
+        return [Wanted({drive: value}) for drive, value in back.items() if self.runner.rebuilds(drive, value)]
+
+    def admit(
+        self,
+        controller: str,
+        drives: Sequence[str],
+        period_ns: int,
+        hears: bool = False,
+        gone: Collection[str] = (),
+        delay_ns: int = 0,
+    ) -> None:
+        """Admit a controller that is not in the scene; it drives actuators that no other controller drives.
+
+        `gone`: controllers that have left, whose actuators it takes. `delay_ns`: additional delay of its loop. Raises
+        UsageError, and then changes nothing.
+        """
+        for variant in self.runner.variants.build_all(self.admission(controller, drives, period_ns, hears, gone)):
+            self.runner.variants.keep(variant)
+        for other in gone:  # from here on nothing can be refused
+            self.dismiss(other)
+        self.runner.go_on(Wanted({}, self.runner.lacking(drives)))
+        if controller in self.exchange.queues:
+            self.exchange.dismiss(controller)
+        self.exchange.admit(controller, drives, period_ns, delay_ns)
+        text = f"{controller} is admitted and drives {', '.join(drives)}"
+        data = {"controller": controller, "drives": list(drives), "period_ns": period_ns}
+        data |= {"delay_ns": delay_ns} if delay_ns else {}
+        self.journal.note("admitted", text, by=OPERATOR, **data)
+
+    def dismiss(self, controller: str) -> None:
+        """Remove a controller that was admitted and has left: its actuators return to the values of the protocol."""
+        self.exchange.dismiss(controller)
+        self.journal.note("dismissed", f"{controller} is dismissed", by=OPERATOR, controller=controller)
+
+    def open(self) -> None:
+        """Carry out what is due at the first tick and needs no measurement, so that it acts on the first samples."""
+        while self._before:
+            self._repeat(self._before.popleft())
+        for name in self._connected_later & self.exchange.queues.keys() - self.scene.controllers.keys():
+            self.exchange.connect(name, False)
+        for action in self.protocol.due(0, np.full(len(self.runner.bank.names), np.nan)):
+            self._carry_out(action)
+        self.runner.start()
+
+    def begin(self) -> bool:
+        """Carry out what is due at this tick; whether the experiment continues."""
+        runner = self.runner
+        tick = runner.tick
+        self._faults.carry_out(self.exchange)
+        if not self.aborted:
+            self._watch()
+        if not self.aborted:
+            for action in self.postponed.due():
+                self._carry_out(action)
+            for action in self.protocol.due(tick, runner.bank.latest):
+                if not self.postponed.has_to_wait(action):
+                    self._carry_out(action)
+        while self._outside and self._outside[0]["tick"] <= tick:
+            self._repeat(self._outside.popleft())
+        if self._end is not None:
+            if tick >= self._end and not self.over:
+                self.over = self.aborted or "done"
+        elif self.protocol.done and self.scene.protocol and not self.over:
+            self.over = "done"
+        return not self.over
+
+    def end(self) -> None:
+        """Record what only the end shows: steps that never took effect, and delays as long as the run."""
+        self.postponed.end()
+        if self.runner.tick:
+            self._delay_warnings.check(self.runner.t_ns)
+        for text in self._faults.never():
+            self.journal.note("warning", text)
+
+    def network(self) -> dict[str, dict[str, int]]:
+        """What became of the messages of each impaired link: delayed, lost, duplicated, reordered; {} without one."""
+        _ = self.runner.hearing  # up to this tick
+        return counters([*self.runner.meas_links.values(), *self.exchange.links.values()])
+
+    def until(self) -> int:
+        """The first later tick at which `begin` may have something to do, unless a limit is exceeded before."""
+        tick = self.runner.tick
+        due = [self._end, None if self.aborted else self.protocol.until(tick)]
+        due += [self._faults.next, self.postponed.until(), self._outside[0]["tick"] if self._outside else None]
+        return max(min((one for one in due if one is not None), default=tick + 1), tick + 1)
+
+    def take_over(self) -> list[CommandQueue]:
+        """Put the commands of this tick into force; returns the command queues that changed."""
+        return self.exchange.take_over()
+
+    def _watch(self) -> None:
+        name = self.runner.beyond()
+        if name:
+            value, limit, unit = self.runner.output(name), self.scene.limits[name], self.runner.units[name]
+            self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
+
+    def emergency(self) -> None:
+        """Go to the safe state at this tick at the request of an operator; a second request changes nothing."""
+        if not self.aborted:
+            self.abort("emergency stop by an operator", EMERGENCY, by=OPERATOR)
+
+    def abort(self, why: str, kind: str = "limit", **data: Any) -> None:
+        """Go to the safe state: actuators go to safe values, commands have no more effect, then the run ends."""
+        self.aborted = why
+        self.journal.note(kind, f"{why}: to the safe state", **data)
+        ticks = max(RUN_DOWN_NS // self.runner.frame_ns, 1)
+        self.postponed.end()
+        self.runner.release()
+        self.exchange.give_up(ticks)
+        self._end = self.runner.tick + ticks
+
+    def stop(self, why: str = "stopped") -> None:
+        """End the experiment at this tick."""
+        if not self.over:
+            self.over = why
+            self.journal.note("stop", why)
+
+    def _repeat(self, event: Mapping[str, Any]) -> None:
+        """Carry out a recorded action of an operator. Raises LogError for one that this rig cannot have recorded."""
+        try:
+            self._repeat_action(event, event["data"])
+        except NumericsError:
+            raise
+        except (RigError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as fault:
+            why = f"its data lack {fault}" if isinstance(fault, KeyError) else str(fault)
+            t = event["tick"] * self.runner.frame_ns * 1e-9
+            text = f"the recorded event {event['kind']} of an operator at t = {t:.9g} s cannot be repeated"
+            raise LogError(f"{text}: {why}") from None
+
+    def _repeat_action(self, event: Mapping[str, Any], data: Mapping[str, Any]) -> None:
+        if event["kind"] == "parameter":
+            self.change(data["set"])
+        elif event["kind"] == BRANCH:
+            self.journal.note(BRANCH, event["text"], **data)
+        elif event["kind"] == "knock":
+            self.knock(data["impulse"])
+        elif event["kind"] == EMERGENCY:
+            self.emergency()
+        elif event["kind"] in ("connected", "disconnected"):
+            self.switch(data["controller"], event["kind"] == "connected")
+        elif event["kind"] == "admitted":
+            self.admit(data["controller"], data["drives"], data["period_ns"], delay_ns=data.get("delay_ns", 0))
+        elif event["kind"] == "dismissed":
+            self.dismiss(data["controller"])
+
+    def _wants(self, action: Action) -> list[Wanted]:
+        """The rigs that an action of the protocol needs, one after the other."""
+        if isinstance(action, Switch):
+            return [] if action.on else self.given_back(action.controller)
+        try:
+            if isinstance(action, Change):
+                wanted = self.tuning.needed({action.key: action.value})
+                return [wanted] if wanted else []
+            if isinstance(action, Apply) and not self.exchange.overruler(action.name):
+                one = self.runner.inputs[action.name]
+                value = min(max(action.value, one.low), one.high)
+                return [Wanted({action.name: value})] if self.runner.rebuilds(action.name, value) else []
+        except RigError:  # reported when the action is carried out
+            pass
+        return []
+
+    def _carry_out(self, action: Action) -> None:
+        if isinstance(action, Note):
+            self.journal.note(action.kind, action.text)
+        elif isinstance(action, Apply):
+            self.exchange.ask(action.name, action.value)
+        elif isinstance(action, Move):
+            self.exchange.move(action.name, action.to, action.ticks)
+        elif isinstance(action, Strike):
+            self.knock(action.impulse, "protocol", action.duration_ns)
+        elif isinstance(action, Release):
+            self.runner.release()
+        elif isinstance(action, Switch):
+            self.switch(action.controller, action.on, "protocol")
+        elif isinstance(action, Finish):
+            self.stop(action.reason)
+        elif isinstance(action, Change):
+            self._change(action)
+
+    def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> None:
+        """Change actuators, parameters of the rig and those of controllers (controllers.NAME.KEY) at this tick.
+
+        Raises RigError.
+        """
+        own, rig = divided(changes)
+        for name, values in own.items():
+            self._retune(name, values)
+            new = {f"controllers.{name}.{key}": value for key, value in values.items()}
+            text = ", ".join(f"{k} = {v:g}" if isinstance(v, float) else f"{k} = {v}" for k, v in new.items())
+            self.journal.note("parameter", text, by=by, set=new)
+        if rig:
+            self.tuning.change(rig, by)
+
+    def _change(self, action: Change) -> None:
+        try:
+            self.change({action.key: action.value}, "protocol")
+        except RigError as fault:  # the experiment continues, and the recording contains the refusal
+            self.journal.note("refused", f"{action.key} = {action.value:g}: {fault}", by="protocol")
+
+    def progress(self) -> Progress:
+        """Progress of the experiment."""
+        progress = self.protocol.progress(self.runner.tick)
+        if self._end is None:
+            return progress
+        left = max(self._end - self.runner.tick, 0)
+        phase = "safe state" if self.aborted else progress.phase
+        fraction = min(self.runner.tick / self._end, 1.0) if self._end else 1.0
+        return progress._replace(phase=phase, fraction=fraction, left_ns=left * self.runner.frame_ns)

@@ -1,0 +1,304 @@
+"""The protocol of an experiment, step by step: what is due depends only on the tick and on the measurements.
+
+`Protocol.due` is called once in every frame, after the measurements of that tick. Steps without a duration follow each
+other within one tick; a ramp, a hold or a wait delays the next steps.
+
+What a protocol asks of an experiment at a tick, one record for each kind of action.
+
+The condition of a step that waits for a measurement, and the range of the last samples that it needs.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
+
+from rig.model.assembly import Input
+from rig.scenes.protocol import Hold, Knock, Load, Mark, Ramp, Set, Wait, duration_ns
+from rig.scenes.sections import least_ns, number, unrolled
+
+
+class Apply(NamedTuple):
+    """Set an actuator to a value at once."""
+
+    name: str
+    value: float
+
+
+class Move(NamedTuple):
+    """Move an actuator linearly to a value within a number of ticks; an `Apply` of that value follows at the end."""
+
+    name: str
+    to: float
+    ticks: int
+
+
+class Strike(NamedTuple):
+    """Change the momentum of the body by an impulse [N s]: at once, or by a half sine of force [ns].
+
+    A `Release` follows at the end of the half sine.
+    """
+
+    impulse: float
+    duration_ns: int = 0
+
+
+class Release(NamedTuple):
+    """The hammer leaves the body."""
+
+
+class Change(NamedTuple):
+    """Change a parameter of the rig or of a controller ("controllers.<name>.<parameter>")."""
+
+    key: str
+    value: float
+
+
+class Switch(NamedTuple):
+    """Connect a controller to its actuators, or disconnect it."""
+
+    controller: str
+    on: bool
+
+
+class Note(NamedTuple):
+    """Record an event of the kind `step`, `mark` or `timeout`."""
+
+    kind: str
+    text: str
+
+
+class Finish(NamedTuple):
+    """End the run."""
+
+    reason: str
+
+
+Action = Apply | Move | Strike | Release | Change | Switch | Note | Finish
+NOTHING: tuple[Action, ...] = ()
+
+
+class Condition:
+    """The condition of a wait for a measurement; see `rig.scenes.protocol.Wait`."""
+
+    def __init__(self, step: Wait, column: int, frame_ns: int) -> None:
+        self.column = column
+        self.is_met = False
+        self._kind, self._limit = step.condition, step.limit
+        frames = max(step.window // frame_ns, 1)
+        self._range = Range(frames)
+        self._before: deque[tuple[float, float]] = deque(maxlen=frames + 1)
+
+    def met(self, sample: float) -> bool:
+        """Whether the condition is met, after the sample of one more frame. NaN or infinity restarts the windows."""
+        if not isfinite(sample):
+            self._range.clear()
+            self._before.clear()
+        elif self._kind == "above":
+            self.is_met = sample > self._limit
+        elif self._kind == "below":
+            self.is_met = sample < self._limit
+        elif self._range.add(sample):
+            self.is_met = self._quiet() if self._kind == "quiet" else self._settled()
+        return self.is_met
+
+    def _quiet(self) -> bool:
+        return (self._range.highest - self._range.lowest) / 2.0 < self._limit
+
+    def _settled(self) -> bool:
+        past = self._before
+        highest, lowest = self._range.highest, self._range.lowest
+        past.append((highest, lowest))
+        if len(past) < (past.maxlen or 0):
+            return False
+        return abs(highest - past[0][0]) < self._limit and abs(lowest - past[0][1]) < self._limit
+
+
+class Range:
+    """Highest and lowest of the last `frames` samples, by two monotonic queues in amortised constant time."""
+
+    def __init__(self, frames: int) -> None:
+        self.frames = frames
+        self._high: deque[tuple[int, float]] = deque()
+        self._low: deque[tuple[int, float]] = deque()
+        self._seen = 0
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._high.clear()
+        self._low.clear()
+        self._seen = 0
+
+    def add(self, sample: float) -> bool:
+        """Add a sample; whether there are `frames` of them."""
+        high, low, number = self._high, self._low, self._seen
+        while high and high[-1][1] <= sample:
+            high.pop()
+        while low and low[-1][1] >= sample:
+            low.pop()
+        high.append((number, sample))
+        low.append((number, sample))
+        oldest = number - self.frames
+        if high[0][0] <= oldest:
+            high.popleft()
+        if low[0][0] <= oldest:
+            low.popleft()
+        self._seen = number + 1
+        return self._seen >= self.frames
+
+    @property
+    def highest(self) -> float:
+        """Highest of the last `frames` samples."""
+        return self._high[0][1]
+
+    @property
+    def lowest(self) -> float:
+        """Lowest of the last `frames` samples."""
+        return self._low[0][1]
+
+
+class Progress(NamedTuple):
+    """Progress of an experiment."""
+
+    phase: str
+    step: int
+    steps: int | None
+    """Number of steps; None if steps repeat for ever."""
+    fraction: float | None
+    left_ns: int | None
+    """Least time that the remaining steps take; waits may add to it."""
+
+
+class Protocol:
+    """The steps of a scene, carried out in frames of `frame_ns`.
+
+    `inputs` and `sensors` (names in the order of the samples, with units): what the steps may name.
+    """
+
+    def __init__(
+        self,
+        steps: Sequence[Any],
+        frame_ns: int,
+        sensors: Mapping[str, str],
+        inputs: Mapping[str, Input],
+    ) -> None:
+        self.done = not steps
+        self._frame_ns = frame_ns
+        self._columns = {name: column for column, name in enumerate(sensors)}
+        self._inputs = {name: one.unit for name, one in inputs.items()}
+        self._sensors = dict(sensors)
+        self._steps = unrolled(steps)
+        self._count = number(steps)
+        self._length = least_ns(steps)
+        self.begun = 0
+        """Number of steps that have begun, with repeats unrolled."""
+        self._passed = 0
+        self._until = 0
+        self._current: Any = None
+        self._condition: Condition | None = None
+        self.phase = ""
+
+    def due(self, tick: int, latest: NDArray[Any]) -> Sequence[Action]:
+        """Actions that are due at `tick`, if the latest samples of the sensors are `latest` [sensors]."""
+        condition = self._condition
+        if condition is not None:
+            met = condition.met(float(latest[condition.column]))
+            if not met and tick < self._until:
+                return NOTHING
+        elif tick < self._until or self.done:
+            return NOTHING
+        return self._go_on(tick, latest)
+
+    def until(self, tick: int) -> int | None:
+        """The first tick after `tick` at which something may be due; None if the protocol is done."""
+        return tick + 1 if self._condition is not None else None if self.done else self._until
+
+    def _go_on(self, tick: int, latest: NDArray[Any]) -> list[Action]:
+        actions = self._finished()
+        for step in self._steps:
+            actions += self._begin(step, tick)
+            condition = self._condition
+            if condition is not None:
+                if not condition.met(float(latest[condition.column])):
+                    return actions
+                actions += self._finished()
+            elif self._until > tick:
+                return actions
+        self.done, self.phase = True, "done"
+        return actions
+
+    def _finished(self) -> list[Action]:
+        """The present step, which had a duration, is over: return its last actions."""
+        step, condition = self._current, self._condition
+        self._current = self._condition = None
+        if isinstance(step, Ramp | Load):
+            return [Apply(step.target, _value(step))]
+        if isinstance(step, Knock):
+            return [Release()]
+        if condition is None or condition.is_met:
+            return []
+        text = f"{self.described(step)}: not so within {step.timeout / 1e9:g} s"
+        return [Finish(text)] if step.otherwise == "stop" else [Note("timeout", text)]
+
+    def _begin(self, step: Any, tick: int) -> list[Action]:
+        self.begun += 1
+        self.phase = step.step
+        self._passed += duration_ns(step)
+        self._until = tick + duration_ns(step) // self._frame_ns
+        if isinstance(step, Mark):
+            return [Note("mark", step.text)]
+        return [Note("step", self.described(step)), *self._started(step, tick)]
+
+    def _started(self, step: Any, tick: int) -> list[Action]:
+        if isinstance(step, Ramp | Load):
+            if self._until == tick:
+                return [Apply(step.target, _value(step))]
+            self._current = step
+            return [Move(step.target, _value(step), self._until - tick)]
+        if isinstance(step, Wait):
+            self._current = step
+            self._condition = Condition(step, self._columns[step.sensor], self._frame_ns)
+            self._until = tick + step.timeout // self._frame_ns
+        elif isinstance(step, Knock):
+            self._current = step if step.duration else None
+            return [Strike(step.impulse, step.duration or 0)]
+        elif isinstance(step, Set):
+            known = step.target in self._inputs
+            return [Apply(step.target, step.to) if known else Change(step.target, step.to)]
+        elif not isinstance(step, Hold):
+            return [Switch(step.controller, step.step == "connect")]
+        return []
+
+    def progress(self, tick: int) -> Progress:
+        """Progress of the experiment at `tick`."""
+        waiting = self._condition is not None
+        left = None
+        if self._length is not None:
+            left = self._length - self._passed + (0 if waiting else max(self._until - tick, 0) * self._frame_ns)
+        fraction = 1.0 if self.done else 1.0 - left / self._length if left is not None and self._length else None
+        return Progress(self.phase, self.begun, self._count, fraction, left)
+
+    def described(self, step: Any) -> str:
+        """A step in words: a ramp, a hold, a wait, a knock, a change, a connection."""
+        if isinstance(step, Ramp | Load):
+            unit = self._inputs.get(step.target, "")
+            within = f" within {step.over / 1e9:g} s" if step.over else ""
+            return f"{step.step} {step.target} to {_value(step):g} {unit}{within}"
+        if isinstance(step, Hold):
+            return f"hold for {step.time / 1e9:g} s"
+        if isinstance(step, Wait):
+            return f"wait until {step.sensor} is {step.condition} {step.limit:g} {self._sensors[step.sensor]}"
+        if isinstance(step, Knock):
+            within = f" within {step.duration / 1e9:g} s" if step.duration else ""
+            return f"knock with {step.impulse:g} N s{within}"
+        if isinstance(step, Set):
+            return f"set {step.target} = {step.to:g} {self._inputs.get(step.target, '')}".rstrip()
+        return f"{step.step} {step.controller}"
+
+
+def _value(step: Ramp | Load) -> float:
+    return step.force if isinstance(step, Load) else step.to

@@ -1,0 +1,292 @@
+"""A run in this process: the same plant runner, exchange and controllers as in a live run, without a bus.
+
+It runs as fast as possible. Frames run in one piece up to the next tick at which something acts: the protocol, a limit,
+or a command that the compiled loop cannot put into force. Commands of a disconnected controller are discarded; it is
+called afterwards, with the samples of each of its ticks.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rig import design
+from rig.bench.run.checkpoint import interval
+from rig.bench.run.compiled_controllers import CompiledControllers
+from rig.bench.run.exchange import Exchange
+from rig.bench.run.experiment import BEGIN, Experiment
+from rig.bench.run.local_controllers import LOST, ControllerInProcess, Guest, loop_of
+from rig.bench.run.playback import Playback
+from rig.bench.run.runner import PlantRunner, ResumedRunner, Resumption
+from rig.controllers import restored
+from rig.controllers.blocks.base import Controller, gets_every_sample
+from rig.controllers.runtime.loop import Loop
+from rig.errors import ControllerFailed, NumericsError, UsageError
+from rig.plants.structures import model_store
+from rig.record.run import Commands, Run
+from rig.scenes.scene import Scene
+
+Tell = Callable[[int, int], object]
+"""Gets the simulated seconds so far and of the whole run."""
+NOBODY: Mapping[str, Guest] = {}
+Stop = Callable[[], str]
+"""Returns why to stop, or "" to continue."""
+
+
+class Recorded(NamedTuple):
+    """Actions of a recorded run, repeated at the same ticks with the same values: commands and actions of operators.
+
+    Before tick `end` no command of a controller counts; without `end` none in the whole run.
+    """
+
+    commands: Mapping[str, Commands]
+    events: Iterable[Mapping[str, Any]] = ()
+    end: int | None = None
+    resumption: Resumption | None = None
+    """Where to begin to simulate; before that measurements are played. None: at the begin."""
+
+
+def simulate(
+    scene: Scene,
+    controllers: Mapping[str, Controller] | None = None,
+    duration_ns: int | None = None,
+    recorded: Recorded | None = None,
+    stop: Stop | None = None,
+    tell: Tell | None = None,
+    guests: Mapping[str, Guest] = NOBODY,
+    audited: bool = True,
+) -> Run:
+    """Run `scene` for `duration_ns`, or for the duration of its protocol.
+
+    `controllers`: by name; by default those of the scene, with their design values. `guests`: controllers that the
+    scene does not know; they are admitted before the first tick.
+    `recorded`: actions of a recorded run to repeat. `stop` is called ten times per simulated second; it returns why to
+    stop, or "". `tell` is called after each piece of the run, and changes none of them. `audited`: judge the effects
+    in the summary, which takes as long as a short run. If the integration has to stop, the run up to there is returned
+    with `fault`, and its events say what happened; the same if the code of a controller raises an exception, which is
+    then the cause of `Run.failure`. Raises UsageError without a duration.
+    """
+    if duration_ns is None and scene.duration_ns is None:
+        raise UsageError(f"{scene.name} has no protocol that ends; state a duration, e.g. --duration 10")
+    duration_ns = scene.duration_ns if duration_ns is None else duration_ns
+    own = design.described(scene) if controllers is None else {}
+    if controllers is None:
+        controllers = {name: restored(description) for name, description in own.items()}
+    with model_store.collected() as models:
+        carried = carry_out(scene, controllers, duration_ns, recorded, stop, tell, guests)
+    for one in models.values():  # drawing the run assembles its rig again
+        model_store.offer(one)
+    run = _run(scene.made_with(models), tuple(models.values()), audited, carried)
+    run.controllers, run.failure = own, carried.failed
+    return run
+
+
+class FinishedRun(NamedTuple):
+    """The objects of a finished run in this process; `fault`: why it had to stop, `failed`: if a controller was why.
+
+    `checkpoints`: tick -> checkpoint (rig.bench.run.checkpoint).
+    """
+
+    runner: PlantRunner
+    experiment: Experiment
+    loops: dict[str, Loop]
+    fault: str
+    checkpoints: dict[int, bytes]
+    failed: ControllerFailed | None = None
+
+
+def carry_out(
+    scene: Scene,
+    controllers: Mapping[str, Controller],
+    duration_ns: int | None = None,
+    recorded: Recorded | None = None,
+    stop: Stop | None = None,
+    tell: Tell | None = None,
+    guests: Mapping[str, Guest] = NOBODY,
+) -> FinishedRun:
+    """Simulate like `simulate`, without making a `Run`. Without a duration the run ends when `stop` says so."""
+    experiment, working = begun(scene, controllers, duration_ns, recorded, guests=guests)
+    runner = experiment.runner
+    every = max(100_000_000 // scene.frame_ns, 1)
+    checkpoints, fault, failed = _Checkpoints(runner), "", None
+    try:
+        while experiment.begin():
+            until = min(experiment.until(), checkpoints.due)
+            if stop is not None:
+                until = min(until, runner.tick + every - runner.tick % every)
+            carry_on(experiment, working, until)
+            checkpoints.look(keep=not experiment.aborted)
+            if tell is not None and duration_ns:
+                tell(runner.t_ns // 1_000_000_000, -(-duration_ns // 1_000_000_000))
+            if stop is not None and (why := stop()):
+                experiment.stop(why)
+    except NumericsError as error:
+        fault = str(error)
+        experiment.journal.note("diverged", fault)
+        for one in working:
+            one.catch_up(runner.tick + 1)
+    except ControllerFailed as error:
+        fault, failed = str(error), error
+        experiment.stop("a controller failed")
+        trace = "".join(traceback.format_exception(error.__cause__))
+        experiment.journal.note(LOST, fault, controller=error.name, trace=trace)
+    experiment.end()
+    loops = {one.name: one.loop for one in working}
+    return FinishedRun(runner, experiment, loops, fault, checkpoints.kept, failed)
+
+
+class _Checkpoints:
+    """Keeps the checkpoints of a run in this process. `kept`: tick -> checkpoint; `due`: tick of the next one."""
+
+    def __init__(self, runner: PlantRunner) -> None:
+        self._runner, self._every = runner, interval(runner.frame_ns, runner.step_ns)
+        self.kept: dict[int, bytes] = {}
+        self.due = self._every
+
+    def look(self, keep: bool) -> None:
+        """Keep a checkpoint if it is due and wanted; call it before anything is changed at a tick."""
+        tick = self._runner.tick
+        if tick < self.due:
+            return
+        if keep and tick == self.due and (found := self._runner.checkpoint()):
+            self.kept[tick] = found
+        self.due = (tick // self._every + 1) * self._every
+
+
+def begun(
+    scene: Scene,
+    controllers: Mapping[str, Controller],
+    duration_ns: int | None = None,
+    recorded: Recorded | None = None,
+    before: Callable[[Experiment], object] = lambda _: None,
+    guests: Mapping[str, Guest] = NOBODY,
+) -> tuple[Experiment, list[ControllerInProcess]]:
+    """A run in this process at its first tick, and its controllers.
+
+    `before` is called with the experiment before it is opened.
+    """
+    loops = {name: loop_of(name, controller) for name, controller in controllers.items()}
+    loops |= {name: loop_of(name, guest.controller) for name, guest in guests.items()}
+
+    def retune(name: str, changes: Mapping[str, Any]) -> None:
+        if name in loops:  # none in a re-simulation: their commands are recorded
+            loops[name].retune(changes)
+
+    experiment = Experiment(
+        scene,
+        _runner(scene, recorded, (duration_ns or 0) // scene.frame_ns),
+        duration_ns,
+        retune,
+        exchange=Exchange if recorded is None else Playback,
+        events=() if recorded is None else recorded.events,
+    )
+    if isinstance(experiment.exchange, Playback):
+        assert recorded is not None
+        experiment.exchange.play(recorded.commands, recorded.end)
+    before(experiment)
+    if guests:
+        _welcome(experiment, guests)
+    experiment.open()
+    working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(loops.items())]
+    for one in working:
+        one.expect((duration_ns or 0) // (one.queue.period * scene.frame_ns))
+    return experiment, working
+
+
+def _welcome(experiment: Experiment, guests: Mapping[str, Guest]) -> None:
+    """Admit guests as a live run does before its first frame. Raises UsageError for one that cannot be admitted."""
+    sensors = experiment.runner.bank.names
+    for name, (controller, delay_ns) in guests.items():
+        if missing := [sensor for sensor in controller.reads if sensor not in sensors]:
+            raise UsageError(f"{name} reads {', '.join(missing)}; the sensors are {', '.join(sensors)}")
+        hears = gets_every_sample(controller)
+        experiment.admit(name, controller.drives, controller.period_ns, hears, delay_ns=delay_ns)
+    experiment.journal.note(BEGIN, f"begins with {', '.join(guests)}", here=[*experiment.exchange.queues])
+
+
+def _runner(scene: Scene, recorded: Recorded | None, frames: int) -> PlantRunner:
+    if recorded is None or recorded.resumption is None:
+        return PlantRunner(scene, truthful=True, piece=frames)
+    return ResumedRunner(scene, recorded.resumption, frames)
+
+
+def carry_on(
+    experiment: Experiment,
+    working: Sequence[ControllerInProcess],
+    until: int,
+    inside: CompiledControllers | None = None,
+) -> None:
+    """Step the plant runner to tick `until` or until a limit is exceeded; on the way only controllers act.
+
+    `inside`: lends controllers to the compiled loop; callers that call this often pass their own.
+    """
+    runner, exchange = experiment.runner, experiment.exchange
+    if until - runner.tick == 1 and not working:  # each frame of a run whose controllers have processes
+        experiment.take_over()
+        runner.frames(1)
+        return
+    inside = inside or CompiledControllers(experiment)
+    plays = exchange.plays
+    heard, others = ([one for one in working if (one.queue.connected and not plays) is on] for on in (True, False))
+    while True:
+        for one in working:
+            one.answer()
+        experiment.take_over()
+        tick, end = runner.tick, until
+        compiled = inside.lend(heard) if end - tick > 1 else ()
+        for one in heard:
+            if one.name not in compiled:
+                end = min(end, one.due)
+        if end - tick > 1 and (waits := exchange.until(compiled)) is not None:
+            end = min(end, waits)
+        try:
+            runner.frames(end - tick)
+        finally:
+            inside.take_back()
+        for one in others:
+            one.catch_up(runner.tick, plays)
+        if runner.tick >= until or runner.limited:
+            return
+
+
+def _run(scene: Scene, models: tuple[bytes, ...], audited: bool, finished: FinishedRun) -> Run:
+    runner, experiment = finished.runner, finished.experiment
+    truth, measurements = runner.truth, runner.measurements
+    assert truth is not None
+    assert measurements is not None
+    runner.hand_over(truth)
+    outputs, modes = truth.outputs()
+    units = dict(runner.units)
+    units |= {f"meas/{name}": unit for name, unit in zip(runner.bank.names, runner.bank.units)}
+    events = [event._asdict() for event in experiment.journal.events] + truth.events()
+    statistics = runner.statistics()
+    time = np.arange(len(modes), dtype=np.float64)
+    time *= runner.step_ns * 1e-9
+    return Run(
+        scene=scene.to_json(),
+        step_ns=runner.step_ns,
+        frame_ns=runner.frame_ns,
+        time=time,
+        signals=dict(zip(runner.outputs, outputs)),
+        units=units,
+        measurements=measurements.samples(),
+        commands={name: queue.commands() for name, queue in experiment.exchange.all_queues.items()},
+        events=sorted(events, key=lambda event: event["t_ns"]),
+        energy=statistics.pop("energy"),
+        summary={
+            "ended": experiment.over or "stopped by the numerics",
+            "plant": statistics,
+            "audit": runner.audit() if audited else [],
+            "exchange": experiment.exchange.counters(),
+            "controllers": {name: loop.counters() for name, loop in finished.loops.items()},
+            "sensors": runner.bank.counters(),
+            **({"network": network} if (network := experiment.network()) else {}),
+        },
+        mode=modes,
+        models=models,
+        fault=finished.fault,
+        checkpoints=finished.checkpoints,
+    )

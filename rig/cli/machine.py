@@ -1,0 +1,391 @@
+"""Commands that measure this machine, the methods and the figures of the papers.
+
+The command `rig cost`: error against compute time.
+
+The command `rig torture`: hard cases.
+
+Commands about this machine.
+
+The command `rig reproduce`: figures of papers made again, with their numbers compared.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli import printing
+from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share, the_scene
+from rig.cli.printing import draw, new, refuse
+from rig.errors import ExitCode, UsageError
+from rig.machine.files import write_file
+
+if TYPE_CHECKING:
+    from rig.qualify.cost import Table
+    from rig.qualify.cost.delay import Delayed
+    from rig.qualify.cost.effects import Paired
+    from rig.qualify.torture import Cell
+    from rig.scenes.scene import Scene
+
+
+Metric = Annotated[
+    str,
+    typer.Option(
+        metavar="MEASURE", help="Error measure for the recommendation. Default: worst, the largest of all measures."
+    ),
+]
+Target = Annotated[float, typer.Option(metavar="ERROR", help="Target relative error.")]
+CostFolder = Annotated[
+    Path, typer.Option(metavar="FOLDER", help="Folder for the results; each scene has a folder of its own in it.")
+]
+Peers = Annotated[
+    bool,
+    typer.Option(
+        "--peers", help="Compare with scipy, SUNDIALS, diffrax, PathSim and MuJoCo instead, as far as installed."
+    ),
+]
+
+
+def cost(
+    scene: SceneName,
+    p: Changes = None,
+    metric: Metric = "worst",
+    target: Target = 1e-3,
+    budget: Budget = None,
+    peers: Peers = False,
+    out: CostFolder = Path("cost"),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Measure error against compute time for each method and step, and recommend a setting.
+
+    The errors are those of physical measures, such as period and amplitude.
+    Writes a table (CSV, Parquet) and figures. `rig run SCENE --accuracy 1e-4`
+    uses the table.
+    """
+    wanted, most = accuracy(target, "--target"), share(budget)
+    from rig.errors import UsageError
+    from rig.qualify.cost import cost as measure
+    from rig.qualify.cost import folder_of, recommended
+    from rig.qualify.cost.effects import text
+    from rig.qualify.cost.report import COLUMNS, CostReport, lines, notes
+    from rig.qualify.cost.table import front
+
+    loaded = the_scene(scene, changes(p))
+    printing.warnings(loaded)
+    folder = folder_of(loaded, at(out))
+    refuse(folder, ("peers.csv", "peers.png") if peers else ("cost.png",), force)  # drawn last: a table without is not
+    if peers:
+        _race(loaded, target, folder, as_json)
+        return
+    try:
+        with printing.bar("settings") as progress:
+            found = measure(loaded, out, progress)
+    except KeyboardInterrupt:
+        printing.note(f"interrupted; the results so far are in {folder}")
+        raise
+    by = found.metric(metric)
+    try:
+        pick, why = recommended(found.rows, by, wanted, most), ""
+    except UsageError as error:
+        pick, why = None, str(error)
+    loops, parts = _loops(loaded, folder), _effects(loaded, folder)
+    if as_json:
+        report = {**vars(found), "rows": [row.flat() for row in found.rows], "folder": str(folder)}
+        report |= {"recommended": None if pick is None else pick.flat(), "why": why}
+        printing.report({**report, "loops": [vars(one) for one in loops], "effects": [one.to_json() for one in parts]})
+    else:
+        printing.table(f"{found.scene}: error and compute time on this machine", COLUMNS, lines(found, by, pick))
+        printing.line()
+        for line in [*notes(found, by), *(one.text() for one in loops), *map(text, parts)]:
+            printing.line(f"  {line}")
+        printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
+    if front(found.rows, by):
+        draw(CostReport(found, by, pick, most), folder / "cost.png")
+    _draw(found, loops, parts, folder)
+    if not as_json:
+        printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
+    if pick is None:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
+    """Other people's solvers on the same problem."""
+    from rig.qualify.cost.peers.race import ABSENT, COLUMNS, draw, lines, race, write
+    from rig.record.provenance import provenance
+
+    with printing.bar("runs") as progress:
+        found = race(scene, report=progress)
+    folder.mkdir(parents=True, exist_ok=True)
+    write(found, folder / "peers.csv")
+    if as_json:
+        printing.report([vars(one) for one in found])
+    else:
+        printing.table(
+            f"{scene.name}: the fastest setting that meets a relative error of {target:g}",
+            COLUMNS,
+            lines(found, target),
+        )
+        printing.line(f"\n{folder}/peers.png, peers.csv")
+        if any(one.fault == ABSENT for one in found):
+            printing.line("to install missing solvers: pip install -e '.[peers]' in the project's folder")
+    draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
+
+
+def _loops(scene: Scene, folder: Path) -> list[Delayed]:
+    """What delay and sampling of its loops cost."""
+    from rig.qualify.cost.delay import delayed, write
+
+    loops = delayed(scene)
+    if loops:
+        write(loops, folder / "delay.csv")
+    return loops
+
+
+def _effects(scene: Scene, folder: Path) -> list[Paired]:
+    """What its effects cost and change."""
+    from rig.qualify.cost.effects import effects, write
+
+    with printing.bar("effects") as progress:
+        parts = effects(scene, report=progress)
+    if parts:
+        write(parts, folder / "effects.csv")
+    return parts
+
+
+def _draw(found: Table, loops: list[Delayed], parts: list[Paired], folder: Path) -> None:
+    """The figures of loops and effects, where there are any."""
+    from rig.qualify.cost import delay
+    from rig.qualify.cost import effects as waterfall
+
+    if loops:
+        delay.draw(loops, found, folder / "delay.png")
+    if parts:
+        waterfall.draw(parts, found, folder / "effects.png")
+
+
+CaseName = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--case",
+        metavar="ID",
+        help="Run only this case (a name as in the table that is printed), or the case in this file. Repeatable.",
+    ),
+]
+TortureFolder = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the figure, JSON and JUnit files.")]
+
+
+def torture(
+    quick: Annotated[bool, typer.Option("--quick", help="Short runs, about a minute. The default.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Every step and every case, over the whole duration.")] = False,
+    case: CaseName = None,
+    search: Annotated[
+        bool,
+        typer.Option("--search", help="Search random values within the bounds of each case; keep values that fail."),
+    ] = False,
+    out: TortureFolder = Path("torture"),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Run hard cases by methods by steps. Each cell is green, amber or red with one reason.
+
+    Exit code 1: a default method is not green. The other methods are for
+    comparison, and some of them fail.
+    """
+    if quick and full:
+        raise UsageError("--quick or --full, not both")
+    at(out)
+    from rig.qualify import torture as hard_cases
+    from rig.qualify.torture import report
+    from rig.qualify.torture.case import load, names
+
+    wanted = case or [name for name in names() if full or load(name).quick]
+    if search:
+        _search(wanted, as_json)
+        return
+    refuse(out, ("matrix.png", "matrix.svg", "matrix.json", "junit.xml"), force)
+    status = printing.Status()
+    with contextlib.ExitStack() as stack:
+        shown: list[Callable[[int, int], object]] = []
+
+        def progress(done: int, total: int) -> None:
+            if not shown:  # the kernels are compiled
+                status.done()
+                shown.append(stack.enter_context(printing.bar("cases")))
+            shown[0](done, total)
+
+        cells = hard_cases.matrix(wanted, not full, status.show, progress)
+    report.keep(cells, out, not full)
+    if as_json:
+        printing.report([cell.to_json() for cell in cells])
+    else:
+        _table(cells)
+        printing.line(f"\n{out}/matrix.png, matrix.svg, matrix.json, junit.xml")
+    if not all(cell.good for cell in cells):
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _table(cells: list[Cell]) -> None:
+    """A row for each case and method, its steps side by side; then what decided where it is not green."""
+    rows = []
+    for cell in cells:
+        v = cell.result
+        name = f"{cell.method} (default)" if cell.default else cell.method
+        rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.detail, f"{cell.seconds:.2f} s"))
+    printing.table("", ("case", "method", "step", "result", "reason", "detail", "time"), rows)
+    counts = {colour: sum(cell.result.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
+    bad = sum(not cell.good for cell in cells)
+    counted = ", ".join(f"{count} {colour}" for colour, count in counts.items())
+    printing.line(f"{len(cells)} cells: {counted}; default methods that are not green: {bad or 'none'}")
+
+
+def _search(wanted: list[str], as_json: bool) -> None:
+    from rig.qualify.torture.case import load
+    from rig.qualify.torture.search import search
+
+    found = {}
+    for name in wanted:
+        case = load(name)
+        if not case.box:
+            continue
+        hit = search(case)
+        found[name] = None if hit is None else {"file": str(hit[0]), **hit[1].to_json()}
+        if not as_json:
+            what = "no failure found" if hit is None else f"{hit[1].result.detail}; kept as {hit[0]}"
+            printing.line(f"{name}: {what}")
+    if as_json:
+        printing.report(found)
+    if any(found.values()):
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def doctor(
+    scene: Annotated[
+        list[str] | None, typer.Argument(metavar="SCENE...", help="Names of scenes. Default: all shipped scenes.")
+    ] = None,
+    bundle: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=new,
+            help="Write a zip file for a bug report: versions, this report, messages of the last run.",
+        ),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Measure this machine and predict which scenes run in real time with the timing verdict VALID."""
+    from rig.qualify.doctor import doctor as examine
+
+    found = examine(report=printing.note, names=scene or ())
+    if as_json:
+        printing.report(found.to_json())
+    else:
+        printing.line(found.text())
+    if bundle is not None:
+        from rig.machine.files import write_file
+        from rig.qualify.bug_report import bundle as packed
+
+        content, names = packed(found)
+        write_file(bundle, content)
+        printing.note(f"{bundle}: {', '.join(names)}; look into it before you send it")
+    if not found.ok:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def warmup(
+    scene: Annotated[
+        list[str] | None, typer.Argument(metavar="SCENE...", help="Names of scenes. Default: all shipped scenes.")
+    ] = None,
+) -> None:
+    """Compile the kernels of the shipped scenes, so that their first run starts without delay."""
+    from rig.machine.scheduling import cores
+    from rig.qualify.bug_report import warmup as compile_all
+
+    begin = time.perf_counter()
+    spent = compile_all(printing.note, scene or None, cores())
+    printing.line(
+        f"ready: {sum(spent.values()):.0f} s of compiling in {time.perf_counter() - begin:.0f} s of wall time"
+    )
+
+
+def clean() -> None:
+    """Delete what friction-rig has stored for this user: compiled kernels, models of plates, messages of the last run.
+
+    The next start compiles again. Recordings and scenes are not touched.
+    Folders that RIG_KERNELS and RIG_MODELS name are yours, and stay.
+    """
+    import shutil
+
+    import platformdirs
+
+    folders = {platformdirs.user_cache_path("friction-rig"), platformdirs.user_state_path("friction-rig")}
+    there = sorted(folder for folder in folders if folder.is_dir())
+    for folder in there:
+        size = sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
+        shutil.rmtree(folder)
+        printing.line(f"deleted {folder}: {size / 1e6:.1f} MB")
+    if not there:
+        printing.line("nothing is stored")
+
+
+def reproduce(
+    figure: Annotated[str, typer.Argument(metavar="FIGURE", help='Name of a figure, of a paper, or "all".')] = "",
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the pictures and their page.")] = Path(
+        "gallery"
+    ),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Make a figure of a paper again from a scene, and compare its numbers with published or reference values.
+
+    Without FIGURE: list the figures. Exit code 1: a number does not agree that should.
+    Other figures in the folder are kept.
+    """
+    from rig import papers as again
+    from rig.record.provenance import provenance
+
+    if not figure:
+        entries = again.pick("all")
+        if as_json:
+            printing.report([{"name": e.name, "title": e.title, "scenes": list(e.scenes)} for e in entries])
+        else:
+            rows = [(e.name, e.number, e.title, ", ".join(e.scenes)) for e in entries]
+            printing.table("", ("figure", "in the paper", "what it shows", "scenes"), rows)
+        return
+    wanted = again.pick(figure)
+    page = [] if (out / "numbers.json").exists() else ["README.md"]  # else it is the page of figures made before
+    refuse(out, [*(f"{entry.name}{suffix}" for entry in wanted for suffix in (".png", ".svg")), *page], force)
+    with printing.bar("figures") as progress:
+        results = again.make_all(wanted, out, progress)
+    machine = provenance(0, ())
+    host = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
+    write_file(out / "README.md", again.page(again.keep(results, out), host).encode())
+    if as_json:
+        printing.report([result.to_json() for result in results])
+    else:
+        for result in results:
+            numbers = [
+                (c.what, f"{c.ours:.7g}", f"{c.expected:.7g}" if c.compared else "", c.unit, c.source, c.bound,
+                 "" if c.agrees else c.result)
+                for c in result.comparisons
+            ]  # fmt: skip
+            columns = ("number", "ours", "expected", "", "source", "bound", "")
+            printing.table(f"{result.entry.name}: {result.entry.title} ({result.picture})", columns, numbers)
+    if not all(result.agrees for result in results):
+        raise typer.Exit(ExitCode.FAILED)
+
+
+COMMANDS = {
+    "cost": (cost, "rig cost belt_c --target 1e-4 --budget 40%"),
+    "torture": (torture, "rig torture --case grazing"),
+    "clean": (clean, "rig clean"),
+    "doctor": (doctor, "rig doctor --bundle report.zip"),
+    "warmup": (warmup, "rig warmup pendulum"),
+    "reproduce": (reproduce, "rig reproduce kroeger-3"),
+}

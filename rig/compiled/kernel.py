@@ -1,0 +1,199 @@
+"""The one decorator for compiled code, and a cache that never runs outdated physics.
+
+numba's disk cache does not notice an edit in another file from which a kernel was inlined. The cache directory is
+therefore keyed by a hash of everything that compiled code depends on (rig.compiled.kernel_store) and of the numba
+version. `fastmath={"contract"}` (fused multiply-add) is allowed: it rounds once instead of twice, and the C versions of
+the benchmarks do the same. Results are therefore bit-identical on one build and one processor type; both are recorded.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from llvmlite.binding import Linkage, parse_bitcode
+from numba.core import codegen, event, registry, types
+
+from rig.compiled import kernel_store
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_ROOT = Path(__file__).resolve().parents[2]
+ROOMS = ("rig.compiled.kernel", *(room.replace("/", ".") for room in kernel_store.ROOMS))
+"""Modules whose kernels are stored by the hash of all sources; those of others are stored by their own source file."""
+
+
+def source_key() -> str:
+    """Hash (16 hex digits) of numba's version and of everything that compiled code depends on
+    (rig.compiled.kernel_store).
+    """
+    version = f"{numba.__version__} {platform.python_version()}"
+    return kernel_store.key(_ROOT, kernel_store.root() / "sources.json", version, kernel_store.INSTEAD)
+
+
+FOLDER = kernel_store.Folder(source_key())
+"""Where the kernels compiled from these sources are stored."""
+numba.config.CACHE_DIR = str(FOLDER.path)  # type: ignore[attr-defined]
+_PROGRESS = kernel_store.CompileProgress(FOLDER)
+
+
+class _Compiler(event.Listener):  # type: ignore[misc]
+    """Imports numba's compiler (0.2 s), but without scipy.linalg (another 0.2 s), which it imports to look for BLAS.
+
+    No kernel of ours calls BLAS. Only in processes of our own: elsewhere the kernels of others may need it.
+    """
+
+    def on_start(self, _: event.Event) -> None:
+        """Called when a kernel is about to be compiled."""
+        if "numba.np.arraymath" not in sys.modules and "scipy.linalg" not in sys.modules:
+            sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
+            importlib.import_module("numba.np.arraymath")
+            del sys.modules["scipy.linalg"]
+
+    def on_end(self, _: event.Event) -> None:
+        """Called when it has been compiled."""
+
+
+if os.environ.get("RIG_OWN_PROCESS"):
+    for _listener in (_Compiler(), _PROGRESS):
+        event.register("numba:compile", _listener)  # type: ignore[no-untyped-call]
+
+
+class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """Compiled code that calls its own copies of our functions that were linked into it.
+
+    numba leaves these calls open: of several copies, each optimised inside another kernel, the one loaded first serves
+    all. The copies differ in fused operations, so the last bits of a run depended on what else had been loaded, and on
+    whether its kernels were compiled in its own process.
+
+    The bitcode of a stored kernel is parsed only when another kernel links it. A run only calls it.
+    """
+
+    _bitcode: bytes | None = None
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+        name, kind, data = state
+        if kind != "object":
+            return super()._unserialize(codegen, state)  # type: ignore[no-untyped-call]
+        made = codegen.create_library(name)
+        code, made._bitcode = data  # noqa: SLF001
+        made.enable_object_caching()
+        made._set_compiled_object(code)  # noqa: SLF001
+        made._finalize_final_module()  # noqa: SLF001
+        return made
+
+    def _get_module_for_linking(self) -> Any:
+        if self._bitcode is not None:
+            self._shared_module, self._bitcode = parse_bitcode(self._bitcode), None
+            defined: Any = self._codegen._engine._load_defined_symbols  # noqa: SLF001
+            defined(self._shared_module)
+        return super()._get_module_for_linking()  # type: ignore[no-untyped-call]
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """The address of a function of this library; 0 if it has none of this name."""
+        if self._bitcode is not None:
+            return self._codegen._engine.get_function_address(name)  # type: ignore[no-any-return]  # noqa: SLF001
+        return super().get_pointer_to_function(name)  # type: ignore[no-untyped-call, no-any-return]
+
+    def _finalize_final_module(self) -> None:
+        module = self._final_module
+        own = [one for one in module.functions if not one.is_declaration]
+        copies = [one for one in own if one.linkage == _SHARED and one.name.startswith("_ZN3rig")]
+        if copies and self._shared_module is None:
+            shared = module.clone()  # the copy that others link keeps its symbols open, or they would have them twice
+            for one in own:
+                if one.linkage == _OPEN:
+                    shared.get_function(one.name).linkage = _SHARED
+            self._shared_module = shared
+            for one in copies:
+                one.linkage = "internal"
+        super()._finalize_final_module()  # type: ignore[no-untyped-call]
+
+
+_OPEN, _SHARED = Linkage.external, Linkage.linkonce_odr
+registry.cpu_target.target_context.codegen()._library_class = _Library  # noqa: SLF001  # type: ignore[attr-defined]
+
+_njit: Any = numba.njit  # noqa: TID251
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+
+
+def _compiled(function: F, **options: Any) -> F:
+    dispatcher = _njit(**_OPTIONS, **options)(function)
+    templates = dispatcher.get_call_template
+    # A literal in the source of a caller would be a type of its own, and numba would compile a kernel for it.
+    plain: Any = types.unliteral
+    dispatcher.get_call_template = lambda kinds, named: templates([plain(kind) for kind in kinds], named)
+    FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(ROOMS))
+    return dispatcher  # type: ignore[no-any-return]
+
+
+def kernel(function: F) -> F:
+    """Compile `function`: cached on disk, without the GIL, divisions unchecked, fused multiply-add allowed."""
+    return _compiled(function)
+
+
+def inner(function: F) -> F:
+    """Compile a kernel that only works on arrays passed to it: without reference counting (3 to 6 times faster here).
+
+    It may slice, but it can neither allocate an array nor return one, and only other kernels call it.
+    """
+    return _compiled(function, _nrt=False)
+
+
+def inlined(function: F) -> F:
+    """Compile an `inner` kernel that numba inlines into its callers, for code that runs many times in a step."""
+    return _compiled(function, _nrt=False, inline="always")
+
+
+def fused(function: F) -> F:
+    """Compile an `inner` kernel that the optimiser inlines into its callers: for a large one with several calls.
+
+    An `inlined` kernel is analysed anew for each call; this one is not. It cannot return an array, not even one that
+    was passed to it.
+    """
+    return _compiled(function, _nrt=False, forceinline=True)
+
+
+def entry(function: Any, *examples: Any) -> Callable[..., Any]:
+    """The compiled code of a kernel for arguments of exactly the types of `examples`.
+
+    A kernel checks the types of its arguments at every call, and reads a `Loan` through Python: 3 us, which a loop that
+    calls it every millisecond of simulated time saves. Arguments of other types would be misread.
+    """
+    kinds = tuple(numba.typeof(example) for example in examples)  # type: ignore[no-untyped-call]
+    function.compile(kinds)
+    return function.overloads[kinds].entry_point  # type: ignore[no-any-return]
+
+
+def as_python(function: F) -> F:
+    """Compile `function` so that it rounds and divides by zero like Python: nothing is fused. Not stored on disk."""
+    return _njit(function)  # type: ignore[no-any-return]
+
+
+@contextmanager
+def announce_compiling(what: str) -> Iterator[None]:
+    """Tell the user that `what` is being compiled, which is not stored on disk, unlike kernels."""
+    before, _PROGRESS.other = _PROGRESS.other, what
+    try:
+        yield
+    finally:
+        _PROGRESS.other = before
+
+
+def compiled() -> bool:
+    """Tell the user that all kernels have been compiled, and the time; return False if none was missing."""
+    return _PROGRESS.told()
+
+
+def called_by_address(function: Callable[..., Any]) -> Any:
+    """Compile answer(line, t_ns, heard, command, memory) -> int as a C function; the last three are pointers."""
+    numbers = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+    return numba.cfunc(types.int64(types.int64, types.int64, numbers, numbers, numbers))(function)

@@ -1,0 +1,186 @@
+"""Records lent to kernels, and memory that stays where it is while they use it.
+
+Locks the memory of a paced process, so that the system does not swap it out during a run.
+
+Records lent to kernels: a pointer to a named tuple of arrays and numbers, whose fields are read by name.
+
+With fifty arrays as arguments of every kernel, compile time would go into the arguments, and a call from Python would
+take 6 us. A `Loan` lays out a record in memory as compiled code does, word by word, and passes its address. A field
+that is itself a record is lent in the same way.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import struct
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.datamodel import models
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import NativeValue, infer_getattr, intrinsic, register_model, unbox
+
+_CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_* of <asm-generic/mman.h>
+
+
+@contextmanager
+def locked() -> Iterator[str]:
+    """Lock all pages that this process uses, now and later; yields "" or the reason why it is not possible.
+
+    Unused pages are not loaded: most of them would be thread stacks and reserved address space. Locking needs root or a
+    limit `memlock` of "unlimited": with a finite one the system would refuse memory requested later.
+    """
+    why = _lock()
+    try:
+        yield why
+    finally:
+        if not why:
+            ctypes.CDLL(None).munlockall()
+
+
+def _lock() -> str:
+    if sys.platform != "linux":
+        return "memory is not locked: only supported on Linux"
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    if os.geteuid() != 0 and limit != resource.RLIM_INFINITY:
+        return f"memory is not locked: the limit memlock is {limit >> 10} kB; it must be unlimited"
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.mlockall(_CURRENT | _FUTURE | _ON_FAULT) == 0:
+        return ""
+    return f"memory is not locked: {os.strerror(ctypes.get_errno())}"
+
+
+class Lent(types.Type):  # type: ignore[misc]
+    """The type of a pointer to a record, a named tuple of the type `content`.
+
+    `inside`: lent by a kernel. The words of any other record do not change while a kernel runs, so it reads them once.
+    """
+
+    def __init__(self, content: Any, inside: bool = False) -> None:
+        self.content, self.inside = content, inside
+        super().__init__(name=f"Lent{'Inside' if inside else ''}({content})")
+
+
+register_model(Lent)(models.OpaqueModel)
+
+
+class Loan:
+    """A record for kernels: a named tuple of arrays (in C order), integers, floats and further records.
+
+    The arrays are shared with the kernel; the numbers are copied when the Loan is made. `content`: the record. `like`:
+    a Loan of a record of the same type, which then need not be found again. The type is known before a kernel is
+    called: numba ignores what is raised while it asks for a type, and a Ctrl-C was lost there.
+    """
+
+    def __init__(self, content: Any, like: Loan | None = None) -> None:
+        self.content = content
+        self._words = np.frombuffer(b"".join(_words(content)), dtype=np.int64)
+        self.address = self._words.ctypes.data
+        self._numba_type_: Lent = lent_type(content) if like is None else like._numba_type_
+
+
+def lent_type(content: Any) -> Lent:
+    """The type of a lent record."""
+    return Lent(_type_of(content))
+
+
+def _type_of(value: Any) -> Any:
+    """`numba.typeof` of a field, which takes four to six times as long: it makes the type of every array anew."""
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return types.NamedTuple([_type_of(one) for one in value], type(value))  # type: ignore[no-untyped-call]
+    if isinstance(value, np.ndarray) and value.flags.c_contiguous:
+        return _array_type(value.dtype, value.ndim, value.flags.writeable, value.flags.aligned)
+    return numba.typeof(value)  # type: ignore[no-untyped-call]
+
+
+@cache
+def _array_type(dtype: np.dtype[Any], ndim: int, writeable: bool, aligned: bool) -> Any:
+    return types.Array(numba.from_dtype(dtype), ndim, "C", readonly=not writeable, aligned=aligned)
+
+
+def _words(content: Any) -> Iterator[bytes]:
+    for value in content:
+        if isinstance(value, tuple):
+            yield from _words(value)
+        elif isinstance(value, np.ndarray):
+            assert value.flags.c_contiguous
+            yield struct.pack(
+                f"{5 + 2 * value.ndim}q",
+                0,
+                0,
+                value.size,
+                value.itemsize,
+                value.ctypes.data,
+                *value.shape,
+                *value.strides,
+            )
+        else:
+            assert type(value) is not bool  # a word is eight bytes
+            yield struct.pack("d" if isinstance(value, float) else "q", value)
+
+
+@unbox(Lent)  # type: ignore[no-untyped-call, untyped-decorator]
+def _unbox(kind: Any, loan: Any, c: Any) -> Any:
+    number = c.pyapi.object_getattr_string(loan, "address")
+    pointer = c.pyapi.long_as_voidptr(number)
+    c.pyapi.decref(number)
+    return NativeValue(pointer)  # type: ignore[no-untyped-call]
+
+
+def _lend(typing: Any, content: Any) -> Any:
+    """Lend a named tuple from one kernel to the kernels it calls; valid until the lending kernel returns."""
+
+    def borrow(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = cgutils.alloca_once_value(builder, arguments[0])  # type: ignore[no-untyped-call]
+        return builder.bitcast(place, cgutils.voidptr_t)
+
+    return Lent(content, inside=True)(content), borrow
+
+
+lent: Any = intrinsic(_lend)
+
+
+@infer_getattr
+class _Names(AttributeTemplate):  # type: ignore[misc]
+    key = Lent
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
+        """The type of a field."""
+        if name not in kind.content.fields:
+            return None
+        found = kind.content.types[kind.content.fields.index(name)]
+        return Lent(found, kind.inside) if isinstance(found, types.BaseNamedTuple) else found
+
+
+@lower_getattr_generic(Lent)  # type: ignore[no-untyped-call, untyped-decorator]
+def _field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> Any:
+    typed = builder.bitcast(pointer, context.get_value_type(kind.content).as_pointer())
+    index = kind.content.fields.index(name)
+    at = cgutils.gep_inbounds(builder, typed, 0, index)  # type: ignore[no-untyped-call]
+    if isinstance(kind.content.types[index], types.BaseNamedTuple):
+        return builder.bitcast(at, cgutils.voidptr_t)
+    return builder.load(at) if kind.inside else _constant(builder, at)
+
+
+def _constant(builder: Any, at: Any) -> Any:
+    """Load a value that nothing changes, word by word: otherwise every store to an array might have changed it."""
+    kind = at.type.pointee
+    if not isinstance(kind, ir.LiteralStructType | ir.ArrayType):
+        found = builder.load(at)
+        found.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return found
+    whole = ir.Constant(kind, ir.Undefined)
+    for i in range(len(kind)):
+        whole = builder.insert_value(whole, _constant(builder, cgutils.gep_inbounds(builder, at, 0, i)), i)  # type: ignore[no-untyped-call]
+    return whole

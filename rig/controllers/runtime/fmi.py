@@ -1,0 +1,337 @@
+"""FMUs for co-simulation: their description as plain values, and an instance that makes steps.
+
+What the description of an FMU says, as plain values: signals and parameters with their units in SI, step, platform.
+
+Units of an FMU are exponents of SI base units with factor and offset. Their names are free text and are not compared.
+
+An instance of an FMU for co-simulation (FMI 2.0, 3.0): inputs, a step, outputs, state kept and restored.
+
+fmpy loads the library and defines the types of its functions. A step calls these functions itself, with buffers that
+are made once: three calls take 2 to 4 us.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import io
+import math
+import shutil
+import tempfile
+import weakref
+import zipfile
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rig.errors import ControllerLost, PartError, RigError
+from rig.extras import needed
+from rig.machine.files import unpacked
+from rig.parts import Binary, require
+from rig.units import OTHERS, SIZES
+
+LARGEST = 256 << 20
+"""Largest size of the files of an FMU together [bytes]. # chosen"""
+NO_UNIT = ""
+"""Unit of a signal without one in the description: it is connected to any sensor or actuator."""
+_BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
+_NAMED = {
+    (1, 1, -2): "N",
+    (1, 0, -2): "N/m",
+    (1, 0, -1): "N*s/m",
+    (1, 1, -1): "N*s",
+    (1, -1, -2): "Pa",
+    (1, 2, -3, -1): "V",
+    (1, 1, -2, -1): "V*s/m",
+    (1, 2, -3, -2): "ohm",
+    (1, 2, -2, -2): "H",
+    (-1, -2, 4, 2): "F",
+    (0, 1): "m",
+    (0, 1, -1): "m/s",
+    (0, 1, -2): "m/s^2",
+    (0, 0, 1): "s",
+    (0, 0, -1): "Hz",
+    (0, 0, 0, 0, 0, 0, 0, 1): "rad",
+    (0, 0, -1, 0, 0, 0, 0, 1): "rad/s",
+    (): "1",
+}
+"""Exponents of the base units, without zeros at the end -> unit."""
+
+
+def unit_of(exponents: Iterable[int]) -> str:
+    """The SI unit with these exponents of kg, m, s, A, K, mol, cd, rad."""
+    given = [int(one) for one in exponents]
+    while given and not given[-1]:
+        given.pop()
+    if (found := _NAMED.get(tuple(given))) is not None:
+        return found
+    return "*".join(f"{base}^{power}" if power != 1 else base for base, power in zip(_BASES, given) if power)
+
+
+def described(file: Binary) -> dict[str, Any]:
+    """The description of an FMU for co-simulation (FMI 2.0 or 3.0), as plain JSON values.
+
+    Raises PartError for what is no such FMU, or has no code for this machine; UsageError without the library fmpy.
+    """
+    fmpy = needed("fmpy", "fmi")
+    try:
+        with zipfile.ZipFile(io.BytesIO(file.content)) as archive:
+            unpacked(archive, LARGEST)
+            names = archive.namelist()
+    except zipfile.BadZipFile:
+        raise PartError("is not an FMU: it is not a zip file") from None
+    except OSError as error:
+        raise PartError(f"is not usable: {error.strerror}") from None
+    try:
+        found = fmpy.read_model_description(io.BytesIO(file.content))
+    except Exception as error:  # of many kinds
+        raise PartError(f"is not a usable FMU: {_brief(error)}") from None
+    if found.fmiMajorVersion not in (2, 3):
+        raise PartError(f"is of FMI {found.fmiVersion}; FMI 2.0 and 3.0 are possible")
+    co = found.coSimulation
+    if co is None:
+        raise PartError("is for model exchange only; a controller is an FMU for co-simulation")
+    if co.needsExecutionTool:
+        raise PartError("needs the tool that made it while it runs; export it as a standalone FMU")
+    binaries = {name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") >= 2}
+    platform = fmpy.platform if found.fmiMajorVersion == 2 else fmpy.platform_tuple
+    if platform not in binaries:
+        has = ", ".join(sorted(binaries)) or "no machine (source code only)"
+        raise PartError(f"has code for {has}; this machine needs {platform}")
+    units = {one.name: one.baseUnit for one in found.unitDefinitions}
+    real = [one for one in found.modelVariables if one.type in ("Real", "Float64") and not one.dimensions]
+    direct = {one.variable.name: one.dependencies for one in found.outputs if one.variable is not None}
+    return {
+        "fmi": found.fmiMajorVersion,
+        "identifier": co.modelIdentifier,
+        "token": found.guid,
+        "repeatable": bool(co.canGetAndSetFMUstate),
+        "once": bool(co.canBeInstantiatedOnlyOncePerProcess),
+        "step": _step(found),
+        "inputs": [_signal(one, units) for one in real if one.causality == "input"],
+        "outputs": [
+            {**_signal(one, units), "direct": None if (of := direct.get(one.name)) is None else [v.name for v in of]}
+            for one in real
+            if one.causality == "output"
+        ],
+        "parameters": [_parameter(one, units) for one in real if one.causality == "parameter"],
+    }
+
+
+def _step(found: Any) -> float | None:
+    """The step [s] of which the time between two calls must be a multiple; None if any time is possible."""
+    co = found.coSimulation
+    if co.fixedInternalStepSize is not None:
+        return float(co.fixedInternalStepSize)
+    experiment = found.defaultExperiment
+    if co.canHandleVariableCommunicationStepSize or experiment is None or experiment.stepSize is None:
+        return None
+    return float(experiment.stepSize)
+
+
+def _signal(variable: Any, units: Mapping[str, Any]) -> dict[str, Any]:
+    """Name, reference, and unit: value in the FMU = (value in SI - offset) / factor."""
+    base = units.get(_of(variable, "unit"))
+    factor, offset = (1.0, 0.0) if base is None else (float(base.factor), float(base.offset))
+    unit = NO_UNIT if base is None else unit_of(int(getattr(base, name)) for name in _BASES)
+    return {"name": variable.name, "vr": variable.valueReference, "unit": unit, "factor": factor, "offset": offset}
+
+
+def _parameter(variable: Any, units: Mapping[str, Any]) -> dict[str, Any]:
+    signal = _signal(variable, units)
+    unit = signal["unit"] or "1"
+    most = SIZES.get(unit, OTHERS)[1]
+
+    def si(text: Any, default: float) -> float:
+        return default if text is None else float(text) * signal["factor"] + signal["offset"]
+
+    low, high = si(_of(variable, "min"), -most), si(_of(variable, "max"), most)
+    value = si(variable.start, math.nan)
+    tunable = variable.variability == "tunable"
+    return {**signal, "unit": unit, "value": value, "low": low, "high": high, "tunable": tunable}
+
+
+def _of(variable: Any, attribute: str) -> Any:
+    """An attribute of a variable, or else of its type."""
+    own = getattr(variable, attribute)
+    return own if own is not None or variable.declaredType is None else getattr(variable.declaredType, attribute)
+
+
+def _brief(error: Exception) -> str:
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return "; ".join(lines[:3])[:300] or type(error).__name__
+
+
+_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+_WARNING = 1
+_KEPT = 20  # messages
+_FOLDERS: dict[str, Path] = {}
+"""SHA-256 of an FMU -> folder with its files, which is removed when this process ends."""
+
+
+def _folder(file: Binary) -> Path:
+    """The folder with the files of an FMU. Raises Untrusted for one that is not trusted."""
+    require([file])
+    if file.sha256 not in _FOLDERS:
+        try:
+            with zipfile.ZipFile(io.BytesIO(file.content)) as archive:
+                unpacked(archive, LARGEST)  # a recording states what `described` found, and its FMU may be another
+                folder = Path(tempfile.mkdtemp(prefix="friction-rig-fmu-"))
+                weakref.finalize(Binary, shutil.rmtree, folder, True)  # at the end of the process
+                archive.extractall(folder)  # it removes .. and absolute paths
+        except (OSError, zipfile.BadZipFile) as error:
+            raise ControllerLost(f"{file}: cannot be unpacked: {getattr(error, 'strerror', None) or error}") from None
+        _FOLDERS[file.sha256] = folder
+    return _FOLDERS[file.sha256]
+
+
+class _Log:
+    """The warnings and errors in the log of the FMU `file` that nobody has taken yet."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.messages: deque[str] = deque(maxlen=_KEPT)
+
+    def add(self, status: int, text: bytes | None) -> None:
+        """Add a message with its status."""
+        if status >= _WARNING:
+            label = _STATUS[min(status, len(_STATUS) - 1)]
+            self.messages.append(f"{self.file}: {label}: {(text or b'').decode(errors='replace').strip()}")
+
+
+class Unit:
+    """An instance of the FMU `file`; call `begin` before the first step.
+
+    `inputs`, `outputs`, `parameters`: value references; `values`: of the parameters, in the units of the FMU. All
+    methods raise ControllerLost if the FMU reports an error.
+    """
+
+    def __init__(
+        self,
+        file: Binary,
+        inputs: Sequence[int],
+        outputs: Sequence[int],
+        parameters: Sequence[int],
+        values: Sequence[float],
+    ) -> None:
+        self._file = file
+        self._log = log = _Log(str(file))
+        about = file.about
+        self._three = about["fmi"] == 3
+        name = "fmi3" if self._three else "fmi2"
+        module = needed(f"fmpy.{name}", "fmi")
+        folder = str(_folder(file))
+        try:
+            made = (module.FMU3Slave if self._three else module.FMU2Slave)(
+                guid=about["token"], modelIdentifier=about["identifier"], unzipDirectory=folder, instanceName=str(file)
+            )
+            self._fmu = made
+            self._instantiate(module, log)
+        except RigError:
+            raise
+        except Exception as error:  # fmpy raises Exception itself
+            raise self._lost(f"cannot be instantiated: {error}") from None
+        self._end = weakref.finalize(self, _free, made)
+        dll = made.dll
+        kind = "Float64" if self._three else "Real"
+        self._set, self._get = (getattr(dll, f"{name}{verb}{kind}") for verb in ("Set", "Get"))
+        self._do = getattr(dll, f"{name}DoStep")
+        self._name, self._component = name, made.component
+        references = ctypes.c_uint32
+        self._in = (references * len(inputs))(*inputs), len(inputs), (ctypes.c_double * len(inputs))()
+        self._out = (references * len(outputs))(*outputs), len(outputs), (ctypes.c_double * len(outputs))()
+        self._parameters, self._values = tuple(parameters), tuple(values)
+        self._flags: list[Any] = [ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool(), ctypes.c_double()]
+        self._more = [ctypes.byref(one) for one in self._flags] if self._three else []
+        self._sizes: tuple[int, ...] = (len(inputs),) if self._three else ()
+        self._out_sizes: tuple[int, ...] = (len(outputs),) if self._three else ()
+
+    def _instantiate(self, module: Any, log: _Log) -> None:
+        if self._three:
+            self._fmu.instantiate(loggingOn=True, logMessage=lambda _, status, category, text: log.add(status, text))
+            return
+        callbacks = module.fmi2CallbackFunctions()
+        callbacks.logger = module.fmi2CallbackLoggerTYPE(lambda _, name, status, category, text: log.add(status, text))
+        callbacks.allocateMemory = module.fmi2CallbackAllocateMemoryTYPE(module.calloc)
+        callbacks.freeMemory = module.fmi2CallbackFreeMemoryTYPE(module.free)
+        module.addLoggerProxy(ctypes.byref(callbacks))
+        self._fmu.instantiate(callbacks=callbacks, loggingOn=True)
+
+    def begin(self, t: float) -> None:
+        """Initialise at time t [s] with the parameters."""
+        try:
+            if self._three:
+                self._assign(self._parameters, self._values)
+                self._fmu.enterInitializationMode(startTime=t)
+            else:
+                self._fmu.setupExperiment(startTime=t)
+                self._assign(self._parameters, self._values)
+                self._fmu.enterInitializationMode()
+            self._fmu.exitInitializationMode()
+        except Exception as error:
+            raise self._lost(f"cannot be initialised: {error}") from None
+
+    def _assign(self, references: Sequence[int], values: Sequence[float]) -> None:
+        if references:
+            (self._fmu.setFloat64 if self._three else self._fmu.setReal)(list(references), list(values))
+
+    def assign(self, references: Sequence[int], values: Sequence[float]) -> None:
+        """Set tunable parameters between two steps."""
+        try:
+            self._assign(references, values)
+        except Exception as error:
+            raise self._lost(f"refuses its parameters: {error}") from None
+
+    def step(self, t: float, h: float, values: Sequence[float] | None) -> list[float]:
+        """The outputs after a step of h [s] from time t [s] with these inputs; None: with those of the last step."""
+        vr, count, buffer = self._in
+        if count and values is not None:
+            buffer[:] = list(values)
+            if self._set(self._component, vr, count, buffer, *self._sizes) > _WARNING:
+                raise self._lost(f"refuses its inputs {list(values)}")
+        status = self._do(self._component, t, h, True, *self._more)
+        if status > _WARNING:
+            raise self._lost(f"the step from t = {t:.9g} s ended with the status {_STATUS[min(status, 5)]}")
+        if self._three:
+            _, ends, early, last = self._flags
+            if ends.value:
+                raise self._lost(f"asked to end the simulation in the step from t = {t:.9g} s")
+            if early.value and not math.isclose(last.value, t + h, abs_tol=1e-12):
+                raise self._lost(f"ended the step from t = {t:.9g} s early, at t = {last.value:.9g} s")
+        vr, count, buffer = self._out
+        if self._get(self._component, vr, count, buffer, *self._out_sizes) > _WARNING:
+            raise self._lost("does not return its outputs")
+        return buffer[:]
+
+    def keep(self) -> Any:
+        """The state of the FMU, for `back`; `drop` frees its memory."""
+        try:
+            return self._fmu.getFMUState() if self._three else self._fmu.getFMUstate()
+        except Exception as error:
+            raise self._lost(f"does not return its state: {error}") from None
+
+    def back(self, kept: Any) -> None:
+        """Return to a state of this instance."""
+        try:
+            (self._fmu.setFMUState if self._three else self._fmu.setFMUstate)(kept)
+        except Exception as error:
+            raise self._lost(f"does not take its state back: {error}") from None
+
+    def drop(self, kept: Any) -> None:
+        """Free the memory of a state."""
+        (self._fmu.freeFMUState if self._three else self._fmu.freeFMUstate)(kept)
+
+    def take_messages(self) -> list[str]:
+        """Warnings and errors of its log since the last call."""
+        found = list(self._log.messages)
+        self._log.messages.clear()
+        return found
+
+    def _lost(self, why: str) -> ControllerLost:
+        said = "; ".join(text.removeprefix(f"{self._file}: ") for text in self.take_messages())
+        return ControllerLost(f"{self._file}: {why}{f'; its log: {said}' if said else ''}")
+
+
+def _free(fmu: Any) -> None:
+    if fmu.component:
+        fmu.freeInstance()

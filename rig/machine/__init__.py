@@ -1,0 +1,1 @@
+"""The machine: processes, processors, files that others can reach."""

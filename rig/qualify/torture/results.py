@@ -1,0 +1,209 @@
+"""The outcome of a run of a case, and its test result: green, amber or red, and one reason.
+
+The outcome of a run of a case.
+
+The test result of a run: green, amber or red, and one reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.bench.live.pace import PAUSE
+from rig.errors import Chatter, Diverged, Jammed, NumericsError
+from rig.printable import counted
+from rig.qualify.torture.case import Case
+
+Array = NDArray[np.float64]
+
+
+class OutOfTime(Exception):
+    """The cell has reached its time limit."""
+
+
+@dataclass
+class Found:
+    """The outcome of a run. Events: (time [s], what). `stuck`: share of the ticks in which every contact sticks."""
+
+    events: list[tuple[float, str]] = field(default_factory=list)
+    count: int = 0
+    ticks: int = 0
+    stuck: float = 0.0
+    stuck_now: bool = False
+    negative_power: float = 0.0
+    outside_cone: float = 0.0
+    pulling: float = 0.0
+    held: float = 0.0
+    """Largest pull [N] of a contact that cannot open, in a scene without separation."""
+    creep: float = 0.0
+    not_finite: int = 0
+    measurements: int = 0
+    """Samples that the sensors published after the first."""
+    energy: float = 0.0
+    with_film: bool = False
+    """The rig is a film of points: the residual of its energy balance falls with the square of the step."""
+    pace: float = 1.0
+    """Pace of the clock that the scene states."""
+    most_events: int = 0
+    burst: int = 0
+    """Frames run without a wait after a pause."""
+    ended: dict[str, float] = field(default_factory=dict)
+    began: dict[str, float] = field(default_factory=dict)
+    largest: dict[str, float] = field(default_factory=dict)
+    trials: int = 0
+    opened: int = 0
+    seconds: float = 0.0
+    """Processor time in total [s]."""
+    carrying: float = 0.0
+    """Processor time of the plant alone [s], without building and checking."""
+    notes: list[str] = field(default_factory=list)
+    slips: list[Array] = field(default_factory=list)
+    """For methods without a mode for stick: the largest slip speed of any contact at every step."""
+
+
+Colour = Literal["green", "amber", "red"]
+Reason = Literal[
+    "",
+    "NaN",
+    "energy",
+    "creep",
+    "chatter",
+    "iteration cap",
+    "missed event",
+    "order lost",
+    "refused",
+    "overrun",
+    "cost",
+    "recording",
+]
+SMOOTH, WITH_EVENTS, WITH_FILM = 1e-9, 1e-6, 1e-2
+"""Largest residual of the energy balance, relative to its largest term; the last for a film of points."""
+ROUND = 1e-9
+"""Relative size below which forces, powers and the slip of a stuck contact count as rounding."""
+LATE = 1e-3
+"""Largest delay of an event, over the mean distance of events."""
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """A colour, a reason ("" if green), and a line of text with the number that decided."""
+
+    colour: Colour
+    reason: Reason = ""
+    detail: str = ""
+
+
+def red(reason: Reason, text: str) -> CellResult:
+    """Return a failure."""
+    return CellResult("red", reason, text)
+
+
+def amber(reason: Reason, text: str) -> CellResult:
+    """Return neither success nor failure: no result, or an expensive one."""
+    return CellResult("amber", reason, text)
+
+
+def stopped(error: NumericsError) -> CellResult:
+    """Return the result of a run that the numerics had to stop."""
+    text = str(error).splitlines()[0]
+    where = f"at {error.time:.6g} s: {text}"
+    if isinstance(error, Chatter):
+        return red("chatter", where)
+    if isinstance(error, Jammed):
+        return red("iteration cap", where)
+    finite = isinstance(error, Diverged) and all(np.isfinite(list(error.state.values())))
+    return red("energy" if finite else "NaN", where)
+
+
+def judge(case: Case, found: Found, reference: Found | None, simulated: float, step: float = 1e-3) -> CellResult:
+    """Return the result of a run of `simulated` seconds in steps of `step` that completed."""
+    for one in (_numbers(found), _contact(found), _stick(case, found, reference), _energy(case, found)):
+        if one is not None:
+            return one
+    for one in (_expected(case, found), _events(found, reference)):
+        if one is not None:
+            return one
+    if found.burst * step > PAUSE * 1e-9:
+        return red("overrun", f"{found.burst} frames in one burst after a pause")
+    if found.carrying * found.pace > simulated:
+        return amber("overrun", f"{found.carrying / simulated:.3g} times slower than the clock")
+    return CellResult("green", "", ", ".join(found.notes))
+
+
+def _numbers(found: Found) -> CellResult | None:
+    return red("NaN", "a state or a measurement is not finite") if found.not_finite else None
+
+
+def _energy(case: Case, found: Found) -> CellResult | None:
+    bound = WITH_FILM if found.with_film else WITH_EVENTS if found.count or case.acts else SMOOTH
+    if found.energy > bound:
+        return red("energy", f"residual of the energy balance {found.energy:.2g}, allowed {bound:g}")
+    if found.negative_power > ROUND:
+        return red("energy", f"friction returns {found.negative_power:.2g} of its largest power")
+    for name, most in case.expect.largest.items():
+        if not found.largest.get(name, 0.0) <= most:
+            return red("energy", f"{name} reaches {found.largest[name]:.4g}, allowed {most:g}")
+    return None
+
+
+def _contact(found: Found) -> CellResult | None:
+    if found.outside_cone > ROUND:
+        return red("missed event", f"friction is {found.outside_cone:.2g} outside of its cone")
+    if found.pulling > ROUND:
+        return red("missed event", f"a contact pulls with {found.pulling:.2g} of its load")
+    return None
+
+
+def _stick(case: Case, found: Found, reference: Found | None) -> CellResult | None:
+    if found.slips and reference is not None and reference.stuck > 1e-3:
+        slips = np.concatenate(found.slips)
+        creeping = float(np.quantile(slips, 0.5 * reference.stuck))
+        if creeping > ROUND * max(float(slips.max()), 1e-30):
+            share = 100.0 * reference.stuck
+            return red(
+                "creep", f"never sticks; slips by {creeping:.2g} m/s where it should stick {share:.0f} % of the time"
+            )
+    if found.creep > ROUND:
+        return red("creep", f"slips by {found.creep:.2g} of its speed in stick")
+    for name in case.expect.still:
+        if name in found.ended and found.ended[name] != found.began[name]:
+            return red("creep", f"{name} has moved by {found.ended[name] - found.began[name]:.3g}")
+    return None
+
+
+def _expected(case: Case, found: Found) -> CellResult | None:
+    for name, most in case.expect.ends.items():
+        if name in found.ended and not abs(found.ended[name]) <= most:
+            return red("energy", f"{name} ends at {found.ended[name]:.4g}, allowed {most:g}")
+    if case.expect.stuck is not None and found.ended and found.stuck_now != case.expect.stuck:
+        wanted = "stuck" if case.expect.stuck else "sliding"
+        return red("missed event", f"is not {wanted} at the end")
+    return None
+
+
+def _events(found: Found, reference: Found | None) -> CellResult | None:
+    if reference is None:
+        return None
+    if found.count != reference.count:
+        text = f"{counted(found.count, 'event')}, the reference has {reference.count}"
+        return red("missed event" if found.count < reference.count else "chatter", text)
+    for number, (ours, theirs) in enumerate(zip(found.events, reference.events), 1):
+        if ours[1] != theirs[1] and not _tie(found, reference, number - 1):
+            return red("order lost", f"event {number} is {ours[1]!r}, that of the reference {theirs[1]!r}")
+    if len(found.events) > 1:
+        apart = (reference.events[-1][0] - reference.events[0][0]) / (len(reference.events) - 1)
+        late = max(abs(a[0] - b[0]) for a, b in zip(found.events, reference.events))
+        if late > LATE * max(apart, 1e-30):
+            return amber("order lost", f"events are up to {late / apart:.2g} of their mean distance late")
+    return None
+
+
+def _tie(found: Found, reference: Found, at: int) -> bool:
+    """Whether both have the same simultaneous events at that instant, in any order."""
+    t = found.events[at][0]
+    ours, theirs = (sorted(what for time, what in one.events if abs(time - t) < 1e-9) for one in (found, reference))
+    return ours == theirs

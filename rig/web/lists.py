@@ -1,0 +1,204 @@
+"""Lists on the page: lessons, recordings, maps and cost tables, with the jobs that make new ones.
+
+The lessons on the page: their list, their text as HTML, their figures.
+
+The recordings of a folder for the page: the list, and jobs that check, report, export, compare and view them.
+
+Maps and cost tables for the page: those that are in the folders `maps` and `cost`, and jobs that make new ones.
+
+Every study has a folder of its own, as `rig map` and `rig cost` write it; the page is given its figures and tables.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rig.analysis.axis import axes
+from rig.errors import UsageError
+from rig.lessons import FOLDER, lesson, lessons, readable
+from rig.machine.files import DATA, contents
+from rig.record.contents import SUFFIX
+from rig.record.run_list import runs
+from rig.scenes.scene import Scene
+from rig.web.form import Catalogue, as_text
+from rig.web.jobs import Jobs
+
+
+def listed(_: dict[str, Any]) -> Any:
+    """Number, title, time and scene of every lesson."""
+    return [
+        {"number": one.number, "title": one.title, "time": one.facts["time"], "scene": one.scene} for one in lessons()
+    ]
+
+
+def text(body: dict[str, Any]) -> Any:
+    """The text of a lesson as HTML. Raises UsageError for a number that no lesson has."""
+    number = body.get("number")
+    if isinstance(number, bool) or not isinstance(number, int):
+        raise UsageError(f'"number" is {number!r:.80}; expected the number of a lesson')
+    return {"html": html(lesson(number).file.read_text(encoding="utf-8"))}
+
+
+def figure(name: str) -> Path:
+    """The file of a figure. Raises UsageError for a name that is none of the lessons."""
+    for file in FOLDER.glob("*.png"):
+        if file.name == name:
+            return file
+    raise UsageError(f"{name!r:.80}: no lesson has this figure")
+
+
+def html(page: str) -> str:
+    """A page as HTML, its figures from /lessons/. Links to other pages of the site become plain text."""
+    from markdown_it import MarkdownIt
+
+    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
+    tokens = parser.parse(readable(page))
+    for block in tokens:
+        block.children = [one for one in block.children or () if one.type not in ("link_open", "link_close")]
+        for one in block.children:
+            if one.type == "image":
+                one.attrSet("src", f"/lessons/{one.attrGet('src')}")
+    return str(parser.renderer.render(tokens, parser.options, {}))
+
+
+OF_RECORDINGS = ("verify", "report", "csv", "compare", "view")
+
+
+class Recordings:
+    """The recordings in `folder`, and what `jobs` do with them."""
+
+    def __init__(self, folder: Path, jobs: Jobs) -> None:
+        self._folder, self._jobs = folder, jobs
+
+    def all(self) -> list[dict[str, Any]]:
+        """Name, scene, time, length, timing verdict, size and notes of each recording, the newest first."""
+        found = runs(self._folder) if self._folder.is_dir() else []
+        rows = []
+        for one in reversed(found):
+            row: dict[str, Any] = {"name": one.path.relative_to(self._folder).as_posix(), "bytes": one.size}
+            row |= {"fault": one.fault, "notes": [str(note) for note in one.notes.found]}
+            if one.contents is not None:
+                read = one.contents
+                row |= {"scene": read.scene, "title": read.title, "began": read.began_ns / 1e9}
+                row |= {"seconds": read.seconds, "timing": read.timing, "run": read.run}
+            rows.append(row)
+        return rows
+
+    def path(self, name: Any) -> Path:
+        """The file of a recording of the list. Raises UsageError for anything else."""
+        if isinstance(name, str) and name.endswith(SUFFIX) and "\0" not in name:
+            path = self._folder / name
+            if path.is_file() and path.resolve().is_relative_to(self._folder.resolve()):
+                return path
+        raise UsageError(f"no recording is called {name!r:.80}; the list of the page shows them all")
+
+    def work(self, body: dict[str, Any]) -> dict[str, Any]:
+        """Start a job: `what` (`WORK`), `name`, and for compare `other`. Raises UsageError."""
+        what, path = body.get("what"), self.path(body.get("name"))
+        if what == "verify":
+            return self._jobs.start(f"verify {path.name}", ["verify", str(path)])
+        if what == "view":
+            return self._jobs.start(f"view {path.name}", ["view", str(path), "--web"])
+        if what not in OF_RECORDINGS:
+            raise UsageError(f"{what!r:.80}: expected {', '.join(OF_RECORDINGS)}")
+        folder = self._jobs.folder()
+        if what == "report":
+            page = folder / "report.html"
+            return self._jobs.start(f"report of {path.name}", ["report", str(path), "--out", str(page)], page)
+        if what == "csv":
+            tables = folder / f"{path.stem}-csv"
+            arguments = ["export", str(path), "--to", "csv", "--out", str(tables)]
+            return self._jobs.start(f"tables of {path.name}", arguments, tables)
+        other, figure = self.path(body.get("other")), folder / "difference.png"
+        arguments = ["diff", str(path), str(other), "--figure", str(figure)]
+        return self._jobs.start(f"compare {path.name} with {other.name}", arguments, figure)
+
+
+FINISHED = {"maps": ("map.png", "regions.png"), "cost": ("cost.png", "peers.png")}
+"""Folder -> the figures of which one is there when a study is finished."""
+SHOWN = (".png", ".csv", ".parquet")
+OF_SCENES = ("modes", "map", "regions", "cost")
+
+
+class Studies:
+    """The studies in the folders `FINISHED` of `folder`; new ones are made by `jobs`, of scenes of `catalogue`."""
+
+    def __init__(self, folder: Path, catalogue: Catalogue, jobs: Jobs) -> None:
+        self._folder, self._catalogue, self._jobs = folder, catalogue, jobs
+
+    def all(self) -> list[dict[str, Any]]:
+        """Of each study, the newest first: `kind` (its folder), `name`, `about`, `changed` [s], `finished`, `files`."""
+        found = []
+        for kind, last in FINISHED.items():
+            root = self._folder / kind
+            for folder in root.iterdir() if root.is_dir() else ():
+                if folder.is_dir():
+                    files = sorted(path.name for path in folder.iterdir() if path.suffix in SHOWN and path.is_file())
+                    row: dict[str, Any] = {"kind": kind, "name": folder.name}
+                    row |= {"about": _about(folder), "files": files}
+                    row |= {"changed": folder.stat().st_mtime, "finished": any(name in files for name in last)}
+                    found.append(row)
+        return sorted(found, key=lambda row: -row["changed"])
+
+    def path(self, kind: str, name: str, file: str) -> Path:
+        """A file of a study of the list. Raises UsageError for anything else."""
+        for row in self.all():
+            if (row["kind"], row["name"]) == (kind, name) and file in row["files"]:
+                path: Path = self._folder / kind / name / file
+                if path.resolve().is_relative_to(self._folder.resolve() / kind):
+                    return path
+        raise UsageError(f"{kind}/{name}/{file}: there is no such file; the list of the page shows them all")
+
+    def work(self, body: Mapping[str, Any]) -> dict[str, Any]:
+        """Start a job: `what` (`WORK`), `scene`, `changes`, and for maps the axes `x` and `y`, as `rig map` reads them.
+
+        Raises SceneError for values that the scene refuses, UsageError for anything else.
+        """
+        what, given = body.get("what"), body.get("scene")
+        if what not in OF_SCENES:
+            raise UsageError(f"{what!r:.80}: expected {', '.join(OF_SCENES)}")
+        scene = self._catalogue.scene(given, body.get("changes"))
+        options = [f"-p{key}={as_text(value, key)}" for key, value in (body.get("changes") or {}).items()]
+        if what == "modes":
+            return self._jobs.start(f"eigenvalues of {scene.name}", ["modes", *options, "--", str(given)])
+        title = f"cost of {scene.name}"
+        if what != "cost":
+            over = _axes(scene, body, what == "regions")
+            options += [f"{name}={text}" for name, text in over.items()]
+            how = "map by eigenvalues" if what == "regions" else "map"
+            title = f"{how} of {scene.name} over {' and '.join(text.partition('=')[0] for text in over.values())}"
+        folder = "cost" if what == "cost" else "maps"
+        options += ["--eigenvalues"] if what == "regions" else []
+        arguments = ["cost" if what == "cost" else "map", *options, "--out", str(self._folder / folder), "--force"]
+        return self._jobs.start(title, [*arguments, "--", str(given)])
+
+
+def _axes(scene: Scene, body: Mapping[str, Any], both: bool) -> dict[str, str]:
+    """Option -> text of the axes of a map. Raises SceneError, UsageError."""
+    given = {"--x": body.get("x"), "--y": body.get("y")}
+    found = {name: str(text) for name, text in given.items() if text}
+    if "--x" not in found or (both and "--y" not in found):
+        raise UsageError(
+            f"the map needs {'two axes' if both else 'a first axis'}: a value of the scene, from, to, count"
+        )
+    axes(scene, found)
+    return found
+
+
+def _about(folder: Path) -> str:
+    """Scene and axes of a map; the scene of a cost table; "" if that cannot be read."""
+    try:
+        job = json.loads(contents(folder / "job.json", DATA))
+        over = [f"{one['key']} from {_end(one, 0)} to {_end(one, -1)} {one['shown']}, {len(one['values'])} values"
+                for one in job["axes"] if one]  # fmt: skip
+        how = "stable and unstable regions, " if job["settings"]["eigenvalues"] else ""
+        return f"{job['scene']['title']}: {how}{'; '.join(over)}"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, ZeroDivisionError, RecursionError):
+        return ""
+
+
+def _end(axis: Mapping[str, Any], at: int) -> str:
+    return f"{axis['values'][at] / axis['scale']:.4g}"
