@@ -1,20 +1,17 @@
 """The commands: each reads its arguments, calls one function of a room and prints the result.
 
 app         the program: commands, errors, exit codes
-command     how the help shows a command
-options     what several commands take
-outputs     files that a command writes: refused if they exist
-printing    tables, JSON, progress
-scenes      list, new, migrate, explain
-analysis    modes, cycle, identify; maps: map; study: study; optimise: optimise; reproduce: reproduce
-runs        demo, run; simulate: simulate
+options     what several commands take, and how the help shows a command
+printing    tables, JSON, progress; files that a command writes: refused if they exist
+scenes      list, new, migrate, explain, fmu
+analysis    modes, cycle, identify, loop, map
+study       study, optimise
+runs        demo, run, simulate
 processes   plant, control, record, view: the same processes one by one
-live        tune, topic
-export, diff    the commands of these names
-logs        replay, verify, amplitude, sound, recover
-recorded    spectrum, pressure, hysteresis
-cost, torture   the commands of these names
-host        doctor, warmup
+live        commands for a run that goes on; web, bridge
+recordings  replay, verify, amplitude, sound, recover, runs, note, report, export
+recorded    spectrum, pressure, hysteresis, response, portrait, diff
+machine     cost, torture, reproduce, doctor, warmup, clean
 lesson      lesson
 
 Exit codes: rig.errors.ExitCode.

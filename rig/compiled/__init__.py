@@ -1,1 +1,6 @@
-"""What compiled code needs: the decorator, its store, and the records that are lent to it."""
+"""What compiled code needs.
+
+kernel        the one decorator for compiled code, with a cache that never runs outdated physics
+kernel_store  compiled kernels in the user's cache, under the hash of their sources
+records       records lent to kernels, and memory that stays where it is while they use it
+"""

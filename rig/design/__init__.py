@@ -4,10 +4,9 @@ A controller never sees the plant. This step is carried out once at the start of
 numbers: scales between the units of its sensor and actuator and those of the contact, the frequency of the structure,
 observers. Each controller selects its numbers itself (rig.controllers.blocks.design).
 
-design_rig   the quantities that a controller's design step may use
+rig          the quantities that a controller's design step may use, among them a Kalman observer and vibration modes
 designer     the matrices of a rig for controller design
-kalman       an observer of the contact velocity        modal   the vibration modes of the sliding rig
-linearised   the rig linearised about steady sliding, from actuators to outputs
+linearised   the rig linearised about steady sliding, from actuators to outputs; controllers in linear form
 sampled      the sampled control loop: controller, instrument, delay, sample and hold
 """
 

@@ -8,11 +8,9 @@ inhomogeneity  a structure whose stiffness varies with the angle of the disc
 tuned_mass a tilted absorber on the body; its inertia enters the normal force
 dither     a fast vibration of the belt, of the mass or of the normal force
 separation  a contact spring that lifts off and meets the surface again
-disc_modes  the vibration modes of a free flexible disc; in the brake they replace the rigid disc
-moving_contact  a contact that moves over a flexible disc: geometry, slope
-piezo, stack  a linear piezo stack in the load path
-shunt, shunt_limits  the electrical network on it: resonant, with negative capacitance, switched
-amplifier  a commanded voltage on the stack
+disc_modes  the vibration modes of a free flexible disc, and a contact that moves over it
+piezo      a linear piezo stack in the load path; an amplifier that commands its voltage
+shunt      the electrical network on it: resonant, with negative capacitance, switched
 noise      a random force along the sliding direction
 knock      the force of a hammer: a half sine
 

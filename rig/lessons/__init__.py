@@ -1,7 +1,7 @@
 """Lessons: pages with questions, commands and expected numbers, which `rig lesson` shows step by step.
 
-page       a page in parts: question, text, commands, their output, expected numbers, solutions
-trial      runs a command of a lesson and compares its report with the expected numbers
+page       a page in parts: question, text, commands, their output, expected numbers, solutions; runs a command of a
+           lesson and compares its report with the expected numbers
 pages/     the pages themselves, with their figures: docs/lessons
 """
 

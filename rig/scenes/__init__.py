@@ -8,10 +8,9 @@ merged    tables of files merged            inherit   files based on one another
 source    TOML, changes, origins            places    line of each key in a file
 faults    messages                          migration formats of scene files
 scene     the checked scene, and as JSON    sections  values by key, wiring of controllers
-clock     the section [clock]               protocol  the steps of an experiment (step_sequences)
-rooms     the parts that a scene names      effects   optional effects of a plant
-explain   a scene for a reader              variants  scenes with one effect less or more
-controller_files   controllers that a user adds to a scene
+network   impaired links                    protocol  the clock and the steps of an experiment
+rooms     the parts that a scene names      variants  scenes with one effect less or more
+explain   a scene for a reader              part_faults   faults of sensors and actuators
 shipped   the shipped scenes                draft     the text of a new scene file
 """
 
@@ -33,7 +32,7 @@ __all__ = ["Clock", "Origin", "Scene", "load", "names", "path"]
 
 def __getattr__(name: str) -> Any:
     """Import a name that needs pydantic at its first use: a list of scenes does without (0.2 s)."""
-    module = {"Clock": "clock", "Origin": "places", "Scene": "scene", "load": "loader"}.get(name)
+    module = {"Clock": "protocol", "Origin": "places", "Scene": "scene", "load": "loader"}.get(name)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{module}"), name)

@@ -1,8 +1,8 @@
 """Maps of the steady-state behaviour of a rig over one or two parameters: sliding, stick-slip, or both.
 
-job            scene, axes, settings; the units of work      compute   computes the units (rig.analysis.pool)
-track          the rig of one row: started anywhere, moved along the x axis, simulated until it settles
-row            runs along a row: carried up and down, near and far starts
+job            scene, axes, settings; the units of work
+row            runs along a row, carried up and down, from near and far starts; the rig of a row is started anywhere,
+               moved along the x axis and simulated until it settles; the units as a work (rig.analysis.pool)
 steady_state   decides what a motion has settled to
 dither         the boundary of dither over frequency and amplitude: averaged and simulated
 chart          the finished map                              figure    as a picture

@@ -1,12 +1,10 @@
 """Many independent units of work, on all cores or on a cluster, with results in a folder from which they continue.
 
-work      what a work is: a pure function over numbered items
-store     results in a folder, one file for each batch
-schedule  batches, and the second attempt for units whose worker was lost
-local     worker processes of this machine               worker   such a process
-cluster   the workers of a dask cluster                   identity sources and processor, compared between processes
-handshake whether a dask scheduler answers                slurm    the jobs of a batch system
-carry_out what is not in the store is computed, here, locally or on a cluster
+work       what a work is: a pure function over numbered items; batches, and the second attempt after a lost worker
+store      results in a folder, one file for each batch
+carry_out  what is not in the store is computed, here, by worker processes or on a cluster
+worker     a worker process of this machine
+cluster    the workers of a dask cluster, also as jobs of a batch system (SLURM)
 
 The numbers of a unit depend on the work alone: neither the worker nor the number of workers changes them.
 """

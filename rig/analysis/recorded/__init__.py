@@ -1,21 +1,16 @@
 """Analyses of recordings of any rig: sensors, plant outputs and commands, evenly sampled, with their gaps reported.
 
-amplitudes   amplitude and frequency of every sensor in each stage
-series       one channel of a recording, on an even grid, missing samples as NaN
-alignment    channels of different rates on one grid
-branches     where a drive speed rises and where it falls
-windows      moving RMS and mean
+series       one channel of a recording, on an even grid, missing samples as NaN; several channels on one grid
+amplitudes   amplitude and frequency of every sensor in each stage of a run
 hysteresis   moving RMS of a vibration over the drive speed, up and down
 spectrum     power spectral density and spectrogram
 orders       the same over the angle of a disc or the travel of a belt
 pressure     maps of the pressure of a film at chosen instants
-averages     averaged spectra of two channels
-pulses       pulses of an input, as of a hammer
-resonances   natural frequency and damping of the peaks of a response
-response     frequency response and coherence between two channels
+response     frequency response and coherence between two channels, averaged or from pulses; its resonances
 portrait     phase portrait and Poincare section
+sound        level, spectrum and squeals of a microphone
 comparison   two recordings side by side: scenes, channels, physical measures
-figure, channel_figures, comparison_figure   pictures of these
+figures      pictures of these
 """
 
 from __future__ import annotations

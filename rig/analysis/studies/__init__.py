@@ -1,11 +1,11 @@
 """Studies: a scene over parameters, with measures; grids, samples of distributions, repeated runs, and a search.
 
-distributions   normal, lognormal, uniform, triangular
-factors         the varied parameters                       plan      the points
-measures        of cycle, motion and run; functions: own    runs      the points as a work of worker processes
-condition       which recordings are kept; recordings       file      a study as a TOML file
-result          values, units, reasons (result_data)        dataset   the same for xarray, as a file
-figure          curves, heat map, scatter matrix, tornado   search    a global search (search_result)
+factors    the varied parameters: values, or distributions in Python or as text; conditions on measures
+runs       the points of a study, each computed for itself; recordings of chosen points
+measures   of cycle, motion and run; functions: own
+result     values, units, reasons; as text, figure, CSV, xarray
+file       a study as a TOML file
+search     a global search
 """
 
 from __future__ import annotations

@@ -1,1 +1,14 @@
-"""A live run: plant, hub, pace and processes."""
+"""A live run: the plant process with its pace, its connection to the bus, its supervisor.
+
+supervise             starts, observes and ends the processes of one run; outcome: its job and its result
+plant_process         the process of the plant
+plant                 the plant of a live run, paced or in lockstep, from its parts to its summary
+hub                   publishes what happens, in blocks and batches; receives the commands of controllers
+controllers_in_plant  controllers that work in the plant process
+operator_commands     what other processes can do to a running plant
+housekeeping          presence, health, skipped time
+waiting               lockstep with controllers; a plant without a pace waits for its recorders
+pace, timing          the pace of the wall clock; lateness, and the timing verdict
+rehearsal             simulates the protocol before a paced run, so that nothing is compiled or built during it
+status                progress line and summary
+"""

@@ -1,10 +1,11 @@
 """Structures that plants use: beams, rigid bodies, plates of finite elements, and the store of reduced models.
 
-bending         modes of a clamped beam              series          power series of two small angles
-multibody       rigid bodies on springs              brake_disc      the bending disc of the brake
-hexahedra       finite elements of solids            plate_elements  plate and foam of finite elements
-plate_model     the plate, reduced to its modes      plate_surface   shapes of the plate at its top face
+bending         modes of a clamped beam; the bending disc of the brake
+series          power series of two small angles
+multibody       rigid bodies on springs
+hexahedra       finite elements of solids
+plate_elements  plate and foam of finite elements
+plate_model     the plate, reduced to its modes; plate_surface: shapes of the plate at its top face
 model_store     reduced models, stored on disk and in recordings
-film_slider     a rigid slider on a film over a plate
-film_points     points of a film: positions, names of their outputs
+film_slider     a rigid slider on a film over a plate, and the points of this film
 """

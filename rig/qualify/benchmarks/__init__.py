@@ -2,13 +2,12 @@
 
 kernels        real-time factor of the pendulum over event-time error, per method; ratio to scipy
 twins          kernels against their C twins: quiet tick, fixed step, the exact run of a stiff shunt, a film of points
-(film)
-absent_effect  cost of an absent effect
-whole_runs     the whole `rig simulate` of the pendulum and of a squealing brake, and the start of a new process
-disc           the slider on a flexible disc with seven modes: real-time factor over the error of its growth rate
-one_contact    rigs of one contact: real-time factor
-maps           a map of 100 x 100 points: its time, and the gain by a second core
+whole_runs     the whole `rig simulate` of the pendulum and of a squealing brake, the start of a process, and the cost
+               of an absent effect
+one_contact    rigs of one contact, the slider on a flexible disc, a map on two cores, an environment of Gymnasium
+studies        points per second, the gain by a second worker
 loop           the paced loop over the bus: round trip, ages, losses
+recording      the cost of recording at high rates
 pages          pictures per second, their delay and the timing verdict of a run that eleven pages of rig web watch
 against        the speed of this version over that of another (one_version runs one of them)
 """

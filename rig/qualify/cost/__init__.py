@@ -2,9 +2,11 @@
 
 The simulation problem, its measures and the settings are in rig.analysis.motion_measures.
 
-reference  the reference solution                   trials     measures of each setting, in worker processes
-timing     the compute time of a setting            table      rows, kept as CSV and Parquet
-pareto     the recommended setting                  order      order of errors, beside theory
+reference  the reference solution                   timing     the compute time of a setting
+measuring  measures of each setting                 table      rows, kept as CSV and Parquet; recommended setting
+report     the table as text and figure             effects    cost of each effect, change without it
+delay      the error that a control loop causes     holdout    recommended settings on randomly drawn rigs
+peers      other solvers on the same problem
 """
 
 from rig.qualify.cost.measuring import FOLDER, chosen, cost, folder_of
