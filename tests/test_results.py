@@ -133,9 +133,7 @@ def test_a_command_draws_what_plot_returns(command, tmp_path):
 
 
 def test_every_class_of_results_is_tried():
-    rooms = (
-        "recorded sound map regions identify loop_report repeat studies studies.search control_loop cycle sweep modes"
-    )
+    rooms = "recorded map regions identify loop_report repeat studies studies.search control_loop cycle sweep modes"
     for room in rooms.split():
         import_module(f"rig.analysis.{room}")
 

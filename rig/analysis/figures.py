@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.amplitude import Row
+from rig.analysis.control_loop import Loop
 from rig.analysis.cycle_report import Cycle
 from rig.analysis.identify import Identified
 from rig.analysis.loop_report import LoopReport
@@ -171,10 +172,39 @@ def _unit(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def loop_figure(report: LoopReport) -> Figure:
+def loop_report_figure(report: LoopReport) -> Figure:
     """Return the figure of `report`."""
     with page(STYLE, 12.8, 6.6) as figure:
         _compose_loop(figure, report)
+    return figure
+
+
+def loop_figure(found: Loop) -> Figure:
+    """Return gain and phase of the open loop over frequency, with the margins."""
+    omega = found.frequencies
+    hertz, response = omega / (2.0 * math.pi), found.response(omega)
+    with page(STYLE, 8.4, 6.0, layout="constrained") as figure:
+        size, phase = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, 1.0))
+        size.loglog(hertz, np.abs(response), color=LINES[0])
+        size.axhline(1.0, color=GREY, lw=0.9)
+        angle = np.degrees(np.angle(response))
+        angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan  # a step of a turn is no line
+        phase.semilogx(hertz, angle, color=LINES[0])
+        margins = found.margins
+        if margins is not None and math.isfinite(margins["phase"]):
+            text = {
+                "phase": f"phase margin {math.degrees(margins['phase']):.3g} deg",
+                "delay": f"delay margin {1e3 * margins['delay']:.3g} ms",
+            }
+            for (kind, label), style in zip(text.items(), ("--", ":")):
+                for axes in (size, phase):
+                    axes.axvline(margins[f"{kind}_hertz"], color=ALARM, lw=1.0, ls=style, label=label)
+            size.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+        size.set_ylabel("gain of the open loop, ratio")
+        phase.set(ylabel="phase [degree]", ylim=(-190.0, 190.0), yticks=(-180, -90, 0, 90, 180))
+        phase.set_xlabel("frequency [Hz]")
+        state = f"stable, decay rate {-found.growth:.4g} 1/s" if found.growth < 0.0 else "unstable"
+        figure.suptitle(f"{found.scene}: loop of {found.controller}, {state}", x=0.01, ha="left", fontweight="bold")
     return figure
 
 

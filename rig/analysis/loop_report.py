@@ -231,7 +231,7 @@ class LoopReport(Result):
     `found`: the loop with the mean age of its links as a constant delay. `point`: links of the simulated point.
     """
 
-    FIGURE: ClassVar = "rig.analysis.figures:loop_figure"
+    FIGURE: ClassVar = "rig.analysis.figures:loop_report_figure"
 
     scene: str
     found: Loop

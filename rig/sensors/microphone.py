@@ -26,16 +26,16 @@ from rig.sensors.chain.units import (
 class Microphone(Instrument):
     """Sound pressure [Pa] at `distance` [m] from a surface; it reads the surface's velocity.
 
-    radiation   11 Pa per m/s at that distance: 2 Pa at the pad speed of a squealing brake [calibrated to figure 29]
-    distance    0.5 m: 1.46 ms [paper: Kroeger, Neubauer, Popp (2008), section 4d]
-    sound_speed 343 m/s [public: air at 20 degrees Celsius]
-    paths, reflection   echoes with paths of 1.4, 2.6 and 4.1 m; each attenuated by its length and by 0.5, delayed to
-                the nearest sample [calibrated]
-    resonance, quality, highpass   23 kHz, 0.7, 4 Hz [public: 1/2 inch, 6.3 Hz to 20 kHz within 2 dB]
-    noise       7.8e-7 Pa/sqrt(Hz): 15 dB(A) [calibrated, from memory]
-    background  0.03 Pa rms from 0 to half the sample rate: the motor [calibrated: the text of the paper gives no value]
-    span        +-400 Pa, 146 dB [calibrated, from memory]
-    resolution  4.8e-5 Pa: 24 bit over the span [calibrated]
+    radiation    11 Pa per m/s at that distance: 2 Pa at the pad speed of a squealing brake [calibrated to figure 29]
+    distance     0.5 m: 1.46 ms [paper: Kroeger, Neubauer, Popp (2008), section 4d]
+    sound_speed  343 m/s [public: air at 20 degrees Celsius]
+    paths, reflection  echoes with paths of 1.4, 2.6 and 4.1 m; each attenuated by its length and by 0.5, delayed to
+                 the nearest sample [calibrated]
+    resonance, quality, highpass  23 kHz, 0.7, 4 Hz [public: 1/2 inch, 6.3 Hz to 20 kHz within 2 dB]
+    noise        7.8e-7 Pa/sqrt(Hz): 15 dB(A) [calibrated, from memory]
+    background   0.03 Pa rms from 0 to half the sample rate: the motor [calibrated: not stated in the text of the paper]
+    span         +-400 Pa, 146 dB [calibrated, from memory]
+    resolution   4.8e-5 Pa: 24 bit over the span [calibrated]
     """
 
     delivers: ClassVar[str] = "Pa"

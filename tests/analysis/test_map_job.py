@@ -2,6 +2,7 @@
 
 import pickle
 import signal
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,10 @@ from rig.analysis.map import row as of_map
 from rig.analysis.map.job import RUNS, Job, Settings, Unit
 from rig.analysis.map.row import Row, Track, units
 from rig.analysis.map.steady_state import NAMES
-from rig.analysis.pool import Store, carry_out
+from rig.analysis.pool import Store
 from rig.errors import UsageError
 
+POOL = import_module("rig.analysis.pool.carry_out")  # the package has a function of this name
 FEW = "drive.speed=0.05:0.45:3"
 
 
@@ -120,13 +122,13 @@ def test_another_scene_axis_or_setting_is_another_folder(job, tmp_path):
 
 def test_the_batch_of_a_worker_that_is_killed_is_computed_by_another_one(job, whole, tmp_path, monkeypatch):
     started = []
-    original = carry_out.Child
+    original = POOL.Child
 
     def child(*arguments, **named):
         started.append(original(*arguments, **named))
         return started[-1]
 
-    monkeypatch.setattr(carry_out, "Child", child)
+    monkeypatch.setattr(POOL, "Child", child)
 
     def kill(done, total):
         if done == 1:
@@ -149,8 +151,8 @@ def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_p
 
 def test_an_interruption_ends_the_workers(job, tmp_path, monkeypatch):
     started = []
-    original = carry_out.Child
-    monkeypatch.setattr(carry_out, "Child", lambda *a, **n: started.append(original(*a, **n)) or started[-1])
+    original = POOL.Child
+    monkeypatch.setattr(POOL, "Child", lambda *a, **n: started.append(original(*a, **n)) or started[-1])
 
     def interrupt(done, total):
         if len(started) == 2:

@@ -84,7 +84,7 @@ def test_a_module_beside_a_function_is_part_of_it(belt, tmp_path):
     digests = set()
     for factor in (1.0, 2.0):
         beside.write_text(f"FACTOR = {factor}\n")
-        digests.add(prepared(belt, {"load.force": [10.0]}, [f"{file}:value"], duration=0.01).digest)
+        digests.add(prepared(belt, {"load.force": [10.0]}, [f"{file}:value"], duration=0.01).work.digest)
     assert len(digests) == 2
 
 

@@ -49,7 +49,7 @@ def recorded(bench, path, writer):
 
 def test_a_free_run_waits_for_a_recorder_with_a_slow_disk(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(waiting, "WAITING", 20)
-    monkeypatch.setattr(waiting, "MOST", 8)
+    monkeypatch.setattr(waiting, "MOST_WAITING", 8)
     monkeypatch.setattr(recorders, "TURN", 200)
     monkeypatch.setattr(recorders, "TELL_S", 0.02)
     lines = []
@@ -66,7 +66,7 @@ def test_a_free_run_waits_for_a_recorder_with_a_slow_disk(scene, tmp_path, monke
 
 
 def test_a_recorder_that_hangs_is_not_waited_for_for_long(scene, monkeypatch):
-    monkeypatch.setattr(waiting, "MOST", 5)
+    monkeypatch.setattr(waiting, "MOST_WAITING", 5)
     monkeypatch.setattr(waiting, "PATIENCE_S", 0.2)
     monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.2)
     lines = []
@@ -80,7 +80,7 @@ def test_a_recorder_that_hangs_is_not_waited_for_for_long(scene, monkeypatch):
 
 
 def test_a_run_that_is_stopped_does_not_wait_for_its_recorder(scene, monkeypatch):
-    monkeypatch.setattr(waiting, "MOST", 5)
+    monkeypatch.setattr(waiting, "MOST_WAITING", 5)
     monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.2)
     lines = []
     with Bench(scene, pace=None, duration=1e4, expect=(("recorder", "recorder"),)) as bench:

@@ -27,7 +27,7 @@ from rig.scenes.scene import Scene
 LEFT = """
 import sys
 from rig import scenes
-from rig.bench import supervise
+from rig.bench.live import supervise
 from rig.bench.live.outcome import Job
 from rig.bench.live.plant import Plant
 from rig.bench.live.rehearsal import visited

@@ -366,10 +366,10 @@ def test_every_command_that_writes_files_takes_force():
     [
         (
             ("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "a.png"),
-            "rig.analysis.figures.figure",
+            "rig.analysis.figures.sweep_figure",
         ),
         (("explain", "belt", "--measure", "--figure", "a.png"), "rig.qualify.effects_measured.draw"),
-        (("sound", "log.mcap", "--signal", "s", "--figure", "a.png"), "rig.analysis.recorded.figures.figure"),
+        (("sound", "log.mcap", "--signal", "s", "--figure", "a.png"), "rig.analysis.recorded.figures.sound_figure"),
         (("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--runs", "near"), "rig.analysis.map.figure.figure"),
         (
             ("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--y", "load.force=10:20:2", "--eigenvalues"),

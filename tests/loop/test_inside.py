@@ -215,7 +215,7 @@ def test_a_faulty_controller_ends_the_run_with_its_own_error(what):
 INTERRUPTED = """
 import random, signal
 import rig
-from rig.bench import controller_in_process
+from rig.bench.run import local_controllers
 from rig.controllers.normal_force import NormalForceFeedback
 
 def strike(number, frame):
@@ -228,7 +228,7 @@ def first(self, *given):
 
 due, update = [], NormalForceFeedback.update
 NormalForceFeedback.update = first
-controller_in_process.WORTH = 10**12  # controllers stay in Python
+local_controllers.WORTH = 10**12  # controllers stay in Python
 signal.signal(signal.SIGPROF, strike)
 scene, struck, draw = rig.load("belt_normal_force"), 0, random.Random(1)
 rig.simulate(scene, 0.5)
