@@ -6,8 +6,11 @@ import shutil
 import subprocess
 import sys
 import time
+import tomllib
 import zlib
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -452,3 +455,45 @@ def test_what_one_process_compiles_no_other_does(tmp_path, monkeypatch):
     assert folder.noted("part")
     with folder.claimed("part") as again:
         assert again
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "core.caching.CompileResultCacheImpl._locator_classes",
+        "core.caching.FunctionCache._load_overload",
+        "core.caching.IndexDataCacheFile._data_path",
+        "core.caching.IndexDataCacheFile._open_for_write",
+        "core.caching.UserProvidedCacheLocator.ensure_cache_path",
+        "core.cgutils.create_struct_proxy",
+        "core.codegen.JITCodeLibrary._finalize_final_module",
+        "core.codegen.JITCodeLibrary._get_module_for_linking",
+        "core.codegen.JITCodeLibrary._set_compiled_object",
+        "core.codegen.JITCodeLibrary._unserialize",
+        "core.codegen.JITCodeLibrary.enable_object_caching",
+        "core.codegen.JITCodeLibrary.get_pointer_to_function",
+        "core.compiler.CompileResult._reduce",
+        "core.datamodel.models.StructModel",
+        "core.event.Listener.on_start",
+        "core.event.register",
+        "core.imputils.lower_getattr_generic",
+        "core.registry.cpu_target.target_context",
+        "core.runtime._nrt_python.c_helpers",
+        "core.typing.templates.AttributeTemplate",
+        "core.typing.templates.ConcreteTemplate",
+        "core.typing.templates.infer_global",
+    ],
+)
+def test_numba_has_what_it_does_not_promise(name):
+    """Interfaces below the public ones that kernels need: a new version of numba is tried before it is allowed."""
+    _, module, *attributes = name.split(".")
+    found = import_module(f"numba.core.{module}")
+    for attribute in attributes:
+        found = getattr(found, attribute)
+
+
+def test_the_next_minor_version_of_numba_is_not_allowed():
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    needed = next(one for one in project["dependencies"] if one.startswith("numba"))
+    major, minor = version("numba").split(".")[:2]
+    assert f"<{major}.{int(minor) + 1}" in needed.replace(" ", "")
