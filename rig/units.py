@@ -136,7 +136,7 @@ def si(value: Any, unit: str) -> float:
         magnitude = float(number)
     except ValueError:
         what = "a number" if unit == "1" else f"a number and a unit in {unit}"
-        comma = " with a decimal point, not a comma" if _COMMA.fullmatch(value.strip()) else ""
+        comma = " with a decimal point, not a comma" if _COMMA.fullmatch(value.strip().translate(_PASTED)) else ""
         raise ValueError(f"is {brief(value)}; expected {what}{comma}") from None
     if rest == unit or (not rest and unit == "1"):
         return magnitude

@@ -82,6 +82,7 @@ def test_a_comma_that_may_part_thousands_is_refused():
         with_point("1,500 N", "load")
 
 
-def test_a_decimal_comma_in_a_file_is_named():
+@pytest.mark.parametrize("text", ["15,5 N", "\u22120,1\xa0N"])
+def test_a_decimal_comma_in_a_file_is_named(text):
     with pytest.raises(ValueError, match="with a decimal point, not a comma"):
-        si("15,5 N", "N")
+        si(text, "N")

@@ -27,7 +27,7 @@ from rig.cli.options import (
     seconds,
     the_scene,
 )
-from rig.cli.printing import draw, new, refuse
+from rig.cli.printing import draw, new, new_folder, refuse
 from rig.errors import ExitCode, SceneError, UsageError
 
 if TYPE_CHECKING:
@@ -294,7 +294,10 @@ Eigenvalues = Annotated[
     ),
 ]
 Folder = Annotated[
-    Path, typer.Option(metavar="FOLDER", help="Folder for the results; each map has a folder of its own in it.")
+    Path,
+    typer.Option(
+        metavar="FOLDER", callback=new_folder, help="Folder for the results; each map has a folder of its own in it."
+    ),
 ]
 
 

@@ -21,7 +21,7 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share, the_scene
-from rig.cli.printing import draw, new, refuse
+from rig.cli.printing import draw, new, new_folder, refuse
 from rig.errors import ExitCode, UsageError
 from rig.machine.files import write_file
 
@@ -41,7 +41,10 @@ Metric = Annotated[
 ]
 Target = Annotated[float, typer.Option(metavar="ERROR", help="Target relative error.")]
 CostFolder = Annotated[
-    Path, typer.Option(metavar="FOLDER", help="Folder for the results; each scene has a folder of its own in it.")
+    Path,
+    typer.Option(
+        metavar="FOLDER", callback=new_folder, help="Folder for the results; each scene has a folder of its own in it."
+    ),
 ]
 Peers = Annotated[
     bool,
@@ -177,7 +180,9 @@ CaseName = Annotated[
         help="Run only this case (a name as in the table that is printed), or the case in this file. Repeatable.",
     ),
 ]
-TortureFolder = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the figure, JSON and JUnit files.")]
+TortureFolder = Annotated[
+    Path, typer.Option(metavar="FOLDER", callback=new_folder, help="Folder for the figure, JSON and JUnit files.")
+]
 
 
 def torture(
@@ -336,9 +341,9 @@ def clean() -> None:
 
 def reproduce(
     figure: Annotated[str, typer.Argument(metavar="FIGURE", help='Name of a figure, of a paper, or "all".')] = "",
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the pictures and their page.")] = Path(
-        "gallery"
-    ),
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", callback=new_folder, help="Folder for the pictures and their page.")
+    ] = Path("gallery"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from rig.errors import UsageError
-from rig.machine.files import figure_format, recording_name, takes, unused
+from rig.machine.files import FIGURES, figure_format, recording_name, takes, unused
 from rig.printable import printable
 from rig.results import Result
 
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 PROGRESS_S = 5.0
 """Shortest time between two lines of progress without a terminal [s]."""
+_FILES = {*FIGURES, ".csv", ".html", ".json", ".mcap", ".nc", ".parquet", ".txt", ".xml"}
+"""Suffixes that name a file: no folder of results has one of them."""
 
 
 def line(text: str = "") -> None:
@@ -243,6 +245,15 @@ def new_recording(context: typer.Context, option: typer.CallbackParam, path: Pat
     except UsageError as fault:
         context.close()
         raise UsageError(f"{option.opts[0]} {fault}") from None
+    return path
+
+
+def new_folder(option: typer.CallbackParam, path: Path) -> Path:
+    """Refuse the name of a file where an option names a folder."""
+    if path.suffix.lower() in _FILES and not path.is_dir():
+        raise UsageError(
+            f"{option.opts[0]} {path}: the results are a folder of several files; name it without {path.suffix}"
+        )
     return path
 
 

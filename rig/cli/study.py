@@ -27,7 +27,7 @@ from rig.cli.options import (
     the_scene,
     with_option,
 )
-from rig.cli.printing import draw, hold, named, refuse
+from rig.cli.printing import draw, hold, named, new_folder, refuse
 from rig.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -83,7 +83,10 @@ ClusterName = Annotated[
 ]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="With --cluster slurm: print the job script, and stop.")]
 Folder = Annotated[
-    Path, typer.Option(metavar="FOLDER", help="Folder for the results; each study has a folder of its own in it.")
+    Path,
+    typer.Option(
+        metavar="FOLDER", callback=new_folder, help="Folder for the results; each study has a folder of its own in it."
+    ),
 ]
 
 
@@ -225,7 +228,10 @@ SearchSeed = Annotated[
     int | None, typer.Option(min=0, metavar="N", help="Seed of search and runs. Default: the scene's.")
 ]
 SearchFolder = Annotated[
-    Path, typer.Option(metavar="FOLDER", help="Folder for the results; each search has a folder of its own in it.")
+    Path,
+    typer.Option(
+        metavar="FOLDER", callback=new_folder, help="Folder for the results; each search has a folder of its own in it."
+    ),
 ]
 
 

@@ -18,6 +18,8 @@ from rig.units import brief
 
 FIXED = ("format", "based_on", "title", "plant", "about", "protocol")
 _POSITION = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
+_BARE = re.compile(r"[^=#\"']*=\s*[-+\u2212]?\d[\d.]*(?:[eE][-+]?\d+)?+(?:(,)\d|\s*[A-Za-z%\u00b5])")
+"""A number with a decimal comma, or one with a unit, which is not in quotes."""
 _NUMBER = re.compile(r"[+-]?(\d|\.\d)")
 KIND = (*(tag for tag in TAGS if tag != "step"), "effect")
 """Keys that state the kind of a table."""
@@ -83,6 +85,8 @@ def parsed(path: Path, text: str) -> dict[str, Any]:
             lines = text.rstrip().split("\n")
             line, column = str(len(lines)), str(len(lines[-1]) + 1)
         what = _POSITION.sub("", message)
+        if bare := _BARE.match(text.split("\n")[int(line) - 1]):
+            what += "; a number has a decimal point" if bare[1] else '; a value with a unit is in quotes, "2 rpm"'
         raise SceneError(str(path), [f"line {line}, column {column}: {what[:1].lower()}{what[1:]}"]) from None
     except ValueError:  # of Python, which reads no whole number of more than 4300 digits
         raise SceneError(str(path), [f"holds a whole number of more than {_DIGITS} digits"]) from None

@@ -179,6 +179,18 @@ def test_a_recording_has_the_name_of_one(rig, tmp_path, monkeypatch, command):
     assert not (tmp_path / "a.csv").exists()
 
 
+@pytest.mark.parametrize(
+    "command",
+    [("map", "belt"), ("study", "belt"), ("optimise", "belt"), ("cost", "belt"), ("torture",), ("reproduce",)],
+)
+def test_a_folder_of_results_has_no_name_of_a_file(rig, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    code, err = rig(*command, "--out", "a.csv")
+    assert code == 2
+    assert "--out a.csv: the results are a folder of several files" in " ".join(err.split())
+    assert not list(tmp_path.iterdir())
+
+
 def test_places_that_cannot_be_written_are_told_before_anything_is_computed(rig, tmp_path):
     (tmp_path / "file").write_text("")
     for path, why in ((tmp_path, "is a folder"), (tmp_path / "file" / "a.mcap", "cannot be written: ")):

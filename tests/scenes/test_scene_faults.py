@@ -225,6 +225,25 @@ def test_broken_toml_is_named_with_line_and_column(tmp_path):
         scenes.load(path)
 
 
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("speed = 0,1", "a number has a decimal point"),
+        ("speed = \u22120,1 m/s", "a number has a decimal point"),
+        ("speed = 0.1 m/s", 'a value with a unit is in quotes, "2 rpm"'),
+        ("mass = 2kg # light", 'a value with a unit is in quotes, "2 rpm"'),
+        ("speed = 0.1 0.2", "statement$"),
+        ("speed = 1e3 ,", "statement$"),
+        ('title = "a" 0,1', "statement$"),
+    ],
+)
+def test_a_number_that_toml_cannot_read_is_explained(tmp_path, line, told):
+    path = tmp_path / "typed.toml"
+    path.write_text(f"format = 1\n{line}\n")
+    with pytest.raises(SceneError, match=f"line 2, column .*{told}"):
+        scenes.load(path)
+
+
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(SceneError, match="there is no such file"):
         scenes.load(tmp_path / "none.toml")
