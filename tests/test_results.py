@@ -99,6 +99,7 @@ MADE = {
     "Identified": identified,
     "Hysteresis": lambda folder: recorded.hysteresis(golden("lever")),
     "Spectrum": lambda folder: recorded.spectrum(golden("pendulum")),
+    "Orders": lambda folder: recorded.orders(golden("lever")),
     "Pressure": lambda folder: recorded.pressure(golden("plate"), []),
     "Response": lambda folder: recorded.response(golden("belt"), "friction_force", "velocity"),
     "Portrait": lambda folder: recorded.portrait(golden("belt")),
@@ -140,7 +141,8 @@ def test_every_class_of_results_is_tried():
     def below(kind):
         return {one for sub in kind.__subclasses__() for one in (sub, *below(sub)) if "FIGURE" in vars(one)}
 
-    assert {one.__name__ for one in below(Result)} == MADE.keys()
+    analyses = {one for one in vars(recorded).values() if isinstance(one, type) and hasattr(one, "text")}
+    assert {one.__name__ for one in below(Result) | analyses} == MADE.keys()
 
 
 def test_what_a_function_of_rig_returns_is_a_result():

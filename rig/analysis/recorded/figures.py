@@ -103,16 +103,29 @@ def spectrum_figure(found: Spectrum, order: Orders | None = None) -> Figure:
         _map(spectrogram, found.map, found.density, f"level [dB re 1 {squared(found.unit)}/Hz]")
         spectrogram.set(title=f"windows of {found.map_window:.4g} s", xlabel="time [s]", ylabel="frequency [Hz]")
         if order is not None:
-            per = order.per
-            _density(beside[0], order.density, order.lines, f"{squared(found.unit)}*{per}", f"1/{per}")
-            beside[0].set(
-                title=f"mean of {counted(order.density.windows, 'Hann window')} of {order.window:.4g} {per}, "
-                f"over {plain(order.over)}",
-                xlabel=f"order [1/{per}]",
-            )
-            _map(below[0], order.map, order.density, f"level [dB re 1 {squared(found.unit)}*{per}]")
-            below[0].set(title=f"windows of {order.map_window:.4g} {per}", xlabel="time [s]", ylabel=f"order [1/{per}]")
+            _orders(beside[0], below[0], order)
     return figure
+
+
+def orders_figure(found: Orders) -> Figure:
+    """Draw density and map over orders."""
+    with sheet(f"{found.scene}: orders of {plain(found.name)}", (12.0, 7.6)) as figure:
+        density, over_time = figure.subplots(2, 1)
+        _orders(density, over_time, found)
+    return figure
+
+
+def _orders(density: Axes, over_time: Axes, found: Orders) -> None:
+    per = found.per
+    unit = f"{squared(found.unit)}*{per}"
+    _density(density, found.density, found.lines, unit, f"1/{per}")
+    density.set(
+        title=f"mean of {counted(found.density.windows, 'Hann window')} of {found.window:.4g} {per}, "
+        f"over {plain(found.over)}",
+        xlabel=f"order [1/{per}]",
+    )
+    _map(over_time, found.map, found.density, f"level [dB re 1 {unit}]")
+    over_time.set(title=f"windows of {found.map_window:.4g} {per}", xlabel="time [s]", ylabel=f"order [1/{per}]")
 
 
 def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, axis: str) -> None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from rig.errors import UsageError
 from rig.printable import counted
 from rig.record.run import Reals, Run
 from rig.record.run_data import bridge
+from rig.results import Result
 
 DRIVE = "drive"
 """The default: the speed of the drive, whatever its output is called."""
@@ -51,12 +52,14 @@ _TURNS = {"rad": (1.0 / (2.0 * math.pi), False, "rev"), "rad/s": (1.0 / (2.0 * m
 
 
 @dataclass(frozen=True)
-class Orders:
+class Orders(Result):
     """The result of `orders`, over the angle or length `over`, counted in `per` ("rev" or "m").
 
     From `start` to `end` [s], where the speed is `slowest` to `fastest` [per/s]; orders up to `highest`; `window` and
     `map_window` [per]. The windows of `map` are placed at their times [s].
     """
+
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:orders_figure"
 
     scene: str
     name: str
