@@ -12,7 +12,7 @@ from rig.bench.again.agreement import Agreement
 from rig.errors import SceneError, UsageError
 from rig.qualify import torture
 from rig.qualify.torture import trial
-from rig.qualify.torture.case import FOLDER, load, names, read, watched
+from rig.qualify.torture.case import FOLDER, each, load, names, read, watched
 from rig.qualify.torture.cells import cells, kernel_scenes
 from rig.qualify.torture.results import Found, judge
 from rig.qualify.torture.wrong_methods import WRONG
@@ -86,6 +86,12 @@ def test_default_cells_measure_and_keep_a_recording(name, monkeypatch):
     monkeypatch.setattr("rig.qualify.torture.trial.reader.open", damaged)
     results = [cell.result for cell in cells(case, True, ()) if cell.default]
     assert {(result.colour, result.reason) for result in results} == {("red", "recording")}
+
+
+def test_the_rounding_of_a_contact_that_sticks_all_the_time_is_no_power_of_friction():
+    [case] = [one for one in each(load("every_scene"), False) if one.scene == "tip_beam"]
+    [cell] = [cell for cell in cells(case, False, ()) if cell.default]
+    assert cell.result.colour == "green", cell.result.detail
 
 
 def test_a_recording_that_is_not_verified_is_red(monkeypatch):

@@ -130,7 +130,8 @@ def judge(case: Case, found: Found, reference: Found | None, simulated: float, s
     if found.burst * step > PAUSE * 1e-9:
         return red("overrun", f"{found.burst} frames in one burst after a pause")
     if found.carrying * found.pace > simulated:
-        return amber("overrun", f"{found.carrying / simulated:.3g} times slower than the clock")
+        at = "" if found.pace == 1.0 else f" at the pace limit {found.pace:g} of the scene"
+        return amber("overrun", f"{found.pace * found.carrying / simulated:.3g} times slower than the clock{at}")
     return CellResult("green", "", ", ".join(found.notes))
 
 

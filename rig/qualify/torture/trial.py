@@ -312,8 +312,9 @@ class Trial:
                 found.held = max(found.held, -float(load.min()))  # it can pull, and no law of friction says what then
                 T, load = np.where(load < 0.0, 0.0, T), np.maximum(load, 0.0)
             size = max(float(np.abs(T).max() * np.abs(w).max()), 1e-30)
-            found.negative_power = max(found.negative_power, -float((T * w).min()) / size)
             stuck = np.array([one[0][p] == STICK for one in modes])[mode_sets]
+            power = np.where(stuck, 0.0, T * w)  # in stick w is rounding, which creep is compared with
+            found.negative_power = max(found.negative_power, -float(power.min()) / size)
             law = [motion.system.law(p, one[3]) for one in modes]
             most = np.array([one.static for one in law])[mode_sets]
             for mode_set, one in enumerate(law):
