@@ -24,12 +24,13 @@ from rig.errors import PartError, SceneError
 from rig.model.assembly import Assembly
 from rig.parts import calling, code_of, file_of
 from rig.scenes.faults import near, shown
+from rig.scenes.scene import Scene
 from rig.units import brief
 
 __all__ = ["described", "numbers"]
 
 
-def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str, Any]]:
+def numbers(scene: Scene, assembly: Assembly | None = None) -> dict[str, dict[str, Any]]:
     """The numbers of each controller of `scene`, as plain JSON values. Raises SceneError with all faults."""
     if not scene.controllers:
         return {}
@@ -96,7 +97,7 @@ def _designed(design: Any, rig: DesignRig, section: Any) -> dict[str, Any]:
     return numbers
 
 
-def described(scene: Any) -> dict[str, dict[str, Any]]:
+def described(scene: Scene) -> dict[str, dict[str, Any]]:
     """The description of each controller of `scene` with its numbers. Raises SceneError as `numbers` does."""
     found = numbers(scene)
     return {name: controllers.described(section, found[name]) for name, section in scene.controllers.items()}
