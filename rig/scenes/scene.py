@@ -30,6 +30,7 @@ from rig.sensors.chain.instants import common_step
 
 if TYPE_CHECKING:
     from rig.bus.impaired_link import ImpairedLink
+    from rig.model.assembly import Assembly
     from rig.scenes.inherit import Places
 
 
@@ -120,7 +121,7 @@ class Scene(Result):
         note = self.origins.get("clock.pace_limit", Origin("")).note
         return f"its pace is at most {self.clock.pace_limit:g}{f' ({note})' if note else ''}"
 
-    def assemble(self, parameters: Section | None = None) -> Any:
+    def assemble(self, parameters: Section | None = None) -> Assembly:
         """The rig of this scene (`rig.model.assembly.Assembly`), with the signals that its actuators need.
 
         `parameters`: others than the scene's own, as after a change while the rig runs.
