@@ -75,6 +75,7 @@ def _factor(text: str, unit: str) -> tuple[float, float]:
 _PASTED = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\xa0\u2007\u2009\u202f"), " ")
 """Characters of typeset numbers: the minus sign, and spaces of fixed width."""
 _COMMA = re.compile(r"([-+]?(\d++)),(\d++)(?![.,])([^,]*)")
+_POINT = " with a decimal point, not a comma"
 
 
 def with_point(text: str, name: str) -> str:
@@ -130,13 +131,15 @@ def si(value: Any, unit: str) -> float:
         except OverflowError:
             return math.inf if value > 0 else -math.inf
     if not isinstance(value, str):
-        raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}")
+        parts = isinstance(value, list | tuple) and len(value) in (2, 3, 4) and [type(one) for one in value[:2]]
+        comma = _POINT if parts == [int, int] else ""  # [0,1, "chosen"]
+        raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}{comma}")
     number, rest = parted(value)
     try:
         magnitude = float(number)
     except ValueError:
         what = "a number" if unit == "1" else f"a number and a unit in {unit}"
-        comma = " with a decimal point, not a comma" if _COMMA.fullmatch(value.strip().translate(_PASTED)) else ""
+        comma = _POINT if _COMMA.fullmatch(value.strip().translate(_PASTED)) else ""
         raise ValueError(f"is {brief(value)}; expected {what}{comma}") from None
     if rest == unit or (not rest and unit == "1"):
         return magnitude

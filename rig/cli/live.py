@@ -291,8 +291,7 @@ def web(
     from rig.bus.address import directory  # slow to import: only where a page is served
 
     directory()  # where no run can be live, the page would be of no use
-    for name in ("starlette", "uvicorn", "websockets"):
-        check(name, "web", "rig web")
+    _check_web("rig web")
     from rig.web.server import serve
 
     def say(text: str) -> None:
@@ -300,6 +299,11 @@ def web(
         sys.stdout.flush()  # whoever reads a pipe waits for the address
 
     serve(port, not no_open, say)
+
+
+def _check_web(what: str) -> None:
+    for name in ("starlette", "uvicorn", "websockets"):
+        check(name, "web", what)
 
 
 def bridge(
@@ -312,6 +316,7 @@ def bridge(
     Only this machine can reach it, under the printed address with its token.
     It ends with the run or on Ctrl-C. docs/wire.md describes the messages.
     """
+    _check_web("rig bridge")
     from rig.web import bridge as server
 
     def say(made: server.Bridge) -> None:

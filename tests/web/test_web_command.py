@@ -91,6 +91,7 @@ def test_a_server_that_is_killed_leaves_no_process_and_a_recording(serving):
     ("lacking", "extra", "command"),
     [
         *((name, "web", ("web", "--no-open")) for name in ("starlette", "uvicorn", "websockets")),
+        *((name, "web", ("bridge",)) for name in ("starlette", "uvicorn", "websockets")),
         ("rerun", "view", ("view", ROOT / "recordings" / "golden" / "belt.mcap")),
         ("rerun", "view", ("run", "belt", "--view", "--duration", "0.1")),
     ],
