@@ -35,6 +35,8 @@ def path(name_or_path: str | Path, folder: Path = Path()) -> Path:
     given = Path(name_or_path)
     if not given.name:
         raise SceneError(repr(text), ["names no scene; rig list shows the shipped ones"])
+    if text.startswith('{"'):  # Run.scene
+        raise SceneError(brief(text)[1:-1], ["is the text of a scene; rig.scenes.scene.Scene.from_json reads it"])
     if given.suffix in (".toml", ".mcap") or "/" in text:  # who reads a recording as a scene says what it is
         if given.stem in names() and given.name == text and not os.path.lexists(folder / given):
             raise SceneError(text, [f"there is no such file; the shipped scene is called {given.stem}"])

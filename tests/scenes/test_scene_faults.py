@@ -250,6 +250,8 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SceneError, match="not text in UTF-8"):
         scenes.load(tmp_path / "binary.toml")
+    with pytest.raises(SceneError, match=r"is the text of a scene; rig\.scenes\.scene\.Scene\.from_json reads it"):
+        scenes.load(scenes.load("belt").to_json())
     with pytest.raises(SceneError, match=r"no scene has this name; did you mean pendulum\?"):
         scenes.load("pendulm")
 
