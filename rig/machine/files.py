@@ -106,12 +106,12 @@ def _others(file: int | Path) -> str:
     """Why another user can have written a file or folder; "" if none can. Raises OSError."""
     if not hasattr(os, "getuid"):  # this system has other permissions
         return ""
-    found = os.stat(file)
-    if found.st_uid not in (0, os.geteuid()):
-        return f"belongs to another user (number {found.st_uid})"
-    mode = found.st_mode & _OTHERS
-    if mode & 0o002 or (mode and not _alone_in(found.st_gid)):
-        return f"can be written by other users (mode {found.st_mode & 0o777:o})"
+    status = os.stat(file)
+    if status.st_uid not in (0, os.geteuid()):
+        return f"belongs to another user (number {status.st_uid})"
+    mode = status.st_mode & _OTHERS
+    if mode & 0o002 or (mode and not _alone_in(status.st_gid)):
+        return f"can be written by other users (mode {status.st_mode & 0o777:o})"
     return ""
 
 
@@ -121,10 +121,10 @@ def _alone_in(group: int) -> bool:
     import pwd
 
     try:
-        user, found = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
+        user, members = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
     except KeyError:
         return False
-    return found.gr_name == user and {*found.gr_mem} <= {user}
+    return members.gr_name == user and {*members.gr_mem} <= {user}
 
 
 RUNS = Path("recordings/runs")
@@ -143,14 +143,14 @@ WRITTEN = "another run is writing it; name another file"
 def regular(path: Path) -> int:
     """Size of a regular file [bytes]. Raises OSError, whose `strerror` says why it is not one."""
     try:
-        found = path.stat()
+        status = path.stat()
     except ValueError:  # a name with a zero byte in it
         raise OSError(errno.EINVAL, "the name contains a zero byte", str(path)) from None
-    if stat.S_ISDIR(found.st_mode):
+    if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "it is not a regular file", str(path))
-    return found.st_size
+    return status.st_size
 
 
 def takes(path: Path) -> None:
@@ -216,10 +216,10 @@ def contents(path: Path, most: int = TEXT) -> bytes:
     """Read a regular file of at most `most` bytes. Raises OSError, as `regular` does."""
     regular(path)
     with path.open("rb") as file:
-        found = file.read(most + 1)
-    if len(found) > most:
+        content = file.read(most + 1)
+    if len(content) > most:
         raise OSError(errno.EFBIG, f"it is larger than {most >> 20} MiB, the largest size that is read", str(path))
-    return found
+    return content
 
 
 def unpacked(archive: zipfile.ZipFile, most: int) -> None:

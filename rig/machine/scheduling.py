@@ -51,13 +51,13 @@ def choose() -> tuple[int, int]:
 
 def idle_times() -> dict[int, int]:
     """Core -> idle time since the machine started [kernel ticks]."""
-    found = {}
+    idle = {}
     with suppress(OSError, ValueError, IndexError):
         for line in Path("/proc/stat").read_text().splitlines():
             name, *times = line.split()
             if name[:3] == "cpu" and name[3:]:
-                found[int(name[3:])] = int(times[3]) + int(times[4])
-    return found
+                idle[int(name[3:])] = int(times[3]) + int(times[4])
+    return idle
 
 
 @contextmanager
@@ -208,23 +208,23 @@ def ahead(priority: int, fell_back: Callable[[], object] = lambda: None) -> Iter
     computes for 0.2 s without a pause would block the others: it falls back to ordinary scheduling for a second or
     more, and `fell_back` is called in the main thread. Outside the main thread this function changes nothing.
     """
-    found = Ahead(priority, fell_back)
+    scheduling = Ahead(priority, fell_back)
     if sys.platform != "linux":
-        found.why = "no real-time scheduling: only supported on Linux"
-        yield found
+        scheduling.why = "no real-time scheduling: only supported on Linux"
+        yield scheduling
         return
     if threading.current_thread() is not threading.main_thread():
-        found.why = "no real-time scheduling: not the main thread"
-        yield found
+        scheduling.why = "no real-time scheduling: not the main thread"
+        yield scheduling
         return
     import resource
 
-    handler, limits = signal.signal(signal.SIGXCPU, found.fall_back), resource.getrlimit(resource.RLIMIT_RTTIME)
+    handler, limits = signal.signal(signal.SIGXCPU, scheduling.fall_back), resource.getrlimit(resource.RLIMIT_RTTIME)
     try:
-        found.enter()
-        yield found
+        scheduling.enter()
+        yield scheduling
     finally:
-        found.leave()
+        scheduling.leave()
         resource.setrlimit(resource.RLIMIT_RTTIME, limits)
         signal.signal(signal.SIGXCPU, handler)
 
