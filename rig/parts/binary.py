@@ -46,17 +46,17 @@ class Binary(str):
             raise PartError(
                 f"{file:.120}: the name of a compiled part has at most 100 characters, none of them / or \\"
             )
-        found = cls(file)
-        found.content, found.about = content, about or {}
-        return found
+        binary = cls(file)
+        binary.content, binary.about = content, about or {}
+        return binary
 
     @classmethod
     def read(cls, path: str | Path, describe: Callable[[Binary], dict[str, Any]]) -> Self:
         """The part in a file, which is then trusted. `describe` returns its `about`. Raises PartError."""
-        found = cls._in_file(Path(path))
-        trust_hashes([found.sha256])
-        found.about = describe(found)
-        return found
+        binary = cls._in_file(Path(path))
+        trust_hashes([binary.sha256])
+        binary.about = describe(binary)
+        return binary
 
     @classmethod
     def _in_file(cls, path: Path) -> Self:
@@ -110,15 +110,15 @@ class Binary(str):
         """The part that `to_json` described. Raises PartError where the content does not have the stated hash."""
         try:
             content = base64.b64decode(raw["content"], validate=True)
-            found = cls.of(str(raw["file"]), content, dict(raw["about"]))
+            binary = cls.of(str(raw["file"]), content, dict(raw["about"]))
         except (KeyError, TypeError, ValueError):
             raise PartError("the recording describes a compiled part in an unknown form: it is damaged") from None
-        if found.sha256 != raw.get("sha256"):
+        if binary.sha256 != raw.get("sha256"):
             raise PartError(
-                f"{found.file}: its content has the SHA-256 {found.short}..., the recording states "
+                f"{binary.file}: its content has the SHA-256 {binary.short}..., the recording states "
                 f"{str(raw.get('sha256'))[:_SHOWN]}...: it was changed or is damaged, and is not run"
             )
-        return found
+        return binary
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:

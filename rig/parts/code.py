@@ -111,10 +111,10 @@ class Code:
         Raises Untrusted for a text that is not trusted, PartError with line and reason for one that fails.
         """
         name = f"<{self.file} {self.sha256}>"
-        if (found := sys.modules.get(self.called)) is not None:
+        if (loaded := sys.modules.get(self.called)) is not None:
             if path is not None:  # of two files with one text, messages name the one that was read last
                 _PATHS[name] = str(path)
-            return found
+            return loaded
         require([self])
         _PATHS[name] = str(path or self.file)
         linecache.cache[name] = len(self.text), None, self.text.splitlines(keepends=True), name

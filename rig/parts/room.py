@@ -44,17 +44,17 @@ class Room(Mapping[str, T], Generic[T]):
     @cached_property
     def shipped(self) -> tuple[str, ...]:
         """Names of the parts in the package: its modules, none of which is imported for that."""
-        return tuple(sorted(one.name for one in pkgutil.iter_modules(self._path) if not one.ispkg))
+        return tuple(sorted(module.name for module in pkgutil.iter_modules(self._path) if not module.ispkg))
 
     @cached_property
     def installed(self) -> dict[str, tuple[EntryPoint, ...]]:
         """Parts of other packages: name -> entry points; with several the name is ambiguous."""
         from importlib.metadata import entry_points  # 10 ms: only where a name is not in the folder
 
-        found: dict[str, tuple[EntryPoint, ...]] = {}
-        for one in entry_points(group=f"friction_rig.{self.what}"):
-            found[one.name] = (*found.get(one.name, ()), one)
-        return found
+        entries: dict[str, tuple[EntryPoint, ...]] = {}
+        for entry in entry_points(group=f"friction_rig.{self.what}"):
+            entries[entry.name] = (*entries.get(entry.name, ()), entry)
+        return entries
 
     def __iter__(self) -> Iterator[str]:
         return iter(sorted({*self.shipped, *self.installed}))
@@ -101,13 +101,13 @@ class Room(Mapping[str, T], Generic[T]):
     def _same(self, name: str, code: Code) -> bool:
         if is_file(name) or len(self.installed.get(name, ())) != 1:
             return False
-        found = _code(self.installed[name][0])
-        return found is not None and found.sha256 == code.sha256
+        installed_code = _code(self.installed[name][0])
+        return installed_code is not None and installed_code.sha256 == code.sha256
 
     def _import(self, name: str) -> ModuleType:
         entry, *others = self.installed[name]
         if others:
-            packages = " and ".join(package_of(one) for one in (entry, *others))
+            packages = " and ".join(package_of(point) for point in (entry, *others))
             raise PartError(f"several packages have installed a part {name}: {packages}; uninstall all but one, or "
                             "name the file of the part")  # fmt: skip
         try:
@@ -142,20 +142,22 @@ def one_class(module: ModuleType, fits: Callable[[type], bool], called: str, wha
     Raises PartError if there are several, or none; `what` says in words what is looked for, "" if there may be none.
     """
     where = file_of(module)
-    own = [one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__]
-    found = {one.__name__: one for one in own if fits(one)}
-    if not found and what:
+    own = [
+        member for member in vars(module).values() if isinstance(member, type) and member.__module__ == module.__name__
+    ]
+    classes = {kind.__name__: kind for kind in own if fits(kind)}
+    if not classes and what:
         raise PartError(f"{where}: defines no {what}")
-    if len(found) > 1 and called not in found:
-        names = ", ".join(found)
+    if len(classes) > 1 and called not in classes:
+        names = ", ".join(classes)
         raise PartError(f"{where}: defines {names}, of which only one can count; call that one {called}")
-    return found.get(called) or next(iter(found.values()), None)
+    return classes.get(called) or next(iter(classes.values()), None)
 
 
 def carried(raw: Any) -> dict[tuple[str, str], Code]:
     """The foreign parts in the JSON of a scene. Raises PartError for what is no such list, or has another hash."""
     try:
-        return {(str(one["part"]), str(one["name"])): Code.from_json(one) for one in raw}
+        return {(str(part["part"]), str(part["name"])): Code.from_json(part) for part in raw}
     except (KeyError, TypeError, AttributeError):
         raise PartError("the recording describes its parts in an unknown form: it is damaged") from None
 
@@ -172,7 +174,7 @@ def trust_scene(text: str) -> None:
     if isinstance(raw, dict):
         compiled = list(binaries(raw.get("controllers")))
         trust(carried(raw.get("parts", [])).values())
-        trust_hashes(one.sha256 for one in compiled)
+        trust_hashes(binary.sha256 for binary in compiled)
 
 
 _NAMED: dict[tuple[Any, ...], Any] = {}
