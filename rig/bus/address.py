@@ -116,16 +116,16 @@ def take_user(run: str, role: str, name: str) -> BusUser:
         if role == "operator":
             return BusUser("operator", name, (here / "operator").read_text(), reserved)
         if name in reserved and name != "plant":
-            if (found := _sit(here, name, name, reserved)) is not None:
-                return found
+            if (user := _sit(here, name, name, reserved)) is not None:
+                return user
             if role == "controller":
                 raise BusError(
                     f"a controller {name} is already connected to run {run}: end its process first, if it has its own"
                 )
         for guest in filter(is_guest, users):
             given = f"{name}-{guest.partition('-')[2]}" if name in reserved else name
-            if (found := _sit(here, guest, given, reserved)) is not None:
-                return found
+            if (user := _sit(here, guest, given, reserved)) is not None:
+                return user
     except OSError as fault:
         raise BusError(f"run {run} has no user for {role} {name}: {here} cannot be read ({fault.strerror})") from None
     raise BusError(
@@ -146,7 +146,7 @@ def dictionary(run: str) -> Iterator[Path]:
     """Write all users and passwords to the file that Zenoh reads when the hub opens; delete it afterwards."""
     here = folder(run)
     path = here / _DICTIONARY
-    _write(path, "".join(f"{one.name}:{one.read_text()}\n" for one in here.iterdir()))
+    _write(path, "".join(f"{file.name}:{file.read_text()}\n" for file in here.iterdir()))
     try:
         yield path
     finally:
@@ -238,12 +238,12 @@ def directory() -> Path:
     here = Path(base) / "friction-rig" if base else Path(tempfile.gettempdir()) / f"friction-rig-{os.getuid()}"
     try:
         here.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = here.lstat()
+        status = here.lstat()
     except OSError as fault:
         raise BusError(f"the directory of runs {here} cannot be created: {fault.strerror}") from None
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
         raise BusError(f"{here} does not belong to you; set XDG_RUNTIME_DIR to a directory of your own")
-    if found.st_mode & 0o077:
+    if status.st_mode & 0o077:
         here.chmod(0o700)
     return here
 
@@ -363,16 +363,16 @@ def is_live(run: str) -> bool:
 
 def list_runs() -> list[RunAddress]:
     """Live runs, newest first. Removes the files of dead runs."""
-    found = []
+    live_runs = []
     with _alone() as here:
         for path in here.glob("*.run"):
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
             if files.take(descriptor):
                 _clear(path)
             elif text := os.pread(descriptor, 1 << 16, 0):  # an empty file: reserved, but not open yet
-                found += _read(text)
+                live_runs += _read(text)
             os.close(descriptor)
-    return sorted(found, key=lambda run: run.started, reverse=True)
+    return sorted(live_runs, key=lambda run: run.started, reverse=True)
 
 
 def _read(text: bytes) -> list[RunAddress]:
@@ -392,17 +392,17 @@ def find(run: str | None = None, wait: float = 0.0) -> RunAddress:
     deadline = time.monotonic() + wait
     while True:
         runs = list_runs()
-        candidates = [one for one in runs if (one.home == _home() if run is None else one.run == run)]
+        candidates = [address for address in runs if (address.home == _home() if run is None else address.run == run)]
         if len(candidates) == 1:
             return candidates[0]
         if candidates or time.monotonic() >= deadline:
             break
         time.sleep(0.05)
-    named = ", ".join(one.run for one in candidates or runs)
+    named = ", ".join(address.run for address in candidates or runs)
     if candidates:
         raise BusError(f"several runs are live: {named}; name one with --run")
     if runs and run is None:
-        homes = ", ".join(dict.fromkeys(one.home or "another version" for one in runs))
+        homes = ", ".join(dict.fromkeys(address.home or "another version" for address in runs))
         raise BusError(f"no run of this home directory is live; others are: {named} (of {homes}); name one with --run")
     live = f"live runs: {named}" if runs else "no run is live; start one with `rig run`"
     raise BusError(live if run is None else f"no run is called {run}; {live}")

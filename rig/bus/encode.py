@@ -98,7 +98,7 @@ def each_applied(
     size, count = len(first), len(ticks)
     rows = np.frombuffer(bytearray(first * count), np.uint8).reshape(count, size)
     times = array("q", [tick * frame_ns for tick in ticks])
-    columns = [one.tobytes() for one in (ticks, times, answers, statuses)]
+    columns = [field.tobytes() for field in (ticks, times, answers, statuses)]
     for at, column in zip((1, 10, 19, 28, size - 8 * (len(values) // count)), (*columns, values.tobytes())):
         numbers = np.frombuffer(column, np.uint8).reshape(count, -1)
         rows[:, at : at + numbers.shape[1]] = numbers

@@ -84,7 +84,7 @@ class ImpairedLink:
         if twice < self.duplicate:
             counts.duplicated += 1
             latencies.append(self._latency(again))
-        found = []
+        ticks = []
         for latency in latencies:
             at = tick + latency
             if at < self._last:
@@ -94,8 +94,8 @@ class ImpairedLink:
                     at = self._last
             self._last = max(self._last, at)
             counts.delayed += at > tick
-            found.append(at)
-        return found
+            ticks.append(at)
+        return ticks
 
     def loses(self, number: int) -> bool:
         """Whether message `number` is lost; counts nothing."""
@@ -131,12 +131,12 @@ class HeardSensor:
             for at in self.link.arrivals(tick, tick):
                 heappush(self._under_way, (at, self._posted, samples))
                 self._posted += 1
-        found: list[float] = []
+        arrived: list[float] = []
         while self._under_way and self._under_way[0][0] <= tick:
-            found.extend(heappop(self._under_way)[2])
-        if found:
-            self.latest = found[-1]
-        return found
+            arrived.extend(heappop(self._under_way)[2])
+        if arrived:
+            self.latest = arrived[-1]
+        return arrived
 
 
 def counters(links: Sequence[ImpairedLink]) -> dict[str, dict[str, int]]:

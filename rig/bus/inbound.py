@@ -49,28 +49,28 @@ def read_json(data: bytes, limit: int = QUESTION, *, finite: bool = True) -> dic
             deepest = max(deepest, depth)
         if deepest > DEPTH:
             raise Refused("too deep", f"nested {deepest} levels deep; at most {DEPTH} are read")
-        found = json.loads(
+        content = json.loads(
             text,
             object_pairs_hook=_unambiguous,
             parse_constant=_not_finite if finite else None,
             parse_float=_finite if finite else None,
         )
-        json.dumps(found, ensure_ascii=False).encode()  # raises for half a surrogate pair
+        json.dumps(content, ensure_ascii=False).encode()  # raises for half a surrogate pair
     except Refused:
         raise
     except (ValueError, RecursionError) as fault:
         raise Refused("not JSON", f"{_shown(data)} is not JSON: {fault}") from None
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         raise Refused("not JSON", f"{_shown(data)} is not a JSON object")
-    return found
+    return content
 
 
 def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    content = dict(pairs)
+    if len(content) < len(pairs):
         keys = [key for key, _ in pairs]
         raise Refused("not JSON", f"{next(key for key in keys if keys.count(key) > 1)!r} is given twice")
-    return found
+    return content
 
 
 def _finite(text: str) -> float:
@@ -158,14 +158,16 @@ def _check_totals(topic: str, content: Any, counts: dict[str, Count], count: Cou
         raise Refused("wrong length", "Totals whose columns differ in length")
     if max(len(sent), len(heard)) > TOPICS:
         raise Refused("too many topics", f"Totals of more than {TOPICS} topics")
-    if foreign := [one for one in sent if topics.owner(one) not in topic.split("/") and topic != "total/plant"]:
+    if foreign := [
+        claimed for claimed in sent if topics.owner(claimed) not in topic.split("/") and topic != "total/plant"
+    ]:
         raise Refused("not its own topic", f"{topic} claims messages on {foreign[0][:80]}, which it does not own")
     nothing = Count()
     pairs = (*zip(sent, content.sent), *zip(heard, content.received), *zip(heard, content.lost))
-    for one, number in pairs:
-        seen = counts.get(one, nothing)
+    for claimed, number in pairs:
+        seen = counts.get(claimed, nothing)
         if number < 0 or not seen.plausible(number - 1 - seen.last, now):
-            raise Refused("implausible number", f"Totals of {number} messages on {one[:80]}")
+            raise Refused("implausible number", f"Totals of {number} messages on {claimed[:80]}")
 
 
 _SENDERS, _OF_A_GUEST = 32, 16  # most senders that are counted one by one, and most topics of a guest
@@ -268,13 +270,13 @@ class InboundCheck:
 
     def news(self) -> list[str]:
         """New refusals since the last call: one line for each sender and kind."""
-        found = [
+        lines = [
             f"{sender}: {kind}"
             for (sender, kind), n in self.refused.items()
             if n > self._reported.get((sender, kind), 0)
         ]
         self._reported = dict(self.refused)
-        return found
+        return lines
 
     def message(self, arrived: Arrived, counts: dict[str, Count]) -> Message:
         """Check, decode and count (in `counts`) a message. Raises Refused if anything is wrong with it."""
@@ -361,13 +363,13 @@ class InboundCheck:
             (user, topic, "" if (user, topic) in self.granted else messages.encoding(topic))
             for user, topic in zip(batch.user, batch.topic)
         ]
-        found = []
+        inner = []
         for place, header, content in zip(batch.place, batch.header, batch.said):
             if not 0 <= place < len(senders):
                 raise Refused("wrong length", "a Batch with a message on a topic that it does not name")
             user, topic, encoding = senders[place]
-            found.append(Arrived(user, topic, content, header, True, encoding))
-        return found
+            inner.append(Arrived(user, topic, content, header, True, encoding))
+        return inner
 
     def _grant(self, user: str, topic: str, encoding: str) -> _Granted:
         row = topics.of(topic)

@@ -152,9 +152,9 @@ def checkpoint(frame_ns: int, tick: int, state: bytes) -> bytes:
 
 def file_descriptor_set(kind: type[Message]) -> bytes:
     """The serialised FileDescriptorSet of a type: the schema that a recording contains."""
-    found = descriptor_pb2.FileDescriptorSet()
-    kind.DESCRIPTOR.file.CopyToProto(found.file.add())
-    return bytes(found.SerializeToString())
+    files = descriptor_pb2.FileDescriptorSet()
+    kind.DESCRIPTOR.file.CopyToProto(files.file.add())
+    return bytes(files.SerializeToString())
 
 
 Columns = dict[str, NDArray[Any]]
@@ -174,19 +174,19 @@ def alike(kind: type[Message], payloads: Sequence[bytes]) -> Columns | None:
         frame[begin:end] = False
     if (rows[:, frame] != rows[0, frame]).any():
         return None
-    found = _blank(kind, len(rows))
+    columns = _blank(kind, len(rows))
     for name, (begin, end) in places.items():
-        numbers = np.ascontiguousarray(rows[:, begin:end]).view(found[name].dtype)
-        found[name] = numbers if found[name].ndim == 2 else numbers[:, 0]
-    return found
+        numbers = np.ascontiguousarray(rows[:, begin:end]).view(columns[name].dtype)
+        columns[name] = numbers if columns[name].ndim == 2 else numbers[:, 0]
+    return columns
 
 
 def single(message: Message) -> Columns:
     """The columns of one message of numbers only."""
-    found = _blank(type(message), 1)
-    for name, column in found.items():
-        found[name] = np.array([getattr(message, name)], column.dtype)
-    return found
+    columns = _blank(type(message), 1)
+    for name, column in columns.items():
+        columns[name] = np.array([getattr(message, name)], column.dtype)
+    return columns
 
 
 def _blank(kind: type[Message], count: int) -> Columns:
@@ -201,11 +201,11 @@ def _blank(kind: type[Message], count: int) -> Columns:
 
 def _places(kind: type[Message], payload: bytes) -> dict[str, tuple[int, int]] | None:
     """First and last byte of the numbers of each field in `payload`; None if there is anything but numbers."""
-    blank, found, at = _blank(kind, 1), dict[str, tuple[int, int]](), 0
+    blank, places, at = _blank(kind, 1), dict[str, tuple[int, int]](), 0
     while at < len(payload):
         tag, begin = _varint(payload, at)
         field = kind.DESCRIPTOR.fields_by_number.get(tag >> 3)
-        if field is None or field.name in found or field.name not in blank:
+        if field is None or field.name in places or field.name not in blank:
             return None
         size, many = 8, blank[field.name].ndim == 2
         if tag & 7 != (_PACKED if many else _FIXED):
@@ -215,8 +215,8 @@ def _places(kind: type[Message], payload: bytes) -> dict[str, tuple[int, int]] |
         at = begin + size
         if size % 8 or at > len(payload):
             return None
-        found[field.name] = begin, at
-    return found
+        places[field.name] = begin, at
+    return places
 
 
 def _varint(payload: bytes, at: int) -> tuple[int, int]:

@@ -143,10 +143,10 @@ class Receiver(ABC):
         """The oldest waiting item as the transport delivered it, or None after `timeout` seconds."""
 
     @abstractmethod
-    def _arrived(self, found: Any) -> Arrived:
+    def _arrived(self, delivered: Any) -> Arrived:
         """Convert what the transport delivered to raw data; nothing is checked."""
 
-    def _usual(self, found: Any) -> Message | None:
+    def _usual(self, delivered: Any) -> Message | None:
         """Short path for the next message of a known topic: check, count and copy it. None: take the long path."""
         return None
 
@@ -171,15 +171,15 @@ class Receiver(ABC):
             if self._opened:
                 arrived = self._opened.popleft()
             else:
-                found = self._next(timeout)
-                if found is None:
+                delivered = self._next(timeout)
+                if delivered is None:
                     return None
-                if (message := self._usual(found)) is not None:
+                if (message := self._usual(delivered)) is not None:
                     return message
-                arrived = self._arrived(found)
+                arrived = self._arrived(delivered)
             if arrived.topic == "batch":
                 inside = self.inbound.let_in(self.inbound.opened, arrived) or ()
-                self._opened.extend([one for one in inside if self._wanted(one.topic)])
+                self._opened.extend([inner for inner in inside if self._wanted(inner.topic)])
             elif self.heard != "**" or self._wanted(arrived.topic):
                 message = self.inbound.let_in(self._message, arrived)
                 if message is not None:
@@ -191,10 +191,10 @@ class Receiver(ABC):
 
     def drain(self) -> list[Message]:
         """All messages that wait now, at most `DRAINED`."""
-        found: list[Message] = []
-        while len(found) < DRAINED and (one := self.get()) is not None:
-            found.append(one)
-        return found
+        drained: list[Message] = []
+        while len(drained) < DRAINED and (message := self.get()) is not None:
+            drained.append(message)
+        return drained
 
     @property
     def received(self) -> int:
@@ -227,22 +227,22 @@ class Watch(ABC):
             arrived = self._next(0.0 if changes else timeout)
             if arrived is None:
                 break
-            found = self.inbound.let_in(self.inbound.presence, arrived)
-            if found is None:
+            presence = self.inbound.let_in(self.inbound.presence, arrived)
+            if presence is None:
                 continue
-            who = (found.role, found.name)
+            who = (presence.role, presence.name)
             if self._held.get(arrived.user, who) != who:  # a process has one name only
                 self.inbound.count(arrived.user, Refused("a second name"))
-            elif found.here and len(self.present) >= _MOST:
+            elif presence.here and len(self.present) >= _MOST:
                 self.inbound.count("others", Refused("too many"))
-            elif found.here != (who in self.present):
-                if found.here:
+            elif presence.here != (who in self.present):
+                if presence.here:
                     self.present.add(who)
                     self._held[arrived.user] = who
                 else:
                     self.present.discard(who)
                     self._held.pop(arrived.user, None)
-                changes.append(found)
+                changes.append(presence)
         return changes
 
     def all_here(self) -> set[tuple[str, str]]:
@@ -338,11 +338,11 @@ class Server(ABC):
         answered = 0
         while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
             answered += 1
-            found = self.inbound.let_in(self.inbound.question, request.asked)
-            if found is None:
+            question = self.inbound.let_in(self.inbound.question, request.asked)
+            if question is None:
                 request.refuse(f"{self.inbound.last.kind}: {self.inbound.last}")
             else:
-                self._serve(request, found, partial(self._answer, found))
+                self._serve(request, question, partial(self._answer, question))
         return answered
 
     def give_up(self, why: str) -> None:
@@ -357,11 +357,11 @@ class Server(ABC):
         """Answer or refuse a request, or keep it for the next poll."""
         self.asker = request.asked.user
         try:
-            found = answer()
-            if found is None or callable(found):
-                self._later.append((request, body, found or answer))
+            reply = answer()
+            if reply is None or callable(reply):
+                self._later.append((request, body, reply or answer))
                 return
-            text = found if isinstance(found, bytes) else json.dumps(found).encode()
+            text = reply if isinstance(reply, bytes) else json.dumps(reply).encode()
         except (RigError, ValueError) as fault:
             request.refuse(str(fault))
         except KeyError as fault:
@@ -500,9 +500,9 @@ class Session(ABC):
             body = {**body, "set": self._in_si(topic, changes, timeout)}
         text, deadline = json.dumps(body).encode(), time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0.0:
-            found = self._ask(topic, text, left)
-            if found is not None:
-                granted, answer = found
+            reply = self._ask(topic, text, left)
+            if reply is not None:
+                granted, answer = reply
                 if not granted:
                     raise BusError(f"{topic} of run {self.run} refused: {answer[:4096].decode(errors='replace')}")
                 try:
@@ -523,11 +523,11 @@ class Session(ABC):
 
         try:
             units = self.ask(topic, {"list": True}, timeout)["units"]
-            found = [(key, value, units.get(key)) for key, value in changes.items()]
+            given = [(key, value, units.get(key)) for key, value in changes.items()]
         except (BusError, AttributeError, LookupError, TypeError):  # the owner refuses the change itself
             return changes
         faults, numbers = [], dict(changes)
-        for key, value, unit in found:
+        for key, value, unit in given:
             if unit and converts(value, unit):
                 try:
                     numbers[key] = finite(value, unit)
@@ -543,7 +543,7 @@ class Session(ABC):
         What is not recorded is not among those sent: nobody relies on all of it.
         """
         counts = {topic: count for receiver in self._receivers for topic, count in receiver.counts.items()}
-        sent = {topic: one.sent for topic, one in self._publishers.items() if topics.of(topic).recorded}
+        sent = {topic: publisher.sent for topic, publisher in self._publishers.items() if topics.of(topic).recorded}
         message = messages.TYPES["Totals"](
             process=self.name,
             sent_topic=list(sent),

@@ -37,14 +37,14 @@ class Setup:
 
     def to_json(self) -> dict[str, Any]:
         """The setup as plain values for JSON; `from_json` reads them."""
-        return asdict(self) | {"models": [base64.b64encode(one).decode() for one in self.models]}
+        return asdict(self) | {"models": [base64.b64encode(model).decode() for model in self.models]}
 
     @classmethod
-    def from_json(cls, found: dict[str, Any]) -> Setup:
+    def from_json(cls, values: dict[str, Any]) -> Setup:
         """The setup from the plain values of `to_json`."""
-        sensors = {name: (unit, int(period)) for name, (unit, period) in found["sensors"].items()}
-        models = tuple(base64.b64decode(one) for one in found.get("models", ()))
-        return cls(**{**found, "sensors": sensors, "models": models})
+        sensors = {name: (unit, int(period)) for name, (unit, period) in values["sensors"].items()}
+        models = tuple(base64.b64decode(model) for model in values.get("models", ()))
+        return cls(**{**values, "sensors": sensors, "models": models})
 
     def to_text(self) -> str:
         """The setup as JSON text."""
@@ -57,11 +57,11 @@ def fetch(session: Session, timeout: float = 10.0) -> Setup:
     From now on the session can decode the `state` messages of this scene. Raises BusError.
     """
     try:
-        found = Setup.from_json(session.ask("scene", {}, timeout, patient=True))
-        session.inbound.learn(list(found.outputs), list(found.sensors))
+        setup = Setup.from_json(session.ask("scene", {}, timeout, patient=True))
+        session.inbound.learn(list(setup.outputs), list(setup.sensors))
     except (AttributeError, KeyError, TypeError, ValueError) as fault:
         raise BusError(
             f"the plant of run {session.run} describes its scene in an unknown form: {fault}; "
             "start all processes of a run from the same installation"
         ) from None
-    return found
+    return setup

@@ -78,9 +78,9 @@ class Inbox(Generic[T]):
         self.qsize = self._queue.qsize
         """The number of items in the queue."""
 
-    def put(self, one: T) -> None:
+    def put(self, entry: T) -> None:
         """Add an item; drop the oldest one if there are more than `depth`."""
-        self._queue.put(one)
+        self._queue.put(entry)
         if self._queue.qsize() > self._depth:
             with suppress(queue.Empty):
                 self._queue.get_nowait()
@@ -174,8 +174,8 @@ class _ZenohReceiver(Receiver):
         self._rows: dict[str, Row] = {}
         """Key -> how to read its messages, known after the first one was accepted."""
 
-    def _arrived(self, found: tuple[zenoh.Sample, int]) -> Arrived:
-        sample, arrived_ns = found
+    def _arrived(self, delivered: tuple[zenoh.Sample, int]) -> Arrived:
+        sample, arrived_ns = delivered
         key = str(sample.key_expr)
         who = self._who.get(key)
         if who is None:
@@ -187,8 +187,8 @@ class _ZenohReceiver(Receiver):
         header, payload = data[: HEADER.size], data[HEADER.size :]
         return Arrived(user, topic, payload, header, sample.kind == _PUT, encoding, arrived_ns)
 
-    def _usual(self, found: tuple[zenoh.Sample, int]) -> Message | None:
-        sample, arrived_ns = found
+    def _usual(self, delivered: tuple[zenoh.Sample, int]) -> Message | None:
+        sample, arrived_ns = delivered
         key = str(sample.key_expr)
         row = self._rows.get(key)
         if row is None or row.granted_by is not self.inbound.granted:
@@ -232,10 +232,10 @@ class QueuedReceiver(_ZenohReceiver):
         for _ in range(waiting.qsize() - self.depth):
             waiting.get_nowait()
         try:
-            found = patiently(waiting, timeout) if timeout > 0.0 else waiting.get_nowait()
+            delivered = patiently(waiting, timeout) if timeout > 0.0 else waiting.get_nowait()
         except queue.Empty:
             return None
-        return found if self._stamped else (found, 0)
+        return delivered if self._stamped else (delivered, 0)
 
 
 class PolledReceiver(_ZenohReceiver):
@@ -355,17 +355,17 @@ class ZenohSession(Session):
         root = self._root(heard)
         key = f"{root}{self._user_of(heard)}/{heard}"
         how = (self.inbound, patterns, depth, len(root), self._copies(patterns))
-        found: PolledReceiver | QueuedReceiver
+        receiver: PolledReceiver | QueuedReceiver
         if polled:
-            found = PolledReceiver(*how)
-            found.subscriber = self._zenoh.declare_subscriber(key, zenoh.handlers.RingChannel(depth))
-            self._declared.append(found.subscriber)
+            receiver = PolledReceiver(*how)
+            receiver.subscriber = self._zenoh.declare_subscriber(key, zenoh.handlers.RingChannel(depth))
+            self._declared.append(receiver.subscriber)
         else:
-            found = QueuedReceiver(*how, stamped)
-            handler = zenoh.handlers.Callback(found.take, indirect=False)
+            receiver = QueuedReceiver(*how, stamped)
+            handler = zenoh.handlers.Callback(receiver.take, indirect=False)
             self._declared.append(self._zenoh.declare_subscriber(key, handler))
-        self._receivers.append(found)
-        return found
+        self._receivers.append(receiver)
+        return receiver
 
     def _user_of(self, pattern: str) -> str:
         """The user that publishes on topics of `pattern`, or "*" if unknown; "*" costs 25 us in a round trip."""
@@ -385,33 +385,33 @@ class ZenohSession(Session):
 
     def watch(self, who: str = "*/*") -> Watch:
         """See `Session.watch`."""
-        found = ZenohWatch(self.inbound, len(self._prefix))
+        watcher = ZenohWatch(self.inbound, len(self._prefix))
         self._declared.append(
             self._zenoh.liveliness().declare_subscriber(
-                f"{self._prefix}*/alive/{who}", zenoh.handlers.Callback(found.take, indirect=False), history=True
+                f"{self._prefix}*/alive/{who}", zenoh.handlers.Callback(watcher.take, indirect=False), history=True
             )
         )
-        return found
+        return watcher
 
     def present(self, who: str = "*/*", timeout: float = 2.0) -> set[tuple[str, str]]:
         """See `Session.present`."""
-        found = ZenohWatch(self.inbound, len(self._prefix))
+        watcher = ZenohWatch(self.inbound, len(self._prefix))
         try:
             for reply in self._zenoh.liveliness().get(f"{self._prefix}*/alive/{who}", timeout=timeout):
                 if reply.ok is not None:
-                    found.take(reply.ok)
+                    watcher.take(reply.ok)
         except zenoh.ZError as fault:
             raise BusError(f"the processes of run {self.run} could not be queried: {fault}") from None
-        return found.all_here()
+        return watcher.all_here()
 
     def serve(self, topic: str, answer: Answer) -> Server:
         """See `Session.serve`."""
         self._own(topic)
         key = self._mine + topic
-        found = ZenohServer(self.inbound, answer, key, topic)
-        handler = zenoh.handlers.Callback(found.take, indirect=False)
+        server = ZenohServer(self.inbound, answer, key, topic)
+        handler = zenoh.handlers.Callback(server.take, indirect=False)
         self._declared.append(self._zenoh.declare_queryable(f"{key}/*", handler, complete=True))
-        return found
+        return server
 
     def _ask(self, topic: str, text: bytes, timeout: float) -> tuple[bool, bytes] | None:
         try:
