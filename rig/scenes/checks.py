@@ -35,10 +35,10 @@ def faults(section: CompiledSection) -> Iterator[str]:
     """A compiled controller has the right numbers of sensors and actuators, and answers: the faults, one line each."""
     from rig.controllers.runtime.file import section_faults  # where a scene names a file
 
-    found = section.faults()
-    if not found:  # a crash is that of its helper process
-        found = [f"file: {line}" for line in section_faults(section.model_copy(update={"where": "process"}), {})]
-    yield from found
+    lines = section.faults()
+    if not lines:  # a crash is that of its helper process
+        lines = [f"file: {line}" for line in section_faults(section.model_copy(update={"where": "process"}), {})]
+    yield from lines
 
 
 def units(controllers: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Mapping[str, str]) -> Iterator[Fault]:
@@ -46,7 +46,7 @@ def units(controllers: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Ma
     for name, section in controllers.items():
         if not isinstance(section, CompiledSection):
             continue
-        heard = {sensor: one.unit for sensor, one in sensors.items()}
+        heard = {sensor: instrument.unit for sensor, instrument in sensors.items()}
         both = (("reads", section.connected_sensors, section.used_inputs, heard, "sensor"),
                 ("drives", section.connected_actuators, section.used_outputs, inputs, "actuator"))  # fmt: skip
         for field, names, signals, known, what in both:
@@ -68,10 +68,12 @@ def algebraic_loops(
     for name, section in controllers.items():
         if not isinstance(section, CompiledSection) or section.delay:
             continue
-        heard = {one.name: sensor for one, sensor in zip(section.used_inputs, section.connected_sensors)}
+        heard = {signal.name: sensor for signal, sensor in zip(section.used_inputs, section.connected_sensors)}
         for signal, driven in zip(section.used_outputs, section.connected_actuators):
-            for sensor in (heard[one] for one in signal.direct or () if one in heard):
-                for actuator in (one for one in inputs if _at_once(inputs[one], sensors[sensor], outputs)):
+            for sensor in (heard[input_name] for input_name in signal.direct or () if input_name in heard):
+                for actuator in (
+                    candidate for candidate in inputs if _at_once(inputs[candidate], sensors[sensor], outputs)
+                ):
                     follows.setdefault(actuator, []).append((name, sensor, driven))
 
     def chain(actuator: str, path: tuple[str, ...], seen: frozenset[str]) -> tuple[str, ...]:
@@ -80,18 +82,18 @@ def algebraic_loops(
             here = (*path, sensor, name, driven)
             if driven == path[0]:
                 return here
-            if driven not in seen and (found := chain(driven, here, seen | {driven})):
-                return found
+            if driven not in seen and (way := chain(driven, here, seen | {driven})):
+                return way
         return ()
 
     told: set[str] = set()
     for actuator in follows:
-        found = chain(actuator, (actuator,), frozenset((actuator,)))
-        if found and found[2] not in told:
-            told.update(found[2::3])
-            key = f"controllers.{found[2]}.delay"
+        circle = chain(actuator, (actuator,), frozenset((actuator,)))
+        if circle and circle[2] not in told:
+            told.update(circle[2::3])
+            key = f"controllers.{circle[2]}.delay"
             loop = "each depends at once on the one before it, an algebraic loop; state a delay of at least one frame"
-            yield key, f"{key}: {' -> '.join(found)}: {loop}"
+            yield key, f"{key}: {' -> '.join(circle)}: {loop}"
 
 
 def _at_once(actuator: Any, sensor: Any, outputs: Mapping[str, Any]) -> bool:
@@ -127,21 +129,21 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
 
 def foreign(key: str, section: Any) -> Iterator[Fault]:
     """A foreign sensor or controller declares what it must, and works."""
-    found: list[str] = []
+    lines: list[str] = []
     if hasattr(section, "front_end"):
         file = file_of(sys.modules[type(section).__module__])
         for name in ("delivers", "accepts"):
             if (unit := getattr(section, name, None)) is None:
-                found.append(f"{file}: its class states no `{name}`, a unit")
+                lines.append(f"{file}: its class states no `{name}`, a unit")
             elif fault := unit_fault(unit):
-                found.append(f"{file}: {name} = {fault}")
+                lines.append(f"{file}: {name} = {fault}")
         try:
             with calling(sys.modules[type(section).__module__]):
                 end = section.front_end()
         except PartError as error:
-            found.append(str(error))
+            lines.append(str(error))
         else:
-            found += end.faults() if isinstance(end, FrontEnd) else [f"flawed gives {brief(end)}; expected a FrontEnd"]
+            lines += end.faults() if isinstance(end, FrontEnd) else [f"flawed gives {brief(end)}; expected a FrontEnd"]
     else:
         from rig.controllers.runtime.file import section_faults  # where a scene names a file
 
@@ -150,15 +152,15 @@ def foreign(key: str, section: Any) -> Iterator[Fault]:
             yield from ((f"{key}.{line.partition(':')[0]}", f"{key}.{line}") for line in faults(section))
             return
         if not hasattr(made, "design"):  # one with a design step needs numbers: rig.design tries it
-            found = section_faults(section, {})
+            lines = section_faults(section, {})
         try:
             controller_reads(section), controller_drives(section)
         except PartError as error:
-            found.append(str(error))
+            lines.append(str(error))
         period = getattr(made, "period_ns", None)
         if _whole_ns(period) and period != section.period:
-            found.append(f"it works every {_ms(period)} (Controller.period_ns), not every {_ms(section.period)}")
-    yield from ((key, f"{key}.kind: {line}") for line in found)
+            lines.append(f"it works every {_ms(period)} (Controller.period_ns), not every {_ms(section.period)}")
+    yield from ((key, f"{key}.kind: {line}") for line in lines)
 
 
 def misdeclared(section: BaseModel, key: str) -> Iterator[Fault]:
@@ -292,15 +294,18 @@ def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[Fa
         for inner in flat([step]):
             if not isinstance(inner, Load | Ramp | Set) or inner.target not in inputs:
                 continue
-            one, key = inputs[inner.target], f"protocol[{i}].{inner.step}"
+            actuator, key = inputs[inner.target], f"protocol[{i}].{inner.step}"
             value = inner.force if isinstance(inner, Load) else inner.to
-            if not one.low <= value <= one.high:
-                unit = "" if one.unit == "1" else f" {one.unit}"
-                yield key, f"{key}: {inner.target} takes {one.low:g} to {one.high:g}{unit}, not {value:g}{unit}"
-            if not isinstance(inner, Set) and inner.over and not one.slope and one.write is None:
+            if not actuator.low <= value <= actuator.high:
+                unit = "" if actuator.unit == "1" else f" {actuator.unit}"
+                yield (
+                    key,
+                    f"{key}: {inner.target} takes {actuator.low:g} to {actuator.high:g}{unit}, not {value:g}{unit}",
+                )
+            if not isinstance(inner, Set) and inner.over and not actuator.slope and actuator.write is None:
                 remedy = "set steps, one value after the other"
-                if one.ramped:
-                    remedy += f", or {one.ramped}"
+                if actuator.ramped:
+                    remedy += f", or {actuator.ramped}"
                 yield key, f"{key}: {inner.target} cannot run, every value of it makes new matrices; {remedy}"
 
 

@@ -40,7 +40,7 @@ def draft(base: Scene, based_on: str, file: str) -> str:
 
 def _tables(base: Scene) -> Iterator[list[str]]:
     """The lines of each table."""
-    found: dict[str, list[str]] = {}
+    tables: dict[str, list[str]] = {}
     values = base.values()
     inputs = base.assemble().inputs
     for key in dict.fromkeys((*base.origins, *filter(base.place, values))):
@@ -57,12 +57,12 @@ def _tables(base: Scene) -> Iterator[list[str]]:
         source = _plain(f"{origin.origin}: {origin.note}" if origin.note else origin.origin)
         given = f"{value:g}" if float(f"{value:g}") == value else repr(value)
         given = given if unit == "1" else _text(f"{given} {unit}")
-        found.setdefault(table, []).append(f"# {field} = {given} # {allowed}; {source}")
+        tables.setdefault(table, []).append(f"# {field} = {given} # {allowed}; {source}")
     place = {"": -1, **{table: i for i, table in enumerate(FIRST)}}  # what is in no table stands above all tables
-    order = sorted(found, key=lambda table: place.get(table, len(FIRST)))
+    order = sorted(tables, key=lambda table: place.get(table, len(FIRST)))
     for table in order[:_TABLES]:
         head = [f"[{table}]"] if table else []
-        yield [*head, *found[table][:_VALUES], ""]
+        yield [*head, *tables[table][:_VALUES], ""]
 
 
 def _plain(text: str) -> str:

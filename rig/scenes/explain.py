@@ -58,7 +58,7 @@ def _ends(names: Sequence[str]) -> Iterator[str]:
 
 def _follows(name: str, other: str) -> bool:
     """Whether `other` is `name` with its number counted up."""
-    return _NUMBER.sub(lambda found: str(int(found[0]) + 1), name, count=1) == other
+    return _NUMBER.sub(lambda number: str(int(number[0]) + 1), name, count=1) == other
 
 
 @dataclass(frozen=True)
@@ -138,12 +138,12 @@ def _effects(scene: Scene) -> Iterator[Effect]:
         yield Effect(owner, True, tuple(states), text)
     clamps = {f"{name} limits" for name, *_ in assembly.limiters}
     lacking = {}
-    for one in optional(scene.parameters):
-        if isinstance(one.about, Bound):
-            if one.name not in clamps:
-                lacking[one.name] = one.about.text
-        elif one.name not in owned:
-            yield Effect(one.name, one.given, (), one.about.text)
+    for effect in optional(scene.parameters):
+        if isinstance(effect.about, Bound):
+            if effect.name not in clamps:
+                lacking[effect.name] = effect.about.text
+        elif effect.name not in owned:
+            yield Effect(effect.name, effect.given, (), effect.about.text)
     for name, text in sorted(lacking.items()):
         yield Effect(name, False, (), text)
 

@@ -170,8 +170,10 @@ def inner(annotation: Any, path: Iterable[str]) -> Any:
 
 def shared(first: type[BaseModel], second: type[BaseModel]) -> set[str]:
     """Fields that mean the same in two sections: inherited from a common base, or declared with the same title."""
-    one, other = first.model_fields, second.model_fields
-    alike = {name for name in one.keys() & other.keys() if one[name].title and one[name].title == other[name].title}
+    fields, other = first.model_fields, second.model_fields
+    alike = {
+        name for name in fields.keys() & other.keys() if fields[name].title and fields[name].title == other[name].title
+    }
     bases = [base for base in first.__mro__ if base in second.__mro__ and issubclass(base, BaseModel)]
     common = {name for base in bases for name in base.model_fields}
     own = [name for model in (first, second) for name in _declared(model, bases)]
@@ -191,11 +193,11 @@ def keys(model: Any) -> list[str]:
 
 def members(annotation: Any, tag: str) -> dict[str, type[BaseModel]]:
     """Tag value -> section, for a discriminated union."""
-    found: dict[str, type[BaseModel]] = {}
+    sections: dict[str, type[BaseModel]] = {}
     for model in _models(annotation):
         if tag in model.model_fields:
-            found.update({str(c): model for c in get_args(model.model_fields[tag].annotation)})
-    return found
+            sections.update({str(c): model for c in get_args(model.model_fields[tag].annotation)})
+    return sections
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -79,7 +79,7 @@ class Places:
         whole = key.partition("[")[0]
         for layer in reversed(self._layers):
             if not layer.lines.keys().isdisjoint((whole, f"{whole}[1]")):
-                return next((layer.place(one) for one in (key, f"{key}[1]") if one in layer.lines), None)
+                return next((layer.place(stated) for stated in (key, f"{key}[1]") if stated in layer.lines), None)
         return None
 
     def near(self, key: str) -> Place | None:
@@ -89,9 +89,9 @@ class Places:
         """
         inside = key
         while inside:
-            found = self.of(inside) or self._made(inside) or self._taken(inside)
-            if found is not None:
-                return found
+            place = self.of(inside) or self._made(inside) or self._taken(inside)
+            if place is not None:
+                return place
             inside = inside[: max(inside.rfind("."), inside.rfind("["), 0)]
         return None if "." in key else self.of("plant")
 
@@ -124,15 +124,15 @@ class Places:
 
 def layers(path: Path) -> list[Layer]:
     """The files of a scene, the last base first. Raises SceneError if one of them cannot be read."""
-    first = found = _layer(path, path.parent)
-    chain, seen = [found], [_same(path)]
-    while (base := found.based_on) is not None:
+    first = last = _layer(path, path.parent)
+    chain, seen = [last], [_same(path)]
+    while (base := last.based_on) is not None:
         text = f"based_on = {shown(base)}"
-        place = found.place("based_on")
+        place = last.place("based_on")
         try:
             if not isinstance(base, str):
                 raise SceneError("", ["expected the name of a shipped scene, or the path of a scene file"])
-            at = shipped.path(base, found.path.parent)
+            at = shipped.path(base, last.path.parent)
             if _same(at) in seen:
                 names = [layer.name for layer in chain[seen.index(_same(at)) :]]
                 raise SceneError(
@@ -140,10 +140,10 @@ def layers(path: Path) -> list[Layer]:
                 )
             if len(chain) == _LONGEST:
                 raise SceneError("", [f"more than {_LONGEST} files are based on one another"])
-            found = _layer(at, path.parent)
+            last = _layer(at, path.parent)
         except SceneError as error:
             raise SceneError(str(first.path), [f"{text}: {fault} ({place})" for fault in error.faults]) from None
-        chain.append(found)
+        chain.append(last)
         seen.append(_same(at))
     return chain[::-1]
 
@@ -155,18 +155,18 @@ def cards(folder: Path) -> list[dict[str, Any]]:
     """
     if not folder.is_dir():
         raise SceneError(str(folder), ["is not a folder; rig explain SCENE shows one scene"])
-    found, until = [], time.monotonic() + LONGEST_S
+    rows, until = [], time.monotonic() + LONGEST_S
     for file in sorted(folder.glob("*.toml")):
         try:
             if time.monotonic() > until:
                 raise SceneError(str(file), [f"reading this folder took longer than {LONGEST_S:g} s"])
-            found.append(shipped.card_of(str(file), [(layer.based_on, layer.raw) for layer in layers(file)]))
+            rows.append(shipped.card_of(str(file), [(layer.based_on, layer.raw) for layer in layers(file)]))
         except Exception as error:  # of whatever is in the file: the other rows do not depend on it
             faults = error.faults if isinstance(error, SceneError) else [str(error)]
             title = f"cannot be read: {' '.join('; '.join(faults).split()).removeprefix('cannot be read: ')}"
             row = {"name": str(file), "based_on": None, "plant": None, "title": title, "about": "", "pace_limit": None}
-            found.append(row)
-    return [row for row in found if row["plant"] or row["title"]]
+            rows.append(row)
+    return [row for row in rows if row["plant"] or row["title"]]
 
 
 def _layer(path: Path, folder: Path) -> Layer:
@@ -208,7 +208,7 @@ def lay(
         before = raw.get(name)
         if value == "none":
             if name not in raw:
-                hint = " or ".join(f"{key}.{one}" if key else one for one in close(name, raw))
+                hint = " or ".join(f"{key}.{similar}" if key else similar for similar in close(name, raw))
                 hint = f"; did you mean {hint}?" if hint else ""
                 yield here, f"{here}: is not in the base, so it cannot be removed{hint}"
             raw.pop(name, None)

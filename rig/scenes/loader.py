@@ -106,7 +106,7 @@ class _Reading:
             if parameters is not None and assembly is not None:
                 inputs = assembled(parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
                 self._tables.report(checks.commanded(protocol, inputs))
-                held = {one.part: "held" for one in part_faults.values() if one.part in assembly.inputs}
+                held = {fault.part: "held" for fault in part_faults.values() if fault.part in assembly.inputs}
                 inputs = assembled(parameters, frame_ns, held).inputs if held else assembly.inputs
                 given = raw.get("faults")
                 self._tables.report(part_faults_checks(part_faults, sensors, inputs, plant, frame_ns, given))
@@ -136,12 +136,12 @@ class _Reading:
         self, controllers: Mapping[str, Any], sensors: Mapping[str, Any], parameters: Section | None, frame_ns: int
     ) -> None:
         """Report algebraic loops through compiled controllers."""
-        compiled = {name: one for name, one in controllers.items() if isinstance(one, CompiledSection)}
+        compiled = {name: section for name, section in controllers.items() if isinstance(section, CompiledSection)}
         if not compiled or parameters is None or self._tables.faults:
             return
-        moved = {actuator: "held" for one in compiled.values() for actuator in one.connected_actuators}
+        moved = {actuator: "held" for section in compiled.values() for actuator in section.connected_actuators}
         made = assembled(parameters, frame_ns, moved)
-        inputs = {name: one for name, one in made.inputs.items() if name in moved}
+        inputs = {name: drive for name, drive in made.inputs.items() if name in moved}
         self._tables.report(checks.algebraic_loops(compiled, sensors, made.outputs, inputs))
 
     def _fault(self, key: str, line: str) -> None:
@@ -151,10 +151,10 @@ class _Reading:
         """`raw` as a section; None after reporting its faults."""
         try:
             with calling(sys.modules[model.__module__], ValidationError):
-                found = model.model_validate(raw)
-            wrong = list(checks.misdeclared(found, prefix)) or list(checks.unwritable(found, prefix))
+                section = model.model_validate(raw)
+            wrong = list(checks.misdeclared(section, prefix)) or list(checks.unwritable(section, prefix))
             self._tables.report(wrong)
-            return None if wrong else found
+            return None if wrong else section
         except ValidationError as error:
             self._tables.report(faults.lines(error, model, raw, prefix))
         except PartError as error:  # of a validator in a file
@@ -188,7 +188,7 @@ class _Reading:
             return plant, None
         tables = {key: value for key, value in self._tables.raw.items() if key not in OWN}
         effects = self._effects(model)
-        known = {key: found for key, found in effects.items() if found is not None}
+        known = {key: effect for key, effect in effects.items() if effect is not None}
         for key in known:
             tables[key] = tables[key] | {rooms.EFFECT: rooms.name_of(tables[key][rooms.EFFECT])}
         model = rooms.with_effects(model, known)
@@ -196,8 +196,8 @@ class _Reading:
         self._tables.report((key, _unknown(key, model)) for key in unknown if key not in effects)
         for key in unknown:
             del tables[key]
-        found = self._section(model, "", tables)
-        return rooms.name_of(plant), found if len(known) == len(effects) else None
+        parameters = self._section(model, "", tables)
+        return rooms.name_of(plant), parameters if len(known) == len(effects) else None
 
     def _effects(self, model: type[Section]) -> dict[str, Any]:
         """Table -> section of each effect that the plant, with parameters `model`, does not know."""
@@ -215,12 +215,12 @@ class _Reading:
             self._fault(here, line)
         else:
             try:
-                found = EFFECTS[name]
+                section = EFFECTS[name]
             except PartError as error:
                 self._fault(here, f"{here}: {error}")
                 return None
-            self._alone(here, EFFECTS.what, rooms.name_of(name), found)
-            return found
+            self._alone(here, EFFECTS.what, rooms.name_of(name), section)
+            return section
         return None
 
     def _alone(self, key: str, room: str, name: str, model: type[Any]) -> None:

@@ -43,20 +43,20 @@ class Merged:
         """Tables whose kind changed after the protocol was written -> key of the kind, former kind."""
         for layer in layers:
             self._lay(layer)
-        found: list[source.Fault] = []
-        recast = source.change(self.raw, overrides, self.origins, found)
-        self.report(found)
+        new_faults: list[source.Fault] = []
+        recast = source.change(self.raw, overrides, self.origins, new_faults)
+        self.report(new_faults)
         rooms.anchor(self.raw, Path.cwd())
         self._forget(recast, overrides)
         self.recast |= recast
 
     def _lay(self, layer: inherit.Layer) -> None:
         """Merge a file into those that it is based on."""
-        found: list[source.Fault] = []
+        new_faults: list[source.Fault] = []
         own: dict[str, Origin] = {}
-        tables = source.stripped(layer.raw, own, found)
+        tables = source.stripped(layer.raw, own, new_faults)
         rooms.anchor(tables, layer.path.parent)
-        self.report(found, layer)
+        self.report(new_faults, layer)
         for key in inherit.OWN:
             self.raw.pop(key, None)
         if isinstance(plant := tables.get("plant"), str):
@@ -75,7 +75,7 @@ class Merged:
         if plant == before or not isinstance(before, str) or not {plant, before} <= PLANTS.keys():
             return
         try:
-            now, former = (PLANTS[one].Parameters for one in (plant, before))
+            now, former = (PLANTS[name].Parameters for name in (plant, before))
         except PartError:
             return  # a fault that the loader reports
         kept = {*OWN, *faults.shared(now, former), *rooms.effects_in(self.raw, former)}
@@ -152,9 +152,9 @@ class Merged:
 
         look(self.raw.get("protocol"), "protocol")
 
-    def report(self, found: Iterable[source.Fault], layer: inherit.Layer | None = None) -> None:
+    def report(self, new_faults: Iterable[source.Fault], layer: inherit.Layer | None = None) -> None:
         """Add faults, each with the place of its value. `layer`: the file that has them."""
-        for key, line in found:
+        for key, line in new_faults:
             if len(self.faults) > MOST:  # no reader needs more, and each takes time to be put into words
                 return
             place = layer.place(key) if layer else self.places.near(key)

@@ -42,14 +42,14 @@ def newest() -> int:
 
 def written(raw: dict[str, Any]) -> int:
     """The format that a file states, 1 where it states none. Raises ValueError for a format that is not known."""
-    found = raw.get("format", 1)
-    if isinstance(found, bool) or not isinstance(found, int) or found < 1:
-        raise ValueError(f"format = {brief(found)}: expected a whole number; this version {_READS} {newest()}")
-    if found > newest():
+    stated = raw.get("format", 1)
+    if isinstance(stated, bool) or not isinstance(stated, int) or stated < 1:
+        raise ValueError(f"format = {brief(stated)}: expected a whole number; this version {_READS} {newest()}")
+    if stated > newest():
         raise ValueError(
-            f"format = {brief(found)}: this version of friction-rig {_READS} {newest()}; install a newer version"
+            f"format = {brief(stated)}: this version of friction-rig {_READS} {newest()}; install a newer version"
         )
-    return found
+    return stated
 
 
 def called(key: str, since: int) -> str:
@@ -77,17 +77,17 @@ def migrated(raw: Any, since: int, key: str = "") -> Any:
     Raises ValueError where the file gives a key by its former name and by its newest one.
     """
     if isinstance(raw, dict):
-        found: dict[str, Any] = {}
+        tables: dict[str, Any] = {}
         given: dict[str, str] = {}
         for name, value in raw.items():
             inside = f"{key}.{name}" if key else name
             now = _last(called(inside, since))
-            if now in found:
+            if now in tables:
                 raise ValueError(f"{given[now]} and {inside} are one key since format {newest()}; remove one of them")
-            found[now], given[now] = migrated(value, since, inside), inside
-        return found
+            tables[now], given[now] = migrated(value, since, inside), inside
+        return tables
     if isinstance(raw, list):
-        return [migrated(one, since, f"{key}[{i}]") for i, one in enumerate(raw, 1)]
+        return [migrated(entry, since, f"{key}[{i}]") for i, entry in enumerate(raw, 1)]
     return raw
 
 
@@ -109,12 +109,12 @@ def rewritten(text: str) -> tuple[str, list[str]]:
     if since == newest():
         return text, []
     migrated(raw, since)
-    found = parts(text)
+    key_parts = parts(text)
     edits = [
-        (part.begin, part.end, now) for part in found if (now := _last(called(part.key, since))) != _last(part.key)
+        (part.begin, part.end, now) for part in key_parts if (now := _last(called(part.key, since))) != _last(part.key)
     ]
-    renames = renamed((part.key for part in found), since)
-    stated = [_NUMBER.match(text, part.end) for part in found if part.key == "format"]
+    renames = renamed((part.key for part in key_parts), since)
+    stated = [_NUMBER.match(text, part.end) for part in key_parts if part.key == "format"]
     edits += [(*number.span(1), str(newest())) for number in stated if number is not None]
     for begin, end, now in sorted(edits, reverse=True):
         text = text[:begin] + now + text[end:]

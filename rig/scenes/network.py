@@ -104,20 +104,20 @@ def keys(texts: Iterable[str], given: Iterable[str] = ()) -> dict[str, str]:
     Values and names are checked when the scene is loaded. Raises UsageError with all faults of the texts, each with
     its column.
     """
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     faults: list[str] = []
     for text in texts:
         for column, key, value in _read(text):
             if not key:
                 faults.append(f'--net "{text}", column {column}: {value}')
-            elif found.get(key, value) != value:
-                faults.append(f'--net "{text}", column {column}: {key} is given twice, as {found[key]} and as {value}')
+            elif values.get(key, value) != value:
+                faults.append(f'--net "{text}", column {column}: {key} is given twice, as {values[key]} and as {value}')
             else:
-                found[key] = value
-    faults += [f"--net and -p: both give {key}; leave out one of them" for key in given if key in found]
+                values[key] = value
+    faults += [f"--net and -p: both give {key}; leave out one of them" for key in given if key in values]
     if faults:
         raise UsageError("\n".join([*faults, f'expected e.g. --net "{EXAMPLE}"']))
-    return found
+    return values
 
 
 def _read(text: str) -> Iterator[tuple[int, str, str]]:
@@ -170,11 +170,11 @@ def _value(room: str, name: str, word: str, value: str, last: bool) -> tuple[str
 
 def described(link: Mapping[str, object]) -> str:
     """A link in the words of --net. `link`: its values in SI."""
-    found = []
+    words = []
     for word in ("delay", "jitter"):
         if link.get(word):
-            found.append(f"{word} {float(link[word]) * 1e3:g} ms")  # type: ignore[arg-type]
+            words.append(f"{word} {float(link[word]) * 1e3:g} ms")  # type: ignore[arg-type]
     for word in ("loss", "duplicate"):
         if link.get(word):
-            found.append(f"{word} {float(link[word]) * 1e2:g} %")  # type: ignore[arg-type]
-    return ", ".join([*found, *(["reorder"] if link.get("reorder") else [])]) or "perfect"
+            words.append(f"{word} {float(link[word]) * 1e2:g} %")  # type: ignore[arg-type]
+    return ", ".join([*words, *(["reorder"] if link.get("reorder") else [])]) or "perfect"

@@ -131,16 +131,16 @@ PART_FAULTS: TypeAdapter[dict[str, PartFault]] = TypeAdapter(dict[str, PartFault
 def faults_of(tables: Merged, names: Known) -> dict[str, PartFault]:
     """The faults of sensors and actuators by name; those that are right if others are not."""
     raw = tables.raw.get("faults", {})
-    found: dict[str, PartFault] = {}
+    faults: dict[str, PartFault] = {}
     if not isinstance(raw, dict):
         tables.report([("faults", f"faults = {shown(raw)}: expected tables [faults.NAME]")])
         return {}
     for name, table in raw.items():
         try:
-            found |= PART_FAULTS.validate_python({name: table}, context=names)
+            faults |= PART_FAULTS.validate_python({name: table}, context=names)
         except ValidationError as error:
             tables.report(lines(error, dict[str, PartFault], {name: table}, "faults"))
-    return found
+    return faults
 
 
 def per_second(unit: str) -> str:
@@ -164,13 +164,18 @@ def described(fault: Any, unit: str) -> str:
 
 
 def checks(
-    found: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Mapping[str, Any], plant: str, frame_ns: int, raw: Any
+    part_faults: Mapping[str, Any],
+    sensors: Mapping[str, Any],
+    inputs: Mapping[str, Any],
+    plant: str,
+    frame_ns: int,
+    raw: Any,
 ) -> Iterator[Line]:
     """(dotted key, line) for unknown parts, times between frames, actuators without a state, contradictions.
 
     `inputs`: the actuators of the rig with the states that faulty ones need. `raw`: the table as it was given.
     """
-    for name, fault in found.items():
+    for name, fault in part_faults.items():
         key, given = f"faults.{name}", raw[name] if isinstance(raw, Mapping) else {}
         if isinstance(fault, SensorFault):
             if fault.sensor not in sensors:
@@ -186,11 +191,11 @@ def checks(
             if value := getattr(fault, field):
                 text = shown(given.get(field, f"{value / 1e9:g} s"))
                 yield from whole_frames(f"{key}.{field}", text, value, frame_ns, field == "at")
-    for (one, first), (other, second) in combinations(found.items(), 2):
+    for (name, first), (other, second) in combinations(part_faults.items(), 2):
         begin = max(first.at, second.at)
         if first.part == second.part and all(begin < _last(fault) for fault in (first, second)):
             where = f"both act on {first.part} at {begin / 1e9:g} s; one fault at a time is possible"
-            yield f"faults.{other}", f"faults.{one} and faults.{other}: {where}: end one before, with duration"
+            yield f"faults.{other}", f"faults.{name} and faults.{other}: {where}: end one before, with duration"
 
 
 def _last(fault: Any) -> float:

@@ -78,8 +78,8 @@ class _Text:
 
     def _blank(self, at: int) -> int:
         """The end of blanks, line ends and comments."""
-        found = _BLANK.match(self._text, at)
-        return found.end() if found else at
+        blank = _BLANK.match(self._text, at)
+        return blank.end() if blank else at
 
     def _inline(self, at: int) -> int:
         while self._text[at] in " \t":
@@ -123,8 +123,8 @@ class _Text:
     def _value(self, at: int, key: str) -> int:
         first = self._text[at]
         if first not in "[{":
-            found = _VALUE.match(self._text, at)
-            return found.end() if found else at + 1
+            literal = _VALUE.match(self._text, at)
+            return literal.end() if literal else at + 1
         at, entry = self._blank(at + 1), 0
         while self._text[at] not in "]}":
             if first == "{":

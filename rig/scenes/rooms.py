@@ -30,7 +30,7 @@ EFFECT = "effect"
 def effects_in(tables: Mapping[str, Any], model: type[Section]) -> dict[str, Any]:
     """Tables of a scene that name an effect which its plant, with parameters `model`, does not know -> its name."""
     strange = {key: table for key, table in tables.items() if key not in model.model_fields}
-    return {key: one[EFFECT] for key, one in strange.items() if isinstance(one, Mapping) and EFFECT in one}
+    return {key: table[EFFECT] for key, table in strange.items() if isinstance(table, Mapping) and EFFECT in table}
 
 
 def with_effects(model: type[Section], effects: Mapping[str, type[Section]]) -> type[Section]:
@@ -50,7 +50,10 @@ def anchor(tables: dict[str, Any], folder: Path) -> None:
         if isinstance(table, dict):
             inner = table.values() if key in (SENSORS.what, CONTROLLERS.what) else ()
             files = ("kind", FILE)
-            named += [(table, EFFECT), *((one, name) for one in inner if isinstance(one, dict) for name in files)]
+            named += [
+                (table, EFFECT),
+                *((section, name) for section in inner if isinstance(section, dict) for name in files),
+            ]
     for table, key in named:
         if isinstance(text := table.get(key), str) and (is_file(text) or key == FILE):
             table[key] = os.path.abspath(folder / text)
@@ -112,9 +115,9 @@ def _sound(part: ModuleType, made: Assembly, outputs: Mapping[str, Output]) -> N
     """Raise PartError for a rig that a foreign part describes wrongly. `outputs`: those that were there before."""
     if code_of(part) is None:
         return
-    found = [f"the rig has an output {name!r} already" for name in outputs if made.outputs.get(name) != outputs[name]]
-    if found := [*found, *row_checks.faults(made)]:
-        raise PartError(f"{file_of(part)}: {'; '.join(found)}")
+    lines = [f"the rig has an output {name!r} already" for name in outputs if made.outputs.get(name) != outputs[name]]
+    if lines := [*lines, *row_checks.faults(made)]:
+        raise PartError(f"{file_of(part)}: {'; '.join(lines)}")
 
 
 def foreign(
@@ -125,8 +128,8 @@ def foreign(
     rows += [(EFFECTS.what, getattr(section, EFFECT, ""), section) for section, _ in on_any_plant(parameters)]
     rows += [(SENSORS.what, section.kind, section) for section in sensors]
     rows += [(CONTROLLERS.what, section.kind, section) for section in controllers]
-    found = {(what, name): code for what, name, section in rows if (code := code_of(type(section))) is not None}
-    return [{"part": what, "name": name, **code.to_json()} for (what, name), code in found.items()]
+    codes = {(what, name): code for what, name, section in rows if (code := code_of(type(section))) is not None}
+    return [{"part": what, "name": name, **code.to_json()} for (what, name), code in codes.items()]
 
 
 def given(raw: Mapping[str, Any]) -> Parts:

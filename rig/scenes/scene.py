@@ -142,16 +142,16 @@ class Scene(Result):
 
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
-        found = dict(values_of(self.parameters))
-        found |= values_of(self.clock, "clock")
+        values_in_si = dict(values_of(self.parameters))
+        values_in_si |= values_of(self.clock, "clock")
         for name, section in self.sensors.items():
-            found |= values_of(section, f"sensors.{name}")
+            values_in_si |= values_of(section, f"sensors.{name}")
         for name, section in self.controllers.items():
-            found |= values_of(section, f"controllers.{name}")
-        found |= values_of(self.network, "network")
+            values_in_si |= values_of(section, f"controllers.{name}")
+        values_in_si |= values_of(self.network, "network")
         for name, fault in self.faults.items():
-            found |= values_of(fault, f"faults.{name}")
-        return found
+            values_in_si |= values_of(fault, f"faults.{name}")
+        return values_in_si
 
     def text(self) -> str:
         """Return every value with its unit and origin, as text."""

@@ -64,10 +64,10 @@ def field_of(section: Any, key: str) -> FieldInfo | None:
 def range_of(section: Any, key: str) -> Range | None:
     """The range of the quantity with this dotted key in a section; None if it is not a quantity."""
     info = field_of(section, key)
-    found = list(metadata(info.annotation, info.metadata)) if info is not None else []
-    if not any(isinstance(one, Unit) for one in found):
+    declared = list(metadata(info.annotation, info.metadata)) if info is not None else []
+    if not any(isinstance(entry, Unit) for entry in declared):
         return None
-    return next((one for one in found if isinstance(one, Range)), None)
+    return next((entry for entry in declared if isinstance(entry, Range)), None)
 
 
 def metadata(annotation: Any, own: Any = ()) -> Iterator[Any]:
@@ -77,8 +77,8 @@ def metadata(annotation: Any, own: Any = ()) -> Iterator[Any]:
     if get_origin(annotation) is Annotated:
         yield from inside[1:]
         inside = inside[:1]
-    for one in inside:
-        yield from metadata(one)
+    for member in inside:
+        yield from metadata(member)
 
 
 def sensors_in_full(controllers: Mapping[str, Any]) -> set[str]:
@@ -104,20 +104,20 @@ def known(assembly: Any, parameters: Section, sensors: Mapping[str, Any], contro
 
 def text(tables: Merged, key: str, default: str) -> str:
     """The title, or the description."""
-    found = tables.raw.get(key, default)
-    if not isinstance(found, str):
-        _fault(tables, key, f"{key} = {faults.shown(found)}: expected a text")
+    value = tables.raw.get(key, default)
+    if not isinstance(value, str):
+        _fault(tables, key, f"{key} = {faults.shown(value)}: expected a text")
         return ""
-    return found
+    return value
 
 
 def seed(tables: Merged) -> int:
     """The seed of noise; 0 by default."""
-    found = tables.raw.get("seed", 0)
-    if isinstance(found, bool) or not isinstance(found, int) or found < 0:
-        _fault(tables, "seed", f"seed = {faults.shown(found)}: expected a whole number, at least 0")
+    value = tables.raw.get("seed", 0)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        _fault(tables, "seed", f"seed = {faults.shown(value)}: expected a whole number, at least 0")
         return 0
-    return found
+    return value
 
 
 def limits(tables: Merged, assembly: Any) -> dict[str, float]:
@@ -191,12 +191,12 @@ def changes(files: Mapping[str, str | Path]) -> dict[str, object]:
     A Python file is a kind of its own; the suffix of any other file selects the kind that reads it. A controller of the
     scene with the same name is replaced. Raises UsageError for a file that is not there or that no kind reads.
     """
-    found: dict[str, object] = {}
+    added: dict[str, object] = {}
     for name, file in files.items():
         if not Path(file).is_file():
             raise UsageError(f"controller {name}: there is no file {file}")
         if is_file(str(file)):
-            found[f"controllers.{name}.kind"] = str(file)
+            added[f"controllers.{name}.kind"] = str(file)
         else:
-            found |= {f"controllers.{name}.kind": kind_of_file(Path(file)), f"controllers.{name}.file": str(file)}
-    return found
+            added |= {f"controllers.{name}.kind": kind_of_file(Path(file)), f"controllers.{name}.file": str(file)}
+    return added

@@ -102,8 +102,8 @@ def _tables(name: str) -> list[tuple[str | None, dict[str, Any]]]:
 def plant(name: str) -> str:
     """The plant of a shipped scene, without parsing the rest of the file."""
     text = _text(name)
-    if found := _PLANT.search(text):
-        return found[1]
+    if stated := _PLANT.search(text):
+        return stated[1]
     base = _BASE.search(text)
     assert base is not None
     return plant(base[1])

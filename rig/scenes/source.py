@@ -74,7 +74,7 @@ def toml(text: str) -> dict[str, Any]:
 def parsed(path: Path, text: str) -> dict[str, Any]:
     """The tables of a TOML text. Raises SceneError with line and column of a syntax error."""
     try:
-        found = toml(text)
+        tables = toml(text)
     except RecursionError:
         raise SceneError(str(path), [f"tables or lists are nested more than {_DEEPEST} deep"]) from None
     except tomllib.TOMLDecodeError as error:
@@ -90,9 +90,9 @@ def parsed(path: Path, text: str) -> dict[str, Any]:
         raise SceneError(str(path), [f"line {line}, column {column}: {what[:1].lower()}{what[1:]}"]) from None
     except ValueError:  # of Python, which reads no whole number of more than 4300 digits
         raise SceneError(str(path), [f"holds a whole number of more than {_DIGITS} digits"]) from None
-    if faults := list(beyond(found)):
+    if faults := list(beyond(tables)):
         raise SceneError(str(path), faults)
-    return found
+    return tables
 
 
 def beyond(raw: Any, key: str = "") -> Iterator[str]:
@@ -106,9 +106,9 @@ def beyond(raw: Any, key: str = "") -> Iterator[str]:
             yield f"{shown(key)}: tables or lists are nested more than {_DEEPEST} deep"
             return
         elif isinstance(value, Mapping):
-            inside += [(f"{key}.{name}" if key else str(name), one, depth + 1) for name, one in value.items()]
+            inside += [(f"{key}.{name}" if key else str(name), inner, depth + 1) for name, inner in value.items()]
         elif isinstance(value, list | tuple):
-            inside += [(f"{key}[{i}]", one, depth + 1) for i, one in enumerate(value, 1)]
+            inside += [(f"{key}[{i}]", inner, depth + 1) for i, inner in enumerate(value, 1)]
 
 
 def dotted(raw: Mapping[str, Any], key: str = "") -> Iterator[tuple[str, Any]]:
@@ -195,10 +195,10 @@ def _read(value: object) -> Any:
     if text == "none":
         return None
     try:
-        found = toml(f"value = {text}")["value"]
+        literal = toml(f"value = {text}")["value"]
     except (ValueError, RecursionError, KeyError):  # no value of TOML, or none that can be read
         return text
-    return found if isinstance(found, bool | int | float | str | list) else text
+    return literal if isinstance(literal, bool | int | float | str | list) else text
 
 
 def at(raw: dict[str, Any], parents: list[str]) -> dict[str, Any] | None:

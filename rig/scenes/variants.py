@@ -64,23 +64,25 @@ def about(section: BaseModel, effect: str) -> str:
 
 def declared(section: BaseModel) -> dict[str, About]:
     """What each effect that a plant with these parameters may be with or without declares."""
-    return {one.name: one.about for one in optional(section)}
+    return {effect.name: effect.about for effect in optional(section)}
 
 
 def switches(section: BaseModel) -> list[str]:
     """Inputs that switch the effects of a plant with these parameters on and off: `shunt.connected`."""
-    return [f"{one.key}.{one.about.switch}" for one in optional(section) if one.given and one.about.switch]
+    return [
+        f"{effect.key}.{effect.about.switch}" for effect in optional(section) if effect.given and effect.about.switch
+    ]
 
 
 @cache
 def _fields(section: Any) -> dict[str, tuple[About | None, bool]]:
     """Of each field: what it declares, whether it may be left out."""
-    found = {}
+    fields = {}
     for name, info in section.model_fields.items():
-        own = next((one for one in info.metadata if isinstance(one, About)), None)
+        own = next((declaration for declaration in info.metadata if isinstance(declaration, About)), None)
         kinds = (kind.declares for kind in _sections(info.annotation))
-        found[name] = own or next(kinds, None), _may_be_none(info.annotation)
-    return found
+        fields[name] = own or next(kinds, None), _may_be_none(info.annotation)
+    return fields
 
 
 def _sections(annotation: Any) -> Iterator[Any]:
@@ -112,11 +114,11 @@ def absent(scene: Scene) -> dict[str, Keys]:
 
 
 def _named(scene: Scene, on: bool) -> dict[str, Keys]:
-    found: dict[str, Keys] = {}
-    for one in optional(scene.parameters):
-        if one.given == on:
-            found.setdefault(one.name, []).append(one.key)
-    return found
+    keys: dict[str, Keys] = {}
+    for effect in optional(scene.parameters):
+        if effect.given == on:
+            keys.setdefault(effect.name, []).append(effect.key)
+    return keys
 
 
 def opened(scene: Scene) -> dict[str, str]:
@@ -165,7 +167,7 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
         values = {key: _at_work(key, value, closing) for key in keys if (value := _at(raw, key)) is not None}
         if values:
             yield values, other.name
-    bounds = {one.key: one.about for one in optional(scene.parameters) if isinstance(one.about, Bound)}
+    bounds = {effect.key: effect.about for effect in optional(scene.parameters) if isinstance(effect.about, Bound)}
     if of_others and bounds.keys() >= set(keys):
         raw = scene.parameters.model_dump()
         limited = {key: f"{key.rpartition('.')[0]}.{bounds[key].of}" for key in keys}
@@ -205,7 +207,7 @@ def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
 
 def _at_work(key: str, value: Any, closing: Sequence[str]) -> Any:
     """The table of `key`, that its scene switches on later by one of `closing`, switched on."""
-    own = [switch for table, _, switch in (one.rpartition(".") for one in closing) if table == key]
+    own = [switch for table, _, switch in (dotted.rpartition(".") for dotted in closing) if table == key]
     off = [switch for switch in own if value.get(switch) is False]
     return {**value, **dict.fromkeys(off, True)} if off else value
 
