@@ -82,8 +82,8 @@ class Comparison:
     @property
     def differences(self) -> tuple[Difference, ...]:
         """The channels with a difference, those that differ first in time before others."""
-        found = (one for one in self.signals if one.differing or any(one.alone))
-        return tuple(sorted(found, key=lambda one: one.time))
+        differing = (signal for signal in self.signals if signal.differing or any(signal.alone))
+        return tuple(sorted(differing, key=lambda signal: signal.time))
 
     @property
     def identical(self) -> bool:
@@ -93,11 +93,11 @@ class Comparison:
     @property
     def agree(self) -> bool:
         """Whether both runs agree at all common instants: one may only have samples between those of the other."""
-        return not self.missing and all(one.equal for one in self.signals)
+        return not self.missing and all(signal.equal for signal in self.signals)
 
     def within(self, tolerance: float) -> bool:
         """Whether both runs have the same channels, and no deviation exceeds `tolerance` (a share of the range)."""
-        return not self.missing and all(one.within(tolerance) for one in self.signals)
+        return not self.missing and all(signal.within(tolerance) for signal in self.signals)
 
 
 class Series(NamedTuple):
@@ -109,9 +109,17 @@ class Series(NamedTuple):
 
 def compare(first: Run | Path, second: Run | Path, begin: float = 0.0, end: float = math.inf) -> Comparison:
     """Compare two runs, or recordings of runs, channel by channel, from `begin` to `end` [s]."""
-    one, two = (dict(_series(run if isinstance(run, Run) else read(run), begin, end)) for run in (first, second))
-    found = tuple(_first(topic, one[topic], two[topic]) for topic in one if topic in two)
-    return Comparison(sum(one.shared for one in found), found, tuple(sorted(one.keys() ^ two.keys())))
+    first_series, second_series = (
+        dict(_series(run if isinstance(run, Run) else read(run), begin, end)) for run in (first, second)
+    )
+    differences = tuple(
+        _first(topic, first_series[topic], second_series[topic]) for topic in first_series if topic in second_series
+    )
+    return Comparison(
+        sum(difference.shared for difference in differences),
+        differences,
+        tuple(sorted(first_series.keys() ^ second_series.keys())),
+    )
 
 
 def series_of(run: Run, begin: float, end: float) -> dict[str, Series]:
@@ -120,9 +128,9 @@ def series_of(run: Run, begin: float, end: float) -> dict[str, Series]:
 
 
 def _series(run: Run, begin: float, end: float) -> Iterator[tuple[str, Series]]:
-    for topic, found in _whole(run):
-        here = (found.t_ns >= begin * 1e9 - 0.5) & (found.t_ns <= end * 1e9 + 0.5)
-        yield topic, found if here.all() else Series(found.t_ns[here], found.values[here])
+    for topic, series in _whole(run):
+        here = (series.t_ns >= begin * 1e9 - 0.5) & (series.t_ns <= end * 1e9 + 0.5)
+        yield topic, series if here.all() else Series(series.t_ns[here], series.values[here])
 
 
 def _whole(run: Run) -> Iterator[tuple[str, Series]]:
@@ -138,39 +146,39 @@ def _whole(run: Run) -> Iterator[tuple[str, Series]]:
             )
 
 
-def _first(topic: str, one: Series, two: Series) -> Difference:
+def _first(topic: str, of_first: Series, of_second: Series) -> Difference:
     """The first difference at a common instant; else the first instant that only one run has."""
-    shared, at_one, at_two = np.intersect1d(one.t_ns, two.t_ns, return_indices=True)
-    apart = _raw(one.values[at_one]) != _raw(two.values[at_two])
-    deviation, worst = _deviation(one.values[at_one], two.values[at_two], apart)
-    alone = (one.values.size - shared.size, two.values.size - shared.size)
+    shared, at_one, at_two = np.intersect1d(of_first.t_ns, of_second.t_ns, return_indices=True)
+    apart = _raw(of_first.values[at_one]) != _raw(of_second.values[at_two])
+    deviation, worst = _deviation(of_first.values[at_one], of_second.values[at_two], apart)
+    alone = (of_first.values.size - shared.size, of_second.values.size - shared.size)
     span = (shared[0], shared[-1]) if shared.size else (1, 0)
-    beyond = sum(int(np.count_nonzero((t_ns < span[0]) | (t_ns > span[1]))) for t_ns in (one.t_ns, two.t_ns))
+    beyond = sum(int(np.count_nonzero((t_ns < span[0]) | (t_ns > span[1]))) for t_ns in (of_first.t_ns, of_second.t_ns))
     away = (deviation, float(shared[worst]) * 1e-9 if shared.size else math.nan)
     counts = (int(shared.size), int(np.count_nonzero(apart)), alone, beyond, *away)
     if apart.any():
         row = int(np.argmax(apart))
-        first, second = float(one.values[at_one[row]]), float(two.values[at_two[row]])
+        first, second = float(of_first.values[at_one[row]]), float(of_second.values[at_two[row]])
         return Difference(topic, int(at_one[row]), float(shared[row]) * 1e-9, first, second, *counts)
     lone = [
         (int(t_ns[i]), int(i), which)
-        for which, (t_ns, at) in enumerate(((one.t_ns, at_one), (two.t_ns, at_two)))
+        for which, (t_ns, at) in enumerate(((of_first.t_ns, at_one), (of_second.t_ns, at_two)))
         if (i := _left_out(at, t_ns.size)) < t_ns.size
     ]
     t_ns, index, which = min(lone, default=(0, 0, 0))
     values = [float("nan"), float("nan")]
     if lone:
-        values[which] = float((one, two)[which].values[index])
+        values[which] = float((of_first, of_second)[which].values[index])
     return Difference(topic, index, t_ns * 1e-9, values[0], values[1], *counts)
 
 
-def _deviation(one: Reals, two: Reals, apart: NDArray[np.bool_]) -> tuple[float, int]:
-    """The largest deviation as a share of the range of `one` (of its size, if it is constant), and its index."""
+def _deviation(reference: Reals, other: Reals, apart: NDArray[np.bool_]) -> tuple[float, int]:
+    """The largest deviation as a share of the range of `reference` (of its size, if it is constant), and its index."""
     if not apart.any():
         return 0.0, 0
-    away = np.where(apart, np.abs(one - two), 0.0)
+    away = np.where(apart, np.abs(reference - other), 0.0)
     away[apart & ~np.isfinite(away)] = np.inf
-    known = one[np.isfinite(one)]
+    known = reference[np.isfinite(reference)]
     scale = float(np.ptp(known) or np.abs(known).max()) if known.size else 0.0
     worst = int(np.argmax(away))
     return float(away[worst]) / scale if scale and away[worst] else float(away[worst] and np.inf), worst

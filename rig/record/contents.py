@@ -48,8 +48,8 @@ def held(run: RunData, actuator: str) -> Samples:
     for name, driven in actuators(run).items():
         if actuator not in driven:
             continue
-        found = run.commands[name]
-        parts.append((found.tick, found.values[:, driven.index(actuator)]))
+        commands = run.commands[name]
+        parts.append((commands.tick, commands.values[:, driven.index(actuator)]))
         ends = [e["tick"] for e in run.plant_events if e["kind"] in _ENDS and e["data"].get("controller") == name]
         parts.append((np.array(ends, np.int64), np.full(len(ends), np.nan)))
     tick, values = (np.concatenate(part) for part in zip(*parts))
@@ -68,10 +68,10 @@ def actuators(run: RunData) -> dict[str, tuple[str, ...]]:
     scene = read(run.scene)
     if scene is None:
         return {}
-    found = {name: controller_drives(section) for name, section in scene.controllers.items()}
+    drives = {name: controller_drives(section) for name, section in scene.controllers.items()}
     guests = [e["data"] for e in run.plant_events if e["kind"] == "admitted"]
-    found |= {data["controller"]: tuple(data["drives"]) for data in guests}
-    return {name: driven for name, driven in found.items() if name in run.commands and run.commands[name].tick.size
+    drives |= {data["controller"]: tuple(data["drives"]) for data in guests}
+    return {name: driven for name, driven in drives.items() if name in run.commands and run.commands[name].tick.size
             and run.commands[name].values.shape[1] == len(driven)}  # fmt: skip
 
 
@@ -147,8 +147,10 @@ def _contents(path: Path, file: BinaryIO) -> Contents:
             raise LogError(f"{path} is an MCAP file of another program (profile {profile!r}), not of friction-rig")
         if summary is None or summary.statistics is None:
             raise LogError(f"{path} has no index; rig recover writes one")
-        noted = {one.name: one.metadata for one in log.iter_metadata()}
-        scene = next((one.data for one in log.iter_attachments() if one.name == "scene.json"), b"{}")
+        noted = {record.name: record.metadata for record in log.iter_metadata()}
+        scene = next(
+            (attachment.data for attachment in log.iter_attachments() if attachment.name == "scene.json"), b"{}"
+        )
     except (McapError, OSError, ValueError, EOFError, MemoryError, struct.error) as fault:
         raise LogError(f"{path} is cut off or damaged: {fault or type(fault).__name__}") from None
     refuse_newer(path, noted.get("log", {}))

@@ -125,8 +125,8 @@ class _Window:
             t_ns, v = t_ns[~lost], v[~lost]
         if v.size:
             rows = {int(v.argmin()), int(v.argmax())}
-            found = [*self._extremes, *((int(t_ns[row]), float(v[row])) for row in sorted(rows))]
-            self._extremes = [min(found, key=_value), max(found, key=_value)]
+            extremes = [*self._extremes, *((int(t_ns[row]), float(v[row])) for row in sorted(rows))]
+            self._extremes = [min(extremes, key=_value), max(extremes, key=_value)]
 
     def points(self, curve: str) -> Iterator[Point]:
         for t_ns, value in sorted(set(self._extremes)):
@@ -141,8 +141,8 @@ def schema(topic: str) -> tuple[str, str, bytes, str]:
     """Schema of a derived topic: its name, its encoding and its text, and the encoding of the messages."""
     if topic.startswith("log/"):
         described = descriptor_pb2.FileDescriptorSet()
-        for one in (timestamp_pb2.DESCRIPTOR, _log().DESCRIPTOR.file):
-            one.CopyToProto(described.file.add())
+        for file in (timestamp_pb2.DESCRIPTOR, _log().DESCRIPTOR.file):
+            file.CopyToProto(described.file.add())
         return "foxglove.Log", SchemaEncoding.Protobuf, described.SerializeToString(), MessageEncoding.Protobuf
     return "std_msgs/msg/Float64MultiArray", SchemaEncoding.ROS2, SCHEMA.encode(), MessageEncoding.CDR
 

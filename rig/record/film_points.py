@@ -30,10 +30,10 @@ class Points(FilmPoints):
     @classmethod
     def of(cls, scene: Scene) -> Self | None:
         """Return the points of a scene's film; None if it has no film, or a bonded one."""
-        found: FilmPoints | None = getattr(scene.parameters, "film_points", None)
-        if found is None:
+        points: FilmPoints | None = getattr(scene.parameters, "film_points", None)
+        if points is None:
             return None
-        return cls(found.length, found.width, found.along, found.across, largest_load(scene))
+        return cls(points.length, points.width, points.along, points.across, largest_load(scene))
 
     @property
     def scale(self) -> float:
@@ -52,8 +52,8 @@ def read(scene: str) -> Scene | None:
 
 def points_of(scene: str) -> Points | None:
     """Return the points of a scene given as JSON text; None if it has none, or the text is not a scene."""
-    found = read(scene)
-    return Points.of(found) if found else None
+    described = read(scene)
+    return Points.of(described) if described else None
 
 
 def largest_load(scene: Scene) -> float:
@@ -61,16 +61,16 @@ def largest_load(scene: Scene) -> float:
     steps = list(flat(scene.protocol))
     loads = [step.force for step in steps if isinstance(step, Load)]
     loads += [step.to for step in steps if isinstance(step, Ramp | Set) and step.target == "load.force"]
-    found: float = max([float(getattr(getattr(scene.parameters, "load", None), "force", 0.0)), *loads])
-    return found
+    largest: float = max([float(getattr(getattr(scene.parameters, "load", None), "force", 0.0)), *loads])
+    return largest
 
 
 def grouped(names: Iterable[str]) -> dict[str, list[str]]:
     """Group names: those of one quantity at many points (`pressure_3_2`) under their common part (`pressure`)."""
-    found: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for name in names:
-        found.setdefault(_PLACE.sub("", name), []).append(name)
-    return found
+        groups.setdefault(_PLACE.sub("", name), []).append(name)
+    return groups
 
 
 def numbered(names: Iterable[str]) -> dict[str, list[str]]:
@@ -80,11 +80,11 @@ def numbered(names: Iterable[str]) -> dict[str, list[str]]:
 
 def listed(names: Mapping[str, str]) -> list[str]:
     """List names with their units [name -> unit] as text; one quantity at many points is one entry."""
-    crowds = {one: members for members in numbered(names).values() for one in members}
-    found = []
+    crowds = {member: members for members in numbered(names).values() for member in members}
+    entries = []
     for name, unit in names.items():
         members = crowds.get(name, [name])
         if name == members[0]:
             through = f" to {members[-1]}" if len(members) > 1 else ""
-            found.append(f"{name}{through} [{unit}]" if unit else name + through)
-    return found
+            entries.append(f"{name}{through} [{unit}]" if unit else name + through)
+    return entries

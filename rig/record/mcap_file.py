@@ -150,8 +150,8 @@ class Messages(NamedTuple):
         """Simulated time [ns], and the wall clock at reception [ns since 1970, UTC], of each message."""
         log, published = self.head["log"], self.head["published"]
         former = log >= _WALL_NS
-        found = np.where(former, published, log), np.where(former, log, published)
-        return found[0].astype(np.int64), found[1].astype(np.int64)
+        stamps = np.where(former, published, log), np.where(former, log, published)
+        return stamps[0].astype(np.int64), stamps[1].astype(np.int64)
 
     def payload(self, number: int) -> bytes:
         """The payload of one message."""
@@ -271,11 +271,11 @@ class _Stream(ReadDataStream):
         self._raw, self._count = raw, 0
 
     def read(self, length: int) -> bytes:
-        found = self._raw[self._count : self._count + length]
-        if len(found) < length:
+        content = self._raw[self._count : self._count + length]
+        if len(content) < length:
             raise EOFError
         self._count += length
-        return found
+        return content
 
 
 def _chunk(data: Data, body: int, end: int) -> bytes | None:
@@ -436,9 +436,9 @@ class Writer:
         self._describe(made)
         return made.id
 
-    def _describe(self, one: Schema | Channel) -> None:
-        self._fresh.append(one)
-        self._hold(_packed(one))
+    def _describe(self, description: Schema | Channel) -> None:
+        self._fresh.append(description)
+        self._hold(_packed(description))
 
     def _hold(self, raw: bytes) -> None:
         self._parts.append(raw)
@@ -480,8 +480,8 @@ class Writer:
         self._first_ns, self._last_ns = min(self._first_ns, begin), max(self._last_ns, end)
         again, self._fresh = self._fresh, []
         self._begin_chunk()
-        for one in again:
-            self._hold(_packed(one))
+        for description in again:
+            self._hold(_packed(description))
 
     @property
     def size(self) -> int:

@@ -60,9 +60,9 @@ def why(
 
     One intact description is enough: a damaged recording is still a recording.
     """
-    if _OURS & attachments.keys() or "log" in metadata or any(one.name.startswith("rig.") for one in schemas):
+    if _OURS & attachments.keys() or "log" in metadata or any(schema.name.startswith("rig.") for schema in schemas):
         return ""
-    topics = sorted(one.topic for one in channels)
+    topics = sorted(stream.topic for stream in channels)
     if header is not None and header.profile == PROFILE:
         return "" if topics else "it breaks off before the description of its run, and nothing of it can be read"
     if not len(data):
@@ -79,7 +79,7 @@ def why(
         ]
     )
     more = ", ..." if len(topics) > _SHOWN else ""
-    channel = f"; its channels: {', '.join(one[:40] for one in topics[:_SHOWN])}{more}" if topics else ""
+    channel = f"; its channels: {', '.join(topic[:40] for topic in topics[:_SHOWN])}{more}" if topics else ""
     return f"it is an MCAP file of another program ({made}{channel}); read it with that program"
 
 
@@ -105,11 +105,11 @@ def mapped(path: Path) -> Iterator[Data]:
 def summary_start(data: Data) -> int | None:
     """Begin of the summary section, if its checksum proves it; else None."""
     at = len(data) - _FOOTER - len(MAGIC)
-    found = next(walk(data, at), None) if at > 0 else None
-    if not isinstance(found, Found) or not isinstance(found.body, Footer):
+    record = next(walk(data, at), None) if at > 0 else None
+    if not isinstance(record, Found) or not isinstance(record.body, Footer):
         return None
-    start, crc = _shifted(data, at, found.body), found.body.summary_crc
-    if not 0 < start <= at or crc == 0 or crc_of(data, start, found.end - 4) != crc:
+    start, crc = _shifted(data, at, record.body), record.body.summary_crc
+    if not 0 < start <= at or crc == 0 or crc_of(data, start, record.end - 4) != crc:
         return None
     return start
 
@@ -129,18 +129,18 @@ def _slices(data: Data, begin: int, end: int) -> Iterator[bytes]:
 
 def crc_of(data: Data, begin: int, end: int) -> int:
     """CRC-32 of the bytes from `begin` to `end`."""
-    found = 0
+    crc = 0
     for part in _slices(data, begin, end):
-        found = zlib.crc32(part, found)
-    return found
+        crc = zlib.crc32(part, crc)
+    return crc
 
 
 def sha256_of(data: Data, end: int) -> str:
     """SHA-256 of the bytes up to `end` [64 hex digits]."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for part in _slices(data, 0, end):
-        found.update(part)
-    return found.hexdigest()
+        digest.update(part)
+    return digest.hexdigest()
 
 
 _SEQUENCE = 1 << 32
@@ -230,16 +230,16 @@ class Scan:
         """Channel -> number of its latest message, and the number of skipped places before it."""
 
     def __iter__(self) -> Iterator[Record]:
-        for found in self._chunks():
-            columns = (column.tolist() for column in (found.head["channel"], found.head["sequence"], *found.times()))
-            for channel, sequence, t_ns, wall_ns, payload in zip(*columns, found.payloads()):
+        for chunk in self._chunks():
+            columns = (column.tolist() for column in (chunk.head["channel"], chunk.head["sequence"], *chunk.times()))
+            for channel, sequence, t_ns, wall_ns, payload in zip(*columns, chunk.payloads()):
                 yield Record(self.channels[channel].topic, payload, t_ns, sequence, wall_ns)
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages as stored, in the order of the file. Raises LogError for a file of another kind."""
-        for found in self._chunks():
-            columns = (found.head[name].tolist() for name in ("channel", "sequence", "log", "published"))
-            for channel, sequence, log_ns, published_ns, payload in zip(*columns, found.payloads()):
+        for chunk in self._chunks():
+            columns = (chunk.head[name].tolist() for name in ("channel", "sequence", "log", "published"))
+            for channel, sequence, log_ns, published_ns, payload in zip(*columns, chunk.payloads()):
                 yield Message(channel, sequence, log_ns, published_ns, payload)
 
     def payloads(self, topics: tuple[str, ...]) -> dict[str, list[bytes]]:
@@ -248,10 +248,10 @@ class Scan:
         Raises LogError for a file that is not a recording.
         """
         gathered: dict[str, list[bytes]] = {}
-        for found in self._chunks():
-            wanted = [number for number, one in self.channels.items() if one.topic.startswith(topics)]
-            found = found.only(np.isin(found.head["channel"], wanted))
-            for channel, payload in zip(found.head["channel"].tolist(), found.payloads()):
+        for chunk in self._chunks():
+            wanted = [number for number, described in self.channels.items() if described.topic.startswith(topics)]
+            chunk = chunk.only(np.isin(chunk.head["channel"], wanted))
+            for channel, payload in zip(chunk.head["channel"].tolist(), chunk.payloads()):
                 gathered.setdefault(self.channels[channel].topic, []).append(payload)
         return gathered
 
@@ -303,29 +303,29 @@ class Scan:
 
     def _described(self, content: bytes) -> Messages:
         """The messages of a chunk, counted; those whose channel was described in damaged chunks are left out."""
-        descriptions, found = inside(content)
-        for one in descriptions:
-            self._describe(one)
-        known = np.isin(found.head["channel"], list(self.channels))
+        descriptions, chunk = inside(content)
+        for description in descriptions:
+            self._describe(description)
+        known = np.isin(chunk.head["channel"], list(self.channels))
         self._undescribed += int(np.count_nonzero(~known))
-        found = found.only(known)
-        if found.head.size:
-            self._count(found)
-        return found
+        chunk = chunk.only(known)
+        if chunk.head.size:
+            self._count(chunk)
+        return chunk
 
     @property
     def last_ns(self) -> int:
         """Simulated time [ns] of the plant's last message or sample so far."""
-        found = [self._begun_ns]
+        times_ns = [self._begun_ns]
         for channel, (chunk, place) in self._blocks.items():
             with suppress(BusError):  # not decodable: whoever reads the message reports it
-                found += times(decode(self.channels[channel].topic, chunk.payload(place)))[-1:].tolist()
-        return max(found)
+                times_ns += times(decode(self.channels[channel].topic, chunk.payload(place)))[-1:].tolist()
+        return max(times_ns)
 
-    def _count(self, found: Messages) -> None:
-        head = found.head
+    def _count(self, chunk: Messages) -> None:
+        head = chunk.head
         self.count += head.size
-        t_ns, wall_ns = found.only(np.isin(head["channel"], list(self._of_plant))).times()  # others may state any time
+        t_ns, wall_ns = chunk.only(np.isin(head["channel"], list(self._of_plant))).times()  # others may state any time
         if t_ns.size:
             self._begun_ns = max(self._begun_ns, int(t_ns.max()))
         if t_ns.size and not self.began_ns:
@@ -340,7 +340,7 @@ class Scan:
                 self._gaps += gap
             self._seen[channel] = numbers[last[channel]], here
             if channel in self._of_blocks:
-                self._blocks[channel] = found, last[channel]
+                self._blocks[channel] = chunk, last[channel]
 
     def _skip(self, hole: Hole) -> None:
         if self._footer:
@@ -377,8 +377,8 @@ class Scan:
 
     def _conclude(self, data: Data) -> None:
         """Check the checksums of the whole file, and describe the damage in words."""
-        found = (self.attachments, self.metadata, self.schemas.values(), self.channels.values())
-        if reason := why(data, self._header, *found):
+        records = (self.attachments, self.metadata, self.schemas.values(), self.channels.values())
+        if reason := why(data, self._header, *records):
             raise LogError(f"{self.path} is not a recording of a run: {reason}")
         stated = self._end.body.data_section_crc if self._end is not None else 0
         proved = self._end is not None and stated == crc_of(data, 0, self._end.begin)
@@ -401,7 +401,9 @@ class Scan:
     def _taking(self) -> Skipped | None:
         """The first damaged place that may have contained messages; None if there is none."""
         end = self._end.begin if self._end is not None else math.inf
-        return next((one for one in self.skipped if one.begin < end and one.what not in _NO_MESSAGES), None)
+        return next(
+            (skipped for skipped in self.skipped if skipped.begin < end and skipped.what not in _NO_MESSAGES), None
+        )
 
     def _damage_text(self, cut: bool, ended: bool) -> str:
         known = self._gaps + self._undescribed
@@ -419,9 +421,11 @@ class Scan:
             return f"{self.missing} of its {self._statistics.message_count} messages are missing"
         if self.missing:
             return f"{self.missing} of its messages are missing"
-        if not self.skipped or all(self._end is not None and one.begin >= self._end.end for one in self.skipped):
+        if not self.skipped or all(
+            self._end is not None and skipped.begin >= self._end.end for skipped in self.skipped
+        ):
             return "the index at its end is damaged" if ended else "it breaks off in the index at its end"
-        if all(one.what == _COPY for one in self.skipped):
+        if all(skipped.what == _COPY for skipped in self.skipped):
             return "a chunk is in it twice; no message is missing"
         if self.skipped[0].what == _UNPROVED:
             return (

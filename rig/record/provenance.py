@@ -83,9 +83,9 @@ def blas() -> str:
     from threadpoolctl import threadpool_info
 
     libraries = {
-        " ".join(str(one[key]) for key in ("internal_api", "version", "architecture") if one.get(key))
-        for one in threadpool_info()
-        if one["user_api"] == "blas"
+        " ".join(str(library[key]) for key in ("internal_api", "version", "architecture") if library.get(key))
+        for library in threadpool_info()
+        if library["user_api"] == "blas"
     }
     return ", ".join(sorted(libraries)) or "unknown"
 

@@ -55,11 +55,13 @@ class Decoder:
         """Yield the columns of messages without text, in order; messages in a row with the same layout together."""
         for _, row in groupby(payloads, len):
             together = list(row)
-            found = messages.alike(messages.kind(topic, self._outputs), together) if len(together) > 1 else None
-            if found is not None and _consistent(found):
-                yield found
+            decoded = messages.alike(messages.kind(topic, self._outputs), together) if len(together) > 1 else None
+            if decoded is not None and _consistent(decoded):
+                yield decoded
             else:
-                yield from (messages.single(one) for payload in together if (one := self(topic, payload)) is not None)
+                yield from (
+                    messages.single(content) for payload in together if (content := self(topic, payload)) is not None
+                )
 
     def refused_text(self) -> str:
         """Return the number of undecodable messages by topic, in words; "" if there are none."""
@@ -67,12 +69,13 @@ class Decoder:
         return f"messages that cannot be decoded: {counts}" if counts else ""
 
 
-def _consistent(found: Columns) -> bool:
+def _consistent(columns: Columns) -> bool:
     """Whether the commands in each Applied have one entry in every column, as `rig.bus.messages.commands` demands."""
-    if "ticks" not in found or not (count := found["ticks"].shape[1]):
+    if "ticks" not in columns or not (count := columns["ticks"].shape[1]):
         return True
     return (
-        all(found[name].shape[1] == count for name in ("answers", "statuses")) and found["values"].shape[1] % count == 0
+        all(columns[name].shape[1] == count for name in ("answers", "statuses"))
+        and columns["values"].shape[1] % count == 0
     )
 
 
@@ -129,7 +132,7 @@ def open(path: Path | str) -> Run:
         untold=_untold(scan),
         on_bus=scan.metadata.get("log", {}).get("made") == "recorded",
         **_window(scan),
-        checkpoints={one.tick: one.state for one in checkpoints if one is not None},
+        checkpoints={checkpoint.tick: checkpoint.state for checkpoint in checkpoints if checkpoint is not None},
         sealed=scan.sealed,
     )
 
@@ -179,8 +182,8 @@ def _window(scan: Scan) -> dict[str, Any]:
 
 def _frame(applied: dict[str, list[Columns]]) -> int:
     """The length of a frame [ns], for a recording without its description."""
-    for found in (found for blocks in applied.values() for found in blocks):
-        for t_ns, tick in zip(found["t_ns"].tolist(), found["tick"].tolist()):
+    for block in (block for blocks in applied.values() for block in blocks):
+        for t_ns, tick in zip(block["t_ns"].tolist(), block["tick"].tolist()):
             if tick > 0:
                 return int(t_ns // tick)
     return 0
@@ -195,9 +198,9 @@ def _samples(blocks: list[Columns]) -> Samples:
     for block in blocks:
         values.append(block["v"].ravel())
         times.append(_times(block).ravel())
-    found = Samples(np.concatenate(times), np.concatenate(values))
-    rows = _in_order(found.t_ns)
-    return found if rows is None else Samples(found.t_ns[rows], found.v[rows])
+    samples = Samples(np.concatenate(times), np.concatenate(values))
+    rows = _in_order(samples.t_ns)
+    return samples if rows is None else Samples(samples.t_ns[rows], samples.v[rows])
 
 
 def _in_order(t_ns: Integers) -> Integers | None:
@@ -222,18 +225,18 @@ def _truth(
     topics: list[str], read: Callable[[str], list[Columns]], setup: Setup
 ) -> tuple[Integers, dict[str, Reals], Integers]:
     """Plant outputs at the rate of the steps if recorded so, else at each State message."""
-    found = {topic[6:]: _samples(read(topic)) for topic in topics}
-    if found:
-        time_ns = _common([samples.t_ns for samples in found.values()])
-        signals = {name: _placed(samples, time_ns) for name, samples in found.items()}
+    samples_of = {topic[6:]: _samples(read(topic)) for topic in topics}
+    if samples_of:
+        time_ns = _common([samples.t_ns for samples in samples_of.values()])
+        signals = {name: _placed(samples, time_ns) for name, samples in samples_of.items()}
         mode = signals.pop("mode", np.empty(0))
         return time_ns, signals, np.nan_to_num(mode, nan=-1.0).astype(np.int64)
     states = read("state")
     rows: Integers | None = None
 
     def column(field: str, number: type[np.generic]) -> Any:
-        found = np.concatenate([np.empty(0, number), *(one[field] for one in states)])
-        return found if rows is None else found[rows]
+        numbers = np.concatenate([np.empty(0, number), *(state[field] for state in states)])
+        return numbers if rows is None else numbers[rows]
 
     rows = _in_order(time_ns := column("t_ns", np.int64))
     signals = {name: column(messages.field_name(name), np.float64) for name in setup.outputs}
@@ -252,14 +255,14 @@ def _placed(samples: Samples, time_ns: Integers) -> Reals:
     """The samples at all times; NaN for lost blocks."""
     if samples.v.size == time_ns.size and np.array_equal(samples.t_ns, time_ns):
         return samples.v
-    found = np.full(time_ns.size, np.nan)
-    found[np.searchsorted(time_ns, samples.t_ns)] = samples.v
-    return found
+    placed = np.full(time_ns.size, np.nan)
+    placed[np.searchsorted(time_ns, samples.t_ns)] = samples.v
+    return placed
 
 
-def _commands(found: list[Columns]) -> Commands:
+def _commands(blocks: list[Columns]) -> Commands:
     rows, widths = list[Commands](), Counter[int]()
-    for applied in found:
+    for applied in blocks:
         names = ("ticks", "answers", "statuses") if applied["ticks"].size else ("tick", "answered", "status")
         tick, answered, status = (applied[name].ravel() for name in names)
         rows.append(Commands(tick, answered, status, applied["values"].reshape(tick.size, -1)))
@@ -274,11 +277,11 @@ def _commands(found: list[Columns]) -> Commands:
     return Commands(whole.tick[order], whole.answered[order], whole.status[order], whole.values[order])
 
 
-def _events(source: str, found: Iterable[Any]) -> Iterator[dict[str, Any]]:
+def _events(source: str, events: Iterable[Any]) -> Iterator[dict[str, Any]]:
     """Events of one process: the source is the owner of the topic, whom nobody else can impersonate, whatever a message
     says.
     """
-    for event in found:
+    for event in events:
         if event is not None:
             fields = {name: getattr(event, name) for name in ("t_ns", "tick", "kind", "text")}
             data = json.loads(event.data) if event.data else {}

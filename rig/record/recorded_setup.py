@@ -35,15 +35,15 @@ def packed(model: bytes) -> bytes:
 
 def models(attachments: Iterable[Attachment]) -> Iterator[bytes]:
     """Yield the models among `attachments`; one whose content does not match the digest in its name is left out."""
-    for one in attachments:
-        if one.name.startswith(_FOLDER):
+    for attachment in attachments:
+        if attachment.name.startswith(_FOLDER):
             try:
-                if zstandard.frame_content_size(one.data) > _LARGEST:
+                if zstandard.frame_content_size(attachment.data) > _LARGEST:
                     continue
-                model = zstandard.ZstdDecompressor().decompress(one.data)
+                model = zstandard.ZstdDecompressor().decompress(attachment.data)
             except zstandard.ZstdError:
                 continue
-            if name(model) == one.name:
+            if name(model) == attachment.name:
                 yield model
 
 

@@ -212,7 +212,7 @@ def record(
             raise
         finally:
             writer.abandon()
-    files = [str(one) for one in (writer.paths if isinstance(writer, Windows) else [base])]
+    files = [str(file) for file in (writer.paths if isinstance(writer, Windows) else [base])]
     tell("recording", {**asdict(recording), "complete": recording.complete, "text": recording.text(), "files": files})
     report(recording)
     return recording
@@ -293,8 +293,8 @@ class RunRecorder:
         counts = self._heard.counts
         self._admitted |= {topic[8:] for topic in counts if topic.startswith("applied/")}  # before it began to listen
 
-        def of_admitted(found: dict[str, int]) -> dict[str, int]:
-            return {topic: n for topic, n in found.items() if n and topics.owner(topic) in self._admitted}
+        def of_admitted(numbers: dict[str, int]) -> dict[str, int]:
+            return {topic: n for topic, n in numbers.items() if n and topics.owner(topic) in self._admitted}
 
         return Recording(
             path=str(self._writer.path),

@@ -70,16 +70,16 @@ def recover(source: Path, target: Path | None = None, replace: bool = False) -> 
         raise LogError(f"{source} {state}; there is nothing to recover")
     lost = None if scan.missing is None else max(scan.missing, 0) + decode.refused.total()
     fault = "; ".join(filter(None, (scan.fault, decode.refused_text())))
-    found = Recovered(
+    recovered = Recovered(
         str(target),
         scan.count - decode.refused.total(),
         scan.last_ns * 1e-9,
         fault,
         lost,
-        [str(one) for one in scan.skipped],
+        [str(skipped) for skipped in scan.skipped],
     )
-    _put(found, scan, target, replace)
-    return found
+    _put(recovered, scan, target, replace)
+    return recovered
 
 
 def _surveyed(scan: Scan) -> Decoder:
@@ -92,7 +92,7 @@ def _surveyed(scan: Scan) -> Decoder:
     return decode
 
 
-def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
+def _put(recovered: Recovered, scan: Scan, target: Path, replace: bool) -> None:
     """Write the copy beside the target, check it, and move it into place: the target is the complete copy or
     unchanged.
     """
@@ -109,10 +109,10 @@ def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
             number, name = tempfile.mkstemp(".mcap", ".recover-", place.parent)  # short, whatever the target's length
             draft = Path(name)
             with os.fdopen(number, "wb") as file:
-                _copy(found, scan, file)
-            if (read := _readable(draft)) != found.messages:
+                _copy(recovered, scan, file)
+            if (read := _readable(draft)) != recovered.messages:
                 raise LogError(
-                    f"{scan.path}: {found.messages} messages were copied, {read} can be read; nothing was kept"
+                    f"{scan.path}: {recovered.messages} messages were copied, {read} can be read; nothing was kept"
                 )
             draft.chmod(place.stat().st_mode)
             draft.replace(place)
@@ -127,18 +127,18 @@ def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
         raise kind(f"{target} cannot be written: {fault.strerror}") from None
 
 
-def _copy(found: Recovered, scan: Scan, file: BinaryIO) -> None:
+def _copy(recovered: Recovered, scan: Scan, file: BinaryIO) -> None:
     decode = Decoder(setup_of(scan))
     attachments, metadata, known = dict(scan.attachments), dict(scan.metadata), dict(scan.schemas)
-    metadata["recovered"] = {"from": scan.path.name, "fault": found.fault, "lost": found.losses()}
+    metadata["recovered"] = {"from": scan.path.name, "fault": recovered.fault, "lost": recovered.losses()}
     metadata["recording"] = {"began": str(scan.began_ns), **metadata.get("recording", {})}
     out = Mcap(file, CHUNK)
     schemas: dict[int, int] = {}
     channels: dict[int, int] = {}
 
     def describe(copy: str) -> None:
-        for name, one in attachments.items():
-            out.attach(copy + name, one.media_type, one.data, one.create_time, one.log_time)
+        for name, attachment in attachments.items():
+            out.attach(copy + name, attachment.media_type, attachment.data, attachment.create_time, attachment.log_time)
         for name, values in metadata.items():
             out.note(copy + name, values)
 

@@ -264,7 +264,9 @@ def replay(
         raise LogError(f"{path} has lost the description of its run: it can be read, but not replayed")
     saved = start.metadata.get("log", {}).get("made") == "saved"
     in_plant = [name for name in into if _in_plant(setup, name)]
-    every = frozenset(sensor for one in into.values() if gets_every_sample(one) for sensor in one.reads)
+    every = frozenset(
+        sensor for controller in into.values() if gets_every_sample(controller) for sensor in controller.reads
+    )
     heard = _heard(setup) if saved or in_plant or every else frozenset()  # needs the code of all controllers
     run = read(path) if saved or in_plant or every - heard else None
     scan, rebuilt = Scan(path), None
@@ -275,8 +277,8 @@ def replay(
     decode = Decoder(setup)
     for record in rebuilt if saved and rebuilt else scan:
         if not derived(record.topic) and (content := decode(record.topic, record.payload)) is not None:
-            for one in recorded.values():
-                one.note(record, content)
+            for recorded_controller in recorded.values():
+                recorded_controller.note(record, content)
     if run is not None:
         for name in in_plant:
             recorded[name].answers = sent(run.commands[name]) if name in run.commands else {}
@@ -304,7 +306,7 @@ def _in_plant(setup: Setup, name: str) -> bool:
 
 def _heard(setup: Setup) -> frozenset[str]:
     known = [controllers.restored(description) for description in setup.controllers.values() if description]
-    return frozenset(sensor for one in known if gets_every_sample(one) for sensor in one.reads)
+    return frozenset(sensor for controller in known if gets_every_sample(controller) for sensor in controller.reads)
 
 
 class _Replay:
@@ -330,8 +332,10 @@ class _Replay:
         self._acts: Receiver = session.subscribe("act/*")
         self._events = [session.subscribe(f"event/{name}") for name in into]
         self._result = Replayed(compared=dict.fromkeys(into, 0), silent=dict.fromkeys(into, 0))
-        self._begins = {name: list(one.begins) for name, one in recorded.items()}
-        self._changes = {name: sorted(one.tuned.items()) for name, one in recorded.items()}
+        self._begins = {name: list(recorded_controller.begins) for name, recorded_controller in recorded.items()}
+        self._changes = {
+            name: sorted(recorded_controller.tuned.items()) for name, recorded_controller in recorded.items()
+        }
         self._arrivals: Counter[str] = Counter()
         self._starts: Counter[str] = Counter()
         self._open: set[str] = set()
@@ -389,19 +393,21 @@ class _Replay:
                     self._progress(result.seconds)
         self._session.publisher("total/plant").put(self._session.totals(), round(result.seconds * 1e9))
         result.not_finite = self._not_finite()
-        result.unanswered = sum(len(one.answers) for one in self._recorded.values()) - sum(result.compared.values())
+        result.unanswered = sum(
+            len(recorded_controller.answers) for recorded_controller in self._recorded.values()
+        ) - sum(result.compared.values())
         if self._pace is not None and self._late:
             result.timing = TimingError.of(self._late)
         return result
 
     def _not_finite(self) -> tuple[str, ...]:
         """What controllers have published about answers that they could not send."""
-        found = list[str]()
+        lines = list[str]()
         for events in self._events:
             while (message := events.get(0.0)) is not None:
                 if message.said.kind == "not finite":
-                    found.append(f"t = {message.said.t_ns * 1e-9:.9g} s: {message.said.text}")
-        return tuple(found)
+                    lines.append(f"t = {message.said.t_ns * 1e-9:.9g} s: {message.said.text}")
+        return tuple(lines)
 
     def _worked_before(self, name: str, tick: int) -> bool:
         """Whether a controller worked before the first recorded step: it answered the first one that was due."""
@@ -449,8 +455,8 @@ class _Replay:
         self._scene.poll()
         for door in self._doors:
             door.poll()
-        for found in self._watch.poll(timeout):
-            self._arrivals[found.name] += found.here
+        for presence in self._watch.poll(timeout):
+            self._arrivals[presence.name] += presence.here
 
     def _follow(self, tick: int) -> None:
         """After a step: wait until all controllers that it falls due for have answered."""
@@ -491,11 +497,11 @@ class _Replay:
                 self._compare(name, tick, tuple(message.said.values))
 
     def _compare(self, name: str, tick: int, answered: tuple[float, ...]) -> None:
-        result, one = self._result, self._recorded[name]
-        if tick not in one.answers:
-            result.silent[name] += one.silent_at(tick)
+        result, recorded_controller = self._result, self._recorded[name]
+        if tick not in recorded_controller.answers:
+            result.silent[name] += recorded_controller.silent_at(tick)
             return
-        recorded = one.answers[tick]
+        recorded = recorded_controller.answers[tick]
         result.compared[name] += 1
         if result.divergence is None and np.array(recorded).tobytes() != np.array(answered).tobytes():
             time_s = tick * self._frame_ns * 1e-9

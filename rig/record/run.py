@@ -46,7 +46,7 @@ def _lines(run: RunData) -> Iterator[str]:
     if run.measurements:
         yield _line("sensors", str(len(run.measurements)))
         yield from _some(_sensors(run), len(run.measurements))
-    commands = (f"{name}: {found.tick.size} commands" for name, found in run.commands.items())
+    commands = (f"{name}: {sent.tick.size} commands" for name, sent in run.commands.items())
     yield _line("controllers", ", ".join(commands) or "none")
     kinds = Counter(event["kind"] for event in run.events)
     yield _line("events", ", ".join(f"{kind} {number}" for kind, number in kinds.items()) or "none")
@@ -64,10 +64,10 @@ def _line(label: str, text: str) -> str:
 
 def _scene(run: RunData) -> str:
     try:
-        found = json.loads(run.scene)
+        scene = json.loads(run.scene)
     except ValueError:
         return "unknown scene"
-    return f"scene {found.get('name') or found.get('plant', '')}" if isinstance(found, dict) else "unknown scene"
+    return f"scene {scene.get('name') or scene.get('plant', '')}" if isinstance(scene, dict) else "unknown scene"
 
 
 def _timing(run: RunData) -> str:
@@ -86,7 +86,7 @@ def _some(lines: Iterator[str], count: int) -> Iterator[str]:
 def _outputs(run: RunData) -> Iterator[str]:
     for name, members in grouped(run.signals).items():
         unit = run.units.get(members[0], "") + (f" at {len(members)} points" if len(members) > 1 else "")
-        yield f"  {name:<{_NAME}} {_range([run.signals[one] for one in members])} {unit}"
+        yield f"  {name:<{_NAME}} {_range([run.signals[member] for member in members])} {unit}"
 
 
 def _sensors(run: RunData) -> Iterator[str]:

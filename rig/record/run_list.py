@@ -31,8 +31,8 @@ from rig.scenes.scene import Scene
 
 def drives(run: Run) -> list[str]:
     """Return the outputs of `run` that are the speed of a drive, those in rad/s first."""
-    found = [name for name, output in _outputs(run).items() if output.role == "drive"]
-    return sorted(found, key=lambda name: run.units.get(name) != "rad/s")
+    names = [name for name, output in _outputs(run).items() if output.role == "drive"]
+    return sorted(names, key=lambda name: run.units.get(name) != "rad/s")
 
 
 def portrait_pair(run: Run) -> tuple[str, str] | None:
@@ -77,8 +77,8 @@ def runs(
     What is read is kept in the file `INDEX` of the folder, if the folder can be written; `rebuild` reads all again.
     Raises LogError if the folder cannot be read.
     """
-    found, entries = list[Listed](), dict[str, Any]()
-    paths = sorted(_recordings(folder, found))
+    listed, entries = list[Listed](), dict[str, Any]()
+    paths = sorted(_recordings(folder, listed))
     known = {} if rebuild else _index(folder)
     for done, path in enumerate(paths):
         progress(done, len(paths))
@@ -87,7 +87,7 @@ def runs(
         except FileNotFoundError:  # it went meanwhile, or a link leads nowhere
             continue
         except OSError as fault:
-            found.append(_unreadable(path, fault))
+            listed.append(_unreadable(path, fault))
             continue
         if not stat.S_ISREG(state.st_mode):
             continue
@@ -97,10 +97,10 @@ def runs(
             entry = {"size": state.st_size, "mtime_ns": state.st_mtime_ns, **_read(path)}
         entries[name] = entry
         read = Contents(**entry["contents"]) if entry["contents"] else None
-        found.append(Listed(path, state.st_size, read, entry["fault"], _notes(path)))
+        listed.append(Listed(path, state.st_size, read, entry["fault"], _notes(path)))
     if entries != known:
         _keep(folder, entries)
-    return sorted(found, key=_age)
+    return sorted(listed, key=_age)
 
 
 def one(path: Path) -> Listed:
@@ -163,23 +163,23 @@ def _notes(path: Path) -> Notes:
         return Notes(user_notes.path_of(path), unreadable=1)
 
 
-def _age(one: Listed) -> tuple[bool, int, Path]:
-    return one.contents is None, one.contents.began_ns if one.contents else 0, one.path
+def _age(recording: Listed) -> tuple[bool, int, Path]:
+    return recording.contents is None, recording.contents.began_ns if recording.contents else 0, recording.path
 
 
 def _index(folder: Path) -> dict[str, Any]:
     """What the index of a folder says of each file; nothing if it is missing, damaged or of another version."""
     try:
-        found = json.loads(read_file(folder / INDEX, DATA))
-        if found["format"] != _FORMAT:
+        index = json.loads(read_file(folder / INDEX, DATA))
+        if index["format"] != _FORMAT:
             return {}
-        return {name: entry for name, entry in found["files"].items() if _complete(entry)}
+        return {name: entry for name, entry in index["files"].items() if _complete(entry)}
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {}
 
 
 def _complete(entry: Any) -> bool:
-    kinds = {one.name: _KINDS[str(one.type)] for one in fields(Contents)}
+    kinds = {field.name: _KINDS[str(field.type)] for field in fields(Contents)}
     contents = entry["contents"]
     return (
         {"size", "mtime_ns", "contents", "fault"} == entry.keys()

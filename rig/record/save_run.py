@@ -44,8 +44,8 @@ def save(
     writer = Writer(path, setup, "saved", replace)
     try:
         sequence: dict[str, int] = {}
-        for stop_ns, found in _slices(run):
-            for t_ns, topic, payload in found:
+        for stop_ns, stamped in _slices(run):
+            for t_ns, topic, payload in stamped:
                 seq = sequence[topic] = sequence.get(topic, -1) + 1
                 writer.write(topic, payload, t_ns, seq, run.began_ns + t_ns)
             writer.settle(stop_ns)
@@ -81,9 +81,9 @@ def _slices(run: RunData) -> Iterator[tuple[int, list[Stamped]]]:
     done = 0
     for begin in range(0, end + 1, _SLICE_NS):
         stop = begin + _SLICE_NS
-        found: list[Stamped] = []
+        stamped: list[Stamped] = []
         for topic, (t_ns, v) in series.items():
-            found += _blocks(topic, t_ns, v, run.frame_ns, begin, stop)
+            stamped += _blocks(topic, t_ns, v, run.frame_ns, begin, stop)
         for name, commands in run.commands.items():
             first, last = np.searchsorted(commands.tick * run.frame_ns, (begin, stop))
             for i in range(first, last):
@@ -91,14 +91,14 @@ def _slices(run: RunData) -> Iterator[tuple[int, list[Stamped]]]:
                 packed = encode.applied(
                     tick, tick * run.frame_ns, int(commands.answered[i]), int(commands.status[i]), commands.values[i]
                 )
-                found.append((tick * run.frame_ns, f"applied/{name}", packed))
+                stamped.append((tick * run.frame_ns, f"applied/{name}", packed))
         for tick, state in run.checkpoints.items():
             if begin <= tick * run.frame_ns < stop:
-                found.append((tick * run.frame_ns, "checkpoint", messages.checkpoint(run.frame_ns, tick, state)))
+                stamped.append((tick * run.frame_ns, "checkpoint", messages.checkpoint(run.frame_ns, tick, state)))
         while done < len(events) and (events[done]["t_ns"] < stop or stop > end):
-            found.append(_event(events[done]))
+            stamped.append(_event(events[done]))
             done += 1
-        yield stop, sorted(found, key=lambda message: message[0])
+        yield stop, sorted(stamped, key=lambda message: message[0])
 
 
 def _blocks(topic: str, t_ns: Integers, v: Reals, frame_ns: int, begin: int, stop: int) -> Iterator[Stamped]:

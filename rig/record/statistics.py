@@ -162,7 +162,7 @@ def characteristic(run: Run) -> list[Instant]:
         return [Instant(i, why) for i in np.linspace(count / 4, count - 1, 4).astype(int).tolist()]
     fraction = np.nan_to_num(run.signals[FRACTION][opening:], nan=1.0)
     moment = np.nan_to_num((run.output("normal_force") * run.output("pressure_centre_x"))[opening:])
-    found = [
+    instants = [
         Instant(math.floor((1.0 - _BEFORE) * opening), "before the first opening"),
         Instant(opening, "first opening"),
         Instant(opening + int(moment.argmin()), "most at the rear edge"),
@@ -170,4 +170,4 @@ def characteristic(run: Run) -> list[Instant]:
         Instant(opening + int(fraction.argmin()), "fewest in contact"),
         Instant(count - 1, "at the end"),
     ]
-    return sorted(found)
+    return sorted(instants)

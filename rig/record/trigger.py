@@ -51,17 +51,17 @@ class Condition:
     @classmethod
     def read(cls, text: str) -> Condition:
         """Read "NAME > VALUE UNIT", "NAME < VALUE UNIT" or "|NAME| > VALUE UNIT". Raises UsageError."""
-        found = _FORM.fullmatch(text.strip())
-        if found is None or found["bars"] != found["end"]:
+        form = _FORM.fullmatch(text.strip())
+        if form is None or form["bars"] != form["end"]:
             raise UsageError(
                 f"--trigger {text}: expected NAME > VALUE or NAME < VALUE with a unit, such as "
                 '"vibrometer > 0.1 m/s"; |NAME| compares the absolute value'
             )
         return cls(
-            found["name"],
-            bool(found["bars"]),
-            found["sense"] == ">",
-            with_point(found["level"].strip(), f"--trigger {text}: the level"),
+            form["name"],
+            bool(form["bars"]),
+            form["sense"] == ">",
+            with_point(form["level"].strip(), f"--trigger {text}: the level"),
         )
 
     def __str__(self) -> str:

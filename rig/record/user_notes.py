@@ -127,8 +127,8 @@ def add(log: Path, text: str, tags: Sequence[str] = ()) -> Note:
 
 def _note(line: bytes) -> Note | None:
     try:
-        found = json.loads(line.decode(errors="replace"))
-        return Note(str(found["date"]), str(found.get("text", "")), tuple(map(str, found.get("tags", ()))),
-                    str(found.get("digest", "")))  # fmt: skip
+        values = json.loads(line.decode(errors="replace"))
+        return Note(str(values["date"]), str(values.get("text", "")), tuple(map(str, values.get("tags", ()))),
+                    str(values.get("digest", "")))  # fmt: skip
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

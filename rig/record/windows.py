@@ -52,12 +52,12 @@ def former(base: Path) -> list[Path]:
     """Return the windows of an earlier watch of this name, in order; other files of such a name are left out."""
     pattern = re.compile(rf"{re.escape(base.stem)}-(\d{{{_DIGITS},}}){re.escape(base.suffix or '.mcap')}")
     try:
-        found = [
+        numbered = [
             (int(name[1]), base.with_name(name[0])) for name in map(pattern.fullmatch, os.listdir(base.parent)) if name
         ]
     except OSError:  # the folder is not there yet
         return []
-    return [path for number, path in sorted(found) if path == path_of(base, number) and _is_window(path)]
+    return [path for number, path in sorted(numbered) if path == path_of(base, number) and _is_window(path)]
 
 
 def replaceable(base: Path, replace: bool) -> list[Path]:
@@ -65,15 +65,15 @@ def replaceable(base: Path, replace: bool) -> list[Path]:
 
     Raises UsageError if there are any and they may not be `replace`d, or if another process is writing one.
     """
-    found = former(base)
-    if not replace and (there := [one for one in (path_of(base, 1), *found) if one.exists()]):
+    earlier = former(base)
+    if not replace and (there := [window for window in (path_of(base, 1), *earlier) if window.exists()]):
         raise UsageError(f"{there[0]} exists; name another file, or add --force to replace it")
-    for one in found:
+    for window in earlier:
         try:
-            unused(one)
+            unused(window)
         except OSError as fault:
-            raise UsageError(f"{one} cannot be replaced: {fault.strerror}") from None
-    return found
+            raise UsageError(f"{window} cannot be replaced: {fault.strerror}") from None
+    return earlier
 
 
 def _is_window(path: Path) -> bool:
@@ -130,14 +130,14 @@ class Windows:
         if topic == self._bound.topic:
             self._look(payload)
 
-    def _wait(self, one: _Waiting) -> None:
+    def _wait(self, message: _Waiting) -> None:
         if self._writer is not None:
-            self._put(one)
+            self._put(message)
             return
         if len(self.paths) >= self.trigger.most:
             return
-        self._waiting.append(one)
-        self._size += len(one.payload) + _OVERHEAD
+        self._waiting.append(message)
+        self._size += len(message.payload) + _OVERHEAD
         oldest = self.last_ns - self._before_ns - _SLACK_NS
         while self._waiting and (self._waiting[0].t_ns < oldest or self._size > self.trigger.memory):
             gone = self._waiting.popleft()
@@ -162,7 +162,7 @@ class Windows:
     def _open(self, fired_ns: int, value: float) -> None:
         path = path_of(self.path, len(self.paths) + 1)
         wanted_ns = max(fired_ns - self._before_ns, self._armed_ns + 1, 0)
-        begin_ns = min((one.t_ns for one in self._waiting if topics.of_plant(one.topic)), default=fired_ns)
+        begin_ns = min((message.t_ns for message in self._waiting if topics.of_plant(message.topic)), default=fired_ns)
         if self._dropped_ns >= wanted_ns:
             begin_ns = max(begin_ns, self._dropped_ns)
         self._ends_ns = self._armed_ns = fired_ns + self._after_ns
@@ -202,14 +202,14 @@ class Windows:
         except OSError as fault:
             raise OutputError(f"{fault.filename} cannot be replaced: {fault.strerror}") from None
 
-    def _put(self, one: _Waiting) -> None:
+    def _put(self, message: _Waiting) -> None:
         assert self._writer is not None
-        self._writer.write(*one)
+        self._writer.write(*message)
         self.messages += 1
-        last = self._last.get(one.topic)
-        if last is not None and one.seq > last + 1:
-            self._lost[one.topic] += one.seq - last - 1
-        self._last[one.topic] = one.seq
+        last = self._last.get(message.topic)
+        if last is not None and message.seq > last + 1:
+            self._lost[message.topic] += message.seq - last - 1
+        self._last[message.topic] = message.seq
 
     def _close(self, ended: str, summary: Mapping[str, Any]) -> None:
         if self._writer is None:

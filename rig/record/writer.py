@@ -227,7 +227,7 @@ class Writer:
         they have waited long enough for the plant's message of their time.
         """
         waiting, last_ns = self._waiting, self.last_ns
-        for i in [i for i, one in enumerate(waiting[:certain]) if one[0] > last_ns]:
+        for i in [i for i, message in enumerate(waiting[:certain]) if message[0] > last_ns]:
             waiting[i] = (last_ns, *waiting[i][1:])
         waiting.sort(key=itemgetter(0))
         count = len(waiting) if until_ns is None else bisect_left(waiting, until_ns, key=itemgetter(0))
@@ -290,8 +290,8 @@ class Writer:
         with self._guarded():
             self._put(None, len(self._waiting))
             self._describe(COPY)
-            for name, found in (("recording", {**recording, "began": self.began_ns}), ("summary", summary)):
-                self._mcap.note(name, {key: json.dumps(value) for key, value in found.items()})
+            for name, content in (("recording", {**recording, "began": self.began_ns}), ("summary", summary)):
+                self._mcap.note(name, {key: json.dumps(value) for key, value in content.items()})
             self._mcap.finish()
             synced(self._file)
             self._check()

@@ -70,11 +70,12 @@ def write_package(folder: Path, name: str, resources: Iterable[Mapping[str, Any]
 def package_files(folder: Path) -> set[str]:
     """Return the names of the files that an earlier export to `folder` describes; none without such a description."""
     try:
-        found = json.loads(contents(folder / FILE, DATA))["resources"]
+        resources = json.loads(contents(folder / FILE, DATA))["resources"]
         return {
-            one["path"]
-            for one in found
-            if Path(one["path"]).name == one["path"] and one["path"].endswith(_FORMATS[one["format"]])
+            resource["path"]
+            for resource in resources
+            if Path(resource["path"]).name == resource["path"]
+            and resource["path"].endswith(_FORMATS[resource["format"]])
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return set()
@@ -87,7 +88,7 @@ def description(run: RunData) -> dict[str, str]:
     what a damaged recording has lost, `restarted` which processes restarted so that losses are unknown, `fault` why a
     run is not complete.
     """
-    found: dict[str, Any] = {
+    facts: dict[str, Any] = {
         "scene": run.scene,
         "provenance": run.provenance,
         "verdict": run.summary.get("verdict", ""),
@@ -100,7 +101,7 @@ def description(run: RunData) -> dict[str, str]:
         "step_ns": run.step_ns,
         "frame_ns": run.frame_ns,
     }
-    return {name: _text(value) for name, value in found.items() if value}
+    return {name: _text(value) for name, value in facts.items() if value}
 
 
 def _text(value: Any) -> str:
@@ -114,7 +115,7 @@ def write_csv(table: Table, path: Path) -> None:
     """Write `table` to `path`. Raises OSError."""
     from pyarrow import csv
 
-    schema = _schema(table, {}, [head(one) for one in table.with_time])
+    schema = _schema(table, {}, [head(column) for column in table.with_time])
     with path.open("wb") as file, csv.CSVWriter(file, schema) as writer:
         for batch in _batches(table, schema):
             writer.write_batch(batch)
@@ -124,24 +125,24 @@ def write_parquet(table: Table, path: Path, facts: Mapping[str, str]) -> None:
     """Write `table` to `path`, with `facts` about the run. Raises OSError."""
     from pyarrow import parquet
 
-    schema = _schema(table, facts, [one.name for one in table.with_time])
+    schema = _schema(table, facts, [column.name for column in table.with_time])
     with path.open("wb") as file, parquet.ParquetWriter(file, schema, compression="zstd") as writer:
         for batch in _batches(table, schema):
             writer.write_batch(batch)
 
 
-def head(one: Column) -> str:
+def head(column: Column) -> str:
     """Return the name of a column with its unit."""
-    return f"{one.name} [{one.unit}]" if one.unit else one.name
+    return f"{column.name} [{column.unit}]" if column.unit else column.name
 
 
 def _schema(table: Table, facts: Mapping[str, str], names: list[str]) -> pa.Schema:
     import pyarrow as pa
 
     fields = []
-    for one, name in zip(table.with_time, names):
-        kind = pa.string() if one.values.dtype == object else pa.from_numpy_dtype(one.values.dtype)
-        metadata = {"unit": one.unit, "description": one.about}
+    for column, name in zip(table.with_time, names):
+        kind = pa.string() if column.values.dtype == object else pa.from_numpy_dtype(column.values.dtype)
+        metadata = {"unit": column.unit, "description": column.about}
         fields.append(pa.field(name, kind, metadata={key: text for key, text in metadata.items() if text}))
     return pa.schema(fields, metadata=dict(facts))
 
@@ -151,7 +152,7 @@ def _batches(table: Table, schema: pa.Schema) -> Iterator[Any]:
 
     columns = table.with_time
     for begin in range(0, table.t_ns.size, _ROWS):
-        rows = [one.values[begin : begin + _ROWS] for one in columns]
+        rows = [column.values[begin : begin + _ROWS] for column in columns]
         arrays = [pa.array(v, kind, from_pandas=True) for v, kind in zip(rows, schema.types)]  # NaN becomes null
         yield pa.record_batch(arrays, schema=schema)
 
@@ -177,7 +178,7 @@ def write_mat(tables: Iterable[Table], path: Path, facts: Mapping[str, str]) -> 
     taken = {"names", "units", "run"}
     for table in tables:
         columns = table.with_time
-        if (size := sum(one.values.nbytes for one in columns)) >= _LARGEST:
+        if (size := sum(column.values.nbytes for column in columns)) >= _LARGEST:
             raise UsageError(
                 f"{table.name}: {size / 2**30:.1f} GiB; a variable of a MAT-file of version 5 has less than 2 GiB. "
                 "Choose outputs and sensors with --only, a lower --rate, or --to hdf5, which MATLAB reads too"
@@ -185,11 +186,11 @@ def write_mat(tables: Iterable[Table], path: Path, facts: Mapping[str, str]) -> 
         variable = valid(table.name, taken)
         taken.add(variable)
         fields: dict[str, Column] = {}
-        for one in columns:
-            fields[valid(one.name, fields)] = one
-        data[variable] = {name: one.values[:, None] for name, one in fields.items()}
-        names[variable] = {name: one.name for name, one in fields.items()}
-        units[variable] = {name: one.unit for name, one in fields.items()}
+        for column in columns:
+            fields[valid(column.name, fields)] = column
+        data[variable] = {name: column.values[:, None] for name, column in fields.items()}
+        names[variable] = {name: column.name for name, column in fields.items()}
+        units[variable] = {name: column.unit for name, column in fields.items()}
     with path.open("wb") as file:
         savemat(file, {**data, "names": names, "units": units, "run": dict(facts)}, long_field_names=True)
 
@@ -205,7 +206,7 @@ def valid(name: str, taken: Iterable[str]) -> str:
     plain, others = plain[:LONGEST], set(taken)
     if plain not in others:
         return plain
-    return next(one for n in count(2) if (one := f"{plain[: LONGEST - 1 - len(str(n))]}_{n}") not in others)
+    return next(candidate for n in count(2) if (candidate := f"{plain[: LONGEST - 1 - len(str(n))]}_{n}") not in others)
 
 
 T = TypeVar("T")
@@ -245,10 +246,10 @@ class Hdf5Disk(io.RawIOBase):
 
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
         """See `io.RawIOBase`."""
-        found = self._attempt(lambda: self._file.readinto(buffer), -1)
-        if found < 0:
+        received = self._attempt(lambda: self._file.readinto(buffer), -1)
+        if received < 0:
             buffer[:] = bytes(len(buffer))
-        return len(buffer) if found < 0 else found
+        return len(buffer) if received < 0 else received
 
     def write(self, content: bytes | memoryview) -> int:  # type: ignore[override]
         """See `io.RawIOBase`."""
@@ -382,17 +383,17 @@ def _place(draft: Path, path: Path, folder: bool) -> None:
     """Move what is complete to its place: a new folder at once, files one by one."""
     target = Path(os.path.realpath(path))
     drafts = sorted(draft.iterdir()) if folder else [draft]
-    for one in drafts:
-        _sync(one)
+    for file in drafts:
+        _sync(file)
     if folder and not target.exists():
         draft.rename(target)
         return
-    former = package_files(target) - {one.name for one in drafts} if folder else set()
-    for one in drafts:
-        there = target / one.name if folder else target
+    former = package_files(target) - {file.name for file in drafts} if folder else set()
+    for file in drafts:
+        there = target / file.name if folder else target
         if there.exists():
-            one.chmod(there.stat().st_mode)
-        one.replace(there)
+            file.chmod(there.stat().st_mode)
+        file.replace(there)
     for name in former:  # a table of another recording beside these would be taken for one of them
         (target / name).unlink(missing_ok=True)
 
@@ -415,7 +416,7 @@ def _each(to: str, tables: Tables, folder: Path, facts: Facts, report: Report) -
         else:
             write_parquet(table, folder / file, facts)
         written.append(_written(table, file))
-        fields = [_field(one, head(one) if to == "csv" else one.name) for one in table.with_time]
+        fields = [_field(column, head(column) if to == "csv" else column.name) for column in table.with_time]
         resources.append({"name": table.name.lower(), "path": file, "format": to, "schema": {"fields": fields}})
     write_package(folder, folder.name, resources, facts)
     return written
@@ -425,9 +426,9 @@ def _written(table: Table, file: str) -> Written:
     return Written(file, table.name, table.t_ns.size, len(table.columns), table.rate)
 
 
-def _field(one: Column, name: str) -> dict[str, str]:
-    kind = {"f": "number", "i": "integer"}.get(one.values.dtype.kind, "string")
-    attributes = {"name": name, "type": kind, "unit": one.unit, "description": one.about}
+def _field(column: Column, name: str) -> dict[str, str]:
+    kind = {"f": "number", "i": "integer"}.get(column.values.dtype.kind, "string")
+    attributes = {"name": name, "type": kind, "unit": column.unit, "description": column.about}
     return {key: text for key, text in attributes.items() if text}
 
 
@@ -454,13 +455,13 @@ def _wav(tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Wri
         )
     folder.mkdir()
     written, resources = [], []
-    for number, (name, table, one) in enumerate(signals, 1):
+    for number, (name, table, column) in enumerate(signals, 1):
         file = f"{name}.wav"
         report(f"writing {file}, {number} of {len(signals)}")
-        even = grid(one.name, Samples(table.t_ns, one.values))
+        even = grid(column.name, Samples(table.t_ns, column.values))
         full = wav.write(even.v, even.rate, folder / file)
-        written.append(Written(file, table.name, even.v.size, 1, even.rate, full, one.unit))
-        resources.append({"name": name.lower(), "path": file, "format": "wav", "unit": one.unit,
+        written.append(Written(file, table.name, even.v.size, 1, even.rate, full, column.unit))
+        resources.append({"name": name.lower(), "path": file, "format": "wav", "unit": column.unit,
                           "full_scale": full, "rate": even.rate, "start": float(table.time[0])})  # fmt: skip
     write_package(folder, folder.name, resources, facts)
     return written
@@ -469,9 +470,9 @@ def _wav(tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Wri
 def _signals(tables: Tables) -> Iterator[tuple[str, Table, Column]]:
     """Name of its file, table and column of each signal of an output or a sensor."""
     for table in tables:
-        for one in table.columns:
-            if table.channels and one.name != MODE:
-                yield re.sub(r"\W", "_", f"{table.name}_{one.name}"), table, one
+        for column in table.columns:
+            if table.channels and column.name != MODE:
+                yield re.sub(r"\W", "_", f"{table.name}_{column.name}"), table, column
 
 
 FORMATS: dict[str, Format] = {

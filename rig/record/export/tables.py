@@ -68,13 +68,13 @@ def frames(tables: Iterable[Table]) -> dict[str, DataFrame]:
     Raises rig.errors.UsageError if pandas is not installed.
     """
     pandas = needed("pandas", "data")
-    found: dict[str, DataFrame] = {}
+    by_name: dict[str, DataFrame] = {}
     for table in tables:
         columns = {column.name: column.values for column in table.columns}
         frame = pandas.DataFrame(columns, index=pandas.Index(table.time, name=TIME))
         frame.attrs["units"] = {column.name: column.unit for column in table.columns}
-        found[table.name] = frame
-    return found
+        by_name[table.name] = frame
+    return by_name
 
 
 def tree(tables: Iterable[Table], facts: Mapping[str, str]) -> DataTree:
@@ -86,11 +86,11 @@ def tree(tables: Iterable[Table], facts: Mapping[str, str]) -> DataTree:
     xarray = needed("xarray", "data")
     parts = {"/": xarray.Dataset({name: ((), text) for name, text in facts.items()})}
     for table in tables:
-        variables = {one.name: ((TIME,), one.values, _attributes(one)) for one in table.columns}
+        variables = {column.name: ((TIME,), column.values, _attributes(column)) for column in table.columns}
         whole = {"_FillValue": None}  # CF allows no missing values in a coordinate
         parts[table.name] = xarray.Dataset(variables, {TIME: ((TIME,), table.time, {"units": "s"}, whole)})
-    found: DataTree = xarray.DataTree.from_dict(parts)
-    return found
+    datasets: DataTree = xarray.DataTree.from_dict(parts)
+    return datasets
 
 
 def _attributes(column: Column) -> dict[str, str]:
@@ -120,13 +120,13 @@ def lowered(signals: Mapping[str, Samples], rate: float) -> Lowered:
     Raises UsageError with every rate of signals that is no multiple of `rate`, for signals of which fewer than 10 rows
     would remain, and if all signals are slower.
     """
-    grids = {name: grid(_plain(name), one) for name, one in signals.items() if one.t_ns.size > 1}
-    fastest = max((one.rate for one in grids.values()), default=rate)
+    grids = {name: grid(_plain(name), samples) for name, samples in signals.items() if samples.t_ns.size > 1}
+    fastest = max((even.rate for even in grids.values()), default=rate)
     if rate > fastest * (1.0 + _WHOLE):
         raise UsageError(
             f"--rate {rate:.6g} Hz: the highest recorded rate is {fastest:.6g} Hz; take a lower one or leave out --rate"
         )
-    found, notes, faults, bridged = dict(signals), list[str](), list[str](), 0
+    exported, notes, faults, bridged = dict(signals), list[str](), list[str](), 0
     for recorded, names in _by_rate(grids).items():
         factor = recorded / rate
         text = f"{', '.join(listed(dict.fromkeys(map(_plain, names), '')))}: recorded at {recorded:.6g} Hz"
@@ -143,22 +143,22 @@ def lowered(signals: Mapping[str, Samples], rate: float) -> Lowered:
                          f"{ATTENUATION:g} dB below from {STOPPED * rate:.6g} Hz")  # fmt: skip
             for name in names:
                 v, filled = decimated(grids[name].v, round(factor))
-                found[name] = Samples(grids[name].t_ns[:: round(factor)], v)
+                exported[name] = Samples(grids[name].t_ns[:: round(factor)], v)
                 bridged += filled
     if faults:
         raise UsageError("\n".join([*faults, "take another rate, or choose outputs and sensors with --only"]))
     if bridged:
         notes.append(f"{bridged} missing samples in gaps of up to {BRIDGED} were bridged by straight lines beforehand")
-    return Lowered(found, tuple(notes))
+    return Lowered(exported, tuple(notes))
 
 
 def _by_rate(grids: Mapping[str, Grid]) -> dict[float, list[str]]:
     """Names of signals by rate [Hz]; rates that differ by rounding are one."""
-    found: dict[float, list[str]] = {}
-    for name, one in grids.items():
-        rate = next((rate for rate in found if abs(rate - one.rate) <= _WHOLE * rate), one.rate)
-        found.setdefault(rate, []).append(name)
-    return found
+    names_by_rate: dict[float, list[str]] = {}
+    for name, even in grids.items():
+        rate = next((rate for rate in names_by_rate if abs(rate - even.rate) <= _WHOLE * rate), even.rate)
+        names_by_rate.setdefault(rate, []).append(name)
+    return names_by_rate
 
 
 def _plain(name: str) -> str:
@@ -183,14 +183,14 @@ def decimated(v: Reals, factor: int) -> tuple[Reals, int]:
     Returns the samples, and the number of missing ones that were bridged.
     """
     v, bridged = bridge(v)
-    found = np.full(-(-v.size // factor), np.nan)
+    filtered = np.full(-(-v.size // factor), np.nan)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], np.isfinite(v), [False])))).reshape(-1, 2)
     for begin, end in edges.tolist():
         first = -(-begin // factor)
         last = -(-end // factor)
         if end - begin >= factor and last > first:
-            found[first:last] = _filtered(v[begin:end], factor, first * factor - begin)[: last - first]
-    return found, bridged
+            filtered[first:last] = _filtered(v[begin:end], factor, first * factor - begin)[: last - first]
+    return filtered, bridged
 
 
 def _filtered(v: Reals, factor: int, first: int) -> Reals:
@@ -276,13 +276,13 @@ def tables(run: RunData, only: Sequence[str] = (), rate: float | None = None) ->
     times = np.rint(run.time * 1e9).astype(np.int64)
     signals = {TRUE + name: Samples(times, run.signals[name]) for name in chosen.outputs}
     signals |= {MEASURED + name: run.measurements[name] for name in chosen.sensors}
-    found = Lowered(signals) if rate is None else lowered(signals, rate)
-    outputs = {name: found.signals[TRUE + name] for name in chosen.outputs}
-    sensors = {name: found.signals[MEASURED + name] for name in chosen.sensors}
+    reduced = Lowered(signals) if rate is None else lowered(signals, rate)
+    outputs = {name: reduced.signals[TRUE + name] for name in chosen.outputs}
+    sensors = {name: reduced.signals[MEASURED + name] for name in chosen.sensors}
     made = [*_outputs(run, times, outputs, chosen.mode), *_sensors(run, sensors)]
     made += [_commands(run, name) for name in chosen.controllers]
     made += [_events(run)] if chosen.events else []
-    return Tables(tuple(_named(made)), (*_aliased(run, chosen, times), *found.notes))
+    return Tables(tuple(_named(made)), (*_aliased(run, chosen, times), *reduced.notes))
 
 
 def _aliased(run: RunData, chosen: _Chosen, times: Integers) -> Iterator[str]:
@@ -357,11 +357,11 @@ def _sensors(run: RunData, sensors: dict[str, Samples]) -> Iterator[Table]:
         yield Table(title, times, tuple(_sensor(run, name, times, sensors[name]) for name in names), channels=True)
 
 
-def _union(one: Integers, other: Integers) -> Integers:
+def _union(times: Integers, other: Integers) -> Integers:
     """Times of either, in order. Sorting takes a quarter of the time of np.union1d here: it hashes even times badly."""
-    if np.array_equal(one, other):
-        return one
-    both = np.sort(np.concatenate((one, other)))
+    if np.array_equal(times, other):
+        return times
+    both = np.sort(np.concatenate((times, other)))
     return both[np.concatenate(([True], np.diff(both) > 0))] if both.size else both
 
 
@@ -377,30 +377,32 @@ def shown(rate: float) -> str:
 
 
 def _commands(run: RunData, name: str) -> Table:
-    found = run.commands[name]
+    commands = run.commands[name]
     columns = [
-        Column("tick", "", found.tick, "frame from which the command was in force"),
-        Column("answered", "", found.answered, "frame whose measurements it answers"),
-        Column("status", "", found.status, "0 as sent, 1 clamped or completed, 2 safe values because none came"),
+        Column("tick", "", commands.tick, "frame from which the command was in force"),
+        Column("answered", "", commands.answered, "frame whose measurements it answers"),
+        Column("status", "", commands.status, "0 as sent, 1 clamped or completed, 2 safe values because none came"),
     ]
-    columns += [Column(drive, unit, found.values[:, i]) for i, (drive, unit) in enumerate(_drives(run, name, found))]
-    return Table(f"commands_{name}", found.tick * run.frame_ns, tuple(columns))
+    columns += [
+        Column(drive, unit, commands.values[:, i]) for i, (drive, unit) in enumerate(_drives(run, name, commands))
+    ]
+    return Table(f"commands_{name}", commands.tick * run.frame_ns, tuple(columns))
 
 
-def _drives(run: RunData, name: str, found: Commands) -> list[tuple[str, str]]:
+def _drives(run: RunData, name: str, commands: Commands) -> list[tuple[str, str]]:
     """Actuators of a controller with their units; command_1, command_2, ... if the recording does not name them."""
     driven = actuators(run).get(name, ())
-    return [(one, unit_of(run, one)) for one in driven] or [
-        (f"command_{i + 1}", "") for i in range(found.values.shape[1])
+    return [(drive, unit_of(run, drive)) for drive in driven] or [
+        (f"command_{i + 1}", "") for i in range(commands.values.shape[1])
     ]
 
 
 def _events(run: RunData) -> Table:
-    texts = {key: [one[key].replace("\0", "\ufffd") for one in run.events] for key in ("source", "kind", "text")}
-    texts["data"] = [json.dumps(one["data"]) if one["data"] else "" for one in run.events]
-    columns = [Column("tick", "", np.array([one["tick"] for one in run.events], np.int64), "frame of the event")]
+    texts = {key: [event[key].replace("\0", "\ufffd") for event in run.events] for key in ("source", "kind", "text")}
+    texts["data"] = [json.dumps(event["data"]) if event["data"] else "" for event in run.events]
+    columns = [Column("tick", "", np.array([event["tick"] for event in run.events], np.int64), "frame of the event")]
     columns += [Column(name, "", np.array(values, object)) for name, values in texts.items()]
-    return Table(EVENTS, np.array([one["t_ns"] for one in run.events], np.int64), tuple(columns))
+    return Table(EVENTS, np.array([event["t_ns"] for event in run.events], np.int64), tuple(columns))
 
 
 def _named(made: list[Table]) -> Iterator[Table]:
@@ -408,14 +410,14 @@ def _named(made: list[Table]) -> Iterator[Table]:
     names = _unique([re.sub(r"\W", "_", table.name) for table in made])
     for name, table in zip(names, made):
         plain = _unique([TIME, *(column.name.replace("/", "_") for column in table.columns)])[1:]
-        columns = tuple(replace(column, name=one) for one, column in zip(plain, table.columns))
+        columns = tuple(replace(column, name=label) for label, column in zip(plain, table.columns))
         yield replace(table, name=name, columns=columns)
 
 
 def _unique(names: Iterable[str]) -> list[str]:
     """The names; one that stands before gets a number."""
-    found: list[str] = []
+    unique: list[str] = []
     for name in names:
-        number = next(n for n in count(1) if (name if n == 1 else f"{name}_{n}") not in found)
-        found.append(name if number == 1 else f"{name}_{number}")
-    return found
+        number = next(n for n in count(1) if (name if n == 1 else f"{name}_{n}") not in unique)
+        unique.append(name if number == 1 else f"{name}_{number}")
+    return unique
