@@ -121,23 +121,23 @@ def pairs(run: Run, again: Run, modes: bool = False) -> Iterator[Pair]:
 
 def unknown(run: Run, again: Run) -> list[str]:
     """Faults: sensors and outputs in the recording that its scene does not have here, and sensors that it lacks."""
-    found = [
+    faults = [
         f"the sensor {name} is recorded, but not in the scene"
         for name in run.measurements.keys() - again.measurements.keys()
     ]
-    found += [
+    faults += [
         f"the sensor {name} is in the scene, but not recorded"
         for name in again.measurements.keys() - run.measurements.keys()
     ]
-    found += [
+    faults += [
         f"the output {name} is recorded, but the rig of the scene has none of this name here"
         for name in run.signals.keys() - again.signals.keys()
     ]
     if again.signals and not run.signals:
-        found.append("no output of the rig is recorded")
+        faults.append("no output of the rig is recorded")
     if run.frame_ns != again.frame_ns:
-        found.append(f"its frames are {run.frame_ns * 1e-6:g} ms, those of its scene {again.frame_ns * 1e-6:g} ms")
-    return sorted(found)
+        faults.append(f"its frames are {run.frame_ns * 1e-6:g} ms, those of its scene {again.frame_ns * 1e-6:g} ms")
+    return sorted(faults)
 
 
 def other_mode_sets(run: Run, again: Run, end_ns: int) -> list[str]:
@@ -202,7 +202,7 @@ class Openings(NamedTuple):
     @property
     def first(self) -> float | None:
         """The earlier time; None if no point opens in either run."""
-        return min((one for one in self if one is not None), default=None)
+        return min((time for time in self if time is not None), default=None)
 
     def fault(self, step: float) -> str:
         """Why the times do not agree; "" if they do. `step`: time between samples of the recording [s]."""
@@ -225,21 +225,26 @@ def compared(run: Run, again: Run, first: float, last: float) -> Iterator[Compar
     Outputs of the plant are compared at the instants that both runs have: the recording of a live run has 200 per
     second. With fewer than `FEWEST` such instants only sensors are compared, which have all of their samples.
     """
-    here = {one.name: one for one in statistics(_thinned(again, run, first, last), first, last)}
-    both = [one for one in statistics(_thinned(run, again, first, last), first, last) if one.name in here]
-    longest = max((max(one.value, here[one.name].value) for one in both if one.kind == "range"), default=0.0)
-    for one in both:
-        value = here[one.name].value
-        away, factor = abs(one.value - value), max(one.value, value)
-        if one.kind in ("rms", "band") and one.unit == ACCELERATION:
-            most = RMS if one.kind == "rms" else BAND
-            yield Compared(one, value, f"factor {most:g}", factor <= most * min(one.value, value))
-        elif one.kind in ("mean", "least"):
-            allowed = MEAN if one.kind == "mean" else LEAST
-            yield Compared(one, value, f"within {allowed:g}", away <= allowed)
-        elif one.kind == "range":
+    here = {statistic.name: statistic for statistic in statistics(_thinned(again, run, first, last), first, last)}
+    both = [
+        statistic for statistic in statistics(_thinned(run, again, first, last), first, last) if statistic.name in here
+    ]
+    longest = max(
+        (max(statistic.value, here[statistic.name].value) for statistic in both if statistic.kind == "range"),
+        default=0.0,
+    )
+    for statistic in both:
+        value = here[statistic.name].value
+        away, factor = abs(statistic.value - value), max(statistic.value, value)
+        if statistic.kind in ("rms", "band") and statistic.unit == ACCELERATION:
+            most = RMS if statistic.kind == "rms" else BAND
+            yield Compared(statistic, value, f"factor {most:g}", factor <= most * min(statistic.value, value))
+        elif statistic.kind in ("mean", "least"):
+            allowed = MEAN if statistic.kind == "mean" else LEAST
+            yield Compared(statistic, value, f"within {allowed:g}", away <= allowed)
+        elif statistic.kind == "range":
             allowed = RANGE * longest
-            yield Compared(one, value, f"within {allowed:.2g} {one.unit}", away <= allowed)
+            yield Compared(statistic, value, f"within {allowed:.2g} {statistic.unit}", away <= allowed)
 
 
 def _thinned(run: Run, beside: Run, first: float, last: float) -> Run:

@@ -70,7 +70,7 @@ def nearest(run: Run, scene: Scene, tick: int) -> Resumption | None:
     if not whole or changed_place(run) or any(event["kind"] in _ABORTED for event in run.plant_events):
         return None
     for at in sorted((at for at in run.checkpoints if at < tick), reverse=True):
-        counts = {name: one.instants.count(at * run.frame_ns) for name, one in scene.sensors.items()}
+        counts = {name: sensor.instants.count(at * run.frame_ns) for name, sensor in scene.sensors.items()}
         if all(
             name in run.measurements
             and np.array_equal(run.measurements[name].t_ns[:count], scene.sensors[name].instants.at(np.arange(count)))
@@ -199,7 +199,7 @@ def _check(experiment: Experiment, acting: Mapping[str, Controller], changes: Ma
     fixed = [key for key in rig if key not in known and (key in given or key.partition(".")[0] in OWN)]
     whole = [".".join(filter(None, ("controllers", name))) for name, values in own.items() if "" in values]
     if fixed or whole:
-        rest = [f"controllers.{name}.{key}" for name, one in acting.items() for key in tunable(one)]
+        rest = [f"controllers.{name}.{key}" for name, controller in acting.items() for key in tunable(controller)]
         faults = [f"{shortened(key)}: {_why_fixed(key)}" for key in fixed]
         faults += [f"{shortened(key)}: name one value of a controller of the scene" for key in whole]
         raise UsageError("\n".join([*faults, f"what can be changed: {', '.join([*known, *rest])}"]))
@@ -246,8 +246,8 @@ def _actions(origin: Mapping[str, Any], tick: int, changes: Mapping[str, Any]) -
     """The events that record and make the branch at `tick`."""
     now = origin["instant_ns"]
     text = f"continues {origin['ancestor']} from {now * 1e-9:g} s"
-    found = [_action(BRANCH, tick, now, text, origin)]
-    return [*found, _action("parameter", tick, now, "", {"set": changes})] if changes else found
+    events = [_action(BRANCH, tick, now, text, origin)]
+    return [*events, _action("parameter", tick, now, "", {"set": changes})] if changes else events
 
 
 def _action(kind: str, tick: int, t_ns: int, text: str, data: Mapping[str, Any]) -> dict[str, Any]:
@@ -257,18 +257,18 @@ def _action(kind: str, tick: int, t_ns: int, text: str, data: Mapping[str, Any])
     }  # fmt: skip
 
 
-def _repeats(log: Path, run: Run, found: Run, scene: Scene, until: float) -> None:
-    """Raise LogError if the samples of `found` before `until` [s] are not those of the recording."""
-    if strange := unknown(run, found):
+def _repeats(log: Path, run: Run, repeated: Run, scene: Scene, until: float) -> None:
+    """Raise LogError if the samples of `repeated` before `until` [s] are not those of the recording."""
+    if strange := unknown(run, repeated):
         raise LogError(f"{log}: cannot be continued: {'; '.join(strange)}")
     moved = changed_place(run)
-    same = agreement(pairs(run, found), scene, bool(moved), until)
+    same = agreement(pairs(run, repeated), scene, bool(moved), until)
     remedy = f"name an earlier instant; rig verify {log} gives details"
     if same.first and (not moved or same.deviation > ELSEWHERE):
         elsewhere = f" (recorded elsewhere: other {', '.join(moved)})" if moved else ""
         raise LogError(f"{log}: does not repeat up to {until:g} s: {same.first}{elsewhere}; {remedy}")
     for name, (t_ns, _) in run.measurements.items():
-        counts = [int(np.searchsorted(one, until * 1e9 - 0.5)) for one in (t_ns, found.measurements[name].t_ns)]
+        counts = [int(np.searchsorted(times, until * 1e9 - 0.5)) for times in (t_ns, repeated.measurements[name].t_ns)]
         if missing := counts[1] - counts[0]:
             which = "missing" if missing > 0 else "there more than once"
             raise LogError(f"{log}: {abs(missing)} samples of {name} before {until:g} s are {which}, so it is not "

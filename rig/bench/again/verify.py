@@ -96,7 +96,7 @@ def differences(run: Run, again: Run, end_ns: int, exact: bool = True) -> tuple[
 
 
 def _by_kind(events: Iterable[Event], kinds: frozenset[str], end_ns: int) -> dict[str, list[Event]]:
-    found: dict[str, list[Event]] = defaultdict(list)
+    events_of_kind: dict[str, list[Event]] = defaultdict(list)
     for event in events:
         if (
             event["source"] == PLANT
@@ -104,8 +104,8 @@ def _by_kind(events: Iterable[Event], kinds: frozenset[str], end_ns: int) -> dic
             and event["t_ns"] <= end_ns
             and not _of_controller(event)
         ):
-            found[event["kind"]].append(event)
-    return found
+            events_of_kind[event["kind"]].append(event)
+    return events_of_kind
 
 
 def _of_controller(event: Event) -> bool:
@@ -213,15 +213,15 @@ def _follows(sent: Sequence[float], values: Sequence[float], before: Sequence[fl
 
 def _sent(log: Path) -> dict[str, dict[int, list[tuple[float, ...]]]]:
     """Controller -> tick -> commands that it sent over the bus in answer to this step."""
-    scan, found = Scan(log), dict[str, dict[int, list[tuple[float, ...]]]]()
+    scan, commands = Scan(log), dict[str, dict[int, list[tuple[float, ...]]]]()
     gathered = scan.payloads(("act/",))
     decode = Decoder(setup_of(scan))
     for topic, payloads in gathered.items():
-        own = found.setdefault(topic.removeprefix("act/"), {})
+        own = commands.setdefault(topic.removeprefix("act/"), {})
         for block in decode.columns(topic, payloads):
             for tick, values in zip(block["tick"].ravel().tolist(), block["values"].reshape(len(block["tick"]), -1)):
                 own.setdefault(tick, []).append(tuple(values.tolist()))
-    return found
+    return commands
 
 
 @dataclass(frozen=True)
@@ -281,7 +281,7 @@ class Verification:
                 f"  {self.seconds:g} s simulated again; a contact point opens first at t = {self.opened:.6g} s",
                 f"  before: {self.compared} numbers agree {agreement} ({BEFORE:g} is allowed)",
                 "  from there on the motion is chaotic: statistics, recorded and here (what is allowed)",
-                *(f"    {one}" for one in self.statistics),
+                *(f"    {statistic}" for statistic in self.statistics),
             ]
         if self.elsewhere and not self.identical:
             lines.append(f"  recorded elsewhere: other {', '.join(self.elsewhere)}")

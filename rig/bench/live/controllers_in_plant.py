@@ -84,48 +84,48 @@ class ControllersInPlant:
         self._all: dict[str, _Resident] = {}
         for name in sorted(experiment.scene.in_plant):
             loop = Loop(controllers.restored(described[name]))
-            self._all[name] = one = _Resident(name, loop, experiment, session.stand_in("controller", name))
-            one.expect(0)
-            one.native()  # compiled if the rehearsal has done so
+            self._all[name] = resident = _Resident(name, loop, experiment, session.stand_in("controller", name))
+            resident.expect(0)
+            resident.native()  # compiled if the rehearsal has done so
         self.at_work = list(self._all.values())
         """Those that have not left."""
         self.partners: Sequence[ControllerInProcess] = ()
         """Controllers in other processes that are asked like those in this process (rig.bench.live.waiting)."""
         self._inside = CompiledControllers(experiment)
-        for one in self.at_work:
-            one.service.session.announce()
+        for resident in self.at_work:
+            resident.service.session.announce()
 
     def carry_on(self, until: int) -> None:
         """Step the plant runner to tick `until` or until a limit is exceeded; on the way only controllers act."""
         carry_on(self._experiment, [*self.at_work, *self.partners], until, self._inside)
-        for one in self.at_work:
-            one.look()
-        if any(one.left for one in self.at_work):
-            self.at_work = [one for one in self.at_work if not one.left]
+        for resident in self.at_work:
+            resident.look()
+        if any(resident.left for resident in self.at_work):
+            self.at_work = [resident for resident in self.at_work if not resident.left]
             self._notice()
 
     def poll(self) -> None:
         """Answer queries that read or set parameters."""
-        for one in self.at_work:
-            one.service.server.poll()
+        for resident in self.at_work:
+            resident.service.server.poll()
 
     def retune(self, name: str, changes: Mapping[str, Any]) -> None:
         """Change parameters of a controller at this tick. Raises UsageError if they are invalid or it has left."""
-        one = self._all[name]
-        if one.left:
+        resident = self._all[name]
+        if resident.left:
             raise UsageError(f"controller {name} has left")
-        one.service.answer_request({"set": dict(changes)})
+        resident.service.answer_request({"set": dict(changes)})
 
     @property
     def failures(self) -> list[str]:
         """Why controllers have failed, one line each."""
-        return [one.failure for one in self._all.values() if one.failure]
+        return [resident.failure for resident in self._all.values() if resident.failure]
 
     def counters(self) -> dict[str, dict[str, int]]:
         """The counters of each controller (`Loop.counters`)."""
-        return {name: one.loop.counters() for name, one in self._all.items()}
+        return {name: resident.loop.counters() for name, resident in self._all.items()}
 
     def leave(self) -> None:
         """At the end of the run: publish the last messages of all controllers that still work."""
-        for one in self.at_work:
-            one.leave()
+        for resident in self.at_work:
+            resident.leave()

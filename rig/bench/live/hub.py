@@ -203,10 +203,10 @@ class CommandInbox:
         """Pass the commands that have arrived to the exchange."""
         receive = self._exchange.receive
         for _ in range(_ACTS):
-            found = self.next()
-            if found is None:
+            command = self.next()
+            if command is None:
                 return
-            receive(*found)
+            receive(*command)
 
     def next(self, timeout: float = 0.0) -> tuple[str, int, tuple[float, ...]] | None:
         """The oldest command: sender, tick that it answers, values. Waits for it at most `timeout` [s].
@@ -270,17 +270,17 @@ class CommandInbox:
         """
         steps, self._steps = self.steps.sent - self._steps, self.steps.sent
         ticks, self._ticks = self.last_step - self._ticks, self.last_step
-        found = []
+        lines = []
         for topic, count in self.acts.counts.items():
             lost = self._accepted[topic].lost if topic in self._accepted else 0
             sent, queue = count.received + lost, self._exchange.queues.get(topic[4:])
             before, owed = self._counted.get(topic, (0, 0))
             new = sent - before
             if new > owed + 4 * steps + _TOO_MANY:
-                found.append(f"controller {topic[4:]} sent {new} commands for {owed + steps} steps")
+                lines.append(f"controller {topic[4:]} sent {new} commands for {owed + steps} steps")
             due = ticks // queue.period if queue is not None else 0
             self._counted[topic] = (sent, max(owed + due - new, 0))
-        return found
+        return lines
 
     def fold(self) -> None:
         """Add the recorded round trips to their distribution."""
@@ -497,10 +497,10 @@ def missing(sent: Mapping[str, int], heard: Any, whole: bool) -> dict[str, int]:
     `whole`: it was subscribed from the first message on, so every message counts; else only gaps are known.
     """
     received = dict(zip(heard.heard_topic, zip(heard.received, heard.lost)))
-    found = {}
+    lost_of_topic = {}
     for topic, count in sent.items():
         got, gaps = received.get(topic, (0, 0))
         lost = count - got if whole else min(gaps, count)
         if lost > 0:
-            found[topic] = lost
-    return found
+            lost_of_topic[topic] = lost
+    return lost_of_topic

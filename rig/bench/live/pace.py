@@ -101,8 +101,8 @@ def length(scene: Scene, pace: float | None, periods: Collection[int] | None = N
     processes, a piece is one frame, because their commands take effect one frame later.
     """
     if periods is None:
-        outside = [one for name, one in scene.controllers.items() if name not in scene.in_plant]
-        periods = [one.period // scene.frame_ns for one in outside]
+        outside = [section for name, section in scene.controllers.items() if name not in scene.in_plant]
+        periods = [section.period // scene.frame_ns for section in outside]
     most = max(int(LONGEST_NS * (pace or 1.0)) // scene.frame_ns, 1)
     if not periods:
         return most
@@ -253,11 +253,11 @@ class Waiting(NamedTuple):
 
 def lateness(clock: Clock, frame_ns: int, frames: int) -> np.ndarray:
     """Measure the lateness of `frames` waits of `frame_ns`: int64 [frames], ns."""
-    found = np.empty(frames, np.int64)
+    late_ns = np.empty(frames, np.int64)
     for i in range(frames):
         deadline = clock.now() + frame_ns
-        found[i] = clock.until(deadline) - deadline
-    return found
+        late_ns[i] = clock.until(deadline) - deadline
+    return late_ns
 
 
 def choose(frame_ns: int, frames: int = 60) -> Waiting:

@@ -97,7 +97,7 @@ def rigs(experiment: Experiment) -> Iterator[RigVariant]:
     runner = experiment.runner
     values = dict(runner.values)
     yield from _safe(experiment, None, values)
-    stateless = {name for name, one in runner.inputs.items() if not (one.state or one.write)}
+    stateless = {name for name, actuator in runner.inputs.items() if not (actuator.state or actuator.write)}
     parameters = dict(values_of(experiment.scene.parameters)).keys() - runner.inputs.keys() | stateless
     first = experiment.protocol.begun
     steps = islice(unrolled(experiment.scene.protocol), first, first + LOOKED_AT)  # the protocol may repeat for ever
@@ -120,9 +120,9 @@ def _safe(experiment: Experiment, at: RigVariant | None, values: Mapping[str, fl
     """
     runner = experiment.runner
     inputs = runner.inputs if at is None else runner.inputs | at.assembly.inputs
-    for name, one in inputs.items() if experiment.scene.limits else ():
-        if not (one.state or one.write) and one.safe != values[name]:
-            at = runner.variants.build(Wanted({name: one.safe}), at)
+    for name, actuator in inputs.items() if experiment.scene.limits else ():
+        if not (actuator.state or actuator.write) and actuator.safe != values[name]:
+            at = runner.variants.build(Wanted({name: actuator.safe}), at)
             yield at
 
 

@@ -66,7 +66,7 @@ class Lockstep:
             name for name in sorted(queues) if ("controller", name) in hub.watch.present and name not in hub.in_plant
         ]
         self._evicted.intersection_update(here)
-        known = {name: one for name, one in self._partners.items() if queues.get(name) is one.queue}
+        known = {name: partner for name, partner in self._partners.items() if queues.get(name) is partner.queue}
         self._partners = {
             name: known.get(name) or Partner(name, self, hub) for name in here if name not in self._evicted
         }
@@ -75,7 +75,7 @@ class Lockstep:
     @property
     def asks_each_tick(self) -> bool:
         """Whether a controller is due at each tick, and the compiled loop can ask all of them."""
-        queues, runner = [one.queue for one in self._partners.values()], self._hub.runner
+        queues, runner = [partner.queue for partner in self._partners.values()], self._hub.runner
         return (
             any(queue.period == 1 for queue in queues)
             and len(queues) <= len(runner.controllers.controllers)
@@ -93,8 +93,8 @@ class Lockstep:
         if tick != self._tick:
             self._tick, self._found, self._again = tick, {}, AGAIN
             hub.gather(tick)
-            for name, one in self._partners.items():
-                if not tick % one.queue.period:
+            for name, partner in self._partners.items():
+                if not tick % partner.queue.period:
                     due.add(name)
             hub.put_step(tick)
             self._looked = self._commands.put_ns
