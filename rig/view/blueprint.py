@@ -166,7 +166,7 @@ _LARGE = 6
 
 def layout(drawing: Drawing) -> dict[str, Any]:
     """The layout as JSON data: plots as in rerun's window, and the log of the plant below."""
-    panels = [panel for one in drawing.channels.panels for panel in _shown(drawing, one)]
+    panels = [panel for declared in drawing.channels.panels for panel in _shown(drawing, declared)]
     configs: dict[str, Any] = {f"Plot!p{i}": _plot(drawing, panel) for i, panel in enumerate(panels)}
     visible, hidden = list(configs)[:_LARGE], list(configs)[_LARGE:]
     if hidden:

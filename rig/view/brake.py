@@ -107,7 +107,7 @@ def motion_of(system: System, probe: Mapping[str, float]) -> Motion:
         return complex(vector[names.index(f"{body}.{axis}")])
 
     swing = [float(abs(normal.row[:count] @ vector)) for normal in system.normals]
-    opens = min(float(normal.row @ at.x) / one for normal, one in zip(system.normals, swing))
+    opens = min(float(normal.row @ at.x) / amplitude for normal, amplitude in zip(system.normals, swing))
     shape = {body: (of(body, "x"), of(body, "z"), of(body, "phi")) for body in BODIES if body != "disc"}
     shape["disc"] = (of("disc", "x"), *disc_at_contacts(system, vector))
     return Motion(shape, float(rates[best].imag), opens)
@@ -136,7 +136,7 @@ class Brake(Picture):
 
     def __init__(self, system: System, probe: Mapping[str, float]) -> None:
         self.motion = motion_of(system, probe)
-        sizes = [abs(one) for x, z, phi in self.motion.shape.values() for one in (x, z, 0.05 * phi)]
+        sizes = [abs(amplitude) for x, z, phi in self.motion.shape.values() for amplitude in (x, z, 0.05 * phi)]
         largest = 10.0 * self.motion.opens * max(sizes)
         load = max((abs(float(normal.row @ system.start)) for normal in system.normals), default=1.0) or 1.0
         super().__init__(Scale(round_down(_DRAWN / largest), load))
@@ -188,7 +188,7 @@ class Brake(Picture):
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
         placed, count = self.placed(s), len(t_ns)
-        found = [
+        columns = [
             Columns(
                 f"rig/{body}",
                 t_ns,
@@ -201,33 +201,35 @@ class Brake(Picture):
             for body, (x, z, phi) in placed.items()
         ]
         marks = along(0, np.mod(10.0 * ran, _PITCH))
-        found.append(Columns("rig/disc/marks", t_ns, Shape("Transform3D", translation=marks)))
+        columns.append(Columns("rig/disc/marks", t_ns, Shape("Transform3D", translation=marks)))
         for name in self._contacts:
             pad, _ = _where(name)
             open_ = s[f"normal_force_{name}"] <= 0.0
             colours = [contact.rgb(contact.COLOURS[-1 if lifted else mode]) for lifted, mode in zip(open_, modes)]
-            found.append(Columns(f"rig/{pad}/{name}", t_ns, Shape("Boxes3D", colors=colours)))
+            columns.append(Columns(f"rig/{pad}/{name}", t_ns, Shape("Boxes3D", colors=colours)))
         springs = [zigzag(_point(placed, a, count), _point(placed, b, count), flat=False) for a, b in _SPRINGS]
-        found.append(spring(t_ns, *springs, radius=0.006))
-        found += self._forces(t_ns, s, placed, count)
+        columns.append(spring(t_ns, *springs, radius=0.006))
+        columns += self._forces(t_ns, s, placed, count)
         magnified = (
             f"motion x {self.scale.motion:g}, {self.motion.omega / (2.0 * math.pi):.0f} Hz shown at {_SLOW:g} Hz"
         )
         size = 1e6 * np.hypot(s["displacement"], s["velocity"] / self.motion.omega)
-        texts = [f"{contact.NAMES[mode]}   pad {one:.2f} um   {magnified}" for mode, one in zip(modes, size)]
-        return [*found, word(t_ns, (0.0, 0.0, 0.95), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
+        texts = [
+            f"{contact.NAMES[mode]}   pad {micrometres:.2f} um   {magnified}" for mode, micrometres in zip(modes, size)
+        ]
+        return [*columns, word(t_ns, (0.0, 0.0, 0.95), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
 
     def _forces(
         self, t_ns: Integers, s: Mapping[str, Reals], placed: Mapping[str, tuple[Reals, Reals, Reals]], count: int
     ) -> list[Columns]:
         """Arrows of the normal forces at the contacts, and of the friction on the inner pad."""
-        found = []
+        arrows = []
         for name in self._contacts:
             pad, side = _where(name)
             up = 1.0 if pad == "outer_pad" else -1.0
             end = _point(placed, (pad, (side * _LINING, -0.11 * up)), count)
             force = along(2, up * 0.25 * np.maximum(s[f"normal_force_{name}"], 0.0) / self.scale.force)
-            found.append(
+            arrows.append(
                 Columns(
                     f"rig/load/{name}",
                     t_ns,
@@ -236,14 +238,14 @@ class Brake(Picture):
             )
         end = _point(placed, ("inner_pad", (0.0, 0.04)), count)
         drags = along(0, 0.25 * s["friction_force"] / self.scale.force)
-        found.append(
+        arrows.append(
             Columns(
                 "rig/friction",
                 t_ns,
                 Shape("Arrows3D", vectors=drags, origins=end, colors=[self.friction] * count, radii=[0.012] * count),
             )
         )
-        return found
+        return arrows
 
 
 def _where(name: str) -> tuple[str, float]:

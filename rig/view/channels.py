@@ -43,9 +43,9 @@ class Channels:
     """
 
     def __init__(
-        self, found: tuple[Scene, Assembly] | None, outputs: Mapping[str, str], sensors: Mapping[str, str]
+        self, scene_and_rig: tuple[Scene, Assembly] | None, outputs: Mapping[str, str], sensors: Mapping[str, str]
     ) -> None:
-        scene, rows = (found[0].sensors, found[1].outputs) if found else ({}, {})
+        scene, rows = (scene_and_rig[0].sensors, scene_and_rig[1].outputs) if scene_and_rig else ({}, {})
         names = [*(name for name in rows if name in outputs), *(name for name in outputs if name not in rows)]
         self.outputs, self.sensors = {name: outputs[name] for name in names}, dict(sensors)
         """Outputs in the order of the rig, so that every view gives them the same colours."""
@@ -87,13 +87,13 @@ class Channels:
                 members.setdefault(key, []).append(name)
                 places[key] = min(plot.place, places.get(key, plot.place))
         reads = {sensor: channel.reads for sensor, channel in self.measured.items()}
-        found, shown = [], set()
+        panels, shown = [], set()
         for key in sorted(members, key=lambda key: places[key]):
             inside = tuple(sensor for sensor, output in reads.items() if output in members[key])
-            found.append(Panel("{} [{}]".format(*key), tuple(members[key]), inside, places[key]))
+            panels.append(Panel("{} [{}]".format(*key), tuple(members[key]), inside, places[key]))
             shown |= set(inside)
         alone = Plot().place
-        return found + [Panel(f"{n} [{u}]", (), (n,), alone) for n, u in self.sensors.items() if n not in shown]
+        return panels + [Panel(f"{n} [{u}]", (), (n,), alone) for n, u in self.sensors.items() if n not in shown]
 
     def _plot(self, name: str, unit: str) -> Plot:
         output = self._declared.get(name)

@@ -33,18 +33,18 @@ def read(scene: str) -> tuple[Scene, Assembly] | None:
     from rig.scenes.scene import Scene
 
     try:
-        found = Scene.from_json(scene)
-        assembly = found.assemble()
+        parsed = Scene.from_json(scene)
+        assembly = parsed.assemble()
     except SceneError:
         return None
     assert isinstance(assembly, Assembly)
-    return found, assembly
+    return parsed, assembly
 
 
 def system_of(scene: str) -> System | None:
     """The system matrices of the rig in a scene (JSON text); None if the text is no valid scene."""
-    found = read(scene)
-    return found[1].system() if found else None
+    scene_and_rig = read(scene)
+    return scene_and_rig[1].system() if scene_and_rig else None
 
 
 class Modes:

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 def scene_of(run: Run) -> dict[str, Any]:
     """The scene of a run from its JSON text; empty if the text is no JSON object."""
     try:
-        found = json.loads(run.scene)
+        parsed = json.loads(run.scene)
     except ValueError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return parsed if isinstance(parsed, dict) else {}
 
 
 def caption(axes: Axes, run: Run, modes: Integers) -> None:
@@ -116,10 +116,10 @@ def marks_of(run: Run) -> list[Mark]:
     kinds = ("mark", "knock", "fault", "limit", "emergency", "diverged", "parameter", "safe")
     own = [e for e in run.events if e["kind"] == "parameter" and e["source"] in run.commands]
     events = sorted([*(e for e in run.plant_events if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
-    found: dict[int, list[str]] = {}
+    texts_at: dict[int, list[str]] = {}
     for e in events:
-        found.setdefault(e["t_ns"], []).append(_marked(e))
-    return [Mark(t_ns * 1e-9, ", ".join(texts)) for t_ns, texts in found.items()]
+        texts_at.setdefault(e["t_ns"], []).append(_marked(e))
+    return [Mark(t_ns * 1e-9, ", ".join(texts)) for t_ns, texts in texts_at.items()]
 
 
 def _marked(event: Mapping[str, Any]) -> str:
@@ -131,12 +131,12 @@ def _marked(event: Mapping[str, Any]) -> str:
 
 def controlled(run: Run) -> list[Span]:
     """Spans in which each controller worked (was connected and enabled), in order of time."""
-    found: list[Span] = []
+    spans: list[Span] = []
     for name in sorted(run.commands):
-        found += _controlled(
+        spans += _controlled(
             run.plant_events, name, _enabled_at(run.scene, name), end_of(run), bool(run.commands[name].tick.size)
         )
-    return sorted(found)
+    return sorted(spans)
 
 
 def _controlled(
@@ -168,11 +168,11 @@ def sections(run: Run) -> list[Span]:
     """The run, divided where a controller begins or stops working: "free", or the names of working controllers."""
     spans, end = controlled(run), end_of(run)
     cuts = sorted({0.0, end, *(t for span in spans for t in (span.begin, span.end))})
-    found = []
+    stretches = []
     for begin, stop in pairwise(cuts):
         at_work = [span.text for span in spans if span.begin <= begin and stop <= span.end]
-        found.append(Span(begin, stop, " + ".join(dict.fromkeys(at_work)) or "free"))
-    return found
+        stretches.append(Span(begin, stop, " + ".join(dict.fromkeys(at_work)) or "free"))
+    return stretches
 
 
 def circuits(run: Run, system: System | None) -> list[Span]:
@@ -261,10 +261,14 @@ def known(run: Run) -> Known:
     """What the recorded outputs show. If their rate was reduced, that follows from the sensors that are faster."""
     if not reduced(run):
         return Known.ALL
-    fine = [one for one in run.measurements.values() if one.v.size > 4 * run.time.size]
+    fine = [measurement for measurement in run.measurements.values() if measurement.v.size > 4 * run.time.size]
     if not fine:
         return Known.SAMPLES
-    return Known.ALIAS if any(_faster(np.asarray(1e-9 * one.t_ns), one.v, run.time) for one in fine) else Known.ALL
+    return (
+        Known.ALIAS
+        if any(_faster(np.asarray(1e-9 * measurement.t_ns), measurement.v, run.time) for measurement in fine)
+        else Known.ALL
+    )
 
 
 def _faster(t: Reals, v: Reals, at: Reals) -> bool:
@@ -485,7 +489,10 @@ class Header:
         for i, (begin, end, text) in enumerate(self._bands):
             shorter = (text, "to" + text.partition(" to")[2], text.rpartition(" to ")[2])
             room = self._scale * (end - max(begin, self._begin)) - 6.0
-            fitting = next((one for one in shorter if one not in ("", "to") and long(one, _STEP) <= room), "")
+            fitting = next(
+                (shortened for shortened in shorter if shortened not in ("", "to") and long(shortened, _STEP) <= room),
+                "",
+            )
             if fitting:
                 self._inside[i] = fitting
             else:
@@ -502,17 +509,17 @@ class Header:
     def _place(self, time: float, text: str, colour: str, rises: bool, long: Any) -> None:
         per_letter = max(long(text, _MARK) / len(text), 1.0)
         lines = textwrap.wrap(text, max(int(0.95 * self._width / per_letter), 8))[::-1]
-        size = max(long(one, _MARK) for one in lines) + 4.0
+        size = max(long(text_line, _MARK) for text_line in lines) + 4.0
         at = self._scale * (time - self._begin)
         left = at + 4.0 if at + 4.0 + size <= self._width else max(min(at - 4.0, self._width) - size, 0.0)
-        taken = {one.row for one in self._labels if one.left < left + size + 12.0 and left < one.right + 12.0}
+        taken = {label.row for label in self._labels if label.left < left + size + 12.0 and left < label.right + 12.0}
         fits = (row for row in range(_ROWS + 1 - len(lines)) if taken.isdisjoint(range(row, row + len(lines))))
         row = next(fits, None)
         if row is None:
             self._left_out += 1
             return
-        for i, one in enumerate(lines):
-            self._labels.append(_Label(time, left, left + size, row + i, one, colour, rises and i == 0))
+        for i, text_line in enumerate(lines):
+            self._labels.append(_Label(time, left, left + size, row + i, text_line, colour, rises and i == 0))
 
     @property
     def height(self) -> float:

@@ -69,7 +69,7 @@ class Portrait:
             self._points.popleft()
         table = np.array([(x, v) for _, x, v, _ in self._points])
         now = np.array([last])
-        found = self._frame(now, np.abs(table).max(axis=0))
+        frame = self._frame(now, np.abs(table).max(axis=0))
         table = table / self._scale * (1.0, -1.0)
         modes = np.array([mode for *_, mode in self._points])
         cuts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
@@ -79,7 +79,7 @@ class Portrait:
             [len(strips)]
         )
         dot = rr.Points2D.columns(positions=table[-1:], colors=colours[-1:], radii=[0.035])
-        return [*found, Columns("portrait/curve", now, curve), Columns("portrait/now", now, dot)]
+        return [*frame, Columns("portrait/curve", now, curve), Columns("portrait/now", now, dot)]
 
     def _frame(self, now: NDArray[np.int64], largest: Any) -> list[Columns]:
         scale = tuple(max(_round_up(float(size)), had) for size, had in zip(largest, self._scale))
@@ -139,18 +139,18 @@ class Drawing:
     def __init__(
         self, scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str], apart: str = "", hidden: bool = False
     ) -> None:
-        found = contact.read(scene)
-        system = found[1].system() if found else None
+        scene_and_rig = contact.read(scene)
+        system = scene_and_rig[1].system() if scene_and_rig else None
         self.scene = scene
-        self.channels = Channels(found, outputs, sensors)
+        self.channels = Channels(scene_and_rig, outputs, sensors)
         self.curves = [name for name in outputs if name not in self.channels.at_points]
         """Outputs that are drawn as curves. A quantity at many points is drawn as a map instead."""
         self.points = bool(self.channels.at_points)
         """Whether the contact is a film of points."""
         self.worded = not self.points and (system is None or bool(system.patches))
         """Whether there is a strip of the contact state: not for a film of points, nor for a bonded contact."""
-        self.picture = picture_of(*found, system) if found and system else None
-        self._lost = found[1].outputs.keys() - outputs.keys() if found else set()
+        self.picture = picture_of(*scene_and_rig, system) if scene_and_rig and system else None
+        self._lost = scene_and_rig[1].outputs.keys() - outputs.keys() if scene_and_rig else set()
         """Outputs of the rig that a damaged recording has lost. The picture is drawn without them."""
         if self.picture is not None:
             self.picture.paint(self.channels.colours)
@@ -224,8 +224,8 @@ class Drawing:
 
     def states(self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers) -> list[Columns]:
         """All steps of a run: curves, contact states and picture. `keys`: number of the mode set at each row."""
-        found = [self.curve(name, t_ns, signals[name]) for name in self.curves]
-        return found + self.contacts(t_ns, 1 << self.modes(keys)) + self.picture_of(t_ns, signals, keys)
+        columns = [self.curve(name, t_ns, signals[name]) for name in self.curves]
+        return columns + self.contacts(t_ns, 1 << self.modes(keys)) + self.picture_of(t_ns, signals, keys)
 
     def curve(self, output: str, t_ns: Integers, v: Reals) -> Columns:
         """Values of an output."""
@@ -237,7 +237,7 @@ class Drawing:
         if not changed.size or not self.worded:
             return []
         self._bits = int(bits[-1])
-        return [self._strip("contact", t_ns[changed], [_states(int(one)) for one in bits[changed]])]
+        return [self._strip("contact", t_ns[changed], [_states(int(state_bits)) for state_bits in bits[changed]])]
 
     def picture_of(
         self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers, frames: int = 1 << 30
@@ -272,30 +272,30 @@ class Drawing:
 
     def health(self, t_ns: Integers, health: Mapping[str, Sequence[float]]) -> list[Columns]:
         """Curves of the fields of Health messages: name -> values at `t_ns`."""
-        found = []
+        curves = []
         for name, values in health.items():
             v = np.asarray(values, np.float64)
-            found.append(_curve(f"health/{name}", t_ns, np.log10(np.abs(v) + 1e-18) if name == "energy_error" else v))
-        return found
+            curves.append(_curve(f"health/{name}", t_ns, np.log10(np.abs(v) + 1e-18) if name == "energy_error" else v))
+        return curves
 
     def events(self, events: Iterable[Mapping[str, Any]]) -> list[Columns]:
         """Events as lines of the log; protocol steps and switched controllers also as strips."""
         import rerun as rr
 
-        found = []
+        drawn = []
         for event in events:
             now, kind = np.array([event["t_ns"]], np.int64), event["kind"]
             text = f"{kind}: {event['text']}"
             level = "DEBUG" if kind == "contact" else topics.LEVELS.get(kind, "info").upper()
             columns = rr.TextLog.columns(text=[text], level=[level])
-            found.append(Columns(f"event/{event['source']}", now, columns))
+            drawn.append(Columns(f"event/{event['source']}", now, columns))
             if event["source"] != "plant":  # the strips show what happened in the run
                 continue
             if kind == "step":
-                found.append(self._strip("protocol", now, [event["text"]]))
+                drawn.append(self._strip("protocol", now, [event["text"]]))
             elif kind in ("connected", "disconnected"):
-                found.append(self._strip(str(event["data"].get("controller", "controller")), now, [kind]))
-        return found
+                drawn.append(self._strip(str(event["data"].get("controller", "controller")), now, [kind]))
+        return drawn
 
     def _strip(self, lane: str, t_ns: Integers, words: list[str]) -> Columns:
         import rerun as rr
@@ -349,6 +349,6 @@ def _rows(columns: Any, frames: int) -> Any:
         return columns
     import rerun as rr
 
-    found = getattr(rr, columns.kind).columns(**columns.fields)
+    batch = getattr(rr, columns.kind).columns(**columns.fields)
     each = len(next(iter(columns.fields.values()))) // frames
-    return found if each == 1 else found.partition([each] * frames)
+    return batch if each == 1 else batch.partition([each] * frames)

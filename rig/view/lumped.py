@@ -242,7 +242,7 @@ class Slider(Pendulum):
         zoom = self.scale.motion
         angles, up = zoom * s["displacement"] / _PLACE, zoom * ACROSS * s["height"] + GAP
         place = np.stack((_PLACE * np.cos(angles), _PLACE * np.sin(angles), up), axis=1)
-        drawn = {one.path: one for one in super()._frames(t_ns, {**s, "angle": angles}, modes, ran)}
+        drawn = {columns.path: columns for columns in super()._frames(t_ns, {**s, "angle": angles}, modes, ran)}
         turn = Shape("Transform3D", quaternion=about(2, angles), translation=along(2, up))
         side = place + np.array((0.0, -0.08, 0.13))
         drawn["rig/disc"] = Columns("rig/disc", t_ns, Shape("Transform3D", quaternion=about(2, ran)))
@@ -287,7 +287,7 @@ class ThreeBodies(Belt):
             log(f"rig/{name}", box)
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        drawn = {one.path: one for one in super()._frames(t_ns, s, modes, ran)}
+        drawn = {columns.path: columns for columns in super()._frames(t_ns, s, modes, ran)}
         slider = self._placed(s)["translation"] + (0.0, 0.0, 0.19)
         side = along(0, self.scale.motion * s["body_1_displacement"])
         top = along(2, self.scale.motion * ACROSS * s["body_3_height"])
@@ -354,7 +354,7 @@ class Tip(Belt):
         log("rig/wall", block)
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        drawn = {one.path: one for one in super()._frames(t_ns, s, modes, ran)}
+        drawn = {columns.path: columns for columns in super()._frames(t_ns, s, modes, ran)}
         x = self.scale.motion * s["displacement"]
         share = np.linspace(0.0, 1.0, 16)[:, None]
         bent = 0.5 * share[:, 0] ** 2 * (3.0 - share[:, 0])  # shape of a clamped beam under a force at its end

@@ -27,14 +27,14 @@ def picture_of(scene: Scene, assembly: Assembly, system: System) -> Picture | No
     `assembly`, `system`: those of the scene.
     """
     declared: tuple[picture.Picture, ...] = getattr(plant_of(scene.parameters), "PICTURES", ())
-    found = next((one for one in declared if assembly.outputs.keys() >= set(one.outputs)), None)
-    if isinstance(found, picture.OnBelt):
-        return Belt(scale_of(system), found)
-    if isinstance(found, picture.OnDisc):
-        return Pendulum(scale_of(system), found)
-    if found is None:
+    declaration = next((candidate for candidate in declared if assembly.outputs.keys() >= set(candidate.outputs)), None)
+    if isinstance(declaration, picture.OnBelt):
+        return Belt(scale_of(system), declaration)
+    if isinstance(declaration, picture.OnDisc):
+        return Pendulum(scale_of(system), declaration)
+    if declaration is None:
         return None
-    drawer: type[Picture] = drawer_of(found, scene)
+    drawer: type[Picture] = drawer_of(declaration, scene)
     return drawer.of(scene, assembly, system)
 
 

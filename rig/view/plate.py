@@ -90,7 +90,7 @@ class Plate(Picture):
         """See `Picture.static`."""
 
         def box(path: str, size: tuple[float, float, float], top: float, colour: tuple[int, int, int]) -> None:
-            half = tuple(0.5 * one / _LENGTH for one in size)
+            half = tuple(0.5 * length / _LENGTH for length in size)
             drawn = Shape("Boxes3D", half_sizes=[half], centers=[(0, 0, top - half[2])], colors=[colour])
             log(f"rig/{path}", drawn)
 

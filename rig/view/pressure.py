@@ -70,9 +70,9 @@ def table() -> NDArray[np.uint8]:
 def colours(pressures: NDArray[np.float64], scale: float) -> NDArray[np.uint8]:
     """The colours [..., rgb] of `pressures` on a scale from 0 to `scale`; larger ones have its last colour."""
     share = np.clip(np.nan_to_num(pressures) / scale, 0.0, 1.0)
-    found: NDArray[np.uint8] = table()[np.rint(share * (COUNT - 1)).astype(np.int64)]
-    found[~(pressures > 0.0)] = rgb(OPEN)
-    return found
+    coloured: NDArray[np.uint8] = table()[np.rint(share * (COUNT - 1)).astype(np.int64)]
+    coloured[~(pressures > 0.0)] = rgb(OPEN)
+    return coloured
 
 
 _CENTRE = "#e4322b"
@@ -146,11 +146,11 @@ def compose(figure: Figure, run: Run) -> None:
     split = LEFT + (RIGHT - LEFT) * 0.64
     header = Header(figure, run, (split - LEFT) * figure.bbox.width)
     drawn, top = stacked(figure, run, header, len(panels), (LEFT, split, BOTTOM))
-    found = characteristic(run) if points is not None and run.time.size else []
+    instants = characteristic(run) if points is not None and run.time.size else []
     for axes, panel in zip(drawn, panels):
         _panel(axes, sheet, panel)
         shade(axes, run, [])
-        for instant in found:
+        for instant in instants:
             axes.axvline(run.time[instant.sample], ymax=0.85, color="#555555", lw=0.6, zorder=4)
         axes.tick_params(labelbottom=axes is drawn[-1])
     drawn[-1].set_xlabel("time [s]")
@@ -158,8 +158,8 @@ def compose(figure: Figure, run: Run) -> None:
     right = figure.add_gridspec(
         2, 1, left=split + 0.045, right=RIGHT, top=top, bottom=BOTTOM, height_ratios=(5.6, 1.0), hspace=0.2
     )
-    if points is not None and found:
-        _maps(figure, right[0], run, points, found)
+    if points is not None and instants:
+        _maps(figure, right[0], run, points, instants)
     words = right[1].subgridspec(1, 2, width_ratios=(0.13, 1.0))[1]  # the names of the rows are to the left of it
     caption(figure.add_subplot(words), run, np.empty(0, np.int64))
     heading(figure, run, LEFT)
@@ -195,20 +195,20 @@ def _means(v: Reals, size: int) -> Reals:
     return np.asarray(v[:whole].reshape(-1, size).mean(axis=1))
 
 
-def _maps(figure: Figure, place: SubplotSpec, run: Run, points: Points, found: list[Instant]) -> None:
-    grid = place.subgridspec(len(found) // 2, 2, hspace=0.62, wspace=0.1)
-    at = [instant.sample for instant in found]
+def _maps(figure: Figure, place: SubplotSpec, run: Run, points: Points, instants: list[Instant]) -> None:
+    grid = place.subgridspec(len(instants) // 2, 2, hspace=0.62, wspace=0.1)
+    at = [instant.sample for instant in instants]
     maps = points.maps({name: run.output(name)[at] for name in points.names})
     drawn = []
-    for number, (instant, pressures) in enumerate(zip(found, maps)):
+    for number, (instant, pressures) in enumerate(zip(instants, maps)):
         axes = figure.add_subplot(grid[number // 2, number % 2])
         drawn.append(axes)
         centre = [float(run.output(f"pressure_centre_{axis}")[instant.sample]) for axis in "xy"]
         draw_map(axes, points, pressures, points.scale, centre)
         share = run.output("contact_fraction")[instant.sample]
         axes.set_title(f"{run.time[instant.sample]:.5g} s, {100 * share:.0f} % in contact\n{instant.why}", fontsize=9)
-        axes.tick_params(labelsize=8.5, labelbottom=number >= len(found) - 2, labelleft=number % 2 == 0)
-        if number >= len(found) - 2:
+        axes.tick_params(labelsize=8.5, labelbottom=number >= len(instants) - 2, labelleft=number % 2 == 0)
+        if number >= len(instants) - 2:
             axes.set_xlabel("x on the slider [mm]", fontsize=9)
         if number % 2 == 0:
             axes.set_ylabel("y on the slider [mm]", fontsize=9)

@@ -217,29 +217,29 @@ class Feed:
 
     def take(self, lost: int = 0) -> list[Columns]:
         """Return everything collected as rows; `lost`: number of messages that did not arrive."""
-        found: list[Columns] = []
+        columns: list[Columns] = []
         if self._states:
-            found += self._take_states()
+            columns += self._take_states()
         if self._bands:
-            found += self._take_bands()
+            columns += self._take_bands()
         for sensor, blocks in self._blocks.items():
-            found += self._take_blocks(sensor, blocks)
+            columns += self._take_blocks(sensor, blocks)
         self._room.clear()
         for controller, rows in self._applied.items():
             if rows:
                 shown = self._shown(list(rows))
                 t_ns = self._frame_ns * np.array([tick for tick, _ in shown], np.int64)
-                found += self._drawing.commands(controller, t_ns, np.array([values for _, values in shown]))
+                columns += self._drawing.commands(controller, t_ns, np.array([values for _, values in shown]))
                 rows.clear()
         if self._health:
             t_ns = np.array([message.t_ns for message in self._health], np.int64)
             fields = {name: [getattr(message, name) for message in self._health] for name in HEALTH}
             fields["dropped"] = [lost + self.dropped] * t_ns.size
-            found += self._drawing.health(t_ns, fields)
+            columns += self._drawing.health(t_ns, fields)
             self._health.clear()
-        found += self._drawing.events(self._events)
+        columns += self._drawing.events(self._events)
         self._events.clear()
-        return found
+        return columns
 
     def _shown(self, rows: list[Any]) -> list[Any]:
         every = -(-len(rows) // _ROWS)
@@ -260,14 +260,14 @@ class Feed:
         drawing, names = self._drawing, [name for name, _ in self._fields]
         spans = of_steps(bands, len(names), lambda keys: drawing.modes(keys)[None, :], _ROWS)
         self.thinned += sum(len(band.ends_ns) for band in bands) - spans.ends_ns.size
-        found = [drawing.curve(name, *self._after("", spans).line(names.index(name))) for name in drawing.curves]
+        columns = [drawing.curve(name, *self._after("", spans).line(names.index(name))) for name in drawing.curves]
         self._ends[""] = int(spans.ends_ns[-1])
         begins = np.concatenate(([spans.begin_ns], spans.ends_ns[:-1]))
-        found += drawing.contacts(begins[spans.bits[0] > 0], spans.bits[0][spans.bits[0] > 0])
+        columns += drawing.contacts(begins[spans.bits[0] > 0], spans.bits[0][spans.bits[0] > 0])
         if (steps := latest(bands, PORTRAIT)) is not None:
             t_ns = steps.end_ns - steps.step_ns * np.arange(steps.x.size - 1, -1, -1)
-            found += drawing.portrait(t_ns, steps.x, steps.v, steps.keys, steps.step_ns)
-        return found
+            columns += drawing.portrait(t_ns, steps.x, steps.v, steps.keys, steps.step_ns)
+        return columns
 
     def _take_blocks(self, sensor: str, blocks: deque[Any]) -> list[Columns]:
         if not blocks:

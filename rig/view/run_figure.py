@@ -101,8 +101,8 @@ def _composer(run: Run) -> Callable[[Figure, Run], None]:
     own = getattr(plant_of(scene.parameters), "FIGURE", None) if scene else None
     if scene is None or own is None or not run.signals.keys() >= set(own.outputs):
         return _compose
-    found: Callable[[Figure, Run], None] = drawer_of(own, scene)
-    return found
+    composer: Callable[[Figure, Run], None] = drawer_of(own, scene)
+    return composer
 
 
 def _compose(figure: Figure, run: Run, only: Collection[str] = ()) -> None:
@@ -162,13 +162,13 @@ def _chosen(run: Run, channels: Channels, only: Collection[str]) -> list[Panel]:
             raise run_data.unknown(name, known, "run")
     outputs = {name.removeprefix(run_data.TRUE) for name in only} & run.signals.keys()
     points = (Panel(f"{plain(n)} [{run.units.get(n, '')}]", (n,), (), 0) for n in channels.at_points)
-    found = []
+    panels = []
     for panel in (*channels.panels, *points):
         shown = tuple(name for name in panel.outputs if name in outputs)
         sensors = tuple(name for name in panel.sensors if name in only)
         if shown or sensors:
-            found.append(panel._replace(outputs=shown, sensors=sensors))
-    return found
+            panels.append(panel._replace(outputs=shown, sensors=sensors))
+    return panels
 
 
 def _beside(figure: Figure, labels: Collection[str]) -> float:
@@ -318,7 +318,7 @@ def _close_up(axes: Axes, sheet: Sheet, modes: Integers, patch: str) -> None:
     if panel := channels.panel_of(watched):
         fast = _beyond(run, channels, panel)
         drives = [name for name in panel.outputs if name in channels.drives and name not in fast]
-        for name in (one for one in drives if one != watched):
+        for name in (drive for drive in drives if drive != watched):
             axes.plot(run.time[inside], factor * run.signals[name][inside], color=channels.colours[name], lw=1.4)
         inside = (t >= begin) & (t <= end)
         style = {"lw": 1.4} if fine is not None else sheet.style or {"lw": 1.4}
