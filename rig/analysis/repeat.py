@@ -240,9 +240,6 @@ def _failed(seed: int, why: str) -> Arrays:
     return packed(Seen(seed, 0.0, {}, fault=why).to_json())
 
 
-__all__ = ["Repeats", "repeat"]
-
-
 def repeat(
     scene: Scene,
     count: int,

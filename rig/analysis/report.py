@@ -696,6 +696,3 @@ def _figure(run: Run, modes: Integers) -> Html:
     image = element("img", src=source, alt=words)
     image = element("div", image, class_="wide", role="region", tabindex=0, aria_label="Figure of the run")
     return element("figure", image)
-
-
-__all__ = ["page", "write"]

@@ -164,12 +164,12 @@ def _effects(scene: Scene, folder: Path) -> list[Paired]:
 def _draw(found: Table, loops: list[Delayed], parts: list[Paired], folder: Path) -> None:
     """The figures of loops and effects, where there are any."""
     from rig.qualify.cost import delay
-    from rig.qualify.cost import effects as waterfall
+    from rig.qualify.cost.effects import draw
 
     if loops:
         delay.draw(loops, found, folder / "delay.png")
     if parts:
-        waterfall.draw(parts, found, folder / "effects.png")
+        draw(parts, found, folder / "effects.png")
 
 
 CaseName = Annotated[

@@ -23,10 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import Singular, UsageError
-from rig.model import system as product_terms
 from rig.model.formulation import ModeSet, signal_rows
 from rig.model.singular import JAMS, assembled
-from rig.model.system import System
+from rig.model.system import System, tangent
 from rig.solve.records import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
 
 Array = NDArray[np.float64]
@@ -76,7 +75,7 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
     def multiply(level: int) -> None:
         pressed = closed[:, 0] * (modes.normal @ x + modes.normal_t @ T), closed * (modes.normal + modes.normal_t @ dT)
         rubbed = modes.friction @ x + modes.friction_t @ T, modes.friction + modes.friction_t @ dT
-        values, slopes = product_terms.tangent(system.products, level, x, (pressed, rubbed))
+        values, slopes = tangent(system.products, level, x, (pressed, rubbed))
         T[P:] += values
         dT[P:] += slopes
 

@@ -25,7 +25,6 @@ from rig.record.run import Integers, Reals, Run
 from rig.scenes.rooms import plant_of
 from rig.stability.linearisation import sliding_key, steady
 from rig.view import contact
-from rig.view import curves as timeline
 from rig.view.channels import Channels, Panel
 from rig.view.curves import (
     BOTTOM,
@@ -35,14 +34,18 @@ from rig.view.curves import (
     Header,
     Known,
     Sheet,
+    begin_of,
     caption,
     channels_of,
+    circuits,
     curves,
+    end_of,
     heading,
     largest,
     legend,
     plain,
     rate,
+    sections,
     shade,
     stacked,
     too_few,
@@ -119,7 +122,7 @@ def _compose(figure: Figure, run: Run, only: Collection[str] = ()) -> None:
     width, height = figure.get_size_inches() * figure.dpi
     left = max(LEFT, _beside(figure, labels) / width)
     split = left + (RIGHT - left) * 0.655
-    closed = timeline.circuits(run, system)
+    closed = circuits(run, system)
     header = Header(figure, run, (split - left) * width, closed)
     strips = min(len(labels), _LANES) if len(labels) > 1 else 2.6
     tall = strips * 1.25 * _LANE / 72.0 * figure.dpi / height
@@ -131,7 +134,7 @@ def _compose(figure: Figure, run: Run, only: Collection[str] = ()) -> None:
     for axes in drawn:
         axes.tick_params(labelbottom=False)
         shade(axes, run, closed)
-    bars = int(channels.portrait is not None and len(timeline.sections(run)) < 2)
+    bars = int(channels.portrait is not None and len(sections(run)) < 2)
     right = figure.add_gridspec(
         3, 1 + bars, height_ratios=(2.1, 1.5, 1.0), width_ratios=(1.0, 0.035)[: 1 + bars], left=split + 0.078,
         right=RIGHT - 0.045 * bars, top=top, bottom=BOTTOM, hspace=0.42, wspace=0.04,
@@ -224,7 +227,7 @@ def _strip(axes: Axes, run: Run, lanes: Integers, labels: list[str]) -> None:
     if len(lanes) > _LANES:
         mixed, labels = mixed.mean(axis=0)[None], [f"{len(lanes)} contacts"]
     count = len(labels)
-    extent = (timeline.begin_of(run), timeline.end_of(run), float(count), 0.0)
+    extent = (begin_of(run), end_of(run), float(count), 0.0)
     axes.imshow(mixed, aspect="auto", extent=extent, interpolation="nearest")
     axes.set_yticks(np.arange(count) + 0.5, labels, fontsize=_LANE if count > 1 else None)
     axes.tick_params(axis="y", length=0.0)
@@ -258,10 +261,10 @@ def _portrait(axes: Axes, bar: Axes | None, sheet: Sheet, displacement: str, vel
     if bar is not None:
         _by_time(axes, bar, sheet, x, v)
         return
-    sections = timeline.sections(run)
-    titles = list(dict.fromkeys(section.text for section in sections))
+    driven = sections(run)
+    titles = list(dict.fromkeys(section.text for section in driven))
     first = dict.fromkeys(titles, True)
-    for section in sorted(sections, key=lambda s: s.text != "free"):
+    for section in sorted(driven, key=lambda s: s.text != "free"):
         inside = (run.time >= section.begin) & (run.time <= section.end)
         colour = _SECTIONS[titles.index(section.text) % len(_SECTIONS)]
         label = section.text if section.text == "free" else f"with {section.text}"
@@ -333,7 +336,7 @@ def _close_up(axes: Axes, sheet: Sheet, modes: Integers, patch: str) -> None:
 
 def _liveliest(t: Reals, v: Reals, run: Run, modes: Integers) -> tuple[float, float]:
     """Begin and end [s] of four periods, or a tenth of the run, in which the values v(t) vary most."""
-    end = timeline.end_of(run)
+    end = end_of(run)
     if v.size < 20:
         return 0.0, end or 1.0
     width = (end - float(t[0])) / 10

@@ -111,7 +111,7 @@ def test_a_run_that_is_not_there_is_told_with_those_that_are(runs):
         bus.join("there", role="viewer", name="v")
 
 
-def test_the_only_run_of_a_home_is_the_default_and_names_are_unique(runs, monkeypatch):
+def test_the_only_run_of_a_home_is_the_default_and_names_are_unique(runs, monkeypatch, tmp_path):
     claims = [address.reserve(scene="pendulum") for _ in range(3)]
     assert address.list_runs() == []  # nobody listens yet
     for claim in claims:
@@ -124,7 +124,7 @@ def test_the_only_run_of_a_home_is_the_default_and_names_are_unique(runs, monkey
     for claim in claims[1:]:
         claim.release()
     assert address.find().run == names[0]
-    monkeypatch.setenv("HOME", "/home/another")
+    monkeypatch.setenv("HOME", str(tmp_path / "another"))
     with pytest.raises(BusError, match=f"no run of this home .* others are: {names[0]} .* --run"):
         address.find()
     with address_of("mine") as mine:

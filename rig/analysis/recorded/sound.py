@@ -30,9 +30,6 @@ from rig.record.run import Run
 from rig.record.run_data import increasing, places
 from rig.results import Result
 
-__all__ = ["Sound", "Squeal", "hear"]
-
-
 Reals = NDArray[np.float64]
 
 REFERENCE = {"Pa": 20e-6, "m/s": 1e-9, "m/s^2": 1e-6, "m": 1e-12}

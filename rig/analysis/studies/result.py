@@ -390,9 +390,6 @@ def _folded(title: str) -> str:
     return "\n".join([*textwrap.wrap(words, _LINE), *([f"[{unit}"] if bracket else [])])
 
 
-__all__ = ["COLUMNS", "StudyResult", "gathered"]
-
-
 @dataclass(frozen=True)
 class StudyResult(Result):
     """The result of `rig.study`. Printed, it is the report."""

@@ -34,16 +34,13 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from rig.bench.run.journal import Journal
 from rig.bench.run.protocol import Action, Apply, Change, Move, Switch
 from rig.bench.run.rig_variants import Build, RigVariant, Wanted
 from rig.bench.run.runner import PlantRunner
 from rig.errors import RigError
-
-if TYPE_CHECKING:
-    from rig.bench.run.runner import PlantRunner
 
 
 class Builds:

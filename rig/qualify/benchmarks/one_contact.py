@@ -81,7 +81,6 @@ def growth(tolerances: tuple[float, ...] = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10)) -> l
     rounds).
     """
     from rig import load
-    from rig.motion.motion import Motion
     from rig.stability.linearisation import sliding_key, steady
 
     scene = load(DISC)
