@@ -16,9 +16,8 @@ from typing import Any
 
 import zenoh
 
-from rig.bus import address as access
 from rig.bus import messages
-from rig.bus.address import Reservation, RunAddress
+from rig.bus.address import Reservation, RunAddress, bounds, dictionary, invite, login, take_user
 from rig.bus.port import Session
 from rig.bus.session import ZenohSession
 from rig.errors import BusError
@@ -63,9 +62,9 @@ def open_hub(reservation: Reservation, controllers: Iterable[str] = ()) -> Sessi
     """Open the plant's session. Raises BusError if another process listens at its address."""
     address = reservation.address
     try:
-        bus_user = access.invite(address.run, controllers)
-        with access.dictionary(address.run) as users:
-            more = access.bounds(address.run, bus_user, users)
+        bus_user = invite(address.run, controllers)
+        with dictionary(address.run) as users:
+            more = bounds(address.run, bus_user, users)
             opened = zenoh.open(configuration("peer", address.endpoint, None, **more))
     except (zenoh.ZError, OSError) as fault:
         reservation.release()
@@ -91,9 +90,9 @@ def open_leaf(address: RunAddress, role: str, name: str) -> Session:
         )
     if kind == "unixsock-stream":
         _probe(Path(path), address.run)
-    bus_user = access.take_user(address.run, role, name)
+    bus_user = take_user(address.run, role, name)
     try:
-        opened = zenoh.open(configuration("client", None, address.endpoint, **access.login(bus_user)))
+        opened = zenoh.open(configuration("client", None, address.endpoint, **login(bus_user)))
     except zenoh.ZError as fault:
         bus_user.release()
         raise BusError(f"run {address.run} does not answer at {address.endpoint}: {_cause(fault)}") from None
