@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from rig.bus import topics
+from rig.bus import messages, topics
 from rig.bus.run_setup import Setup
-from rig.errors import LogError, OutputError, UsageError
+from rig.errors import BusError, LogError, OutputError, UsageError
 from rig.machine.files import unused
 from rig.record.message_scan import Scan
 from rig.record.trigger import Trigger
@@ -30,6 +30,10 @@ from rig.record.writer import Writer
 
 _SLACK_NS = 100_000_000
 """Simulated time kept beyond both ends of a window: the samples of a sensor come in blocks of 20 ms."""
+_FLOWING = ("state", "applied", "meas", "truth")
+"""Topics of the plant that go on for the whole run: a window is complete when those in it have reached its end."""
+_PATIENCE_NS = 1_000_000_000
+"""Longest wait for the others of them, after one has reached the end of a window [ns of wall time]."""
 _OVERHEAD = 250
 """Memory of a waiting message in addition to its payload [bytes]. # measured: 224"""
 _DIGITS = 3
@@ -114,6 +118,10 @@ class Windows:
         """Samples up to here open no window."""
         self._ends_ns = 0
         self._writer: Writer | None = None
+        self._beyond: list[_Waiting] = []
+        """Messages beyond the end of the open window, from the first one of the plant on."""
+        self._behind: set[str] = set()
+        """Topics whose messages up to that end are still to come: a batch has one topic after the other."""
         self._last: dict[str, int] = {}
         self._lost: Counter[str] = Counter()
         self._closest = (-np.inf, 0.0, 0)
@@ -124,11 +132,39 @@ class Windows:
         """Take a message: write it if a window is open, else keep it for the next one."""
         if topics.of_plant(topic):  # nobody else moves a window
             self.last_ns = max(self.last_ns, t_ns)
-        if self._writer is not None and self.last_ns > self._ends_ns + _SLACK_NS:
-            self._close("the window of the trigger ended", {})
-        self._wait(_Waiting(topic, payload, t_ns, seq, wall_ns))
+        message = _Waiting(topic, payload, t_ns, seq, wall_ns)
+        if self._writer is not None and self.last_ns > self._ends_ns + _SLACK_NS and t_ns > self._ends_ns:
+            self._hold(message)
+            return
+        self._wait(message)
         if topic == self._bound.topic:
             self._look(payload)
+
+    def _hold(self, message: _Waiting) -> None:
+        """Keep a message for what follows the open window; end the window when it is complete."""
+        if not self._beyond:
+            self._behind = {topic for topic in self._last if topic.partition("/")[0] in _FLOWING}
+        self._beyond.append(message)
+        if message.topic in self._behind:
+            self._behind.discard(message.topic)
+            if message.topic.startswith("applied/") and self._begins_before(message.payload):
+                self._put(message)
+        if not self._behind or message.wall_ns > self._beyond[0].wall_ns + _PATIENCE_NS:
+            self._end()
+
+    def _begins_before(self, payload: bytes) -> bool:
+        """Whether the first of the commands of this message is of the open window; its time is that of the last one."""
+        with suppress(DecodeError, BusError):
+            applied: Any = messages.TYPES["Applied"].FromString(payload)
+            return min(messages.commands(applied).tick) * self.setup.frame_ns <= self._ends_ns
+        return False
+
+    def _end(self) -> None:
+        """End the window at its time, and take what was held."""
+        self._close("the window of the trigger ended", {})
+        held, self._beyond = self._beyond, []
+        for message in held:
+            self.write(*message)
 
     def _wait(self, message: _Waiting) -> None:
         if self._writer is not None:
@@ -235,6 +271,8 @@ class Windows:
 
     def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
         """Finish the open recording, if there is one; the run has ended, or the recorder was asked to stop."""
+        while self._beyond:
+            self._end()
         self._close(str(recording["ended"]), summary)
 
     def abandon(self) -> None:

@@ -95,8 +95,8 @@ class Bench:
     def _changed(self) -> None:
         self._call(self.broadcast.put, "state", self.control.state)
 
-    def _frame(self, number: int, text: str) -> None:
-        self._call(self.broadcast.frame, number, text)
+    def _frame(self, text: str, events: bool) -> None:
+        self._call(self.broadcast.frame, text, events)
 
     def _news(self, kind: str, content: Any) -> None:
         self._call(self.broadcast.put, kind, content)

@@ -12,7 +12,7 @@ from collections import deque
 from typing import Any
 
 KEPT = 6
-"""Frames that are joined for a page which was busy: 0.3 s. Older ones are dropped."""
+"""Frames that are joined for a page which was busy: 0.3 s. Of older ones it gets those with events."""
 HISTORY = 240
 """Frames for a page that connects, so that it shows what others show already: 12 s."""
 AHEAD = 2
@@ -24,7 +24,7 @@ class Broadcast:
 
     def __init__(self) -> None:
         self._newest: dict[str, tuple[int, str]] = {}
-        self._frames: deque[tuple[int, str]] = deque(maxlen=HISTORY)
+        self._frames: deque[tuple[int, str, bool]] = deque(maxlen=HISTORY)
         self._version = 0
         self._pages: set[Page] = set()
 
@@ -52,19 +52,21 @@ class Broadcast:
             self._frames.clear()
         self._wake()
 
-    def frame(self, number: int, text: str) -> None:
-        """Add a frame: its number in the run, and its JSON text."""
+    def frame(self, text: str, events: bool) -> None:
+        """Add a frame: its JSON text, and whether it has events."""
         self._version += 1
-        self._frames.append((self._version, text))
+        self._frames.append((self._version, text, events))
         self._wake()
 
     def since(self, version: int, hidden: bool) -> tuple[int, list[str]]:
         """The present version, and the messages that are newer than `version`; no frames for a hidden page.
 
-        `version` is 0 for a new page. A page that was too slow gets the latest `KEPT` frames.
+        `version` is 0 for a new page. A page that was too slow gets the latest `KEPT` frames and those with events.
         """
         found = [text for number, text in sorted(self._newest.values()) if number > version]
-        frames = [text for number, text in self._frames if number > version][-KEPT if version else 0 :]
+        new = [(text, events) for number, text, events in self._frames if number > version]
+        old = len(new) - KEPT if version else 0
+        frames = [text for k, (text, events) in enumerate(new) if k >= old or events]
         if frames and not hidden:
             found.append(f'{{"kind": "frames", "frames": [{", ".join(frames)}]}}')
         return self._version, found

@@ -186,7 +186,7 @@ def _reason() -> Iterator[None]:
 class Follower:
     """Follows `run` from `start` until it has ended or `stop` is called.
 
-    Called from its thread: `frame(number, text)` with each frame (`rig.web.frames`); `news(kind, content)` of the kinds
+    Called from its thread: `frame(text, events)` with each frame (`Frames.take`); `news(kind, content)` of the kinds
 
         setup    description of the run          values   its values
         status   how it goes: the plant's answer to the command `status`
@@ -200,7 +200,7 @@ class Follower:
     def __init__(
         self,
         run: str,
-        frame: Callable[[int, str], object],
+        frame: Callable[[str, bool], object],
         news: Callable[[str, Any], object],
         arrived: Callable[[Sequence[Message]], object] = lambda _: None,
         trust: bool = False,
@@ -217,6 +217,10 @@ class Follower:
     def start(self) -> None:
         """Begin to follow."""
         self._thread.start()
+
+    def outlast(self, wait: float = 2.0) -> None:
+        """Wait until it has heard the last words of a run whose processes have ended; at most `wait` seconds."""
+        self._thread.join(wait)
 
     def stop(self, wait: float = 3.0) -> None:
         """Stop following; waits at most `wait` seconds for the thread."""
@@ -318,8 +322,8 @@ class Follower:
                 self._tell_status(values.session)
             if new:
                 self._news("values", list(values.entries.values()))
-            if (found := frames.take(heard.lost)) is not None:
-                self._frame(*found)
+            if (taken := frames.take(heard.lost)) is not None:
+                self._frame(*taken)
             plant.poll()
             if not until and ("plant", "plant") not in plant.present and session.ended:
                 until = time.monotonic() + _LAST_WORDS_S  # presence changes arrive before data

@@ -87,8 +87,8 @@ class Frames:
                 self._events.append({**event, "data": json.loads(said.data or "{}")})
         return self._events[first:]
 
-    def take(self, lost: int = 0) -> tuple[int, str] | None:
-        """Number and text of the next frame; None if there is no news."""
+    def take(self, lost: int = 0) -> tuple[str, bool] | None:
+        """Text of the next frame, and whether it has events; None if there is no news."""
         if not (self._states or self._bands or self._blocks or self._health or self._events or self._commands):
             return None
         self._number += 1
@@ -111,7 +111,7 @@ class Frames:
         if self._events:
             found["events"] = _finite(self._events[-EVENTS:])
             self._events = []
-        return self._number, json.dumps(found)
+        return json.dumps(found), "events" in found
 
     def _move(self, found: dict[str, Any], picture: MovingPicture) -> None:
         t_ns = np.array([state.t_ns for state in self._states], np.int64)

@@ -57,7 +57,7 @@ class RunControl:
     def __init__(
         self,
         changed: Callable[[], object],
-        frame: Callable[[int, str], object],
+        frame: Callable[[str, bool], object],
         news: Callable[[str, Any], object],
         say: Callable[[str], object] = lambda _: None,
         arrived: Callable[[Sequence[Message]], object] = lambda _: None,
@@ -239,6 +239,8 @@ class RunControl:
                 scene, pace=pace, duration=duration, say=self._hear, command=command, interrupts=self._interrupts,
                 begun=self._begun,
             )  # fmt: skip
+            if self._follower is not None:
+                self._follower.outlast()
             self._conclude(outcome)
         except RigError as fault:
             self._facts["fault"] = str(fault)

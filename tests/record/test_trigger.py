@@ -1,6 +1,7 @@
 """Windows around the firings of a trigger: each a whole recording, with bounded disk and memory."""
 
 import json
+from array import array
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ SETUP = Setup(
 MS = 1_000_000
 
 
-def feed(windows, speeds, lost=()):
+def feed(windows, speeds, lost=(), each=lambda k: None):
     """What a run sends whose vibrometer measures `speeds` at 1 kHz: blocks of 20 ms, states of 200 Hz, steps."""
     state = encode.StateEncoder(2)
     for k, v in enumerate(speeds):
@@ -33,6 +34,7 @@ def feed(windows, speeds, lost=()):
         if k % 20 == 19 and k not in lost:
             block = encode.block(k, now - 19 * MS, MS, speeds[k - 19 : k + 1])
             windows.write("meas/vibrometer", block, now, k // 20, now + 7)
+        each(k)
         windows.flush_if_due()
 
 
@@ -221,6 +223,24 @@ def test_recordings_that_another_watch_is_writing_are_not_replaced(tmp_path):
         with pytest.raises(UsageError, match=r"w-002\.mcap cannot be replaced: another run is writing it"):
             watched(tmp_path / "w.mcap", pulses(500), replace=True)
     assert all(path.exists() for path in going.paths)
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_a_window_waits_for_the_commands_that_a_batch_brings_last(tmp_path, many):
+    trigger = Trigger(Condition.read("vibrometer > 0.1 m/s"), 0.1, 0.3, 5)
+    windows = Windows(tmp_path / "w.mcap", SETUP, trigger)
+
+    def commands(k):
+        if k % 160 == 159:
+            rows = range(k - 159, k + 1)
+            for ticks in [rows] if many else [[tick] for tick in rows]:
+                whole, values = array("q", ticks), array("d", ticks)
+                message = encode.commands(MS, whole, whole, array("q", [1] * len(ticks)), values)
+                windows.write("applied/nf", message, (ticks[-1] + 1) * MS, ticks[-1], k * MS)
+
+    feed(windows, pulses(200, length=1200), each=commands)
+    windows.close({"ended": "the plant left"}, {})
+    assert reader.open(windows.paths[0]).commands["nf"].tick[-1] >= 500
 
 
 def test_no_process_but_the_plant_ends_a_window(tmp_path):

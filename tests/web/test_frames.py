@@ -47,7 +47,7 @@ def run(request):
 
 def taken(frames, arrived):
     frames.add(arrived)
-    return json.loads(frames.take()[1])
+    return json.loads(frames.take()[0])
 
 
 def spans(rows):

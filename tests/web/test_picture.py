@@ -37,7 +37,7 @@ def frames_of(scene):
 
     def tell(t_ns, key=0, **values):
         frames.add([type("Told", (), {"topic": "state", "said": Said(t_ns, key, values), "t_ns": t_ns})()])
-        return json.loads(frames.take()[1])
+        return json.loads(frames.take()[0])
 
     return frames, system, tell
 
