@@ -35,7 +35,7 @@ def numbers(scene: Scene, assembly: Assembly | None = None) -> dict[str, dict[st
     if not scene.controllers:
         return {}
     rig = DesignRig(Designer(assembly if assembly is not None else scene.assemble(), scene.sensors, scene.parameters))
-    found: dict[str, dict[str, Any]] = {}
+    by_controller: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
     for name, section in scene.controllers.items():
         try:
@@ -43,8 +43,10 @@ def numbers(scene: Scene, assembly: Assembly | None = None) -> dict[str, dict[st
                 faults += [f"controllers.{name}.{text}" for text in missing]
                 continue
             design = getattr(controllers.controller_class(section), "design", None)
-            found[name] = {} if design is None else _designed(design, rig, section)
-            faults += [f"controllers.{name}: {text}" for text in _unconnected(section, found[name], scene.sensors)]
+            by_controller[name] = {} if design is None else _designed(design, rig, section)
+            faults += [
+                f"controllers.{name}: {text}" for text in _unconnected(section, by_controller[name], scene.sensors)
+            ]
         except PartError as fault:
             faults.append(f"controllers.{name}: {fault}")
         except ValueError as fault:
@@ -54,7 +56,7 @@ def numbers(scene: Scene, assembly: Assembly | None = None) -> dict[str, dict[st
             faults.append(f"controllers.{name}: its numbers cannot be computed for this rig: {fault.args[-1]}")
     if faults:
         raise SceneError(scene.name, faults)
-    return found
+    return by_controller
 
 
 def _missing(section: Any, sensors: Mapping[str, Any]) -> list[str]:
@@ -92,12 +94,12 @@ def _designed(design: Any, rig: DesignRig, section: Any) -> dict[str, Any]:
         json.dumps(numbers, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise PartError(f"{file_of(module)}: design gives values that are not plain JSON: {error}") from None
-    if found := section_faults(section, numbers):
-        raise PartError("; ".join(found))
+    if faults := section_faults(section, numbers):
+        raise PartError("; ".join(faults))
     return numbers
 
 
 def described(scene: Scene) -> dict[str, dict[str, Any]]:
     """The description of each controller of `scene` with its numbers. Raises SceneError as `numbers` does."""
-    found = numbers(scene)
-    return {name: controllers.described(section, found[name]) for name, section in scene.controllers.items()}
+    by_controller = numbers(scene)
+    return {name: controllers.described(section, by_controller[name]) for name, section in scene.controllers.items()}

@@ -102,7 +102,7 @@ class Designer:
         """The change of a row over the states per unit of a command, after the drive has settled."""
         system, first = self.system, self.system.one
         lags = system.signals[:, first:].copy()
-        for limiter in (one for one in system.limiters if one.state >= first):
+        for limiter in (entry for entry in system.limiters if entry.state >= first):
             lags[limiter.state - first] += limiter.gain * limiter.row[first:]
         given = self.assembly.inputs.get(actuator)
         change = 0.0

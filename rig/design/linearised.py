@@ -59,11 +59,11 @@ def arithmetic(controller: Feedback) -> tuple[Array, Array, Array, float]:
     def step(xi: Array, y: float) -> tuple[Array, float]:
         with calling(module):
             after, u = form.step(xi.tolist(), y)
-            found = np.array(after, dtype=float), float(u)
-        if found[0].shape != (form.states,) or not np.isfinite([*found[0], found[1]]).all():
+            stepped = np.array(after, dtype=float), float(u)
+        if stepped[0].shape != (form.states,) or not np.isfinite([*stepped[0], stepped[1]]).all():
             expected = f"({form.states} states, command), all finite"
             raise PartError(f"{file_of(module)}: the step of linear gives {brief((after, u))}; expected {expected}")
-        return found
+        return stepped
 
     count = form.states
     b, d = step(np.zeros(count), 1.0)
@@ -97,7 +97,9 @@ class Plant:
 def linear(assembly: Assembly, at: Steady) -> Plant:
     """Linearise the rig about the equilibrium `at`; actuators that are not states of this assembly are left out."""
     system = at.system
-    commands = {name: system.names.index(one.state) for name, one in assembly.inputs.items() if one.state}
+    commands = {
+        name: system.names.index(actuator.state) for name, actuator in assembly.inputs.items() if actuator.state
+    }
     given = np.array(list(commands.values()), dtype=np.int64)
     kept = np.zeros(system.n, dtype=bool)
     kept[at.moving] = kept[given] = True

@@ -145,7 +145,7 @@ def vibration_modes(designer: Designer) -> VibrationModes:
     return VibrationModes(rig, values, right)
 
 
-def residues(designer: Designer, found: VibrationModes, sensor: str, drive: str) -> Complex:
+def residues(designer: Designer, vibration: VibrationModes, sensor: str, drive: str) -> Complex:
     """The residue r_i [mode] of each mode from the command `drive` to the sensor.
 
     Raises ValueError for an actuator that is not a state of the rig.
@@ -153,15 +153,15 @@ def residues(designer: Designer, found: VibrationModes, sensor: str, drive: str)
     given = designer.assembly.inputs.get(drive)
     if given is None or not given.state:
         raise ValueError(f"drive: {drive} is not an actuator whose command is a state of the rig")
-    command, A, moving = designer.system.names.index(given.state), found.rig.A, found.rig.moving
+    command, A, moving = designer.system.names.index(given.state), vibration.rig.A, vibration.rig.moving
     rest = np.setdiff1d(np.arange(len(A)), [*moving, command])
-    left = np.linalg.inv(found.right)
+    left = np.linalg.inv(vibration.right)
     read = np.zeros(designer.system.n)
     over = designer.row(designer.sensors[sensor].reads)[: 2 * designer.nq]
     read[: len(over)] = over
-    seen = read[moving] @ found.right
-    pushed = np.empty(len(found.values), dtype=complex)
-    for i, s in enumerate(found.values):  # the lag between command and force, at the eigenvalue of the mode
+    seen = read[moving] @ vibration.right
+    pushed = np.empty(len(vibration.values), dtype=complex)
+    for i, s in enumerate(vibration.values):  # the lag between command and force, at the eigenvalue of the mode
         behind = np.linalg.solve(s * np.eye(len(rest)) - A[np.ix_(rest, rest)], A[rest, command])
         pushed[i] = left[i] @ (A[moving, command] + A[np.ix_(moving, rest)] @ behind)
     return np.asarray(seen * pushed)
@@ -211,15 +211,15 @@ class DesignRig:
 
     def actuator(self, name: str) -> Actuator | None:
         """See `Rig.actuator`."""
-        found = self._designer.assembly.inputs.get(name)
-        return None if found is None else Actuator(found.unit, found.value, found.low, found.high)
+        actuator = self._designer.assembly.inputs.get(name)
+        return None if actuator is None else Actuator(actuator.unit, actuator.value, actuator.low, actuator.high)
 
     def value(self, key: str) -> Any:
         """See `Rig.value`."""
-        found = self._designer.parameters
+        parameter = self._designer.parameters
         for part in key.split("."):
-            found = getattr(found, part, None)
-        return found
+            parameter = getattr(parameter, part, None)
+        return parameter
 
     def pushed_by(self, state: str) -> bool:
         """See `Rig.pushed_by`."""
@@ -231,11 +231,11 @@ class DesignRig:
 
     def modes(self, sensor: str, drive: str, delay: float, low: float, high: float) -> tuple[Complex, Complex]:
         """See `Rig.modes`."""
-        found = self._vibration_modes
-        hertz = found.values.imag / (2.0 * math.pi)
-        near = (low < hertz) & (hertz < high) & (found.values.imag > 0.0)
-        values, end = found.values[near], self._designer.sensors[sensor].front_end()
-        share = residues(self._designer, found, sensor, drive)[near]
+        vibration = self._vibration_modes
+        hertz = vibration.values.imag / (2.0 * math.pi)
+        near = (low < hertz) & (hertz < high) & (vibration.values.imag > 0.0)
+        values, end = vibration.values[near], self._designer.sensors[sensor].front_end()
+        share = residues(self._designer, vibration, sensor, drive)[near]
         path = [complex(end.response(s) * cmath.exp(-s * delay)) for s in values]
         return values, share * np.array(path, complex)
 

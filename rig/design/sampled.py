@@ -125,7 +125,7 @@ class _Period:
         happens += [(at, 3, partial(self._command, k, wait)) for k, (wait, at) in enumerate(late)]
         if end.averages:
             happens += [((self.at_sample - round(end.period_ns)) % period, 4, self._reset)]
-        self.actions = sorted(happens, key=lambda one: one[:2])
+        self.actions = sorted(happens, key=lambda action: action[:2])
 
     def sampled(self) -> Sampled:
         """Return the loop after one period."""

@@ -72,8 +72,8 @@ def diagram(run: Run, axis: Axes, window: float) -> None:
 def transient(figure: Figure) -> Iterator[Comparison]:
     """Draw the acceleration over time, and its RMS over the speed of the disc."""
     made, even = run(load("tip")), run(load("tip", waviness=None))
-    found = stages(made)
-    assert found is not None
+    thresholds = stages(made)
+    assert thresholds is not None
     over_time, over_speed = figure.subplots(2, 1)
     over_time.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.5)
     over_time.set(title="figure 4", xlabel="time [s]", ylabel="acceleration [m/s²]", xlim=(0.0, made.time[-1]))
@@ -88,7 +88,7 @@ def transient(figure: Figure) -> Iterator[Comparison]:
     over_time.set_ylim(None, 1.2 * most)
     diagram(made, over_speed, WINDOW)
     over_speed.set(title="figure 5", xlim=(0.0, 155.0))
-    low, high = MM * found.down, MM * found.up
+    low, high = MM * thresholds.down, MM * thresholds.up
     over_speed.axvspan(low, high, color=GREY, alpha=0.15, lw=0)
     top = over_speed.get_ylim()[1]
     for at, name in (
@@ -102,9 +102,9 @@ def transient(figure: Figure) -> Iterator[Comparison]:
     speed = float(np.interp(first, made.time, made.signals["surface_speed"]))
     yield Comparison("first slip", "mm/s", MM * speed, 27.0, "paper", absolute=0.5)
     yield Comparison(
-        "last stick at rising speed (text: about 110)", "mm/s", MM * found.up, 104.0, "paper", relative=0.12
+        "last stick at rising speed (text: about 110)", "mm/s", MM * thresholds.up, 104.0, "paper", relative=0.12
     )
-    yield Comparison("first stick at falling speed (text: about 30)", "mm/s", MM * found.down, 29.0, "paper",
+    yield Comparison("first stick at falling speed (text: about 30)", "mm/s", MM * thresholds.down, 29.0, "paper",
                      absolute=2.8)  # fmt: skip
     held = np.abs(made.signals["surface_speed"] - 0.15) < 1e-9
     trembles = float(np.std(made.signals["acceleration"][held]))
@@ -119,9 +119,9 @@ def transient(figure: Figure) -> Iterator[Comparison]:
 @cache
 def _speeds(row: Row) -> tuple[float, float]:
     """Upper and lower critical speed [mm/s] of the scene."""
-    found = stages(run(load("tip", friction__mu_static=row.static, friction__mu_kinetic=row.kinetic)))
-    assert found is not None
-    return MM * found.up, MM * found.down
+    thresholds = stages(run(load("tip", friction__mu_static=row.static, friction__mu_kinetic=row.kinetic)))
+    assert thresholds is not None
+    return MM * thresholds.up, MM * thresholds.down
 
 
 def _closed(row: Row) -> float:
@@ -222,14 +222,14 @@ def measured(figure: Figure) -> Iterator[Comparison]:
     for t, expected in ((20.0, 44.0), (40.0, 44.0), (60.0, 0.0)):
         ours = MM * float(np.interp(t, made.time, speed))
         yield Comparison(f"speed of the disc at {t:g} s", "mm/s", ours, expected, "paper", absolute=1e-6)
-    found = stages(made)
-    assert found is not None
-    yield Comparison("last stick at rising speed", "mm/s", MM * found.up, 13.0, "paper", absolute=0.25)
-    yield Comparison("first stick at falling speed", "mm/s", MM * found.down, 5.68, "reference", absolute=0.3)
+    thresholds = stages(made)
+    assert thresholds is not None
+    yield Comparison("last stick at rising speed", "mm/s", MM * thresholds.up, 13.0, "paper", absolute=0.25)
+    yield Comparison("first stick at falling speed", "mm/s", MM * thresholds.down, 5.68, "reference", absolute=0.3)
     import rig
 
     swept = rig.sweep(load("tip_epoxy", noise=None), "drive.speed", np.linspace(0.004, 0.012, 9))
-    critical = [one.value for one in swept.critical]
+    critical = [crossing.value for crossing in swept.critical]
     yield Comparison("sliding is unstable below", "mm/s", MM * critical[0], 7.5, "paper", absolute=0.02)
     [up] = [
         curve
@@ -251,9 +251,9 @@ def beam(figure: Figure) -> Iterator[Comparison]:
     part = (made.time > 1.2) & (made.time < 1.21)
     near.plot(MM * (made.time[part] - 1.2), made.signals["acceleration"][part], color=BLUE, lw=0.8)
     near.set(xlabel="time [ms], from 1.2 s", ylabel="acceleration [m/s²]")
-    found = stages(made)
-    assert found is not None
-    yield Comparison("last stick at rising speed", "mm/s", MM * found.up, 13.0, "paper", absolute=0.4)
+    thresholds = stages(made)
+    assert thresholds is not None
+    yield Comparison("last stick at rising speed", "mm/s", MM * thresholds.up, 13.0, "paper", absolute=0.4)
     more = stages(run(load("tip_beam", beam__modes=5, clock__frame=5e-6)))
     assert more is not None
     yield Comparison("last stick at rising speed, five modes", "mm/s", MM * more.up, math.nan, "paper")
@@ -303,8 +303,8 @@ def parameters(figure: Figure) -> Iterator[Comparison]:
     for which, (name, mark, colour) in enumerate((("upper", "s-", BLUE), ("lower", "v-", VERMILION))):
         printed = [TABLE_3[force][0][which] for force in LOADS]
         over_load.plot(LOADS, printed, mark[0], color=colour, mfc="none", markersize=8, label=f"{name}, paper")
-        found = [one[which] for one in ours]
-        over_load.plot(LOADS, found, mark, color=colour, markersize=4, label=f"{name}, tip_epoxy")
+        speeds = [pair[which] for pair in ours]
+        over_load.plot(LOADS, speeds, mark, color=colour, markersize=4, label=f"{name}, tip_epoxy")
     over_load.set(xlabel="load [N]", ylabel="critical speed at 5 degrees [mm/s]", ylim=(0.0, None))
     over_load.legend()
     for force, (up, down) in zip(LOADS, ours):
@@ -320,9 +320,9 @@ def parameters(figure: Figure) -> Iterator[Comparison]:
 
 def _critical(force: float) -> tuple[float, float]:
     """Speeds of the disc [mm/s] at the last stick while it rises and at the first one while it falls."""
-    found = stages(run(load("tip_epoxy", load__force=force)))
-    assert found is not None
-    return MM * found.up, MM * found.down
+    thresholds = stages(run(load("tip_epoxy", load__force=force)))
+    assert thresholds is not None
+    return MM * thresholds.up, MM * thresholds.down
 
 
 def knocked(figure: Figure) -> Iterator[Comparison]:

@@ -34,7 +34,7 @@ def _critical(**changes: object) -> list[float]:
     import rig
 
     swept = rig.sweep(load("four_dof", **changes), "friction.mu", np.linspace(0.0, 3.0, 61))
-    return [one.value for one in swept.critical if one.becomes == "unstable"]
+    return [crossing.value for crossing in swept.critical if crossing.becomes == "unstable"]
 
 
 def eigenvalues(figure: Figure) -> Iterator[Comparison]:
@@ -52,10 +52,10 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     growth.set(title="growth rates", ylabel="real part [1/s]")
     [limit] = _critical()
     yield Comparison("critical friction coefficient", "", limit, 1.0, "paper", absolute=1e-9)
-    found = sorted(
+    frequencies = sorted(
         2.0 * math.pi * mode.frequency for mode in rig.modes(load("four_dof", friction__mu=1.0)).sliding.modes
     )
-    for number, (ours, expected) in enumerate(zip(found, (_MEETS[0], _MEETS[0], _MEETS[1], _MEETS[1])), 1):
+    for number, (ours, expected) in enumerate(zip(frequencies, (_MEETS[0], _MEETS[0], _MEETS[1], _MEETS[1])), 1):
         yield Comparison(f"mu = 1: frequency {number}", "rad/s", ours, expected, "theory", absolute=1e-6)
     for mu, printed in _BELOW.items():
         modes = rig.modes(load("four_dof", friction__mu=mu)).sliding.modes

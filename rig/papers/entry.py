@@ -72,8 +72,8 @@ def dither_boundary(scene: Scene, rate: float, fast: float, shares: NDArray[np.f
 
     frequencies = Axis.of("dither.frequency", [rate / (2.0 * math.pi), rate], scene)
     amplitudes = Axis.of("dither.amplitude", shares * fast * rate, scene)
-    found = boundary(Job(scene, frequencies, amplitudes, Settings("displacement")), 0)
-    leading, averaged, simulated = (float(found[name].mean()) for name in ("leading", "averaged", "simulated"))
+    boundaries = boundary(Job(scene, frequencies, amplitudes, Settings("displacement")), 0)
+    leading, averaged, simulated = (float(boundaries[name].mean()) for name in ("leading", "averaged", "simulated"))
     return leading / (fast * rate), averaged / (fast * rate), simulated / (fast * rate)
 
 
@@ -189,13 +189,13 @@ class Result:
     @property
     def agrees(self) -> bool:
         """Whether every number agrees, except those that are known to differ."""
-        return all(one.agrees or one.missed or not one.compared for one in self.comparisons)
+        return all(comparison.agrees or comparison.missed or not comparison.compared for comparison in self.comparisons)
 
     @property
     def counted(self) -> str:
         """How many of the compared numbers agree, in words."""
-        compared = [one for one in self.comparisons if one.compared]
-        agree = sum(one.agrees for one in compared)
+        compared = [comparison for comparison in self.comparisons if comparison.compared]
+        agree = sum(comparison.agrees for comparison in compared)
         return "all" if agree == len(compared) else f"{agree} of {len(compared)}"
 
     def to_json(self) -> dict[str, Any]:
@@ -209,17 +209,17 @@ class Result:
             "picture": str(self.picture),
             "seconds": self.seconds,
             "agrees": self.agrees,
-            "comparisons": [one.to_json() for one in self.comparisons],
+            "comparisons": [comparison.to_json() for comparison in self.comparisons],
         }
 
 
 @cache
 def entries() -> dict[str, Entry]:
     """Return every entry by name, in the order of the papers."""
-    found: dict[str, Entry] = {}
+    by_name: dict[str, Entry] = {}
     for room in ROOMS:
-        found |= {entry.name: entry for entry in importlib.import_module(f"rig.papers.{room}").ENTRIES}
-    return found
+        by_name |= {entry.name: entry for entry in importlib.import_module(f"rig.papers.{room}").ENTRIES}
+    return by_name
 
 
 def pick(wanted: str) -> list[Entry]:

@@ -28,9 +28,9 @@ def keep(results: Iterable[Result], folder: Path) -> list[Result]:
     """Write `results` into `folder`, replacing older ones of the same figures; return all, in the order of the
     papers.
     """
-    found = {one.entry.name: one for one in (*_kept(folder), *results)}
-    held = [found[name] for name in entries() if name in found]
-    text = json.dumps([stored(one) for one in held], indent=1, allow_nan=False)
+    by_name = {result.entry.name: result for result in (*_kept(folder), *results)}
+    held = [by_name[name] for name in entries() if name in by_name]
+    text = json.dumps([stored(result) for result in held], indent=1, allow_nan=False)
     write_file(folder / _FILE, f"{text}\n".encode())
     return held
 
@@ -52,7 +52,7 @@ def _kept(folder: Path) -> list[Result]:
         read = json.loads(contents(folder / _FILE, DATA))
     except (OSError, ValueError):
         return []
-    return [restored(one, folder) for one in read if one["name"] in entries()]
+    return [restored(saved, folder) for saved in read if saved["name"] in entries()]
 
 
 def _compared(raw: dict[str, Any]) -> Comparison:
@@ -69,8 +69,8 @@ def make_all(
     """
     work = Work(partial(_figure, folder), [entry.name for entry in wanted])
     with temporary(work) as store:
-        found = carry_out(work, store, workers, progress)
-    return [restored(unpacked(found[unit]), folder) for unit in sorted(found)]
+        by_unit = carry_out(work, store, workers, progress)
+    return [restored(unpacked(by_unit[unit]), folder) for unit in sorted(by_unit)]
 
 
 def _figure(folder: Path, name: str) -> Arrays:
@@ -92,30 +92,30 @@ def page(results: Sequence[Result], machine: str) -> str:
         "| figure | what | scenes | numbers | agree |",
         "|---|---|---|---|---|",
     ]
-    for one in results:
-        scenes = ", ".join(f"`{scene}`" for scene in one.entry.scenes)
+    for result in results:
+        scenes = ", ".join(f"`{scene}`" for scene in result.entry.scenes)
         lines.append(
-            f"| [{one.entry.paper} {one.entry.number}](#{one.entry.name}) | {one.entry.title} | {scenes} "
-            f"| {len(one.comparisons)} | {one.counted} |"
+            f"| [{result.entry.paper} {result.entry.number}](#{result.entry.name}) | {result.entry.title} | {scenes} "
+            f"| {len(result.comparisons)} | {result.counted} |"
         )
     for paper, title in PAPERS.items():
-        mine = [one for one in results if one.entry.paper == paper]
+        mine = [result for result in results if result.entry.paper == paper]
         if not mine:
             continue
         lines += ["", f"## {title}"]
-        for one in mine:
+        for result in mine:
             lines += [
                 "",
-                f"### {one.entry.name}",
+                f"### {result.entry.name}",
                 "",
-                f"{one.entry.number}: {one.entry.title}. {one.entry.note}".strip(),
+                f"{result.entry.number}: {result.entry.title}. {result.entry.note}".strip(),
             ]
-            lines += ["", f"![{one.entry.title}]({one.picture.name})", ""]
-            lines += [f"The figure as [SVG]({one.picture.with_suffix('.svg').name}).", ""]
+            lines += ["", f"![{result.entry.title}]({result.picture.name})", ""]
+            lines += [f"The figure as [SVG]({result.picture.with_suffix('.svg').name}).", ""]
             lines += ["| number | ours | expected | source | bound | |", "|---|---|---|---|---|---|"]
             lines += [
                 f"| {c.what} | {c.ours:.7g} {c.unit} | {f'{c.expected:.7g} {c.unit}' if c.compared else ''} "
                 f"| {c.source} | {c.bound} | {c.result} |"
-                for c in one.comparisons
+                for c in result.comparisons
             ]
     return "\n".join(lines) + "\n"

@@ -80,8 +80,8 @@ def onset(figure: Figure) -> Iterator[Comparison]:
     theory = (dmu * 20.0 - 2.0) / (2.0 * 5.0)
     yield Comparison("A: (dmu F_N - d) / 2 m", "1/s", rig.modes("belt").sliding.growth, theory, "theory", relative=1e-9)
     theory = -2.0 / (2.0 * 5.0)
-    found = rig.modes("belt_c_damped").sliding.growth
-    yield Comparison("C with d = 2: -d / 2 m", "1/s", found, theory, "theory", relative=1e-9)
+    growth = rig.modes("belt_c_damped").sliding.growth
+    yield Comparison("C with d = 2: -d / 2 m", "1/s", growth, theory, "theory", relative=1e-9)
 
 
 def energy(figure: Figure) -> Iterator[Comparison]:
@@ -97,16 +97,16 @@ def energy(figure: Figure) -> Iterator[Comparison]:
     def put_in(amplitude: float) -> float:
         v = amplitude * np.sin(phase)
         w = speed - v
-        mu = np.array([law.mu(abs(one)) for one in w]) * np.sign(w)
+        mu = np.array([law.mu(abs(slip)) for slip in w]) * np.sign(w)
         return float(np.mean(force * mu * v) * period)
 
-    found = np.array([put_in(a) for a in amplitudes])
+    energies = np.array([put_in(a) for a in amplitudes])
     panels = figure.subplot_mosaic([["a", "energy"], ["b", "energy"], ["c", "energy"], ["d", "energy"]])
     swing = 0.04 * np.sin(phase)
     friction = force * np.array([law.mu(w) for w in speed - swing])
     _period([panels[name] for name in "abcd"], phase / (2.0 * math.pi), swing, speed - swing, friction)
     axis = panels["energy"]
-    axis.plot(1e3 * amplitudes, 1e3 * found, color=BLUE, label="from friction")
+    axis.plot(1e3 * amplitudes, 1e3 * energies, color=BLUE, label="from friction")
     damped = 0.5 * 2.0 * amplitudes**2 * period
     axis.plot(1e3 * amplitudes, 1e3 * damped, color=VERMILION, label="to the damper")
     axis.plot(
@@ -154,7 +154,7 @@ def fluctuating(figure: Figure) -> Iterator[Comparison]:
         normal = value(scene, "load.force") + swing * np.sin(turn - phase)
         return float(np.mean(mu * normal * top * np.sin(turn)) * period)
 
-    panels["phase"].plot(np.degrees(phases), [1e3 * put_in(one) for one in phases], color=BLUE)
+    panels["phase"].plot(np.degrees(phases), [1e3 * put_in(angle) for angle in phases], color=BLUE)
     panels["phase"].axhline(0.0, color=GREY, lw=0.7)
     panels["phase"].set(xlabel="phase of the load behind the velocity [degrees]", ylabel="energy in a period [mJ]")
     yield Comparison("amplitude: mu Fh / d", "m/s", top, mu * swing / value(scene, "body.damping"), "theory",
@@ -175,8 +175,8 @@ def pin(figure: Figure) -> Iterator[Comparison]:
     theory = math.tan(gamma) + 2.0 * 2.0 / (20.0 * math.sin(2.0 * gamma))
     import rig
 
-    found = rig.sweep("pin", "friction.mu", np.linspace(0.6, 0.9, 13)).critical[0].value
-    yield Comparison("tan g + 2 d2 / (d1 sin 2 g)", "", found, theory, "theory", relative=1e-9)
+    critical = rig.sweep("pin", "friction.mu", np.linspace(0.6, 0.9, 13)).critical[0].value
+    yield Comparison("tan g + 2 d2 / (d1 sin 2 g)", "", critical, theory, "theory", relative=1e-9)
 
 
 def north(figure: Figure) -> Iterator[Comparison]:
@@ -264,20 +264,20 @@ def seal_limits(figure: Figure) -> Iterator[Comparison]:
         1000.0: 1.646,
     }
     axis = figure.subplots()
-    found = []
+    limits = []
     for damping, expected in reference.items():
         scene = load("seal_p", body__damping=damping)
         [limit] = [c.value for c in rig.sweep(scene, "drive.speed", np.linspace(5e-4, 0.012, 40)).critical]
-        found.append(limit)
+        limits.append(limit)
         yield Comparison(f"d = {damping / 1e3:g} N s/mm", "mm/s", 1e3 * limit, expected, "reference", absolute=6e-4)
-    yield Comparison("highest critical speed of equation 3.1, without damping", "mm/s", 1e3 * max(found), 7.0, "paper",
+    yield Comparison("highest critical speed of equation 3.1, without damping", "mm/s", 1e3 * max(limits), 7.0, "paper",
                      relative=0.05, missed=True)  # fmt: skip
     law, force_per_mu = law_of(load("seal_p")), value(load("seal_p"), "friction.load")
     speeds = np.linspace(1.6e-3, 6.139e-3, 200)
     balanced = [-1e-3 * force_per_mu * law.slope(v) for v in speeds]  # damping balances the falling friction
     axis.fill_betweenx(balanced, 0.0, 1e3 * speeds, color=VERMILION, alpha=0.15, lw=0)
     axis.plot(1e3 * speeds, balanced, color=GREY, lw=0.9, label="damping = fall of the friction force")
-    axis.plot([1e3 * v for v in found], [d / 1e3 for d in reference], "o", color=BLUE, label="eigenvalues")
+    axis.plot([1e3 * v for v in limits], [d / 1e3 for d in reference], "o", color=BLUE, label="eigenvalues")
     axis.text(1.0, 0.15, "unstable")
     axis.text(12.0, 0.5, "stable")
     axis.axvline(7.0, color=GREY, ls="--", lw=0.8, label="the paper's critical speed, 7 mm/s")

@@ -139,20 +139,24 @@ def brakings() -> list[Braking]:
 
     scene = load("brake", drive__speed=_SPEED)
     draw = np.random.default_rng(_SEED)
-    found = []
+    all_brakings = []
     for _ in range(_COUNT):
         pressure, temperature = draw.uniform(2.0, 30.0), draw.uniform(30.0, 310.0)
         mu = 0.62 + 0.03 * draw.standard_normal() + 0.02 * (temperature - 170.0) / 140.0
         rate = sliding(scene, {"load.pressure": 1e5 * pressure, "friction.mu": mu}).eigenvalues()[0]
-        found.append(Braking(pressure, temperature, mu, rate.real, abs(rate.imag) / (2.0 * math.pi)))
-    return found
+        all_brakings.append(Braking(pressure, temperature, mu, rate.real, abs(rate.imag) / (2.0 * math.pi)))
+    return all_brakings
 
 
-def level(one: Braking) -> float:
+def level(braking: Braking) -> float:
     """Return the sound pressure level [dB] at the end of a simulated braking."""
-    changes: dict[str, Any] = {"drive__speed": _SPEED, "load__pressure": 1e5 * one.pressure, "friction__mu": one.mu}
+    changes: dict[str, Any] = {
+        "drive__speed": _SPEED,
+        "load__pressure": 1e5 * braking.pressure,
+        "friction__mu": braking.mu,
+    }
     scene = replace(quiet(load("brake", **changes)), sensors={})
-    ran = run(scene, min(_FOLDS / abs(one.growth), _LONGEST))
+    ran = run(scene, min(_FOLDS / abs(braking.growth), _LONGEST))
     last = _SOUND * ran.signals["velocity"][ran.time > ran.time[-1] - 0.04]
     return 20.0 * math.log10(float(np.sqrt(np.mean(last**2))) / 20e-6)
 
@@ -161,19 +165,19 @@ def classified(figure: Figure) -> Iterator[Comparison]:
     """Pressure and temperature of the brakings; friction over pressure with the critical coefficient."""
     import rig
 
-    found = brakings()
-    heard = {number: level(found[number]) for number in range(0, _COUNT, _EVERY)}
+    all_brakings = brakings()
+    heard = {number: level(all_brakings[number]) for number in range(0, _COUNT, _EVERY)}
     tests, border = figure.subplots(1, 2)
     for squeals, mark, colour, label in ((False, ".", GREY, "quiet"), (True, "+", VERMILION, "squeals")):
-        chosen = [one for one in found if (one.growth > 0.0) == squeals]
-        p = [one.pressure for one in chosen]
-        tests.plot(p, [one.temperature for one in chosen], mark, color=colour, label=label)
-        border.plot(p, [one.mu for one in chosen], mark, color=colour)
-        sampled = [found[number] for number, loud in heard.items() if (loud > _SQUEAL) == squeals]
-        p = [one.pressure for one in sampled]
+        chosen = [braking for braking in all_brakings if (braking.growth > 0.0) == squeals]
+        p = [braking.pressure for braking in chosen]
+        tests.plot(p, [braking.temperature for braking in chosen], mark, color=colour, label=label)
+        border.plot(p, [braking.mu for braking in chosen], mark, color=colour)
+        sampled = [all_brakings[number] for number, loud in heard.items() if (loud > _SQUEAL) == squeals]
+        p = [braking.pressure for braking in sampled]
         look: dict[str, Any] = {"color": colour, "mfc": "none", "markersize": 9}
-        tests.plot(p, [one.temperature for one in sampled], "o", **look, label=f"simulated: {label}")
-        border.plot(p, [one.mu for one in sampled], "o", **look)
+        tests.plot(p, [braking.temperature for braking in sampled], "o", **look, label=f"simulated: {label}")
+        border.plot(p, [braking.mu for braking in sampled], "o", **look)
     tests.annotate("", (30.5, 322.0), (15.0, 322.0), arrowprops={"arrowstyle": "-|>", "color": BLUE})
     tests.text(22.5, 326.0, "predicted in the paper", color=BLUE, ha="center")
     tests.set(xlabel="pressure [bar]", ylabel="temperature of the disc [C]", xlim=(0.0, 31.0), ylim=(20.0, 345.0))
@@ -182,18 +186,18 @@ def classified(figure: Figure) -> Iterator[Comparison]:
     for bar in _CRITICAL:
         at = replace(scene, parameters=load("brake", load__pressure=1e5 * bar).parameters)
         critical[bar] = rig.sweep(at, "friction.mu", np.linspace(0.45, 1.25, 9)).critical[0]
-    border.plot(list(critical), [one.value for one in critical.values()], color=BLUE, label="critical")
+    border.plot(list(critical), [crossing.value for crossing in critical.values()], color=BLUE, label="critical")
     border.set(xlabel="pressure [bar]", ylabel="friction coefficient", xlim=(0.0, 31.0), ylim=(0.48, 0.8))
     border.legend()
-    loud = [one for one in found if one.growth > 0.0]
-    lowest = min(one.pressure for one in loud)
+    loud = [braking for braking in all_brakings if braking.growth > 0.0]
+    lowest = min(braking.pressure for braking in loud)
     yield Comparison(
         "lowest pressure with squeal (predicted 15, measured 12)", "bar", lowest, 15.0, "paper", absolute=3.0
     )
     for which, frequency in (("lowest", min), ("highest", max)):
-        hertz = frequency(one.frequency for one in loud)
+        hertz = frequency(braking.frequency for braking in loud)
         yield Comparison(f"{which} frequency of squeal, predicted", "Hz", hertz, 2140.0, "paper", relative=0.015)
-    differ = sum(bool(loud > _SQUEAL) != bool(found[number].growth > 0.0) for number, loud in heard.items())
+    differ = sum(bool(loud > _SQUEAL) != bool(all_brakings[number].growth > 0.0) for number, loud in heard.items())
     yield Comparison(f"of {len(heard)} simulated: differ from the eigenvalues", "", differ, 0.0, "theory")
     for bar, (mu, hertz) in _CRITICAL.items():
         yield Comparison(f"{bar} bar: critical friction", "", critical[bar].value, mu, "reference", absolute=1e-6)
@@ -265,7 +269,7 @@ def sound(figure: Figure) -> Iterator[Comparison]:
     noise = float(scene.sensors["microphone"].background)  # type: ignore[attr-defined]
     yield Comparison("remaining pressure while connected: the noise of the room", "Pa", left, noise, "theory",
                      relative=0.02)  # fmt: skip
-    again = [one for one in heard.squeals if one.begin > end]
+    again = [squeal for squeal in heard.squeals if squeal.begin > end]
     yield Comparison("squeals after disconnecting", "", len(again), 1.0, "paper")
     yield Comparison("growth rate after disconnecting", "1/s", again[0].growth, 40.0, "reference", relative=0.05)
 

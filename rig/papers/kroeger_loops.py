@@ -115,14 +115,16 @@ def loops(figure: Figure) -> Iterator[Comparison]:
             if expected > 0.0:
                 tail = ran.signals["velocity"][ran.time > 16.0]
                 left = 0.5 * float(np.ptp(tail))
-                one = Comparison(f"{what}: amplitude", "m/s", left, expected, "reference", absolute=3e-3)
+                comparison = Comparison(f"{what}: amplitude", "m/s", left, expected, "reference", absolute=3e-3)
                 numbers = f"{1e3 * left:.0f} mm/s", f"{1e3 * expected:.0f} mm/s"
             else:
                 rate = decay(ran.time, ran.signals["velocity"])
-                one = Comparison(f"{what}: decay", "1/s", rate, expected, "reference", relative=0.05, absolute=5e-3)
+                comparison = Comparison(
+                    f"{what}: decay", "1/s", rate, expected, "reference", relative=0.05, absolute=5e-3
+                )
                 numbers = f"{rate:.2f} 1/s", f"{expected:.2f} 1/s"
             rows.append((f"{gain:g}", f"{delay}", *numbers))
-            yield one
+            yield comparison
         axis.axis("off")
         axis.set_title({"N s/m": "normal force"}.get(unit, "speed of the belt"))
         heads = (f"K [{unit}]" if unit else "K", "delay [ms]", "ours", "expected")
@@ -141,7 +143,7 @@ def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
     def histories(K: float, periods: int, samples: int) -> tuple[np.ndarray, ...]:
         t = np.linspace(0.0, periods * period, periods * samples + 1)
         v = swing * np.sin(2.0 * math.pi * t / period)
-        friction = np.array([law.mu(speed - one) for one in v]) * (force - K * v)
+        friction = np.array([law.mu(speed - velocity) for velocity in v]) * (force - K * v)
         power = friction * v
         return t, v, friction, np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))])
 
@@ -168,9 +170,9 @@ def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
     axes[2].legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
     axes[3].set_xlabel("time over the period, cycle")
     for K in (0.0, 100.0, 400.0):
-        found = float(histories(K, 1, 4000)[3][-1])
+        energy = float(histories(K, 1, 4000)[3][-1])
         theory = 0.5 * period * swing * (fall * swing * force - (mu0 - fall * speed) * K * swing)
-        yield Comparison(f"B, 40 mm/s, K = {K:g} N s/m: equation 4.4", "J", found, theory, "theory", relative=1e-9)
+        yield Comparison(f"B, 40 mm/s, K = {K:g} N s/m: equation 4.4", "J", energy, theory, "theory", relative=1e-9)
     mu, gain = 0.25, 200.0
     changes = {"friction__law": "constant", "friction__mu": mu, "start__displacement": mu * 20.0 / 2500.0,
                "start__velocity": swing, "controllers__nf__gain": gain, "controllers__nf__enable_at": 0.0}  # fmt: skip
@@ -218,8 +220,8 @@ def tuned_mass(figure: Figure) -> Iterator[Comparison]:
     for tilt, expected in ((0.305, (-0.281, -0.715, -0.063)), (-0.305, (0.546, 0.499, 0.467))):
         for ratio, rate in zip((0.05, 0.1, 0.2), expected):
             scene = load("belt_tuned_mass", tuned_mass__angle=tilt, tuned_mass__damping_ratio=ratio)
-            found = rig.modes(scene).sliding.growth
-            yield Comparison(f"tilt {tilt:+g}, D2 {ratio:g}", "1/s", found, rate, "reference", absolute=6e-4)
+            computed = rig.modes(scene).sliding.growth
+            yield Comparison(f"tilt {tilt:+g}, D2 {ratio:g}", "1/s", computed, rate, "reference", absolute=6e-4)
 
 
 def dither(figure: Figure) -> Iterator[Comparison]:

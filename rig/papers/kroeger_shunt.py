@@ -64,11 +64,11 @@ def transfer(scene: Scene, hertz: Array) -> NDArray[np.complex128]:
     system = scene.assemble().system()
     A, count = steady(system, sliding_key(system)).modes.A, len(system.coordinates)
     q, v, net = slice(0, count), slice(count, 2 * count), slice(2 * count, system.one)
-    found = []
+    gains = []
     for s in 2j * math.pi * hertz:
         driven = np.linalg.solve(s * np.eye(system.one - 2 * count) - A[net, net], A[net, q] + s * A[net, v])
-        found.append(-(system.coupling[0, q] + system.coupling[0, net] @ driven)[0] / PIEZO_STIFFNESS)
-    return np.array(found)
+        gains.append(-(system.coupling[0, q] + system.coupling[0, net] @ driven)[0] / PIEZO_STIFFNESS)
+    return np.array(gains)
 
 
 def shaken(R: float, delta: float, hertz: float) -> tuple[complex, float]:
@@ -100,13 +100,15 @@ def force(figure: Figure) -> Iterator[Comparison]:
             yield Comparison(f"{what}: amplitude", "", abs(at) / peak, size, "reference", relative=1e-4)
             yield Comparison(f"{what}: phase", "deg", math.degrees(np.angle(at)), angle, "reference", absolute=0.01)
         for at in _SHAKEN:
-            found, _ = shaken(25.0, delta, at)
-            amplitude.plot([at / _HERTZ], [abs(found) / peak], "o", mfc="none", color=colour, markersize=6)
-            phase.plot([at / _HERTZ], [math.degrees(np.angle(found))], "o", mfc="none", color=colour, markersize=6)
+            complex_force, _ = shaken(25.0, delta, at)
+            amplitude.plot([at / _HERTZ], [abs(complex_force) / peak], "o", mfc="none", color=colour, markersize=6)
+            phase.plot(
+                [at / _HERTZ], [math.degrees(np.angle(complex_force))], "o", mfc="none", color=colour, markersize=6
+            )
             if at in (3060.0, 3400.0, 3740.0):
                 [expected] = transfer(scene, np.array([at]))
                 yield Comparison(f"delta {delta:g}, {at / _HERTZ:g}: simulated, off the matrices", "",
-                                 abs(found / expected - 1.0), 0.0, "theory", absolute=1e-6)  # fmt: skip
+                                 abs(complex_force / expected - 1.0), 0.0, "theory", absolute=1e-6)  # fmt: skip
     amplitude.set(xlabel="frequency over resonance", ylabel="force over that at resonance")
     amplitude.legend(title="Cp / C [1]")
     phase.set(xlabel="frequency over resonance", ylabel="phase [deg]", yticks=(0, 45, 90, 135, 180))
@@ -136,12 +138,12 @@ def dissipation(figure: Figure) -> Iterator[Comparison]:
             half = brentq(lambda eta, heat=heat, most=most: heat(eta) - 0.5 * most, *sorted((end, 1.0)))
             yield Comparison(f"delta {delta:g}: half of the largest at", "", half, expected, "reference", absolute=6e-4)
         for at in _SHAKEN:
-            _, found = shaken(100.0, delta, at)
-            axis.plot([at / _HERTZ], [found / (unit * whole)], "o", mfc="none", color=colour, markersize=6)
+            _, dissipated = shaken(100.0, delta, at)
+            axis.plot([at / _HERTZ], [dissipated / (unit * whole)], "o", mfc="none", color=colour, markersize=6)
             if at in (3060.0, 3400.0, 3740.0):
                 expected = unit * heat(at / _HERTZ) * whole
-                yield Comparison(f"delta {delta:g}, {at / _HERTZ:g}: simulated, 1 um", "J", found, expected, "theory",
-                                 relative=1e-6)  # fmt: skip
+                yield Comparison(f"delta {delta:g}, {at / _HERTZ:g}: simulated, 1 um", "J", dissipated, expected,
+                                 "theory", relative=1e-6)  # fmt: skip
     axis.set(xlabel="frequency over resonance", ylabel="energy of a cycle over that at resonance")
     axis.legend(title="Cp / C [1]")
 
@@ -211,14 +213,14 @@ def stability(figure: Figure) -> Iterator[Comparison]:
     tunings, resistances = np.linspace(0.5, 1.5, 41), np.linspace(1.0, 201.0, 21)
     axes = figure.subplots(2, 3).ravel()
     for axis, delta in zip(axes, (*_STABLE, -0.9)):
-        found = np.array([[growths(brake, delta, R, tuning) for tuning in tunings] for R in resistances])
-        mesh = axis.pcolormesh(tunings, resistances, found[..., 1], shading="nearest", **norm)
-        axis.contour(tunings, resistances, found[..., 0], levels=[0.0], colors="black", linewidths=1.0)
+        rates = np.array([[growths(brake, delta, R, tuning) for tuning in tunings] for R in resistances])
+        mesh = axis.pcolormesh(tunings, resistances, rates[..., 1], shading="nearest", **norm)
+        axis.contour(tunings, resistances, rates[..., 0], levels=[0.0], colors="black", linewidths=1.0)
         axis.set(title=f"capacitance ratio {delta:g}", xlabel=tuned, ylabel=damped)
     deltas = np.linspace(-0.95, 0.0, 20)
-    found = np.array([[growths(brake, float(delta), 50.0, tuning) for tuning in tunings] for delta in deltas])
-    axes[-1].pcolormesh(tunings, deltas, found[..., 1], shading="nearest", **norm)
-    axes[-1].contour(tunings, deltas, found[..., 0], levels=[0.0], colors="black", linewidths=1.0)
+    rates = np.array([[growths(brake, float(delta), 50.0, tuning) for tuning in tunings] for delta in deltas])
+    axes[-1].pcolormesh(tunings, deltas, rates[..., 1], shading="nearest", **norm)
+    axes[-1].contour(tunings, deltas, rates[..., 0], levels=[0.0], colors="black", linewidths=1.0)
     axes[-1].set(title="50 ohm", xlabel=tuned, ylabel="capacitance ratio Cp / C [1]")
     figure.colorbar(mesh, ax=axes, label="growth rate of the squeal [1/s]", aspect=40, extend="both")
     figure.supxlabel("black line: limit of stability of all modes; blue beyond it: another mode grows", fontsize=10)

@@ -70,8 +70,8 @@ def rough(figure: Figure) -> Iterator[Comparison]:
     for which, ours in zip(("lowest", "highest"), N):
         yield Comparison(f"{which} normal force: the load", "N", ours, load_force, "theory", relative=1e-9)
     highest = law_of(scene).static * load_force
-    found = cycle.extremes["friction_force"][1]
-    yield Comparison("highest friction force: mu_s P", "N", found, highest, "theory", relative=1e-9)
+    largest = cycle.extremes["friction_force"][1]
+    yield Comparison("highest friction force: mu_s P", "N", largest, highest, "theory", relative=1e-9)
 
 
 def _panels(figure: Figure, name: str, seconds: float) -> Cycle:

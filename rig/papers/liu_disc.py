@@ -57,19 +57,19 @@ def modes(figure: Figure) -> Iterator[Comparison]:
         shape.plot(1e3 * radii, [mode.at(r) for r in radii], line, color=colour, label=label)
     shape.set(xlabel="radius [mm]", ylabel="shape, of mass one [1/sqrt(kg)]", title="shapes")
     shape.legend()
-    found = [2.0 * math.pi * hertz for hertz in rig.modes("disc_slider").free.values()]
+    frequencies = [2.0 * math.pi * hertz for hertz in rig.modes("disc_slider").free.values()]
     published = (1492, 1517, 1517, 1824, 1824, 2774, 2774)
     names = [f"{m.diameters}, {part}" for m in shapes for part in (("cosine", "sine") if m.pair else ("-",))]
     table.axis("off")
     table.set_title("natural frequencies [rad/s]")
-    rows = [(name, f"{ours:.3f}", f"{one}") for name, ours, one in zip(names, found, published)]
+    rows = [(name, f"{ours:.3f}", f"{printed}") for name, ours, printed in zip(names, frequencies, published)]
     drawn = table.table(rows, colLabels=("nodal diameters", "ours", "published"), loc="upper center",
                         cellLoc="center", edges="horizontal")  # fmt: skip
     drawn.auto_set_font_size(False)
     drawn.set_fontsize(10)
     drawn.scale(1.0, 1.6)
-    for number, (ours, one) in enumerate(zip(found, published), 1):
-        yield Comparison(f"natural frequency {number}", "rad/s", ours, one, "paper", absolute=0.5)
+    for number, (ours, printed) in enumerate(zip(frequencies, published), 1):
+        yield Comparison(f"natural frequency {number}", "rad/s", ours, printed, "paper", absolute=0.5)
     for mode, expected in zip(shapes, (1491.9269, 1516.7573, 1823.8811, 2774.1939)):
         what = f"{mode.diameters} nodal diameters"
         yield Comparison(what, "rad/s", mode.omega, expected, "reference", relative=1e-6)
@@ -116,10 +116,10 @@ def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> tuple[dict[f
     from rig.analysis.axis import Axis
     from rig.analysis.regions import regions
 
-    found = regions(scene, Axis.of("drive.speed", speeds, scene), Axis.of("load.force", LOADS, scene))
+    ranges = regions(scene, Axis.of("drive.speed", speeds, scene), Axis.of("load.force", LOADS, scene))
     edges: dict[float, list[float]] = {}
     wide = dict.fromkeys(LOADS, 0.0)
-    for N0, ends, growth in zip(LOADS, found.edges, found.growth):
+    for N0, ends, growth in zip(LOADS, ranges.edges, ranges.growth):
         gaps = []  # where sliding does not exist, between two edges
         for number, (low, high) in enumerate(pairwise((speeds[0], *(value for value, _ in ends), _SPEEDS[-1]))):
             if np.isnan(growth[(speeds > low) & (speeds < high)]).any():
@@ -135,9 +135,9 @@ def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> tuple[dict[f
 
 def _compared(what: str, edges: list[float], reference: tuple[float, ...]) -> Iterator[Comparison]:
     """Each edge of the reference beside the nearest of ours."""
-    for one in reference:
-        nearest = min(edges, key=lambda edge: abs(edge - one), default=math.nan)
-        yield Comparison(what, "rad/s", nearest, one, "reference", absolute=1e-3)
+    for expected in reference:
+        nearest = min(edges, key=lambda edge: abs(edge - expected), default=math.nan)
+        yield Comparison(what, "rad/s", nearest, expected, "reference", absolute=1e-3)
 
 
 def growing(figure: Figure) -> Iterator[Comparison]:
@@ -201,9 +201,9 @@ def boundary(figure: Figure) -> Iterator[Comparison]:
     }
     for axis, case, speed, expected in ((left, "b", 2.0, 1.0), (right, "c", 20.0, 1.2362385)):
         V = speed * RADIUS
-        found = _largest(case, speed)
-        yield Comparison(f"case {case}: averaged, a / V", "", found, expected, "reference", relative=1e-6)
-        axis.plot([0.0, 22.0], [0.0, 22.0 * found * V * RATE * 1e-3], color=BLUE, label="averaged")
+        averaged = _largest(case, speed)
+        yield Comparison(f"case {case}: averaged, a / V", "", averaged, expected, "reference", relative=1e-6)
+        axis.plot([0.0, 22.0], [0.0, 22.0 * averaged * V * RATE * 1e-3], color=BLUE, label="averaged")
         ratios = np.array(list(edges[case]))
         simulated = np.array(list(edges[case].values()))
         axis.plot(ratios, simulated * V * RATE * ratios * 1e-3, "o", color=VERMILION, mfc="none", ms=9.0,

@@ -56,14 +56,14 @@ def kinetic(figure: Figure) -> Iterator[Comparison]:
     from rig.analysis.identify import identify
 
     scene = load("lever_kinetic_friction")
-    found = identify(scene)
+    identified = identify(scene)
     axis = figure.subplots()
-    readings = np.array(found.readings)
+    readings = np.array(identified.readings)
     axis.plot(
         1e3 * readings[:, 0], readings[:, -1], "o", color=VERMILION, markersize=4, label="measured, three repeats"
     )
     speeds = np.linspace(0.0, 0.05, 400)
-    values = {one.key.rsplit(".", 1)[-1]: one for one in found.parameters}
+    values = {parameter.key.rsplit(".", 1)[-1]: parameter for parameter in identified.parameters}
 
     def law(kinetic: float, static: float, decay: float) -> np.ndarray:
         return kinetic + (static - kinetic) * np.exp(-decay * speeds)
@@ -75,8 +75,10 @@ def kinetic(figure: Figure) -> Iterator[Comparison]:
     axis.plot(1e3 * speeds, law(*fitted), "--", color=BLUE, label="fitted to the measurement")
     axis.set(xlabel="slip speed [mm/s]", ylabel="kinetic friction coefficient")
     axis.legend()
-    for one in found.parameters:
-        yield Comparison(f"identified: {one.key}", one.unit, one.found, one.stated, "theory", relative=0.01)
+    for parameter in identified.parameters:
+        yield Comparison(
+            f"identified: {parameter.key}", parameter.unit, parameter.found, parameter.stated, "theory", relative=0.01
+        )
 
 
 def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
@@ -115,8 +117,8 @@ def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
         axes[0, 0].legend(loc="upper left", fontsize=8)
     cycle = rig.limit_cycle(scene)
     expected = (3.0724522649734, 0.00825004, 0.00799662) if coulomb else (2.8704654619, 0.009245855, 0.008817508)
-    found = cycle.frequency, half(cycle, "angle"), half(cycle, "lever_angle")
-    for what, unit, ours, number in zip(("frequency", "A_phi", "A_theta"), ("Hz", "rad", "rad"), found, expected):
+    quantities = cycle.frequency, half(cycle, "angle"), half(cycle, "lever_angle")
+    for what, unit, ours, number in zip(("frequency", "A_phi", "A_theta"), ("Hz", "rad", "rad"), quantities, expected):
         yield Comparison(what, unit, ours, number, "reference", relative=1e-5)
     low, high = (0.012896526, 0.029396652) if coulomb else (0.012046457, 0.030538174)
     for what, ours, number in zip(("lowest phi", "highest phi"), cycle.extremes["angle"], (low, high)):
@@ -135,9 +137,9 @@ def amplitudes(figure: Figure) -> Iterator[Comparison]:
         taken = ran.measurements[sensor]
         seconds = taken.t_ns * 1e-9
         angle = np.asarray(taken.v[seconds > 5.0] / value(bench, arm), dtype=np.float64)
-        found = index(np.asarray(seconds[seconds > 5.0], dtype=np.float64), angle)
-        measured.append(found.half)
-    measured.append(found.frequency)
+        oscillation = index(np.asarray(seconds[seconds > 5.0], dtype=np.float64), angle)
+        measured.append(oscillation.half)
+    measured.append(oscillation.frequency)
     rows = [("exact geometry, measured", *(f"{1e3 * a:.3f}" for a in measured[:2]), f"{measured[2]:.3f}", "", "")]
     reference: tuple[tuple[str, dict[str, Any], int, tuple[float, ...]], ...] = (
         ("Stribeck", {}, 2, (0.00924585650, 0.00881750876, 0.34837529417)),
@@ -149,8 +151,8 @@ def amplitudes(figure: Figure) -> Iterator[Comparison]:
         cycle = rig.limit_cycle(load("lever", springs__order=order, **law))
         ours = half(cycle, "angle"), half(cycle, "lever_angle"), cycle.period
         bound = 1e-6 if order == 2 else 2e-5
-        for what, unit, one, number in zip(("A_phi", "A_theta", "period"), ("rad", "rad", "s"), ours, expected):
-            yield Comparison(f"{name}: {what}", unit, one, number, "reference", relative=bound)
+        for what, unit, computed, number in zip(("A_phi", "A_theta", "period"), ("rad", "rad", "s"), ours, expected):
+            yield Comparison(f"{name}: {what}", unit, computed, number, "reference", relative=bound)
         off = [100.0 * (a / b - 1.0) for a, b in zip((ours[0], cycle.frequency), (measured[0], measured[2]))]
         rows.append((name, f"{1e3 * ours[0]:.3f}", f"{1e3 * ours[1]:.3f}", f"{cycle.frequency:.3f}",
                      f"{off[0]:+.1f} %", f"{off[1]:+.1f} %"))  # fmt: skip
@@ -210,9 +212,9 @@ def three_stages(figure: Figure, sector: bool = False) -> Iterator[Comparison]:
     from rig.analysis.stick_speeds import stages
 
     ran = run(load("lever_sector_three_stage" if sector else "lever_three_stage"))
-    found = stages(ran)
-    assert found is not None
-    up, down = found.up / RPM, found.down / RPM
+    thresholds = stages(ran)
+    assert thresholds is not None
+    up, down = thresholds.up / RPM, thresholds.down / RPM
     angle, speed = figure.subplots(2, 1, sharex=True)
     angle.plot(ran.time, 1e3 * ran.signals["angle"], color=BLUE, lw=0.3)
     angle.set_ylabel("cylinder\nangle [mrad]")
@@ -256,8 +258,8 @@ _HOPF = (1.659746, 1.879013, 2.034443, 2.154880, 2.253175)
 def regions(figure: Figure) -> Iterator[Comparison]:
     """Preload and speed: sliding, both, stick-slip; exponential and Coulomb law."""
     for axis, name in zip(figure.subplots(1, 2, sharey=True), ("stribeck", "coulomb")):
-        found = [_carried(N0, name) for N0 in LOADS]
-        hopf, fold = np.array([one[0] for one in found]), np.array([one[1] for one in found])
+        limits = [_carried(N0, name) for N0 in LOADS]
+        hopf, fold = np.array([pair[0] for pair in limits]), np.array([pair[1] for pair in limits])
         _shade(axis, LOADS, hopf, fold)
         axis.set_title("exponential law" if name == "stribeck" else "Coulomb's law")
         for N0, expected, ours in zip(LOADS, _FOLD[name], fold):
@@ -281,7 +283,7 @@ def _carried(N0: float, name: str) -> tuple[float, float]:
         chart = rig.map(scene, f"drive.speed={low} rpm:{high} rpm:9", runs=("up",), folder=folder, workers=1)
     assert isinstance(chart, Map)
     swept = rig.sweep(scene, "drive.speed", np.linspace(0.5 * RPM, 4.0 * RPM, 15))
-    hopf = [one.value / RPM for one in swept.critical]
+    hopf = [crossing.value / RPM for crossing in swept.critical]
     return hopf[0] if hopf else 0.0, float(chart.ends[0, 0].mean()) / RPM
 
 
@@ -363,18 +365,18 @@ def sectors(figure: Figure) -> Iterator[Comparison]:
     looks = {"45": (VERMILION, "o-", "sector of 45 degrees"), "90": ("black", "s:", "sector of 90 degrees"),
              "": (BLUE, "D-", "uniform")}  # fmt: skip
     for disc, (colour, line, label) in looks.items():
-        found = []
+        limits = []
         for i, (N0, number) in enumerate(zip(_TRIED, _STANDING[disc])):
             if not disc:
-                found.append(last_stick(N0, "1", number - 0.08, number + 0.08, 0.005))
-                yield Comparison(f"uniform, {N0:g} N: V2", "rpm", found[-1], number, "reference", absolute=0.01)
+                limits.append(last_stick(N0, "1", number - 0.08, number + 0.08, 0.005))
+                yield Comparison(f"uniform, {N0:g} N: V2", "rpm", limits[-1], number, "reference", absolute=0.01)
                 continue
             low, high = number - 0.1, _CARRIED[disc][i] + 0.1
             for rpm, lives in ((low, 1.0), (high, 0.0)):
                 what = f"{disc} degrees, {N0:g} N, {rpm:.2f} rpm: sticks (1) or slides (0) after five turns"
                 yield Comparison(what, "", float(_alive(N0, disc, rpm)), lives, "reference")
-            found.append(last_stick(N0, disc, low, high, 0.05))
-        axis.plot(_TRIED, found, line, color=colour, markersize=5, label=label)
+            limits.append(last_stick(N0, disc, low, high, 0.05))
+        axis.plot(_TRIED, limits, line, color=colour, markersize=5, label=label)
     axis.set(
         xlabel="preload [N]", ylabel="disc speed up to which stick-slip exists [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0)
     )
@@ -402,8 +404,11 @@ def ramped(figure: Figure, discs: tuple[str, ...] = ("",)) -> Iterator[Compariso
     """
     axes = figure.subplots(1, len(discs), sharey=True, squeeze=False)[0]
     for axis, disc in zip(axes, discs):
-        found = [_thresholds(N0, disc, _NOISE) for N0 in _TRIED]
-        down, up = np.array([one.down for one in found]) / RPM, np.array([one.up for one in found]) / RPM
+        thresholds = [_thresholds(N0, disc, _NOISE) for N0 in _TRIED]
+        down, up = (
+            np.array([threshold.down for threshold in thresholds]) / RPM,
+            np.array([threshold.up for threshold in thresholds]) / RPM,
+        )
         _shade(axis, _TRIED, down, up, ("last stick, rising speed", "first stick, falling speed"))
         name = f"{disc} degrees" if disc else "uniform"
         axis.set_title(f"sector of {name}" if disc else name)
@@ -430,9 +435,9 @@ def _thresholds(N0: float, disc: str, noise: float) -> Stages:
     else:
         scene = load("lever_three_stage", **changes)
     slow = [step.model_copy(update={"over": _SLOW_NS}) if isinstance(step, Ramp) else step for step in scene.protocol]
-    found = stages(run(replace(scene, protocol=tuple(slow))))
-    assert found is not None
-    return found
+    thresholds = stages(run(replace(scene, protocol=tuple(slow))))
+    assert thresholds is not None
+    return thresholds
 
 
 def second(figure: Figure) -> Iterator[Comparison]:
@@ -441,9 +446,9 @@ def second(figure: Figure) -> Iterator[Comparison]:
     limits = {}
     for disc, expected in (("1", _STANDING[""]), ("2", (1.9916, 3.1752, 3.9680))):
         limits[disc] = [last_stick(N0, disc, n - 0.08, n + 0.08, 0.005) for N0, n in zip(_TRIED, expected)]
-        for N0, number, found in zip(_TRIED, expected, limits[disc]):
+        for N0, number, limit in zip(_TRIED, expected, limits[disc]):
             what = f"property {disc}, {N0:g} N: V2 from a standing start"
-            yield Comparison(what, "rpm", found, number, "reference", absolute=0.01)
+            yield Comparison(what, "rpm", limit, number, "reference", absolute=0.01)
     axis.fill_between(_TRIED, limits["2"], limits["1"], color=VERMILION, alpha=0.2, lw=0)
     axis.plot(_TRIED, limits["1"], "D-", color=BLUE, markersize=5, label="property 1")
     axis.plot(_TRIED, limits["2"], "o--", color="black", markersize=5, label="property 2")

@@ -33,7 +33,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     growth.plot(swept.axis.values, swept.growth, ".", color=BLUE, markersize=3)
     growth.axhline(0.0, color=GREY, lw=0.7)
     turning.plot(swept.axis.values, 2.0 * math.pi * swept.frequency, ".", color=BLUE, markersize=3)
-    [limit] = [one.value for one in swept.critical]
+    [limit] = [crossing.value for crossing in swept.critical]
     for axis in (growth, turning):
         axis.axvline(limit, color=VERMILION, ls="--", lw=1.0)
         axis.set_xlabel("friction coefficient")
@@ -42,8 +42,8 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("critical friction coefficient", "", limit, 0.37, "paper", absolute=0.005)
     yield Comparison("critical friction coefficient", "", limit, 0.369726, "reference", absolute=1e-6)
     for mu, rate in ((0.0, -0.093292), (0.35, -0.083183), (0.4, 0.179970), (0.5, 0.453379), (0.8, 0.891916)):
-        found = rig.modes(load("two_dof", friction__mu=mu)).sliding.growth
-        yield Comparison(f"mu = {mu:g}: largest real part", "1/s", found, rate, "reference", absolute=6e-7)
+        largest = rig.modes(load("two_dof", friction__mu=mu)).sliding.growth
+        yield Comparison(f"mu = {mu:g}: largest real part", "1/s", largest, rate, "reference", absolute=6e-7)
     modes = rig.modes(load("two_dof", friction__mu=0.0)).sliding.modes
     turning_at_zero = sorted(2.0 * math.pi * mode.frequency for mode in modes)
     for number, expected in enumerate((9.038414, 10.875867)):
@@ -121,11 +121,11 @@ def _boundaries(
         axis.plot([0.0, 22.0], [0.0, 22.0 * averaged * V * RATE], color=colour, label=f"{parameters}: averaged")
         for ratio, expected in simulated.items():
             scene = load("two_dof_dither", friction__mu=mu, drive__speed=V)
-            leading, _, found = dither_boundary(scene, ratio * RATE, V, np.linspace(0.85, 1.65, 9))
+            leading, _, critical = dither_boundary(scene, ratio * RATE, V, np.linspace(0.85, 1.65, 9))
             first = ratio == min(simulated)
             axis.plot(
                 [ratio],
-                [found * V * RATE * ratio],
+                [critical * V * RATE * ratio],
                 mark,
                 color=colour,
                 label=f"{parameters}: simulated" if first else "",
@@ -134,7 +134,7 @@ def _boundaries(
                 yield Comparison(f"{parameters}: averaged, a / V", "", leading, averaged, "reference", relative=1e-6)
             if ratio >= _APART:
                 what = f"{parameters}: simulated at ratio {ratio}, a / V"
-                yield Comparison(what, "", found, expected, "reference", absolute=0.005)
+                yield Comparison(what, "", critical, expected, "reference", absolute=0.005)
     axis.set(xlabel="frequency of the dither over sqrt(k1 / m) [1]", ylabel="amplitude of the dither [N]",
              xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip
     axis.legend(loc="upper left")

@@ -70,8 +70,8 @@ def modal(figure: Figure) -> Iterator[Comparison]:
     axis.set(title="acceleration of a corner after a knock; dashed: the paper", xlabel="frequency [kHz]",
              ylabel="acceleration over\nits largest [1]", xlim=(0.0, 15.0), ylim=(1e-6, 2.0))  # fmt: skip
     for young, expected in _FREE.items():
-        found = _model(load("plate_free", plate__young=young)).frequencies
-        for number, (ours, wanted) in enumerate(zip(found[found > 1.0], expected), 1):
+        frequencies = _model(load("plate_free", plate__young=young)).frequencies
+        for number, (ours, wanted) in enumerate(zip(frequencies[frequencies > 1.0], expected), 1):
             what = f"free plate, {1e-9 * young:g} GPa: mode {number}"
             yield Comparison(what, "Hz", float(ours), wanted, "reference", relative=3e-3)
     for number, (mode, printed) in enumerate(zip(first, _PRINTED), 1):
@@ -84,8 +84,8 @@ def modal(figure: Figure) -> Iterator[Comparison]:
         near = np.abs(hertz - model.frequencies[mode]) < 100.0
         line = float(hertz[near][np.argmax(density[near])])
         yield Comparison(f"knocked: line {number}", "Hz", line, float(model.frequencies[mode]), "theory", absolute=4.0)
-    found = _model(load("plate")).frequencies
-    for number, (ours, wanted) in enumerate(zip(found, _ON_FOAM), 1):
+    frequencies = _model(load("plate")).frequencies
+    for number, (ours, wanted) in enumerate(zip(frequencies, _ON_FOAM), 1):
         yield Comparison(f"on foam: mode {number}", "Hz", float(ours), wanted, "reference", relative=3e-3)
 
 
@@ -102,17 +102,17 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     values = np.linspace(0.0, 1.0, 6)
     grows = 0.0
     for axis, (title, (position, still, sliding)) in zip(figure.subplots(1, 3, sharey=True), _CASES.items()):
-        found = [_audible(float(mu), position) for mu in values]
-        count = min(map(len, found))
-        axis.plot(values, [[1e-3 * m.frequency for m in row[:count]] for row in found], color=BLUE)
+        modes = [_audible(float(mu), position) for mu in values]
+        count = min(map(len, modes))
+        axis.plot(values, [[1e-3 * m.frequency for m in row[:count]] for row in modes], color=BLUE)
         for mu, printed in ((0.0, still), (1.0, sliding)):
             axis.plot([mu] * len(printed), 1e-3 * np.array(printed), "x", color=VERMILION)
         axis.set(title=title, xlabel="friction coefficient", ylim=(8.0, 12.0))
-        grows = max([grows, *(m.growth for row in found for m in row)])
-        for number, (ours, wanted) in enumerate(zip(found[0], still), 1):
+        grows = max([grows, *(m.growth for row in modes for m in row)])
+        for number, (ours, wanted) in enumerate(zip(modes[0], still), 1):
             what = f"{title}, mu = 0: mode {number}"
             yield Comparison(what, "Hz", float(ours.frequency), wanted, "paper", relative=0.015)
-        shifts = [after.frequency - before.frequency for before, after in zip(found[0], found[-1])]
+        shifts = [after.frequency - before.frequency for before, after in zip(modes[0], modes[-1])]
         printed_shifts = [after - before for before, after in zip(still, sliding)]
         for number, (ours, wanted) in enumerate(zip(shifts, printed_shifts), 1):
             what = f"{title}: shift of mode {number} up to mu = 1"

@@ -161,7 +161,7 @@ def tangential(figure: Figure) -> Iterator[Comparison]:
 def scaling(figure: Figure) -> Iterator[Comparison]:
     """Draw speed and pressure at a frozen position: tripling both gives the same motion, three times larger."""
     upper, lower = figure.subplots(2, 1, sharex=True)
-    found: dict[str, tuple[Array, Array, float]] = {}
+    runs: dict[str, tuple[Array, Array, float]] = {}
     for title, speed, force, colour, axis in (
         ("10 mm/s, 0.1 MPa", 0.01, 108.79, BLUE, upper),
         ("30 mm/s, 0.3 MPa", 0.03, 326.37, VERMILION, upper),
@@ -172,9 +172,9 @@ def scaling(figure: Figure) -> Iterator[Comparison]:
         base = load("plate", **held)
         made = run(_reaching(base, speed, force), 0.4)
         share = made.signals["pitch_velocity"] / force
-        found[title] = made.time, share, _onset(made)
+        runs[title] = made.time, share, _onset(made)
         style = "--" if colour == VERMILION else "-"
-        axis.plot(made.time, share, color=colour, lw=0.6, ls=style, label=f"{title}: opens at {found[title][2]:.4f} s")
+        axis.plot(made.time, share, color=colour, lw=0.6, ls=style, label=f"{title}: opens at {runs[title][2]:.4f} s")
     for axis in (upper, lower):
         low, high = axis.get_ylim()
         axis.set(ylabel="pitch velocity\nover the load [rad/(N s)]", xlim=(0.1, 0.4), ylim=(low, 1.5 * high))
@@ -182,9 +182,9 @@ def scaling(figure: Figure) -> Iterator[Comparison]:
         axis.axhline(0.0, color=GREY, lw=0.5)
     upper.set_title("slider held at 4 mm")
     lower.set_xlabel("time [s]")
-    (time, one, onset), (_, three, later) = found["10 mm/s, 0.1 MPa"], found["30 mm/s, 0.3 MPa"]
+    (time, slow, onset), (_, three, later) = runs["10 mm/s, 0.1 MPa"], runs["30 mm/s, 0.3 MPa"]
     before = time < onset
-    error = float(np.abs(one - three)[before].max() / np.abs(one[before]).max())
+    error = float(np.abs(slow - three)[before].max() / np.abs(slow[before]).max())
     yield Comparison("same speed over pressure: difference before the opening", "", error, 0.0, "theory", absolute=1e-4)
     yield Comparison("same speed over pressure: first opening", "s", later, onset, "theory", absolute=1e-4)
 

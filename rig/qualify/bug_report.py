@@ -41,9 +41,9 @@ Texts of a protocol and messages of your own parts may be in last_run.log: read 
 """
 
 
-def bundle(found: Report) -> tuple[bytes, list[str]]:
-    """Return the content of the zip file with the doctor's report `found`, and the names of the files in it."""
-    private = {one.scene: "SCENE" for one in found.scenes if one.scene not in scenes.names()}
+def bundle(report: Report) -> tuple[bytes, list[str]]:
+    """Return the content of the zip file with the doctor's `report`, and the names of the files in it."""
+    private = {fitness.scene: "SCENE" for fitness in report.scenes if fitness.scene not in scenes.names()}
     try:
         log = supervise.path().read_text(errors="replace")
     except OSError:
@@ -52,7 +52,7 @@ def bundle(found: Report) -> tuple[bytes, list[str]]:
     files = {
         "README.txt": _README,
         "versions.txt": "\n".join(_versions()),
-        "doctor.txt": found.text(),
+        "doctor.txt": report.text(),
         "environment.txt": "\n".join(environment) or f"no variable begins with {PREFIX}",
         "last_run.log": log,
     }
@@ -83,7 +83,7 @@ def _user() -> str:
 
 
 def _versions() -> list[str]:
-    names = ["friction-rig", *(re.split(r"[^\w-]", one)[0] for one in _required())]
+    names = ["friction-rig", *(re.split(r"[^\w-]", requirement)[0] for requirement in _required())]
     return [
         f"Python {platform.python_version()} ({platform.python_implementation()})",
         f"{platform.system()} {platform.release()} {platform.machine()}",
@@ -94,7 +94,7 @@ def _versions() -> list[str]:
 def _required() -> list[str]:
     """The packages that friction-rig needs."""
     try:
-        return [one for one in requires("friction-rig") or () if "extra ==" not in one]
+        return [requirement for requirement in requires("friction-rig") or () if "extra ==" not in requirement]
     except PackageNotFoundError:  # run from the sources without installation
         return []
 

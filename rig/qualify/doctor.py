@@ -135,15 +135,15 @@ def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns)
     interruption. `clock`: of the measurement [ns].
     """
     job = Job(scene.to_json())
-    sets, found, count = visited(scene, job), list[int](), -1
-    while count < len(found) < least:
-        count = len(found)
-        found += _carried_through(scene, sets, least, clock)
-    return np.array(found, dtype=np.int64)
+    sets, frame_times, count = visited(scene, job), list[int](), -1
+    while count < len(frame_times) < least:
+        count = len(frame_times)
+        frame_times += _carried_through(scene, sets, least, clock)
+    return np.array(frame_times, dtype=np.int64)
 
 
 def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clock) -> list[int]:
-    """Frames of one run, in order."""
+    """Frames of controller run, in order."""
     duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
     working = {name: restored(description) for name, description in described(scene).items()}
 
@@ -154,9 +154,12 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
     experiment, answering = begun(scene, working, duration_ns, before=prepare)
     runner, truth = experiment.runner, experiment.runner.truth
     assert truth is not None
-    inside, outside = ([one for one in answering if (one.name in scene.in_plant) is here] for here in (True, False))
+    inside, outside = (
+        [controller for controller in answering if (controller.name in scene.in_plant) is here]
+        for here in (True, False)
+    )
     apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)
-    found: list[int] = []
+    frame_times: list[int] = []
     try:
         while True:
             tick = runner.tick
@@ -169,24 +172,24 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
             if tick % apart >= _ROW:
                 carry_on(experiment, answering, min(experiment.until(), tick - tick % apart + apart))
                 continue
-            for one in outside:
-                one.answer()
+            for controller in outside:
+                controller.answer()
             begin = clock()
-            for one in inside:
-                one.answer()
+            for controller in inside:
+                controller.answer()
             experiment.take_over()
             runner.frame()
-            found.append(protocol + clock() - begin)
+            frame_times.append(protocol + clock() - begin)
     except NumericsError:  # the frames up to there count
         pass
-    return found
+    return frame_times
 
 
-def behind(found: Costs, wall_ns: float) -> Costs:
+def behind(frame_times: Costs, wall_ns: float) -> Costs:
     """Return the lag of each frame [ns] because earlier ones took longer than their `wall_ns`; late frames catch up."""
-    late = np.empty(len(found), np.int64)
+    late = np.empty(len(frame_times), np.int64)
     lag = 0.0
-    for i, cost in enumerate(found.tolist()):
+    for i, cost in enumerate(frame_times.tolist()):
         late[i] = lag
         lag = max(lag + cost - wall_ns, 0.0)
     return late
@@ -214,10 +217,10 @@ class Spread:
     beyond: float
 
     @classmethod
-    def of(cls, found: NDArray[np.int64]) -> Spread:
+    def of(cls, times: NDArray[np.int64]) -> Spread:
         """From nanoseconds."""
-        p50, p95, p99 = (float(v) / 1e3 for v in np.quantile(found, (0.5, 0.95, 0.99)))
-        return cls(len(found), p50, p95, p99, float(found.max()) / 1e3, float(np.mean(found > FRAME_NS)))
+        p50, p95, p99 = (float(v) / 1e3 for v in np.quantile(times, (0.5, 0.95, 0.99)))
+        return cls(len(times), p50, p95, p99, float(times.max()) / 1e3, float(np.mean(times > FRAME_NS)))
 
     def __str__(self) -> str:
         return f"p50 {self.p50:.0f}, p95 {self.p95:.0f}, p99 {self.p99:.0f}, worst {self.worst:.0f} us"
@@ -258,12 +261,15 @@ class Report:
     @property
     def ok(self) -> bool:
         """Whether every scene would run VALID."""
-        return all(one.verdict == "VALID" for one in self.scenes)
+        return all(fitness.verdict == "VALID" for fitness in self.scenes)
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
         spreads = {n: None if (v := getattr(self, n)) is None else vars(v) for n in ("sleep", "hybrid", "bus", "put")}
-        fit = [{**vars(one), "frame": None if one.frame is None else vars(one.frame)} for one in self.scenes]
+        fit = [
+            {**vars(fitness), "frame": None if fitness.frame is None else vars(fitness.frame)}
+            for fitness in self.scenes
+        ]
         return {**vars(self), **spreads, "scenes": fit, "ok": self.ok}
 
     def text(self) -> str:
@@ -282,9 +288,9 @@ class Report:
             f"disk        {self.disk:.0f} MB/s where recordings go{'' if self.disk >= LEAST_DISK else ': too slow'}",
             "",
         ]
-        width = max(len(one.scene) for one in self.scenes)
-        lines += [f"{one.scene:<{width}}  {one.verdict:<9} {one.reason}" for one in self.scenes]
-        if any(one.verdict in ("DEGRADED", "INVALID") for one in self.scenes):
+        width = max(len(fitness.scene) for fitness in self.scenes)
+        lines += [f"{fitness.scene:<{width}}  {fitness.verdict:<9} {fitness.reason}" for fitness in self.scenes]
+        if any(fitness.verdict in ("DEGRADED", "INVALID") for fitness in self.scenes):
             lines += [
                 "",
                 "frames are late when the machine is busy or wakes late: close other programs, or allow real-time "
@@ -309,7 +315,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     late = spun if waiting.spin_ns else slept
     say("a round trip over the bus, between two processes")
     trips, puts, fault = round_trips(0.3 * seconds)
-    trip, put = (Spread.of(found) if len(found) else None for found in (trips, puts))
+    trip, put = (Spread.of(samples) if len(samples) else None for samples in (trips, puts))
     say("writing where recordings go")
     disk = _disk()
     say("frames of every scene, over its whole protocol")
@@ -319,7 +325,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
         fit = [_fitness(scene, ready, clock, late, put) for scene in loaded]
     return Report(
         machine=_machine(),
-        warm=all(one.verdict != "unknown" for one in fit),
+        warm=all(fitness.verdict != "unknown" for fitness in fit),
         sleep=Spread.of(slept),
         hybrid=Spread.of(spun),
         waiting=f"{waiting.method}: {waiting.why}",
@@ -339,25 +345,25 @@ def _fitness(
 ) -> Fitness:
     """Measure and evaluate one scene; a scene that cannot run is reported with the reason."""
     try:
-        found = costs(scene, clock=clock) if kernel_shapes.shape(scene) in ready else None
-        return judge(scene, found, late, put)
+        frame_times = costs(scene, clock=clock) if kernel_shapes.shape(scene) in ready else None
+        return judge(scene, frame_times, late, put)
     except RigError as fault:
         reason = "; ".join(fault.faults) if isinstance(fault, SceneError) else str(fault).partition("\n")[0]
         return Fitness(scene.name, "refused", reason)
 
 
-def judge(scene: Scene, found: Costs | None, late: NDArray[np.int64], put: Spread | None) -> Fitness:
+def judge(scene: Scene, frame_times: Costs | None, late: NDArray[np.int64], put: Spread | None) -> Fitness:
     """Predict the timing verdict of `scene` from its frame costs and the lateness of waits [ns]; `put`: on the bus."""
-    if found is None:
+    if frame_times is None:
         return Fitness(scene.name, "unknown", "its kernels are not compiled yet: rig warmup, then rig doctor again")
-    if not found.size:
+    if not frame_times.size:
         raise UsageError("its numerics stop within the first frame: rig simulate shows the reason")
     clock = scene.clock
     pace = min(clock.pace_limit or 1.0, 1.0)
     each = length(scene, pace)
     wall = each * scene.frame_ns / pace
     puts = 2 + sum(s.period_ns >= FRAME_NS for s in scene.sensors.values())
-    whole = RESERVE * np.add.reduceat(found, np.arange(0, found.size, each)) + round(
+    whole = RESERVE * np.add.reduceat(frame_times, np.arange(0, frame_times.size, each)) + round(
         1e3 * (put.p50 if put is not None else 0.0) * puts
     )
     share = min(float(np.mean(late > wall) + np.mean(behind(whole, wall) > wall)), 1.0)
@@ -372,7 +378,7 @@ def judge(scene: Scene, found: Costs | None, late: NDArray[np.int64], put: Sprea
             text += ": a longer clock.frame, a looser clock.tolerance or a smaller --pace"
     if scene.slow:
         text += f"; {scene.slow}"
-    return Fitness(scene.name, verdict, text, Spread.of(found))
+    return Fitness(scene.name, verdict, text, Spread.of(frame_times))
 
 
 def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.int64]]:

@@ -58,13 +58,13 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
         if report is not None:
             report(done, total)
 
-    found = [Part(one.name, True, "the scene names it", one) for one in effects(scene, rounds)]
+    all_parts = [Part(effect.name, True, "the scene names it", effect) for effect in effects(scene, rounds)]
     say()
     base, values = bare(scene), held(scene, scene.assemble())
     for name, keys in lacking.items():
         why = f"the scene has no {', '.join(keys)}"
         if about[name].random:
-            found.append(Part(name, False, why, Paired(name, fault=NO_CHANCE, on=False)))
+            all_parts.append(Part(name, False, why, Paired(name, fault=NO_CHANCE, on=False)))
             say()
             continue
         try:
@@ -73,11 +73,11 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
             [paired] = compared(bare(more), {name: base}, values, rounds)
             own = "with limits at twice the value" if name.endswith(" limits") else "as it is, for it has no numbers"
             source = f"as in {like}" if like else own
-            found.append(Part(name, False, f"{why}; measured {source}", replace(paired, on=False)))
+            all_parts.append(Part(name, False, f"{why}; measured {source}", replace(paired, on=False)))
         except RigError as error:
-            found.append(Part(name, False, why, Paired(name, fault=" ".join(str(error).split()), on=False)))
+            all_parts.append(Part(name, False, why, Paired(name, fault=" ".join(str(error).split()), on=False)))
         say()
-    return found
+    return all_parts
 
 
 def methods(scene: Scene) -> dict[str, str]:
@@ -139,15 +139,15 @@ ON, ABSENT = BLUE, "#9aa5b1"
 
 def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
     """Draw bars: ns per step on the left, changes by measure on the right; absent effects are grey."""
-    measured = [(one, one.paired.closed or one.paired) for one in reversed(parts)]
-    shown = [(one, paired) for one, paired in measured if not math.isnan(paired.tick.value)]
+    measured = [(part, part.paired.closed or part.paired) for part in reversed(parts)]
+    shown = [(part, paired) for part, paired in measured if not math.isnan(paired.tick.value)]
     if not shown:
         raise UsageError("--figure: nothing to draw, none of its effects can be left out or added alone")
     with sheet(f"{scene.name}: its effects, on or absent", provenance(scene.seed)) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         left.set_axisbelow(True)
-        for place, (one, paired) in enumerate(shown):
-            colour, tick = (ON if one.on else ABSENT), paired.shown_cost
+        for place, (part, paired) in enumerate(shown):
+            colour, tick = (ON if part.on else ABSENT), paired.shown_cost
             left.barh(place, tick.value, color=colour)
             spread = [[max(tick.value - tick.low, 0.0)], [max(tick.high - tick.value, 0.0)]]
             left.errorbar(tick.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
@@ -166,9 +166,9 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
                 )
         handles = [left.barh(0, 0, color=colour) for colour in (ON, ABSENT)]
         figure.legend(handles, ["on: if it is dropped", "absent: if it is added"], loc="outside lower left", ncols=2)
-        labels = [f"{one.name.replace('_', ' ')}\n{'on' if one.on else 'absent'}" for one, _ in shown]
+        labels = [f"{part.name.replace('_', ' ')}\n{'on' if part.on else 'absent'}" for part, _ in shown]
         left.set_yticks(range(len(shown)), labels)
-        whole = max((p.whole for one, p in shown if one.on), default=max(p.whole for _, p in shown))
+        whole = max((p.whole for part, p in shown if part.on), default=max(p.whole for _, p in shown))
         noise = max(p.noise for _, p in shown)
         left.set(xlabel=f"compute that it adds to a step of {whole:.0f} ns [ns]; noise up to {noise:.0f} ns")
         right.set(xscale="log", xlabel="change if left out or added: share of the larger value")

@@ -199,8 +199,8 @@ class Steady:
 
     def eigenvalues(self) -> NDArray[np.complex128]:
         """The eigenvalues [1/s] of the moving states, the least stable first."""
-        found = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
-        return found[np.lexsort((-found.imag, -found.real))]
+        eigenvalues = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
+        return eigenvalues[np.lexsort((-eigenvalues.imag, -eigenvalues.real))]
 
     def time_scales(self) -> tuple[float, float]:
         """The shortest and the longest time constant, times 2 pi [s]: periods where the rig vibrates.
@@ -276,16 +276,18 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     free = np.union1d(moving, settling(system, modes.A, moving))
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
-    found = _newton(system, modes, law, free, 0 if stuck else _WIDE, False)
-    if not (stuck or (found.balanced and _agrees(system, modes, found))):  # another search may find another equilibrium
+    equilibrium = _newton(system, modes, law, free, 0 if stuck else _WIDE, False)
+    if not (
+        stuck or (equilibrium.balanced and _agrees(system, modes, equilibrium))
+    ):  # another search may find another equilibrium
         other = _newton(system, modes, law, free, _SHORTENED_STEPS, True)
-        if not found.balanced or (other.balanced and _agrees(system, modes, other)):
-            found = other
-    x, A, T, load, balanced = found
+        if not equilibrium.balanced or (other.balanced and _agrees(system, modes, other)):
+            equilibrium = other
+    x, A, T, load, balanced = equilibrium
     speed = system.slip_rows @ x
     friction = modes.friction @ x + modes.friction_t @ T
     inertia = _inertia(system, modes, speed, load, law)
-    exists = not stuck and balanced and _agrees(system, modes, found) and inertia > 0.0
+    exists = not stuck and balanced and _agrees(system, modes, equilibrium) and inertia > 0.0
     beyond = _beyond(system, modes, x, T) if exists else ""
     return Steady(
         system, modes, exists and not beyond, x, A, moving, speed, load, friction, T, inertia, balanced, beyond
@@ -341,15 +343,15 @@ def _newton(
         while share > (_LEAST if falling else 0.5):
             y = x.copy()
             y[columns] -= share * step
-            found = linearised(system, modes, y, law)
-            residual, scale = _rest(system, modes, free, y, found[1])
+            linearisation = linearised(system, modes, y, law)
+            residual, scale = _rest(system, modes, free, y, linearisation[1])
             if residual < before:
                 break
             share *= 0.5
         if not residual < (before if falling else _FAR * before):
             residual = before
             break
-        x, (A, T, load) = y, found
+        x, (A, T, load) = y, linearisation
     x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # below the resolution of lstsq
     return _Found(x, A, T, load, residual <= _REST * scale)
 

@@ -157,27 +157,27 @@ def stability_report(
     broken = list(_matrices(system))
     if broken:
         return broken
-    found = list(_drivers(system))
+    findings = list(_drivers(system))
     for judge in system.judges:
-        found += judge(system, step)
+        findings += judge(system, step)
     sets: list[tuple[float, str, Steady]] = []
     for key in mode_sets(system):
         name = system.describe(key)
         jam = list(_jamming(system, key, name))
-        found += jam
-        if any(one.level == "error" for one in jam):
+        findings += jam
+        if any(finding.level == "error" for finding in jam):
             continue
         try:
             at = steady(system, key)
         except Singular as error:
-            found.append(_jammed(name, 0.0) if error.jams else _undefined(error, name))
+            findings.append(_jammed(name, 0.0) if error.jams else _undefined(error, name))
             continue
         sets.append((float(np.abs(np.linalg.eigvals(at.modes.A)).max()), name, at))
-    fastest, where, _ = max(sets, key=lambda one: one[0], default=(0.0, "", None))
+    fastest, where, _ = max(sets, key=lambda entry: entry[0], default=(0.0, "", None))
     for _, name, at in sets:
-        found += _growth(at, name, fastest)
-    found += step_findings(system, method, step, substeps, tolerance, (fastest, where))
-    return sorted(found, key=lambda one: ("error", "warning", "info").index(one.level))
+        findings += _growth(at, name, fastest)
+    findings += step_findings(system, method, step, substeps, tolerance, (fastest, where))
+    return sorted(findings, key=lambda finding: ("error", "warning", "info").index(finding.level))
 
 
 def _matrices(system: System) -> Iterator[Finding]:

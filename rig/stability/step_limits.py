@@ -129,7 +129,7 @@ def steepest(system: System) -> float:
 
     The load is that at the start.
     """
-    found = 0.0
+    fastest = 0.0
     speeds = [0.0, *np.geomspace(1e-9, 1.0, _SPEEDS).tolist()]
     for key in mode_sets(system):
         modes, sectors = assembled(system, key), system.modes(key)[3]
@@ -140,8 +140,8 @@ def steepest(system: System) -> float:
             slope = max((law.slope(speed) for speed in speeds), key=abs)
             load = sum(max(float(n.row @ system.start), 0.0) for n in system.normals if n.patch == p)
             bent = modes.A + np.outer(modes.b[:, p], slope * load * system.slip_rows[p])
-            found = max(found, float(np.abs(np.linalg.eigvals(bent)).max()))
-    return found
+            fastest = max(fastest, float(np.abs(np.linalg.eigvals(bent)).max()))
+    return fastest
 
 
 def _narrow_law(system: System, tolerance: float) -> Iterator[Finding]:

@@ -58,7 +58,7 @@ FLOORS = {
 def main() -> int:
     """Measure, print, and return 1 if a floor was missed."""
     quick = "--quick" in sys.argv
-    found: dict[str, Any] = {"machine": provenance(0, tuple(sys.argv)), "python": platform.python_version()}
+    results: dict[str, Any] = {"machine": provenance(0, tuple(sys.argv)), "python": platform.python_version()}
     missed: list[str] = []
 
     def say(text: str) -> None:
@@ -73,7 +73,7 @@ def main() -> int:
 
     def mapped() -> None:
         say("\nmap of the rig, run-up and run-down, kernels compiled")
-        found["map"] = m = one_contact.efficiency(24 if quick else 100)
+        results["map"] = m = one_contact.efficiency(24 if quick else 100)
         verdict = judged("map", m["efficiency"], "map")
         say(f"  {one_contact.MAP}, {m['points']} points: one worker {m['one']:.3g} points/s, two {m['two']:.3g} "
             f"points/s, efficiency {m['efficiency']:.2f} {verdict}")  # fmt: skip
@@ -81,9 +81,9 @@ def main() -> int:
     def studied() -> None:
         say("\nstudies: points per second, one worker, two, and two of dask in turns; efficiency: median (range)")
         dask = importlib.util.find_spec("distributed") is not None
-        found["studies"] = {}
+        results["studies"] = {}
         for what in ("P1", "loop"):
-            found["studies"][what] = s = studies.measured(what, quick, dask)
+            results["studies"][what] = s = studies.measured(what, quick, dask)
             say(f"  {what}, {s['rounds']} rounds of {s['units']} points for each worker: one {s['one']['units']:.3g}/s")
             for name, floor in (("two", "study"), ("dask", "study_dask")):
                 if name in s:
@@ -93,14 +93,14 @@ def main() -> int:
                         f"{m['greatest']:.2f}) {verdict}; first result after {m['start']:.1f} s")  # fmt: skip
         if not dask:
             say("  dask is not installed: not measured")
-        found["studies"]["overhead_ms"] = ms = studies.overhead_ms(quick)
+        results["studies"]["overhead_ms"] = ms = studies.overhead_ms(quick)
         verdict = judged("overhead of a point", ms, "study_overhead_ms", at_most=True)
         say(f"  a point that computes nothing: {ms:.3f} ms {verdict}")
 
     def looped(seconds: float) -> None:
         say("\nloop over the bus: controller and recorder, paced also viewer bridge; alternating with bare round trips")
         try:
-            found["bus"] = b = loop.beside_bare(2 if quick else loop.ROUNDS)
+            results["bus"] = b = loop.beside_bare(2 if quick else loop.ROUNDS)
         except BusError as error:
             missed.append("loop over the bus")
             say(f"  {error}")
@@ -113,7 +113,7 @@ def main() -> int:
             say(f"  lockstep over back to back: ratio {b['over_bare']['lockstep_back_to_back']:.2f}")
             say(f"  publishing takes {b['publish']:.0f} us of a paced frame (mean)")
         say(f"\npaced, 1 kHz, vibrometer 10 kHz in blocks, controller, recorder, viewer bridge, {seconds:g} s")
-        found["loop"] = paced = loop.paced(seconds)
+        results["loop"] = paced = loop.paced(seconds)
         trip, late, bare = paced["round_trip"], paced["timing"]["lateness"], paced["bare_us"]
         verdict = judged("step to command", trip["p50"] / 1e3, "step_to_command_ms", at_most=True)
         lost = sum(paced["lost"].values())
@@ -131,7 +131,7 @@ def main() -> int:
             say(f"  {name}: {counts['taken']} commands, {aged}")
 
         say("\npaced, plate under a slider on 40 points, steps of 2 us, recorder, viewer bridge")
-        found["plate"] = paced = loop.plate()
+        results["plate"] = paced = loop.plate()
         timing = paced["timing"]
         if paced["verdict"] == "INVALID":
             missed.append("plate, paced")
@@ -140,22 +140,22 @@ def main() -> int:
 
     def watched() -> None:
         say(f"\nrig web: {pages.PAGES} pages without a browser, one in Chromium, on a paced run at 1 kHz")
-        found["pages"] = seen = pages.pages(10.0 if quick else 30.0)
+        results["pages"] = seen = pages.pages(10.0 if quick else 30.0)
         if seen["verdict"] != "VALID":
             missed.append("a run that is watched is VALID")
         say(f"  {seen['verdict']}: {'; '.join(seen['reasons'])}")
         for name in ("sockets", "browser"):
-            if (one := seen[name]) is None:
+            if (pictures := seen[name]) is None:
                 say("  Chromium is not installed: not measured in a browser")
                 continue
-            rate = judged(f"pictures per second, {name}", one["rate"], "pictures")
-            delay = judged(f"delay of pictures, {name}", one["p99"], "picture_delay", at_most=True)
-            say(f"  {name}: {one['rate']:.1f} pictures/s {rate}; delay at most {one['p50']:.3f} s (p50), "
-                f"{one['p99']:.3f} s (p99) {delay}")  # fmt: skip
+            rate = judged(f"pictures per second, {name}", pictures["rate"], "pictures")
+            delay = judged(f"delay of pictures, {name}", pictures["p99"], "picture_delay", at_most=True)
+            say(f"  {name}: {pictures['rate']:.1f} pictures/s {rate}; delay at most {pictures['p50']:.3f} s (p50), "
+                f"{pictures['p99']:.3f} s (p99) {delay}")  # fmt: skip
 
     def stepped() -> None:
         say("\nenvironment of Gymnasium, one frame of 1 ms a step, processor time")
-        found["steps"] = s = one_contact.steps(3 if quick else 7)
+        results["steps"] = s = one_contact.steps(3 if quick else 7)
         if not s:
             say("  gymnasium is not installed: not measured")
             return
@@ -164,17 +164,17 @@ def main() -> int:
 
     def finish() -> int:
         if "--json" in sys.argv:
-            Path(sys.argv[sys.argv.index("--json") + 1]).write_text(json.dumps(found, indent=1, default=str))
+            Path(sys.argv[sys.argv.index("--json") + 1]).write_text(json.dumps(results, indent=1, default=str))
         if missed:
             say(f"\nfloors missed: {', '.join(missed)}")
         return 1 if missed else 0
 
-    say(f"machine: {found['machine']}")
+    say(f"machine: {results['machine']}")
     if "--against" in sys.argv:
         commit = sys.argv[sys.argv.index("--against") + 1]
         say(f"\nspeed over that of {commit}: processor time, {against.ROUNDS} rounds, floor {against.FLOOR:g}")
         try:
-            found["against"] = speeds = against.compared(commit, say)
+            results["against"] = speeds = against.compared(commit, say)
         except UsageError as error:
             say(str(error))
             return 2
@@ -196,7 +196,7 @@ def main() -> int:
         looped(float(sys.argv[sys.argv.index("--loop") + 1]))
         return finish()
     say("\nreal-time factor of the pendulum, 1 ms samples, over event-time error (of a period)")
-    found["precision"] = rows = kernels.precision()
+    results["precision"] = rows = kernels.precision()
     for row in rows:
         how = f"tol {row['tolerance']:.0e}" if row["method"] == "dopri5" else f"{row['substeps']} steps/ms"
         how = "" if row["method"] == "exact" else how
@@ -209,7 +209,7 @@ def main() -> int:
     say(f"  kernel at 1e-6 (Stribeck): {best:.0f} x  {judged('kernel', best, 'kernel_rtf')}")
 
     say("\nC twins, gcc -O3 -march=native, interleaved, best of rounds")
-    found["twins"] = ratios = twins.twins()
+    results["twins"] = ratios = twins.twins()
     if "skipped" in ratios:
         say(f"  {ratios['skipped']}")
     else:
@@ -225,42 +225,42 @@ def main() -> int:
         verdict = judged("stiff shunt", stiff["rtf"], "kernel_rtf")
         say(f"  exact on the stiff shunt of belt_shunt, 3400 Hz at 1 ms: {stiff['rtf']:.0f} x real time {verdict}, "
             f"error of event times {stiff['error']:.1e} of a period")  # fmt: skip
-    found["absent"] = a = whole_runs.cost()
+    results["absent"] = a = whole_runs.cost()
     verdict = judged("absent effects", a["ratio"], "absent", at_most=True)
     say(f"  forces without products: {a['ns']:.1f} ns, compiled without their source {a['ns_without']:.1f}: "
         f"ratio {a['ratio']:.3f} {verdict}")  # fmt: skip
-    found["scipy"] = versus = kernels.scipy_ratio()
+    results["scipy"] = versus = kernels.scipy_ratio()
     verdict = judged("scipy", versus["ratio"], "scipy")
     say(f"  exact over scipy solve_ivp (DOP853, rtol 1e-9, events): {versus['ratio']:.0f} x faster {verdict}; "
         f"scipy's event error {versus['scipy_event_error']:.1e} s")  # fmt: skip
 
     say("\nwhole rig simulate pendulum: sensors, controller, protocol, outputs kept")
-    found["whole"] = w = whole_runs.simulate(3 if quick else 7)
+    results["whole"] = w = whole_runs.simulate(3 if quick else 7)
     verdict = judged("whole", w["rtf"], "whole_rtf")
     say(f"  {w['seconds']:.0f} s in {w['wall']:.3f} s: {w['rtf']:.0f} x real time {verdict}")
     say("  a further second of a run, alternating, processor time:")
-    found["marginal"] = further = whole_runs.marginal(2 if quick else 5)
+    results["marginal"] = further = whole_runs.marginal(2 if quick else 5)
     for name, rtf in further.items():
         say(f"  {whole_runs.CASES[name].title}: {rtf:.3g} x real time {judged(name, rtf, name)}")
-    found["start"] = s = whole_runs.start(3 if quick else 7)
+    results["start"] = s = whole_runs.start(3 if quick else 7)
     say(f"  new process, 10 s simulated: {s['wall']:.2f} s wall (worst {s['worst']:.2f}) "
         f"{judged('start', s['wall'], 'start', at_most=True)}")  # fmt: skip
 
     stepped()
     say(f"\n{one_contact.DISC} with seven modes: growth rate of the simulation beside the eigenvalue, kernel")
-    found["disc"] = growing = one_contact.growth()
+    results["disc"] = growing = one_contact.growth()
     for row in growing:
         say(f"  tol {row['tolerance']:.0e}  error {row['error']:8.1e}   {row['rtf']:9.0f} x real time")
     best = max((r["rtf"] for r in growing if r["error"] <= 1e-4), default=0.0)
     say(f"  at 1e-4 of the growth rate: {best:.0f} x real time {judged('disc', best, 'disc')}")
 
     say("\nrigs of one contact, kernel without energy balance, alternating, processor time")
-    found["rubbing"] = quick_ones = one_contact.speed(5 if quick else 10)
+    results["rubbing"] = quick_ones = one_contact.speed(5 if quick else 10)
     for name, rtf in quick_ones.items():
         say(f"  {one_contact.CASES[name].title}: {rtf:.3g} x real time {judged(name, rtf, name)}")
 
     say("\nrecorder: 10 sensors at 100 kHz in blocks, 8 outputs at 1 kHz")
-    found["recording"] = kept = recording.recording(3.0 if quick else 20.0)
+    results["recording"] = kept = recording.recording(3.0 if quick else 20.0)
     verdict = judged("recorder", kept["recorder"], "recorder", at_most=True)
     if kept["lost"]:
         missed.append("recorder lost nothing")

@@ -64,7 +64,7 @@ def compared(commit: str, say: Callable[[str], object], rounds: int = ROUNDS) ->
 
     Raises UsageError for an unknown commit.
     """
-    there, found = unpacked(commit), {}
+    there, comparisons = unpacked(commit), {}
     for case in CASES:  # one process each: a failure of one version ends one case only
         versions = [Version(ROOT), Version(there)]
         for version in versions:
@@ -78,9 +78,9 @@ def compared(commit: str, say: Callable[[str], object], rounds: int = ROUNDS) ->
             same = same and at == other
         for version in versions:
             version.end()
-        found[case] = _comparison(times, same)
-        say(_line(case, found[case]))
-    return found
+        comparisons[case] = _comparison(times, same)
+        say(_line(case, comparisons[case]))
+    return comparisons
 
 
 def unpacked(commit: str) -> Path:
@@ -116,14 +116,14 @@ def _comparison(times: list[tuple[float, float]], same: bool) -> dict[str, Any]:
     return {"speed": speed, "seconds": ours, "seconds_there": theirs, "same": same}
 
 
-def _line(case: str, one: dict[str, Any]) -> str:
-    if one["speed"] != one["speed"]:
+def _line(case: str, comparison: dict[str, Any]) -> str:
+    if comparison["speed"] != comparison["speed"]:
         return f"  {case:30} one of the versions cannot run it"
-    bits = "the same bits" if one["same"] else "different bits"
-    return f"  {case:30} {one['seconds'] * 1e3:8.2f} ms, there {one['seconds_there'] * 1e3:8.2f} ms: " \
-           f"speed {one['speed']:.2f}, {bits}"  # fmt: skip
+    bits = "the same bits" if comparison["same"] else "different bits"
+    return f"  {case:30} {comparison['seconds'] * 1e3:8.2f} ms, there {comparison['seconds_there'] * 1e3:8.2f} ms: " \
+           f"speed {comparison['speed']:.2f}, {bits}"  # fmt: skip
 
 
-def missed(found: dict[str, dict[str, Any]]) -> list[str]:
+def missed(comparisons: dict[str, dict[str, Any]]) -> list[str]:
     """Return the kernels below the floor."""
-    return [case for case, one in found.items() if CASES[case][1] and one["speed"] < FLOOR]
+    return [case for case, comparison in comparisons.items() if CASES[case][1] and comparison["speed"] < FLOOR]

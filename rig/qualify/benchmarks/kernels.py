@@ -80,9 +80,9 @@ def precision() -> list[dict[str, Any]]:
         "coulomb": fine if len(fine) == len(truth["coulomb"]) else truth["coulomb"],
     }
     for law, system, method, tolerance, substeps in cases:
-        found, wanted = event_times(system, method, tolerance, substeps), reference[law]
+        times, wanted = event_times(system, method, tolerance, substeps), reference[law]
         period = float(np.median(np.diff(wanted[::2])))
-        error = float(np.abs(found - wanted).max() / period) if len(found) == len(wanted) else np.inf
+        error = float(np.abs(times - wanted).max() / period) if len(times) == len(wanted) else np.inf
         motion, ticks = run(system, method, tolerance, substeps)
         best = interleaved({"run": lambda m=motion, n=ticks: m.advance(n)}, 7)["run"]  # type: ignore[misc]
         rows.append({"law": law, "method": method, "tolerance": tolerance, "substeps": substeps, "error": error,
@@ -99,7 +99,7 @@ def scipy_ratio() -> dict[str, Any]:
     m, c, d = 5.0, 2500.0, 2.0  # the contact's equivalent of the pendulum
     load, mu_static, mu_kinetic, v0 = 20.0, 0.4, 0.25, 0.06
     samples = np.arange(0.0, seconds, 1e-3)
-    found: list[float] = []
+    crossings: list[float] = []
 
     def phase(rate: Any, leaves: Any, t: float, x: list[float]) -> tuple[float, list[float], bool]:
         leaves.terminal, leaves.direction = True, -1
@@ -107,11 +107,11 @@ def scipy_ratio() -> dict[str, Any]:
                       t_eval=samples[samples > t])  # fmt: skip
         if not len(s.t_events[0]):
             return seconds, x, False
-        found.append(float(s.t_events[0][0]))
-        return found[-1], list(map(float, s.y_events[0][0])), True
+        crossings.append(float(s.t_events[0][0]))
+        return crossings[-1], list(map(float, s.y_events[0][0])), True
 
     def by_scipy() -> None:
-        found.clear()
+        crossings.clear()
         t, x, stuck, on = 0.0, [0.0, v0], True, True
         while on:
             if stuck:
@@ -129,9 +129,9 @@ def scipy_ratio() -> dict[str, Any]:
     motion.advance(ticks)
     wanted = np.array([(e.tick + e.place) * STEP_NS * 1e-9 for e in motion.events()])
     best = interleaved({"scipy": by_scipy, "exact": lambda: motion.advance(ticks)}, 7)
-    same = len(found) == len(wanted)
+    same = len(crossings) == len(wanted)
     return {
         "ratio": best["scipy"] / best["exact"],
         "events": len(wanted),
-        "scipy_event_error": float(np.abs(np.array(found) - wanted).max()) if same else np.inf,
+        "scipy_event_error": float(np.abs(np.array(crossings) - wanted).max()) if same else np.inf,
     }

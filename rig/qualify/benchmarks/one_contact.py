@@ -105,8 +105,8 @@ def growth(tolerances: tuple[float, ...] = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10)) -> l
             begin = time.perf_counter()
             motion.advance(ticks)
             best = min(best, time.perf_counter() - begin)
-            found = math.log(part(motion.x) / before) / SECONDS
-        error = abs(found / float(rates[first].real) - 1.0)
+            simulated_rate = math.log(part(motion.x) / before) / SECONDS
+        error = abs(simulated_rate / float(rates[first].real) - 1.0)
         rows.append({"tolerance": tolerance, "error": error, "rtf": SECONDS / best})
     return rows
 
@@ -118,8 +118,8 @@ X, Y = "drive.speed=0.5 rpm:8 rpm:{}", "load.force=10 N:30 N:{}"
 def efficiency(points: int, scene: str = MAP, x: str = X, y: str = Y) -> dict[str, Any]:
     """Return points per second of a map of `points` x `points` with one and two workers, and the efficiency."""
     work = units(job(load(scene), x.format(points), y.format(points), runs=("up", "down")))
-    one, two = (rate(work, Workers(workers)).units * points for workers in (1, 2))
-    return {"points": points**2, "one": one, "two": two, "efficiency": two / (2.0 * one)}
+    one_worker, two = (rate(work, Workers(workers)).units * points for workers in (1, 2))
+    return {"points": points**2, "one": one_worker, "two": two, "efficiency": two / (2.0 * one_worker)}
 
 
 DRIVEN, STEPS = "belt_normal_force", 5000
@@ -136,15 +136,15 @@ def steps(rounds: int = 7) -> dict[str, float]:
         return {}
     ranges = {"observe": {"vibrometer": (-0.5, 0.5)}, "act": {"load.force": (0.0, 60.0)}}
     more = {"reward": lambda now: -(now.measured["vibrometer"] ** 2), "duration": 60.0}
-    one, four = gym.make(DRIVEN, **ranges, **more), gym.make_vec(DRIVEN, 4, **ranges, **more)  # type: ignore[arg-type]
+    single, four = gym.make(DRIVEN, **ranges, **more), gym.make_vec(DRIVEN, 4, **ranges, **more)  # type: ignore[arg-type]
     action, actions = np.array([20.0]), np.full((4, 1), 20.0)
     best = {"steps": 0.0, "reset": np.inf, "four": 0.0}
     for seed in range(rounds + 1):  # the first one loads kernels
         begin = time.process_time()
-        one.reset(seed=seed)
+        single.reset(seed=seed)
         begun = time.process_time()
         for _ in range(STEPS):
-            one.step(action)
+            single.step(action)
         ended = time.process_time()
         four.reset(seed=seed)
         start = time.process_time()

@@ -60,12 +60,12 @@ def pages(seconds: float = 20.0) -> dict[str, Any]:
         while state["phase"] != "ended":
             time.sleep(0.2)
             state = bench.ask("/api/run")
-        shown = [_figures(one.pictures, begin, end, start) for one in sockets]
-    found: dict[str, Any] = {"verdict": (state["outcome"] or {}).get("verdict", state["fault"])}
-    found["reasons"] = (state["outcome"] or {}).get("reasons", [])
-    found["sockets"] = {key: (min if key == "rate" else max)(one[key] for one in shown) for key in shown[0]}
-    found["browser"] = _figures(drawn, begin, end, start) if drawn is not None else None
-    return found
+        shown = [_figures(socket.pictures, begin, end, start) for socket in sockets]
+    summary: dict[str, Any] = {"verdict": (state["outcome"] or {}).get("verdict", state["fault"])}
+    summary["reasons"] = (state["outcome"] or {}).get("reasons", [])
+    summary["sockets"] = {key: (min if key == "rate" else max)(figures[key] for figures in shown) for key in shown[0]}
+    summary["browser"] = _figures(drawn, begin, end, start) if drawn is not None else None
+    return summary
 
 
 def _figures(pictures: list[tuple[float, float]], begin: float, end: float, start: float) -> dict[str, float]:
@@ -158,7 +158,7 @@ class _Browser:
             time.sleep(0.1)
         line = http.client.HTTPConnection("127.0.0.1", int(told.read_text().split()[0]), timeout=30.0)
         line.request("GET", "/json/list")
-        shown = next(one for one in json.loads(line.getresponse().read()) if one["type"] == "page")
+        shown = next(target for target in json.loads(line.getresponse().read()) if target["type"] == "page")
         line.close()
         self._socket = connect(shown["webSocketDebuggerUrl"], max_size=None)
 

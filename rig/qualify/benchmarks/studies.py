@@ -47,8 +47,8 @@ class Rate:
 def timed(work: Work, unit: int) -> Arrays:
     """Compute a unit; return its result with process, begin and end. The clock is the same in all processes."""
     begin = time.monotonic()
-    found = work.compute(unit)
-    return found | {"#times": np.array([os.getpid(), begin, time.monotonic()])}
+    arrays = work.compute(unit)
+    return arrays | {"#times": np.array([os.getpid(), begin, time.monotonic()])}
 
 
 def rate(work: Work, workers: Workers) -> Rate:
@@ -56,9 +56,9 @@ def rate(work: Work, workers: Workers) -> Rate:
     began = time.monotonic()
     every = Work(partial(timed, work), range(work.total), prepare=work.prepare)
     with temporary(every) as store:
-        found = carry_out(every, store, workers.number, apart=True, cluster=workers.cluster)
-    process, begin, end = np.array([one["#times"] for one in found.values()]).T
-    first = max(end[process == one].min() for one in np.unique(process))
+        results = carry_out(every, store, workers.number, apart=True, cluster=workers.cluster)
+    process, begin, end = np.array([arrays["#times"] for arrays in results.values()]).T
+    first = max(end[process == pid].min() for pid in np.unique(process))
     counted = np.clip(end - np.maximum(begin, first), 0.0, None) / (end - begin)
     return Rate(float(counted.sum() / (end.max() - first)), float(end.min() - began))
 
@@ -68,20 +68,20 @@ def rounds(make: Callable[[int], Work], kinds: Sequence[Workers], units: int, co
 
     `make`: returns the work with a number of units; each worker gets `units` of them.
     """
-    found: list[list[Rate]] = [[] for _ in kinds]
+    rates: list[list[Rate]] = [[] for _ in kinds]
     for turn in range(count):
         order = range(len(kinds)) if turn % 2 == 0 else reversed(range(len(kinds)))
         for k in order:
-            found[k].append(rate(make(units * kinds[k].number), kinds[k]))
-    return found
+            rates[k].append(rate(make(units * kinds[k].number), kinds[k]))
+    return rates
 
 
-def compared(found: Sequence[Rate], one: Sequence[Rate], workers: int) -> dict[str, Any]:
-    """Return medians over the rounds: rate, start, and efficiency, the gain over `one` worker for each of `workers`."""
-    gains = [a.units / (workers * b.units) for a, b in zip(found, one)]
+def compared(rates: Sequence[Rate], single: Sequence[Rate], workers: int) -> dict[str, Any]:
+    """Return medians over rounds: rate, start, and efficiency, the gain over a `single` one for each of `workers`."""
+    gains = [a.units / (workers * b.units) for a, b in zip(rates, single)]
     return {
-        "units": float(np.median([a.units for a in found])),
-        "start": float(np.median([a.start for a in found])),
+        "units": float(np.median([a.units for a in rates])),
+        "start": float(np.median([a.start for a in rates])),
         "efficiency": float(np.median(gains)),
         "least": min(gains),
         "greatest": max(gains),
@@ -113,11 +113,11 @@ def measured(what: str, quick: bool, dask: bool) -> dict[str, Any]:
     kinds = [ONE, TWO, *([DASK] if dask else [])]
     alone = rate(points(what, 40), ONE).units
     units = max(int(alone * (_QUICK if quick else _ROUND)), 40)
-    found = rounds(lambda count: points(what, count), kinds, units, _FEW if quick else _ROUNDS)
+    rates = rounds(lambda count: points(what, count), kinds, units, _FEW if quick else _ROUNDS)
     names = ("one", "two", "dask")
-    return {name: compared(some, found[0], kind.number) for name, kind, some in zip(names, kinds, found)} | {
+    return {name: compared(some, rates[0], kind.number) for name, kind, some in zip(names, kinds, rates)} | {
         "units": units,
-        "rounds": len(found[0]),
+        "rounds": len(rates[0]),
     }
 
 

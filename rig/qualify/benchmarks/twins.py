@@ -221,10 +221,10 @@ def _rk4(system: Any, c: Any) -> dict[str, Any]:
         events["c"] = c.rk4_run(*arrays, static, step, *counts, key0, *written, ctypes.byref(final))
 
     best = interleaved({"numba": numba_run, "c": c_run})
-    found = motion.events()[-motion.event_count :]
-    same = len(found) == events["c"]
+    rig_events = motion.events()[-motion.event_count :]
+    same = len(rig_events) == events["c"]
     first = motion.tick - ticks
-    ours = np.array([e.tick - first + e.place for e in found])
+    ours = np.array([e.tick - first + e.place for e in rig_events])
     theirs = ticks_of[: events["c"]] + places[: events["c"]]
     return {
         "states": system.n,
@@ -252,7 +252,7 @@ class _Tables(ctypes.Structure):
 def _exact(system: Any, c: Any) -> dict[str, Any]:
     """The whole exact run of P4 at 1 ms, and the event times that it must reproduce."""
     motion, ticks = run(system, "exact")
-    found = event_times(system, "exact", 1e-7, 1)
+    times = event_times(system, "exact", 1e-7, 1)
     for key in range(3):
         if motion.mode_sets.tables.mode_set_of[key] < 0:
             motion.mode_sets.add(key)
@@ -290,7 +290,7 @@ def _exact(system: Any, c: Any) -> dict[str, Any]:
     return {
         "states": system.n,
         "rtf": SECONDS / best["numba"],
-        "error": float(np.abs(found - fine).max() / period) if len(found) == len(fine) else np.inf,
+        "error": float(np.abs(times - fine).max() / period) if len(times) == len(fine) else np.inf,
         "ns_per_tick": best["numba"] / ticks * 1e9,
         "ns_per_tick_c": best["c"] / ticks * 1e9,
         "ratio": best["numba"] / best["c"],

@@ -197,14 +197,14 @@ def cost() -> dict[str, float]:
     addresses = []
     for loop in pair:
         loop.compile(kinds(motion))
-        found = loop.overloads[kinds(motion)]
-        addresses.append(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+        overload = loop.overloads[kinds(motion)]
+        addresses.append(overload.library.get_pointer_to_function(overload.fndesc.llvm_func_name))
     best = [np.inf, np.inf]
-    for one in addresses:
-        run(one, motion.mode_sets.handle, motion.loan, 1)
+    for address in addresses:
+        run(address, motion.mode_sets.handle, motion.loan, 1)
     for _ in range(ROUNDS):
-        for i, one in enumerate(addresses):
+        for i, address in enumerate(addresses):
             begin = time.perf_counter()
-            run(one, motion.mode_sets.handle, motion.loan, CALLS)
+            run(address, motion.mode_sets.handle, motion.loan, CALLS)
             best[i] = min(best[i], (time.perf_counter() - begin) / CALLS * 1e9)
     return {"ns": float(best[0]), "ns_without": float(best[1]), "ratio": float(best[0] / best[1])}

@@ -55,7 +55,7 @@ class Delayed:
 
 def delayed(scene: Scene) -> list[Delayed]:
     """Return every loop of the scene that is a linear feedback; others have no decay rate of their own."""
-    found = []
+    loops = []
     for name, section in scene.controllers.items():
         try:
             ideal = loop(with_delay(scene, name, IDEAL, 0), name).growth
@@ -65,14 +65,14 @@ def delayed(scene: Scene) -> list[Delayed]:
         own_times = (int(section.delay) * 1e-9, int(section.period) * 1e-9)
         delays = tuple((ns * 1e-9, _of_delay(scene, name, ns)) for ns in TIMES)
         periods = tuple((ns * 1e-9, abs(_growth(scene, name, ns, 0) / ideal - 1.0)) for ns in TIMES)
-        found.append(Delayed(name, ideal, delays, periods, (*own_times, own)))
-    return found
+        loops.append(Delayed(name, ideal, delays, periods, (*own_times, own)))
+    return loops
 
 
 def _of_delay(scene: Scene, name: str, delay: int) -> float:
     """Relative change by a delay [ns]: with and without it, in a loop that samples `FINE` times as fast."""
     period = delay // FINE
-    late, prompt = (_growth(scene, name, period, one) for one in (delay, 0))
+    late, prompt = (_growth(scene, name, period, dead_time) for dead_time in (delay, 0))
     return abs(late / prompt - 1.0) if math.isfinite(prompt) else math.inf
 
 
@@ -88,34 +88,39 @@ def with_delay(scene: Scene, name: str, period: int, delay: int) -> Scene:
     """The scene with another sample period and delay [ns] of one loop and of its sensor."""
     section = scene.controllers[name].model_copy(update={"period": period, "delay": delay})
     clock = scene.clock.model_copy(update={"frame": min(period, scene.frame_ns)})
-    sensors = {key: one.model_copy(update={"rate": 1e9 / period}) for key, one in scene.sensors.items()}
+    sensors = {key: sensor.model_copy(update={"rate": 1e9 / period}) for key, sensor in scene.sensors.items()}
     return replace(scene, clock=clock, sensors=sensors, controllers={**scene.controllers, name: section})
 
 
-def write(found: Sequence[Delayed], path: Path) -> None:
+def write(loops: Sequence[Delayed], path: Path) -> None:
     """Write the errors as CSV. Raises OutputError."""
     rows = [
-        (one.controller, varied, time, error)
-        for one in found
-        for varied, points in (("delay", one.delays), ("period", one.periods))
+        (delayed_loop.controller, varied, time, error)
+        for delayed_loop in loops
+        for varied, points in (("delay", delayed_loop.delays), ("period", delayed_loop.periods))
         for time, error in points
     ]
     write_file(path, csv_table([("controller", "varied", "time [s]", "error"), *rows]))
 
 
-def draw(found: Sequence[Delayed], table: Table, path: Path) -> None:
+def draw(loops: Sequence[Delayed], table: Table, path: Path) -> None:
     """Draw errors over time: delay, sample period, and integration step."""
     with sheet(f"{table.title}: where accuracy is lost", table.machine) as figure:
         axes = figure.add_subplot()
         styles = (("delay of the loop", AMBER, "-"), ("sample period of the loop", PURPLE, "--"))
-        for one in found:
-            for (label, colour, line), points in zip(styles, (one.delays, one.periods)):
+        for delayed_loop in loops:
+            for (label, colour, line), points in zip(styles, (delayed_loop.delays, delayed_loop.periods)):
                 times, away = zip(*points)
-                name = f"{label}, {one.controller}" if len(found) > 1 else label
+                name = f"{label}, {delayed_loop.controller}" if len(loops) > 1 else label
                 axes.plot(times, [max(v, LEAST) for v in away], line, color=colour, marker=".", label=name)
-            delay, period, error = one.own
+            delay, period, error = delayed_loop.own
             axes.plot(
-                max(delay, period), error, "*", ms=14, color="black", label=f"{one.controller} as the scene has it"
+                max(delay, period),
+                error,
+                "*",
+                ms=14,
+                color="black",
+                label=f"{delayed_loop.controller} as the scene has it",
             )
         for method in dict.fromkeys(row.setting.method for row in table.rows):
             rows = [r for r in table.rows if r.setting.method == method and math.isfinite(r.error(WORST))]

@@ -82,7 +82,7 @@ class Change:
             only = self.less if self.whole is None else self.whole
             return f"{self.measure} {only:.4g}{unit} only {'without' if self.whole is None else 'with'} it"
         digits = next((d for d in range(4, 17) if f"{self.whole:.{d}g}" != f"{self.less:.{d}g}"), 4)
-        whole, less = (f"{one:.{digits}g}{unit}" for one in (self.whole, self.less))
+        whole, less = (f"{number:.{digits}g}{unit}" for number in (self.whole, self.less))
         return f"{self.measure} {whole}, without it {less} ({_percent(self.size)} %)"
 
     def to_json(self) -> dict[str, Any]:
@@ -97,25 +97,27 @@ def _percent(size: float) -> str:
 def changed(whole: Problem, less: Problem) -> tuple[tuple[Change, ...], str]:
     """Compare the measures of `whole` and `less`; return changes, and notes on the two motions."""
     notes = [] if whole.kind == less.kind else [f"{KINDS[whole.kind]} with it, {KINDS[less.kind]} without it"]
-    notes += [f"{which} it {one.leaves}" for which, one in (("with", whole), ("without", less)) if one.leaves]
+    notes += [
+        f"{which} it {variant.leaves}" for which, variant in (("with", whole), ("without", less)) if variant.leaves
+    ]
     if not (whole.kind == less.kind == "cycle"):
         whole, less = _alike(whole, less)
     truth, seen = (observe(p, of(p.scene, p.system)) for p in (whole, less))
-    for which, one in (("with", truth), ("without", seen)):
-        notes += [f"{which} it the plant stops: {one.fault}"] if one.fault else []
+    for which, observed in (("with", truth), ("without", seen)):
+        notes += [f"{which} it the plant stops: {observed.fault}"] if observed.fault else []
     if truth.fault or seen.fault:
         return (), "; ".join(notes)
     floors = irregular(whole, truth) if whole.kind == "vibration" else {}
     resolved = max(_LEAST, *(of(p.scene, p.system).tolerance for p in (whole, less)))
     gone = whole.assembly.outputs.keys() - less.assembly.outputs.keys()
-    found = []
+    changes = []
     for name in dict.fromkeys((*truth.values, *seen.values)):
         output = name.partition(" ")[2]
         if output not in gone:
             unit = _UNITS[name] if name in _UNITS else getattr(whole.assembly.outputs.get(output), "unit", "1")
             values, size = (truth.values.get(name), seen.values.get(name)), _apart(name, truth, seen)
-            found.append(Change(name, unit, *values, size if size > resolved else 0.0, floors.get(name, 0.0)))
-    return tuple(found), "; ".join(notes)
+            changes.append(Change(name, unit, *values, size if size > resolved else 0.0, floors.get(name, 0.0)))
+    return tuple(changes), "; ".join(notes)
 
 
 def _alike(whole: Problem, less: Problem) -> tuple[Problem, Problem]:
@@ -126,16 +128,16 @@ def _alike(whole: Problem, less: Problem) -> tuple[Problem, Problem]:
     return tuple(replace(p, kind="vibration", length=length, window=window) for p in (whole, less))  # type: ignore[return-value]
 
 
-def _apart(name: str, one: Seen, other: Seen) -> float:
+def _apart(name: str, seen: Seen, other: Seen) -> float:
     """Difference of a measure between two runs (see `Change`)."""
-    a, b = one.values.get(name), other.values.get(name)
+    a, b = seen.values.get(name), other.values.get(name)
     if a is None or b is None:
         return 1.0
     larger = max(abs(a), abs(b))
     if name.startswith("stick share"):
         larger = 1.0
     if name == "growth rate":
-        larger = max(larger, SLOW * 2.0 * math.pi * one.values.get("frequency", 0.0))
+        larger = max(larger, SLOW * 2.0 * math.pi * seen.values.get("frequency", 0.0))
     return abs(a - b) / larger if larger > 0.0 else 0.0
 
 
@@ -188,13 +190,13 @@ class Paired:
     @property
     def errors(self) -> dict[str, float]:
         """The size of the change of each measure."""
-        return {one.measure: one.size for one in self.changes}
+        return {change.measure: change.size for change in self.changes}
 
     @property
     def worst(self) -> Change | None:
         """The largest significant change; None if there is none."""
-        significant = [one for one in self.changes if one.significant]
-        return max(significant, key=lambda one: one.size, default=None)
+        significant = [change for change in self.changes if change.significant]
+        return max(significant, key=lambda change: change.size, default=None)
 
     @property
     def measurable(self) -> bool:
@@ -225,7 +227,7 @@ class Paired:
             text = worst.text()
         elif not self.changes:
             text = "" if self.note else "nothing moves with or without it, so that nothing can be compared"
-        elif any(one.size > 0.0 for one in self.changes):
+        elif any(change.size > 0.0 for change in self.changes):
             text = "no significant change: the motion is irregular, and two runs of it differ as much"
         else:
             text = "nothing"
@@ -243,7 +245,7 @@ class Paired:
             "noise": _known(self.noise),
             "whole": _known(self.whole),
             "measurable": self.measurable,
-            "changes": [one.to_json() for one in self.changes],
+            "changes": [change.to_json() for change in self.changes],
             "errors": {name: _known(size) for name, size in self.errors.items()},
             "closed": None if self.closed is None else self.closed.to_json(),
         }
@@ -265,26 +267,26 @@ def effects(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], obj
     base = bare(scene)
     names, about = dropped(base), declared(scene.parameters)
     others: dict[str, Scene] = {}
-    found: dict[str, Paired] = {}
+    by_effect: dict[str, Paired] = {}
     for name, keys in names.items():
         if about[name].random:
-            found[name] = Paired(name, fault=NO_CHANCE)
+            by_effect[name] = Paired(name, fault=NO_CHANCE)
             continue
         try:
             others[name] = without(base, keys)
         except RigError as error:
-            found[name] = Paired(name, fault=" ".join(str(error).split()))
+            by_effect[name] = Paired(name, fault=" ".join(str(error).split()))
     if others:
-        found |= {one.name: one for one in compared(base, others, values, rounds, report)}
+        by_effect |= {paired.name: paired for paired in compared(base, others, values, rounds, report)}
     for key, who in opened(scene).items():
         name = key.partition(".")[0]
         if name not in others:
             continue
-        found[name] = replace(found[name], switch=f"starts open, {who}")
-        if values.get(key, 0.0) < SWITCHED and not found[name].fault:
+        by_effect[name] = replace(by_effect[name], switch=f"starts open, {who}")
+        if values.get(key, 0.0) < SWITCHED and not by_effect[name].fault:
             [closed] = compared(base, {name: others[name]}, {**values, key: 1.0}, rounds)
-            found[name] = replace(found[name], closed=closed)
-    return [found[name] for name in names]
+            by_effect[name] = replace(by_effect[name], closed=closed)
+    return [by_effect[name] for name in names]
 
 
 def bare(scene: Scene) -> Scene:
@@ -313,11 +315,11 @@ def compared(
     pairs: dict[str, Paired] = {}
     for name, scene in others.items():
         try:
-            one = problem(scene, values)
-            changes, note = changed(whole, one)
-            pairs[name] = Paired(name, whole.system.n - one.system.n, changes=changes, note=note)
-            setting = of(one.scene, one.system)
-            contenders[name] = Contender(one, setting, one.later(setting))
+            lesser = problem(scene, values)
+            changes, note = changed(whole, lesser)
+            pairs[name] = Paired(name, whole.system.n - lesser.system.n, changes=changes, note=note)
+            setting = of(lesser.scene, lesser.system)
+            contenders[name] = Contender(lesser, setting, lesser.later(setting))
         except NumericsError as error:
             pairs[name] = replace(pairs.get(name, Paired(name)), note=f"without it the plant stops: {error.what}")
         except RigError as error:
@@ -371,7 +373,7 @@ def _difference(rounds: Array) -> Spread:
     Quantiles of few resampled rounds are biased, so the interval is extended to the difference itself if necessary.
     """
     draws = np.random.default_rng(0).integers(len(rounds), size=(_DRAWS, len(rounds)))
-    value, *drawn = (float(-np.diff(_quiet(one))[0]) for one in (rounds, *(rounds[draw] for draw in draws)))
+    value, *drawn = (float(-np.diff(_quiet(times))[0]) for times in (rounds, *(rounds[draw] for draw in draws)))
     low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
     return Spread(value, min(low, value), max(high, value))
 
@@ -381,65 +383,67 @@ def _quiet(rounds: Array) -> Array:
     return np.asarray(np.quantile(rounds, QUIET, axis=0, method="lower"))
 
 
-def write(found: Sequence[Paired], path: Path) -> None:
+def write(pairs: Sequence[Paired], path: Path) -> None:
     """Write one line for each effect and measure. Raises OutputError."""
     rows: list[list[object]] = [
         ["effect", "measured", "states", "cost per step [ns]", "low [ns]", "high [ns]", "noise [ns]",
          "measure", "unit", "with", "without", "change", "significant", "note"]
     ]  # fmt: skip
-    for one, how in [(one, "as held") for one in found] + [(p.closed, "closed") for p in found if p.closed]:
-        head = [one.name, how, one.states, *one.to_json()["tick"].values(), one.to_json()["noise"]]
-        note = one.fault or one.note
-        for c in one.changes:
+    for paired, how in [(pair, "as held") for pair in pairs] + [(p.closed, "closed") for p in pairs if p.closed]:
+        head = [paired.name, how, paired.states, *paired.to_json()["tick"].values(), paired.to_json()["noise"]]
+        note = paired.fault or paired.note
+        for c in paired.changes:
             rows.append([*head, c.measure, c.unit, c.whole, c.less, c.size, c.significant, note])
-        if not one.changes:
+        if not paired.changes:
             rows.append([*head, *[""] * 6, note])
     write_file(path, csv_table(rows))
 
 
-def text(one: Paired) -> str:
+def text(paired: Paired) -> str:
     """Return the report as text."""
-    if one.fault:
-        return f"effect {one.name}: {one.change()}"
-    return f"effect {one.name}: {one.states} states, {one.cost()} per step; change if left out: {one.change()}"
+    if paired.fault:
+        return f"effect {paired.name}: {paired.change()}"
+    return (
+        f"effect {paired.name}: {paired.states} states, {paired.cost()} per step; change if left out: {paired.change()}"
+    )
 
 
-def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
+def draw(pairs: Sequence[Paired], table: Table, path: Path) -> None:
     """Draw bars: ns per step on the left, changes by measure on the right."""
-    shown = [one.closed or one for one in found if not math.isnan((one.closed or one).tick.value)]
+    shown = [paired.closed or paired for paired in pairs if not math.isnan((paired.closed or paired).tick.value)]
     if not shown:
         return
     with sheet(f"{table.title}: what its effects cost", table.machine) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         places = range(len(shown) + 1)
-        ticks = [one.shown_cost for one in shown]
+        ticks = [paired.shown_cost for paired in shown]
         whole = shown[0].whole
         rest = max(whole - sum(max(tick.value, 0.0) for tick in ticks), 0.0)
         begin = rest
         left.barh(0, rest, color="#9aa5b1")
-        for place, one in zip(places[1:], shown):
-            left.barh(place, one.shown_cost.value, left=begin, color=BLUE)
+        for place, paired in zip(places[1:], shown):
+            left.barh(place, paired.shown_cost.value, left=begin, color=BLUE)
             spread = [
-                [max(one.shown_cost.value - one.shown_cost.low, 0.0)],
-                [max(one.shown_cost.high - one.shown_cost.value, 0.0)],
+                [max(paired.shown_cost.value - paired.shown_cost.low, 0.0)],
+                [max(paired.shown_cost.high - paired.shown_cost.value, 0.0)],
             ]
-            left.errorbar(begin + one.shown_cost.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
-            begin += one.shown_cost.value
-            for change in one.changes:
+            left.errorbar(begin + paired.shown_cost.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
+            begin += paired.shown_cost.value
+            for change in paired.changes:
                 if change.significant:
                     right.plot(change.size, place, "o", ms=5, color=VERMILION, alpha=0.7)
-            worst = one.worst
+            worst = paired.worst
             if worst is not None:
                 right.annotate(f"{worst.measure.replace('_', ' ')}, {worst.size:.2g}", (worst.size, place), (0, 8),
                                textcoords="offset points", ha="right", fontsize=8.5)  # fmt: skip
             else:
                 right.annotate("no change", (0.02, place), xycoords=("axes fraction", "data"), fontsize=9.5)
         left.axvline(whole, color="black", ls=":", lw=1.0)
-        noise = max(one.noise for one in shown)
+        noise = max(paired.noise for paired in shown)
         left.set(xlabel=f"compute of a step of {1e6 * table.step:g} us [ns]; noise up to {noise:.2g} ns")
-        left.set_yticks(list(places), ["everything else", *(one.name.replace("_", " ") for one in shown)])
+        left.set_yticks(list(places), ["everything else", *(paired.name.replace("_", " ") for paired in shown)])
         right.set(xscale="log", xlabel="change if left out: share of the larger value")
-        right.set_xlim(*_range([size for one in shown for size in one.errors.values()]))
+        right.set_xlim(*_range([size for paired in shown for size in paired.errors.values()]))
         tick_labels(right)
         figure.supxlabel("\n", fontsize=8.5)  # room for the machine
     put(figure, path)

@@ -92,29 +92,29 @@ def main() -> int:
     parser.add_argument("--rigs", type=int, default=RIGS)
     parser.add_argument("--seed", type=int, default=SEED)
     given = parser.parse_args()
-    found = []
+    rigs = []
     for scene, target in drawn(given.rigs, given.seed):
         try:
-            one = judged(scene, target)
+            held_out = judged(scene, target)
         except UsageError as error:  # no recommendation; the error has the reason
             sys.stdout.write(f"{scene.name:16} {error}\n")
             continue
-        found.append(one)
-        met = "meets" if one.error <= one.target else "MISSES"
-        sys.stdout.write(f"{one.rig:16} {one.setting:18} {met} {one.target:.0e} with {one.error:.1e}, "
-                         f"{one.ratio:.2f} of the cheapest\n")  # fmt: skip
+        rigs.append(held_out)
+        met = "meets" if held_out.error <= held_out.target else "MISSES"
+        sys.stdout.write(f"{held_out.rig:16} {held_out.setting:18} {met} {held_out.target:.0e} with "
+                         f"{held_out.error:.1e}, {held_out.ratio:.2f} of the cheapest\n")  # fmt: skip
         sys.stdout.flush()
-    meets, within = share(found)
-    sys.stdout.write(f"{len(found)} of {given.rigs} rigs have a setting for the target; error met in {meets:.0%} of "
+    meets, within = share(rigs)
+    sys.stdout.write(f"{len(rigs)} of {given.rigs} rigs have a setting for the target; error met in {meets:.0%} of "
                      f"these (goal {MEETS:.0%}), cost within {WITHIN:g} in {within:.0%}\n")  # fmt: skip
     return 0 if meets >= MEETS and within >= MEETS else 1
 
 
-def share(found: list[HeldOutRig]) -> tuple[float, float]:
+def share(rigs: list[HeldOutRig]) -> tuple[float, float]:
     """Return the shares of the rigs that meet their target error, and whose cost is within `WITHIN` of the cheapest."""
     return (
-        float(np.mean([one.error <= one.target for one in found])),
-        float(np.mean([one.ratio <= WITHIN for one in found])),
+        float(np.mean([held_out.error <= held_out.target for held_out in rigs])),
+        float(np.mean([held_out.ratio <= WITHIN for held_out in rigs])),
     )
 
 

@@ -50,8 +50,8 @@ def trials(
         reported = max(reported, done)
 
     with temporary(work) as store:
-        found = carry_out(work, store, workers, progress)
-    return [Seen.from_json(unpacked(found[unit])) for unit in range(work.total)]
+        by_unit = carry_out(work, store, workers, progress)
+    return [Seen.from_json(unpacked(by_unit[unit])) for unit in range(work.total)]
 
 
 def _trial(problem: Problem, setting: Setting) -> Arrays:
@@ -103,7 +103,7 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
             "give the scene an initial state that moves (the protocol is left out)"
         )
     step()
-    found = Table(
+    cost_table = Table(
         scene=scene.name,
         title=scene.title,
         digest=asked.digest,
@@ -119,14 +119,14 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
         truth = truths.of(setting.method)
         fault = seen.fault or (truth.seen.fault and f"no reference: {truth.setting} stops, {truth.seen.fault}")
         by_metric = {} if fault else errors(asked, seen, truth.seen)
-        found.rows.append(Row(setting, by_metric, truths.floor, _unknown(), math.nan, seen.steps, fault))
-    found.orders = orders(found.rows, asked.seconds)
+        cost_table.rows.append(Row(setting, by_metric, truths.floor, _unknown(), math.nan, seen.steps, fault))
+    cost_table.orders = orders(cost_table.rows, asked.seconds)
     if folder is not None:
-        found.write(folder)
-    found.rows = timed(asked, found.rows, rounds, step)
+        cost_table.write(folder)
+    cost_table.rows = timed(asked, cost_table.rows, rounds, step)
     if folder is not None:
-        found.write(folder)
-    return found
+        cost_table.write(folder)
+    return cost_table
 
 
 def _unknown() -> Cost:
@@ -141,9 +141,9 @@ def timed(
     stop.
     """
     ready = [i for i, row in enumerate(rows) if not row.fault]
-    found = list(rows)
+    timed_rows = list(rows)
     if not ready:
-        return found
+        return timed_rows
     x = asked.later(rows[ready[-1]].setting)
     step()
     contenders = {}
@@ -151,13 +151,13 @@ def timed(
         try:
             contenders[i] = Contender(asked, rows[i].setting, x)
         except NumericsError as error:
-            found[i] = replace(rows[i], fault=error.what)
+            timed_rows[i] = replace(rows[i], fault=error.what)
     for i, result in zip(contenders, timing.measured(list(contenders.values()), rounds, step)):
         if isinstance(result, str):
-            found[i] = replace(rows[i], fault=result)
+            timed_rows[i] = replace(rows[i], fault=result)
         else:
-            found[i] = replace(rows[i], cost=result, share=result.p99.value * 1e-3)
-    return found
+            timed_rows[i] = replace(rows[i], cost=result, share=result.p99.value * 1e-3)
+    return timed_rows
 
 
 _MACHINE = ("host", "processor", "cores", "python", "numba")
@@ -186,9 +186,11 @@ def table(scene: Scene, say: Callable[[str], object], root: Path = FOLDER, repor
     folder = folder_of(scene, root)
     here = provenance(scene.seed)
     try:
-        found = Table.read(folder)
-        if all(found.machine[name] == here[name] for name in _MACHINE) and all(row.timed for row in found.rows):
-            return found
+        cost_table = Table.read(folder)
+        if all(cost_table.machine[name] == here[name] for name in _MACHINE) and all(
+            row.timed for row in cost_table.rows
+        ):
+            return cost_table
     except UsageError:
         pass
     say(f"{scene.name}: this machine has no cost table of it yet; measuring one, as rig cost does, into {folder}")

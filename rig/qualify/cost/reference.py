@@ -109,7 +109,7 @@ def _kept(problem: Problem, folder: Path | None, runs: tuple[Setting, ...], orde
     path = None if folder is None else folder / f"reference-{last.method}-{name}.json"
     if path is not None and path.exists():
         return Reference.from_json(json.loads(contents(path, DATA)))
-    seen = [observe(problem, one, framed=False) for one in runs]
+    seen = [observe(problem, setting, framed=False) for setting in runs]
     apart = errors(problem, seen[0], seen[-1])
     if order and not seen[-1].fault and not seen[0].fault:
         seen[-1] = extrapolated(seen[0], seen[-1], (runs[0].step_ns / last.step_ns) ** order)

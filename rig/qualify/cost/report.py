@@ -41,17 +41,17 @@ class CostReport(Result):
 
     def text(self) -> str:
         """Return the table and the notes on it as text."""
-        found = self.table
-        rows = columns([COLUMNS, *lines(found, self.metric, self.pick)], "<<><>>>>><")
-        told = (f"  {one}" for one in notes(found, self.metric))
-        return "\n".join([f"{found.scene}: error and compute time on this machine", "", *rows, "", *told])
+        table = self.table
+        rows = columns([COLUMNS, *lines(table, self.metric, self.pick)], "<<><>>>>><")
+        told = (f"  {note}" for note in notes(table, self.metric))
+        return "\n".join([f"{table.scene}: error and compute time on this machine", "", *rows, "", *told])
 
 
-def lines(found: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
+def lines(table: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
     """Return the rows of the table as text."""
-    best = front(found.rows, metric)
+    best = front(table.rows, metric)
     rows = []
-    for row in found.rows:
+    for row in table.rows:
         method, _, dial = str(row.setting).partition(" at ")
         if row.fault:
             rows.append((method, dial, row.fault, *[""] * 7))
@@ -78,19 +78,19 @@ def _agreement(row: Row, metric: str) -> str:
     return f"the references do not agree: {', '.join(measures)}" if measures else "one of the references stops"
 
 
-def notes(found: Table, metric: str) -> list[str]:
+def notes(table: Table, metric: str) -> list[str]:
     """Return the notes on the table."""
-    out = [f"{found.kind}, {found.seconds:.4g} s simulated; {_agreement(found.rows[0], metric)}"]
-    out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in found.orders.items()]
-    if any(row.setting.method == "kick" for row in found.rows):
+    out = [f"{table.kind}, {table.seconds:.4g} s simulated; {_agreement(table.rows[0], metric)}"]
+    out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in table.orders.items()]
+    if any(row.setting.method == "kick" for row in table.rows):
         out.append(
             "kick does not locate opening and closing of contacts: slip and stick are compared, also of open contacts"
         )
-    if any(math.isinf(error) for row in found.rows for error in row.errors.values()):
+    if any(math.isinf(error) for row in table.rows for error in row.errors.values()):
         out.append(
             "inf: the mode set changes differ from those of the reference, so that their times cannot be compared"
         )
-    return out + [f"{method} left out: {why}" for method, why in found.left_out.items()]
+    return out + [f"{method} left out: {why}" for method, why in table.left_out.items()]
 
 
 At = Callable[[Row], float]
@@ -117,13 +117,13 @@ def figure(report: CostReport) -> Figure:
     Left: frames as in a run. Right: the plant alone, without interruption. Raises UsageError if no setting has both an
     error and a cost.
     """
-    found, metric, pick = report.table, report.metric, report.pick
-    if not front(found.rows, metric):
+    table, metric, pick = report.table, report.metric, report.pick
+    if not front(table.rows, metric):
         raise UsageError("nothing to draw: no setting has both an error and a cost")
-    with sheet(f"{found.title}: error against compute time", found.machine) as figure:
+    with sheet(f"{table.title}: error against compute time", table.machine) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
-        _frames(left, found, metric, report.budget)
-        _alone(right, found, metric)
+        _frames(left, table, metric, report.budget)
+        _alone(right, table, metric)
         for axes, at in ((left, _of_frame), (right, _of_plant)):
             if pick is not None:
                 label = f"recommended: {printed(str(pick.setting))}"
@@ -162,10 +162,10 @@ def _shown(row: Row, metric: str) -> float:
     return max(row.error(metric), LEAST)
 
 
-def _frames(axes: Axes, found: Table, metric: str, budget: float | None) -> None:
-    spread = [(row.p99 - row.cost.p99.low, row.cost.p99.high - row.p99) for row in found.rows]
-    _curves(axes, found, metric, _of_frame, spread)
-    best = front(found.rows, metric)
+def _frames(axes: Axes, table: Table, metric: str, budget: float | None) -> None:
+    spread = [(row.p99 - row.cost.p99.low, row.cost.p99.high - row.p99) for row in table.rows]
+    _curves(axes, table, metric, _of_frame, spread)
+    best = front(table.rows, metric)
     style: dict[str, Any] = {"where": "post", "color": "black", "ls": ":", "lw": 1.2, "zorder": 1}
     axes.step([row.p99 for row in best], [_shown(row, metric) for row in best], label="Pareto front", **style)
     if budget is not None:
@@ -173,12 +173,12 @@ def _frames(axes: Axes, found: Table, metric: str, budget: float | None) -> None
     axes.set_xlabel("frames as in a run: compute in 1 ms of simulated time, p99 [us]")
 
 
-def _alone(axes: Axes, found: Table, metric: str) -> None:
-    factors = [row.cost.factor for row in found.rows]
+def _alone(axes: Axes, table: Table, metric: str) -> None:
+    factors = [row.cost.factor for row in table.rows]
     spread = [(1e3 / f.value - 1e3 / f.high, 1e3 / f.low - 1e3 / f.value) for f in factors]
-    _curves(axes, found, metric, _of_plant, spread)
+    _curves(axes, table, metric, _of_plant, spread)
     last = math.inf
-    for row in found.rows:
+    for row in table.rows:
         x, y = _of_plant(row), _shown(row, metric)
         if row.p99 > 0.0 and np.isfinite(y) and not 0.5 < y / last < 2.0:
             dial = str(row.setting).partition(" at ")[2]
@@ -187,12 +187,12 @@ def _alone(axes: Axes, found: Table, metric: str) -> None:
     axes.set_xlabel("plant alone, in one piece: compute in 1 ms of simulated time [us]")
 
 
-def _curves(axes: Axes, found: Table, metric: str, at: At, spread: Sequence[tuple[float, float]]) -> None:
-    floor = max((row.floor(metric) for row in found.rows), default=0.0)
-    for method in dict.fromkeys(row.setting.method for row in found.rows):
+def _curves(axes: Axes, table: Table, metric: str, at: At, spread: Sequence[tuple[float, float]]) -> None:
+    floor = max((row.floor(metric) for row in table.rows), default=0.0)
+    for method in dict.fromkeys(row.setting.method for row in table.rows):
         points = [
             (row, max(wide[0], 0.0), max(wide[1], 0.0))
-            for row, wide in zip(found.rows, spread)
+            for row, wide in zip(table.rows, spread)
             if row.setting.method == method and row.p99 > 0.0 and np.isfinite(row.error(metric))
         ]
         if points:
@@ -200,10 +200,10 @@ def _curves(axes: Axes, found: Table, metric: str, at: At, spread: Sequence[tupl
             x, y = [at(row) for row in rows], [_shown(row, metric) for row in rows]
             style: dict[str, Any] = {"color": COLOURS.get(method, "black"), "marker": MARKS.get(method, "o")}
             style |= {"ms": 5.5, "lw": 1.2, "elinewidth": 0.8, "capsize": 2}
-            axes.errorbar(x, y, xerr=(low, high), label=_label(found, method), **style)
+            axes.errorbar(x, y, xerr=(low, high), label=_label(table, method), **style)
     if LEAST < floor < math.inf:
         axes.axhspan(LEAST, floor, color="#f0f0f0", lw=0, label="below the resolution of the references", zorder=0)
-    shown = [_shown(row, metric) for row in found.rows if np.isfinite(row.error(metric))]
+    shown = [_shown(row, metric) for row in table.rows if np.isfinite(row.error(metric))]
     top = 5.0 * max([10.0 * LEAST, *shown])
     axes.set_ylim(min(max(0.2 * min([floor, *shown]), LEAST), 0.1 * top), top)
 
@@ -218,8 +218,8 @@ def second_axis(axes: Axes, converted: Callable[[float], float], label: str) -> 
     low, high = axes.get_xlim()
     top.set(xscale="log", xlim=(converted(low), converted(high)), xlabel=label)
     top.grid(visible=False)
-    for one in (axes, top):
-        tick_labels(one)
+    for axis in (axes, top):
+        tick_labels(axis)
 
 
 def tick_labels(axes: Axes) -> None:
@@ -244,7 +244,7 @@ def real_time_factor(compute: float) -> float:
     return 1e3 / compute
 
 
-def _label(found: Table, method: str) -> str:
-    if method in found.orders:
-        return f"{method}: order {found.orders[method]:.1f}, theory {THEORY[method]}"
+def _label(table: Table, method: str) -> str:
+    if method in table.orders:
+        return f"{method}: order {table.orders[method]:.1f}, theory {THEORY[method]}"
     return method

@@ -40,14 +40,14 @@ def orders(rows: Sequence[Row], seconds: float) -> dict[str, float]:
 
     Methods with fewer than two clear points are left out.
     """
-    found = {}
+    slopes = {}
     for method in THEORY:
         points = [(math.log(step(row, seconds)), math.log(row.error(WORST))) for row in rows if _clear(row, method)]
         points = sorted(points)[:4]
         if len(points) > 1 and points[-1][0] - points[0][0] > math.log(_RANGE):
             steps, found_errors = np.array(points).T
-            found[method] = float(np.polyfit(steps, found_errors, 1)[0])
-    return found
+            slopes[method] = float(np.polyfit(steps, found_errors, 1)[0])
+    return slopes
 
 
 def step(row: Row, seconds: float) -> float:
@@ -67,13 +67,13 @@ _RESOLVED = 2.0  # an error below this multiple of the difference between the re
 
 def front(rows: Sequence[Row], metric: str) -> list[Row]:
     """Return the settings that no other beats in both error and cost, cheapest first."""
-    best, found = math.inf, []
+    best, pareto = math.inf, []
     timed = [row for row in rows if row.p99 > 0.0]
     for row in sorted(timed, key=lambda row: (row.p99, row.error(metric))):
         if row.error(metric) < best:
             best = row.error(metric)
-            found.append(row)
-    return found
+            pareto.append(row)
+    return pareto
 
 
 def recommended(rows: Sequence[Row], metric: str, target: float | None, budget: float | None) -> Row:
@@ -223,10 +223,10 @@ class Table:
     def metric(self, asked: str) -> str:
         """Return a measure by its name or the begin of it. Raises UsageError with the existing ones."""
         known = (WORST, *self.metrics)
-        found = asked if asked in known else next((name for name in known if asked and name.startswith(asked)), None)
-        if found is None:
+        measure = asked if asked in known else next((name for name in known if asked and name.startswith(asked)), None)
+        if measure is None:
             raise UsageError(f"--metric {asked}: no such measure of {self.scene}; {', '.join(known)}")
-        return found
+        return measure
 
     def write(self, folder: Path) -> None:
         """Write cost.csv, cost.parquet and machine.json, each completely or not at all. Raises OutputError."""

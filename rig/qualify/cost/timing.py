@@ -110,11 +110,11 @@ class Contender:
         They continue those of the last call, and begin again at `x` at the end of the motion to be timed.
         """
         piece_ns = self._each * self.runner.frame_ns
-        found = np.empty(max(_ROUND_NS // piece_ns, _PIECES))
+        times = np.empty(max(_ROUND_NS // piece_ns, _PIECES))
         pacer = pace.Pacer(piece_ns, 1.0, "slow", clock)
         now = time.perf_counter_ns
         pacer.anchor()
-        for i in range(len(found)):
+        for i in range(len(times)):
             if self._done % self._pieces == 0:
                 for place, value in enumerate(self._x.tolist()):
                     self.runner.motion.write(place, value)
@@ -122,8 +122,8 @@ class Contender:
             pacer.wait()
             begin = now()
             self._piece()
-            found[i] = now() - begin
-        return found / piece_ns * 1e3
+            times[i] = now() - begin
+        return times / piece_ns * 1e3
 
     def run(self) -> float:
         """Return the wall time [s] of the plant alone over `ticks`."""
@@ -138,13 +138,13 @@ class Contender:
     def round(self, clock: pace.Clock) -> tuple[Array, float]:
         """Return the times of some pieces by `frames`, and the wall time [s] of the plant alone."""
         with scheduling.ahead(scheduling.PLANT):
-            found = self.frames(clock)
-        return found, self.run()
+            times = self.frames(clock)
+        return times, self.run()
 
     def cost(self, rounds: Sequence[tuple[Array, float]]) -> Cost:
         """Return the cost from the results of `round`."""
-        frames = np.concatenate([found for found, _ in rounds])
-        wall = spread([found for _, found in rounds], QUIET)
+        frames = np.concatenate([times for times, _ in rounds])
+        wall = spread([times for _, times in rounds], QUIET)
         span, ticks = self.ticks * self._step * 1e-9, self.ticks
         return Cost(
             spread(frames, 0.5),
@@ -154,15 +154,15 @@ class Contender:
         )
 
 
-def spread(found: ArrayLike, share: float) -> Spread:
-    """Return the quantile `share` of independent values with its 95 % interval: all three are values of `found`.
+def spread(samples: ArrayLike, share: float) -> Spread:
+    """Return the quantile `share` of independent values with its 95 % interval: all three are values of `samples`.
 
     The number of values below the true quantile has a binomial distribution. With few values one end of the interval
     is the least or the largest value, although the true quantile may lie beyond it.
     """
     from scipy.stats import binom
 
-    values = np.sort(np.asarray(found, dtype=np.float64))
+    values = np.sort(np.asarray(samples, dtype=np.float64))
     count = len(values)
     places = math.ceil(share * count), int(binom.ppf(0.025, count, share)), int(binom.ppf(0.975, count, share)) + 1
     return Spread(*(float(values[min(max(place, 1), count) - 1]) for place in places))
@@ -170,7 +170,7 @@ def spread(found: ArrayLike, share: float) -> Spread:
 
 def measured(contenders: Sequence[Contender], rounds: int, report: Callable[[], object]) -> list[Cost | str]:
     """Return the cost of each, in turns; for one that has to stop, the reason."""
-    found: list[list[tuple[Array, float]]] = [[] for _ in contenders]
+    results: list[list[tuple[Array, float]]] = [[] for _ in contenders]
     faults = [""] * len(contenders)
     with no_garbage(), scheduling.placed(*scheduling.choose()):
         with scheduling.ahead(scheduling.PLANT):
@@ -179,8 +179,8 @@ def measured(contenders: Sequence[Contender], rounds: int, report: Callable[[], 
             for i, contender in enumerate(contenders):
                 try:
                     if not faults[i]:
-                        found[i].append(contender.round(clock))
+                        results[i].append(contender.round(clock))
                 except NumericsError as error:
                     faults[i] = error.what
                 report()
-    return [fault or contender.cost(times) for contender, times, fault in zip(contenders, found, faults)]
+    return [fault or contender.cost(times) for contender, times, fault in zip(contenders, results, faults)]

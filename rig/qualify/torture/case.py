@@ -158,14 +158,14 @@ def each(case: Case, quick: bool) -> list[Case]:
     """Return the case; for scene "*" a case for each scene, with its own step. The quick ones have few states."""
     if case.scene != "*":
         return [case]
-    found = []
+    cases = []
     for name in scenes.names():
         scene = scenes.load(name)
         if not quick or scene.assemble().system().n <= UNROLLED:
-            found.append(
+            cases.append(
                 case.model_copy(update={"name": f"{case.name}:{name}", "scene": name, "steps": (scene.step_ns,)})
             )
-    return found
+    return cases
 
 
 def names() -> list[str]:

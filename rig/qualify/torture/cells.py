@@ -72,8 +72,8 @@ def needed() -> Iterator[Scene]:
     for name in cases.names():
         case = cases.load(name)
         if case.quick:
-            for one in cases.each(case, True):
-                yield from kernel_scenes(one, True)
+            for variant in cases.each(case, True):
+                yield from kernel_scenes(variant, True)
 
 
 def kernel_scenes(case: Case, quick: bool) -> Iterator[Scene]:
@@ -152,15 +152,17 @@ def _named(case: Case) -> CellResult:
     scene = watched(case, "auto", case.steps[0])
     system = scene.assemble().system()
     errors = [
-        one for one in stability_report(system, chosen("auto", system), scene.step_ns * 1e-9) if one.level == "error"
+        finding
+        for finding in stability_report(system, chosen("auto", system), scene.step_ns * 1e-9)
+        if finding.level == "error"
     ]
     if not errors:
         return red("missed event", "this is physically unstable, and the stability report does not say so")
-    for one in errors:
+    for finding in errors:
         named = expect.refused or ("jam" if expect.jams else "")
-        right = named in one.what if named else abs(one.number / (expect.growth or 1.0) - 1.0) < NEAR
+        right = named in finding.what if named else abs(finding.number / (expect.growth or 1.0) - 1.0) < NEAR
         if right:
-            return CellResult("green", "", f"named: {one.what}")
+            return CellResult("green", "", f"named: {finding.what}")
     wanted = expect.refused or ("jamming" if expect.jams else f"a growth of {expect.growth:g} 1/s")
     return red("refused", f"{errors[0].what}; expected {wanted}")
 
@@ -170,8 +172,8 @@ def _stops(case: Case, until: int, seconds: float) -> CellResult:
     try:
         Trial(case, watched(case, "auto", case.steps[0]), until, seconds).run()
     except NumericsError as error:
-        found = stopped(error)
-        return CellResult("green", "", f"stopped {found.detail}") if case.expect.stops in error.what else found
+        result = stopped(error)
+        return CellResult("green", "", f"stopped {result.detail}") if case.expect.stops in error.what else result
     except OutOfTime:
         return amber("cost", f"exceeds its time limit of {seconds:g} s")
     return red("missed event", f"continues where it should stop: {case.expect.stops}")
@@ -182,18 +184,19 @@ def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, Ce
     finest = min(case.steps)
     step = finest // FINER if finest % FINER == 0 else finest
     try:
-        found = Trial(case, watched(case, "auto", step, TIGHT), until, 4.0 * seconds).run()
+        reference_run = Trial(case, watched(case, "auto", step, TIGHT), until, 4.0 * seconds).run()
     except NumericsError as error:
         return None, stopped(error)
     except OutOfTime:
         return None, amber("cost", "the reference exceeds its time limit")
     except (SceneError, ValueError) as error:
         return None, red("refused", _line(error))
-    if case.expect.events is not None and until == case.duration and found.count != case.expect.events:
-        few = found.count < case.expect.events
-        text = f"the reference has {counted(found.count, 'event')}; {case.expect.source} gives {case.expect.events}"
-        return found, red("missed event" if few else "chatter", text)
-    return found, None
+    if case.expect.events is not None and until == case.duration and reference_run.count != case.expect.events:
+        few = reference_run.count < case.expect.events
+        has = counted(reference_run.count, "event")
+        text = f"the reference has {has}; {case.expect.source} gives {case.expect.events}"
+        return reference_run, red("missed event" if few else "chatter", text)
+    return reference_run, None
 
 
 def _cell(
@@ -212,17 +215,22 @@ def _cell(
         if isinstance(reference, CellResult):
             found_is = reference
         else:
-            found = (
+            outcome = (
                 COMPARED[method](case, scene, until, limit)
                 if method in COMPARED
                 else Trial(case, scene, until, limit).run()
             )
-            found_is = judge(case, found, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
+            found_is = judge(case, outcome, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
             if default and found_is.colour == "green":
                 found_is = recording(case, scene, until) or found_is
-            spent = found.seconds
-            counts = {"events": found.count, "ticks": found.ticks, "opened": found.opened, "trials": found.trials}
-            counts |= {"energy": found.energy, "stuck": found.stuck, "measurements": found.measurements}
+            spent = outcome.seconds
+            counts = {
+                "events": outcome.count,
+                "ticks": outcome.ticks,
+                "opened": outcome.opened,
+                "trials": outcome.trials,
+            }
+            counts |= {"energy": outcome.energy, "stuck": outcome.stuck, "measurements": outcome.measurements}
     except OutOfTime:
         found_is, spent = amber("cost", f"exceeds its time limit of {limit:g} s"), limit
     except NumericsError as error:
@@ -260,11 +268,11 @@ def matrix(
     Missing kernels are compiled before the first cell; `report` gets a line for each. `progress` counts cases.
     `workers`: processes, one for each core by default.
     """
-    work = Work(partial(_cells, quick), [one for name in names for one in cases.each(cases.load(name), quick)])
+    work = Work(partial(_cells, quick), [variant for name in names for variant in cases.each(cases.load(name), quick)])
     prepare((scene for case in work.items for scene in kernel_scenes(case, quick)), report)
     with temporary(work) as store:
-        found = carry_out(work, store, workers, progress)
-    return [Cell.of(raw) for unit in sorted(found) for raw in unpacked(found[unit])]
+        by_unit = carry_out(work, store, workers, progress)
+    return [Cell.of(raw) for unit in sorted(by_unit) for raw in unpacked(by_unit[unit])]
 
 
 def _cells(quick: bool, case: Case) -> Arrays:

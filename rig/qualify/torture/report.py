@@ -39,7 +39,7 @@ def junit(cells: Sequence[Cell], path: Path) -> None:
     suite = ElementTree.Element("testsuite", name="rig torture")
     failures = skipped = 0
     for cell in cells:
-        one = ElementTree.SubElement(
+        element = ElementTree.SubElement(
             suite,
             "testcase",
             classname=cell.case,
@@ -50,10 +50,10 @@ def junit(cells: Sequence[Cell], path: Path) -> None:
         verdict = f"{result.colour}: {result.reason}"
         if not cell.good:
             failures += 1
-            ElementTree.SubElement(one, "failure", message=verdict).text = result.detail
+            ElementTree.SubElement(element, "failure", message=verdict).text = result.detail
         elif result.colour != "green":
             skipped += 1
-            ElementTree.SubElement(one, "skipped", message=f"{verdict}: {result.detail}")
+            ElementTree.SubElement(element, "skipped", message=f"{verdict}: {result.detail}")
     suite.attrib |= {"tests": str(len(cells)), "failures": str(failures), "skipped": str(skipped)}
     write_file(path, ElementTree.tostring(suite, encoding="utf-8", xml_declaration=True))
 

@@ -119,92 +119,92 @@ def stopped(error: NumericsError) -> CellResult:
     return red("energy" if finite else "NaN", where)
 
 
-def judge(case: Case, found: Found, reference: Found | None, simulated: float, step: float = 1e-3) -> CellResult:
+def judge(case: Case, outcome: Found, reference: Found | None, simulated: float, step: float = 1e-3) -> CellResult:
     """Return the result of a run of `simulated` seconds in steps of `step` that completed."""
-    for one in (_numbers(found), _contact(found), _stick(case, found, reference), _energy(case, found)):
-        if one is not None:
-            return one
-    for one in (_expected(case, found), _events(found, reference)):
-        if one is not None:
-            return one
-    if found.burst * step > PAUSE * 1e-9:
-        return red("overrun", f"{found.burst} frames in one burst after a pause")
-    if found.carrying * found.pace > simulated:
-        at = "" if found.pace == 1.0 else f" at the pace limit {found.pace:g} of the scene"
-        return amber("overrun", f"{found.pace * found.carrying / simulated:.3g} times slower than the clock{at}")
-    return CellResult("green", "", ", ".join(found.notes))
+    for result in (_numbers(outcome), _contact(outcome), _stick(case, outcome, reference), _energy(case, outcome)):
+        if result is not None:
+            return result
+    for result in (_expected(case, outcome), _events(outcome, reference)):
+        if result is not None:
+            return result
+    if outcome.burst * step > PAUSE * 1e-9:
+        return red("overrun", f"{outcome.burst} frames in one burst after a pause")
+    if outcome.carrying * outcome.pace > simulated:
+        at = "" if outcome.pace == 1.0 else f" at the pace limit {outcome.pace:g} of the scene"
+        return amber("overrun", f"{outcome.pace * outcome.carrying / simulated:.3g} times slower than the clock{at}")
+    return CellResult("green", "", ", ".join(outcome.notes))
 
 
-def _numbers(found: Found) -> CellResult | None:
-    return red("NaN", "a state or a measurement is not finite") if found.not_finite else None
+def _numbers(outcome: Found) -> CellResult | None:
+    return red("NaN", "a state or a measurement is not finite") if outcome.not_finite else None
 
 
-def _energy(case: Case, found: Found) -> CellResult | None:
-    bound = WITH_FILM if found.with_film else WITH_EVENTS if found.count or case.acts else SMOOTH
-    if found.energy > bound:
-        return red("energy", f"residual of the energy balance {found.energy:.2g}, allowed {bound:g}")
-    if found.negative_power > ROUND:
-        return red("energy", f"friction returns {found.negative_power:.2g} of its largest power")
+def _energy(case: Case, outcome: Found) -> CellResult | None:
+    bound = WITH_FILM if outcome.with_film else WITH_EVENTS if outcome.count or case.acts else SMOOTH
+    if outcome.energy > bound:
+        return red("energy", f"residual of the energy balance {outcome.energy:.2g}, allowed {bound:g}")
+    if outcome.negative_power > ROUND:
+        return red("energy", f"friction returns {outcome.negative_power:.2g} of its largest power")
     for name, most in case.expect.largest.items():
-        if not found.largest.get(name, 0.0) <= most:
-            return red("energy", f"{name} reaches {found.largest[name]:.4g}, allowed {most:g}")
+        if not outcome.largest.get(name, 0.0) <= most:
+            return red("energy", f"{name} reaches {outcome.largest[name]:.4g}, allowed {most:g}")
     return None
 
 
-def _contact(found: Found) -> CellResult | None:
-    if found.outside_cone > ROUND:
-        return red("missed event", f"friction is {found.outside_cone:.2g} outside of its cone")
-    if found.pulling > ROUND:
-        return red("missed event", f"a contact pulls with {found.pulling:.2g} of its load")
+def _contact(outcome: Found) -> CellResult | None:
+    if outcome.outside_cone > ROUND:
+        return red("missed event", f"friction is {outcome.outside_cone:.2g} outside of its cone")
+    if outcome.pulling > ROUND:
+        return red("missed event", f"a contact pulls with {outcome.pulling:.2g} of its load")
     return None
 
 
-def _stick(case: Case, found: Found, reference: Found | None) -> CellResult | None:
-    if found.slips and reference is not None and reference.stuck > 1e-3:
-        slips = np.concatenate(found.slips)
+def _stick(case: Case, outcome: Found, reference: Found | None) -> CellResult | None:
+    if outcome.slips and reference is not None and reference.stuck > 1e-3:
+        slips = np.concatenate(outcome.slips)
         creeping = float(np.quantile(slips, 0.5 * reference.stuck))
         if creeping > ROUND * max(float(slips.max()), 1e-30):
             share = 100.0 * reference.stuck
             return red(
                 "creep", f"never sticks; slips by {creeping:.2g} m/s where it should stick {share:.0f} % of the time"
             )
-    if found.creep > ROUND:
-        return red("creep", f"slips by {found.creep:.2g} of its speed in stick")
+    if outcome.creep > ROUND:
+        return red("creep", f"slips by {outcome.creep:.2g} of its speed in stick")
     for name in case.expect.still:
-        if name in found.ended and found.ended[name] != found.began[name]:
-            return red("creep", f"{name} has moved by {found.ended[name] - found.began[name]:.3g}")
+        if name in outcome.ended and outcome.ended[name] != outcome.began[name]:
+            return red("creep", f"{name} has moved by {outcome.ended[name] - outcome.began[name]:.3g}")
     return None
 
 
-def _expected(case: Case, found: Found) -> CellResult | None:
+def _expected(case: Case, outcome: Found) -> CellResult | None:
     for name, most in case.expect.ends.items():
-        if name in found.ended and not abs(found.ended[name]) <= most:
-            return red("energy", f"{name} ends at {found.ended[name]:.4g}, allowed {most:g}")
-    if case.expect.stuck is not None and found.ended and found.stuck_now != case.expect.stuck:
+        if name in outcome.ended and not abs(outcome.ended[name]) <= most:
+            return red("energy", f"{name} ends at {outcome.ended[name]:.4g}, allowed {most:g}")
+    if case.expect.stuck is not None and outcome.ended and outcome.stuck_now != case.expect.stuck:
         wanted = "stuck" if case.expect.stuck else "sliding"
         return red("missed event", f"is not {wanted} at the end")
     return None
 
 
-def _events(found: Found, reference: Found | None) -> CellResult | None:
+def _events(outcome: Found, reference: Found | None) -> CellResult | None:
     if reference is None:
         return None
-    if found.count != reference.count:
-        text = f"{counted(found.count, 'event')}, the reference has {reference.count}"
-        return red("missed event" if found.count < reference.count else "chatter", text)
-    for number, (ours, theirs) in enumerate(zip(found.events, reference.events), 1):
-        if ours[1] != theirs[1] and not _tie(found, reference, number - 1):
+    if outcome.count != reference.count:
+        text = f"{counted(outcome.count, 'event')}, the reference has {reference.count}"
+        return red("missed event" if outcome.count < reference.count else "chatter", text)
+    for number, (ours, theirs) in enumerate(zip(outcome.events, reference.events), 1):
+        if ours[1] != theirs[1] and not _tie(outcome, reference, number - 1):
             return red("order lost", f"event {number} is {ours[1]!r}, that of the reference {theirs[1]!r}")
-    if len(found.events) > 1:
+    if len(outcome.events) > 1:
         apart = (reference.events[-1][0] - reference.events[0][0]) / (len(reference.events) - 1)
-        late = max(abs(a[0] - b[0]) for a, b in zip(found.events, reference.events))
+        late = max(abs(a[0] - b[0]) for a, b in zip(outcome.events, reference.events))
         if late > LATE * max(apart, 1e-30):
             return amber("order lost", f"events are up to {late / apart:.2g} of their mean distance late")
     return None
 
 
-def _tie(found: Found, reference: Found, at: int) -> bool:
+def _tie(outcome: Found, reference: Found, at: int) -> bool:
     """Whether both have the same simultaneous events at that instant, in any order."""
-    t = found.events[at][0]
-    ours, theirs = (sorted(what for time, what in one.events if abs(time - t) < 1e-9) for one in (found, reference))
+    t = outcome.events[at][0]
+    ours, theirs = (sorted(what for time, what in run.events if abs(time - t) < 1e-9) for run in (outcome, reference))
     return ours == theirs

@@ -39,8 +39,8 @@ from rig.solve.records import OPEN, STICK
 Array = NDArray[np.float64]
 
 
-def look(system: System, states: Array, found: Found) -> None:
-    """Record in `found` how far a point pulls or leaves its cone at `states` [state, n], over the largest force."""
+def look(system: System, states: Array, outcome: Found) -> None:
+    """Record in `outcome` how far a point pulls or leaves its cone at `states` [state, n], over the largest force."""
     film = system.film
     assert film is not None
     normal, *others = (
@@ -48,9 +48,9 @@ def look(system: System, states: Array, found: Found) -> None:
         for kept in ("P", "f", "g")[: film.directions]
     )
     friction = np.sqrt(sum(part**2 for part in others))
-    found.pulling = max(found.pulling, -float(normal.min()) / max(float(np.abs(normal).max()), 1e-30))
+    outcome.pulling = max(outcome.pulling, -float(normal.min()) / max(float(np.abs(normal).max()), 1e-30))
     outside = float((friction - film.mu * np.maximum(normal, 0.0)).max())
-    found.outside_cone = max(found.outside_cone, outside / max(float(friction.max()), 1e-30))
+    outcome.outside_cone = max(outcome.outside_cone, outside / max(float(friction.max()), 1e-30))
 
 
 CHUNK = 4096
@@ -115,30 +115,30 @@ class Trial:
 
     def run(self) -> Found:
         """Simulate the case to its end. Raises NumericsError if it must stop, OutOfTime."""
-        found = self.found
+        outcome = self.found
         try:
             for at_ns, act, turn in self._schedule():
                 self._carry(at_ns)
                 self._do(act, turn)
             self._carry(self.until_ns)
         except _Left as left:
-            found.notes.append(str(left))
+            outcome.notes.append(str(left))
         finally:
             self._look()
             counts = self.motion.counts()
-            found.trials, found.opened = counts["trial_steps"], counts["opened_ticks"]
-            found.ticks, found.seconds = self.motion.tick, time.thread_time() - self._begin
-            found.stuck = self._stuck_ticks / max(self.motion.tick, 1)
-            found.measurements = sum(self.runner.bank.counts())
+            outcome.trials, outcome.opened = counts["trial_steps"], counts["opened_ticks"]
+            outcome.ticks, outcome.seconds = self.motion.tick, time.thread_time() - self._begin
+            outcome.stuck = self._stuck_ticks / max(self.motion.tick, 1)
+            outcome.measurements = sum(self.runner.bank.counts())
             with np.errstate(over="ignore", invalid="ignore"):  # for a state outside of the range of numbers
-                found.energy = abs(self.motion.energy()["error"])
-            found.stuck_now = self._sticks(self.motion.key)
-            found.ended = dict(zip(self.runner.outputs, self.runner.output_values().tolist()))
+                outcome.energy = abs(self.motion.energy()["error"])
+            outcome.stuck_now = self._sticks(self.motion.key)
+            outcome.ended = dict(zip(self.runner.outputs, self.runner.output_values().tolist()))
         if self._exchange is not None:
             self._note_commands()
-        if found.held:
-            found.notes.append(f"a contact that cannot open pulls by {found.held:.3g} N")
-        return found
+        if outcome.held:
+            outcome.notes.append(f"a contact that cannot open pulls by {outcome.held:.3g} N")
+        return outcome
 
     def _schedule(self) -> list[tuple[int, Act, int]]:
         """All actions in order of time: (time [ns], act, its repetition)."""
@@ -150,7 +150,7 @@ class Trial:
             elif act.do == "follow":
                 turns = (self.until_ns - act.at) // act.every
             out += [(act.at + turn * act.every, act, turn) for turn in range(turns)]
-        return sorted((one for one in out if one[0] < self.until_ns), key=lambda one: one[0])
+        return sorted((action for action in out if action[0] < self.until_ns), key=lambda action: action[0])
 
     def _do(self, act: Act, turn: int) -> None:
         runner = self.runner
@@ -169,9 +169,9 @@ class Trial:
         elif act.do == "blocks":
             self._blocks = itertools.cycle([int(value) for value in act.values])
         elif act.do == "follow":
-            one = runner.inputs[act.target]
+            actuator = runner.inputs[act.target]
             wanted = act.to + act.gain * runner.output(act.of)
-            runner.apply(act.target, min(max(wanted, one.low), one.high))
+            runner.apply(act.target, min(max(wanted, actuator.low), actuator.high))
         else:
             self._command(act, turn)
 
@@ -214,8 +214,8 @@ class Trial:
             self.found.carrying += time.thread_time() - begin
             self._last = (motion.kept - kept - 1) % self.runner.steps + 1
             self.runner.tick = motion.tick // self.runner.steps
-            found, bank = self.found, self.runner.bank
-            found.not_finite += int(np.count_nonzero(~np.isfinite(bank.latest)))
+            outcome, bank = self.found, self.runner.bank
+            outcome.not_finite += int(np.count_nonzero(~np.isfinite(bank.latest)))
             if bank.short:
                 bank.fill()
             if motion.event_count:
@@ -228,8 +228,8 @@ class Trial:
 
     def _note(self) -> None:
         """Record every mode change at the time of its event; two at one time count as two."""
-        found, motion = self.found, self.motion
-        found.most_events = max(found.most_events, motion.event_count)
+        outcome, motion = self.found, self.motion
+        outcome.most_events = max(outcome.most_events, motion.event_count)
         events = motion.events()
         afterwards = [*(e.before for e in events[1:]), motion.key]
         changes = self._settled(events[0].before)
@@ -241,10 +241,10 @@ class Trial:
 
     def _remember(self, changes: list[tuple[float, str]]) -> None:
         """Count mode set changes, and store them while there is room."""
-        found = self.found
-        found.count += len(changes)
-        if len(found.events) < KEPT:
-            found.events += changes
+        outcome = self.found
+        outcome.count += len(changes)
+        if len(outcome.events) < KEPT:
+            outcome.events += changes
 
     def _settled(self, key: int) -> list[tuple[float, str]]:
         """Mode changes up to mode set `key` at the start of a frame without an event, by a command or a tie."""
@@ -254,7 +254,7 @@ class Trial:
                 motion.kept - self._last if motion.event_count else motion.kept
             )  # events change modes within a frame
             mode_sets = motion.log.modes[self._seen : max(ended, self._seen)]
-            keys = [one.key for one in motion.mode_sets.sets]
+            keys = [mode_set.key for mode_set in motion.mode_sets.sets]
             for at in np.flatnonzero(
                 np.diff(mode_sets, prepend=motion.mode_sets.tables.mode_set_of[self._key])
             ).tolist():
@@ -282,7 +282,7 @@ class Trial:
 
     def _look(self) -> None:
         """Check the data of every step, and discard it."""
-        motion, found, rows = self.motion, self.found, self.motion.kept
+        motion, outcome, rows = self.motion, self.found, self.motion.kept
         if not rows:
             return
         self._remember(self._settled(motion.key))
@@ -291,41 +291,43 @@ class Trial:
         values = motion.outputs_at(states, mode_sets)
         motion.kept = 0
         self._seen = 0
-        found.not_finite += int(np.count_nonzero(~np.isfinite(states)))
+        outcome.not_finite += int(np.count_nonzero(~np.isfinite(states)))
         for name, column in zip(self.runner.outputs, np.abs(values).max(axis=0).tolist()):
-            found.largest[name] = max(found.largest.get(name, 0.0), column)
+            outcome.largest[name] = max(outcome.largest.get(name, 0.0), column)
         sets = motion.mode_sets.sets
-        modes = [motion.system.modes(one.key) for one in sets]
-        self._stuck_ticks += int(np.array([self._sticks(one.key) for one in sets])[mode_sets].sum())
+        modes = [motion.system.modes(entry.key) for entry in sets]
+        self._stuck_ticks += int(np.array([self._sticks(entry.key) for entry in sets])[mode_sets].sum())
         if motion.system.film is not None:
-            look(motion.system, states, found)
+            look(motion.system, states, outcome)
         N = values[:, self._normals]
         forces = N.sum(axis=1) if N.size else np.zeros(rows)
         for k, opens in enumerate(self._opens):
             if opens:
-                found.pulling = max(found.pulling, -float(N[:, k].min()) / max(float(np.abs(forces).max()), 1e-30))
+                outcome.pulling = max(outcome.pulling, -float(N[:, k].min()) / max(float(np.abs(forces).max()), 1e-30))
         if self.motion.integration.method == "smooth":
-            found.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
+            outcome.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
         for p, (force, slip) in enumerate(self._patches):
             T, w, load = values[:, force], values[:, slip], N[:, self._of[p]].sum(axis=1)
             if not any(self._opens[k] for k in self._of[p]) and load.min() < 0.0:
-                found.held = max(found.held, -float(load.min()))  # it can pull, and no law of friction says what then
+                outcome.held = max(
+                    outcome.held, -float(load.min())
+                )  # it can pull, and no law of friction says what then
                 T, load = np.where(load < 0.0, 0.0, T), np.maximum(load, 0.0)
             size = max(float(np.abs(T).max() * np.abs(w).max()), 1e-30)
-            stuck = np.array([one[0][p] == STICK for one in modes])[mode_sets]
+            stuck = np.array([set_modes[0][p] == STICK for set_modes in modes])[mode_sets]
             power = np.where(stuck, 0.0, T * w)  # in stick w is rounding, which creep is compared with
-            found.negative_power = max(found.negative_power, -float(power.min()) / size)
-            law = [motion.system.law(p, one[3]) for one in modes]
-            most = np.array([one.static for one in law])[mode_sets]
-            for mode_set, one in enumerate(law):
-                if not one.constant:  # a film bears more the faster it slides
+            outcome.negative_power = max(outcome.negative_power, -float(power.min()) / size)
+            law = [motion.system.law(p, set_modes[3]) for set_modes in modes]
+            most = np.array([friction_law.static for friction_law in law])[mode_sets]
+            for mode_set, friction_law in enumerate(law):
+                if not friction_law.constant:  # a film bears more the faster it slides
                     here = np.flatnonzero(~stuck & (mode_sets == mode_set))
-                    most[here] = np.maximum(one.static, one.over(np.abs(w[here])))
+                    most[here] = np.maximum(friction_law.static, friction_law.over(np.abs(w[here])))
             outside = np.abs(T) - most * np.maximum(load, 0.0)
-            found.outside_cone = max(found.outside_cone, float(outside.max()) / max(float(np.abs(T).max()), 1e-30))
+            outcome.outside_cone = max(outcome.outside_cone, float(outside.max()) / max(float(np.abs(T).max()), 1e-30))
             if stuck.any():
                 speed = max(float(np.abs(values[:, slip]).max()), float(np.abs(states).max()))
-                found.creep = max(found.creep, float(np.abs(w[stuck]).max()) / max(speed, 1e-30))
+                outcome.creep = max(outcome.creep, float(np.abs(w[stuck]).max()) / max(speed, 1e-30))
 
 
 RECORDED = 4000
@@ -340,11 +342,11 @@ def recording(case: Case, scene: Watched, until_ns: int) -> CellResult | None:
     """
     user_scene: Scene = replace(scene, contacts=False)
     if not case.rig:
-        user_scene = Scene(**{one.name: getattr(scene, one.name) for one in fields(Scene)})
+        user_scene = Scene(**{field.name: getattr(scene, field.name) for field in fields(Scene)})
     most = max(RECORDED * user_scene.step_ns // scene.frame_ns, 1)
     length = min(until_ns // scene.frame_ns, most) * scene.frame_ns
     acts = [_event(act, act.at // scene.frame_ns) for act in case.acts if act.do in ("set", "change", "knock")]
-    events = sorted((one for one in acts if one["t_ns"] < length), key=lambda one: one["tick"])
+    events = sorted((event for event in acts if event["t_ns"] < length), key=lambda event: event["tick"])
     run = simulate(user_scene, {}, length, Recorded({}, events), audited=False)
     if run.fault:
         return red("recording", run.fault.splitlines()[0])

@@ -105,21 +105,21 @@ def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_
     on = way(_Free(system, scene.clock.smoothing), step)
     states = np.zeros((ticks + 1, system.n))
     states[0] = system.start
-    found = Found()
+    outcome = Found()
     for tick in range(ticks):
         states[tick + 1] = on(states[tick])
         if not np.all(np.isfinite(states[tick + 1])):
-            found.not_finite, states = 1, states[: tick + 1]
+            outcome.not_finite, states = 1, states[: tick + 1]
             break
         if tick % 256 == 0 and time.thread_time() - begin > seconds:
             raise OutOfTime
-    found.slips = [np.abs(states @ system.slip_rows.T).max(axis=1, initial=0.0)]
+    outcome.slips = [np.abs(states @ system.slip_rows.T).max(axis=1, initial=0.0)]
     for name in case.expect.largest:
         row = assembly.outputs[name].row
-        found.largest[name] = float(np.abs(states @ [row.get(state, 0.0) for state in system.names]).max())
-    found.ticks, found.seconds = ticks, time.thread_time() - begin
-    found.carrying = found.seconds
-    return found
+        outcome.largest[name] = float(np.abs(states @ [row.get(state, 0.0) for state in system.names]).max())
+    outcome.ticks, outcome.seconds = ticks, time.thread_time() - begin
+    outcome.carrying = outcome.seconds
+    return outcome
 
 
 def _stale(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
@@ -145,10 +145,10 @@ def _stale(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
         motion.advance(min(pause, ticks - motion.tick))
         if time.thread_time() - begin > seconds:
             raise OutOfTime
-    found = Found(ticks=motion.tick, seconds=time.thread_time() - begin)
-    found.ended = dict(zip(case.expect.ends, motion.outputs_now().tolist()))
-    found.carrying = found.seconds
-    return found
+    outcome = Found(ticks=motion.tick, seconds=time.thread_time() - begin)
+    outcome.ended = dict(zip(case.expect.ends, motion.outputs_now().tolist()))
+    outcome.carrying = outcome.seconds
+    return outcome
 
 
 WRONG: dict[str, Callable[[Case, Watched, int, float], Found]] = {
@@ -172,7 +172,7 @@ def run(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
         raise UsageError("needs normal forces that do not depend on acceleration")
     begin, step = time.thread_time(), scene.step_ns * 1e-9
     field = _Field(system)
-    x, found = system.start.copy(), Found()
+    x, outcome = system.start.copy(), Found()
     slips = np.zeros((until_ns // scene.step_ns, len(system.patches)))
     for tick in range(len(slips)):
         k1 = field.rate(x)
@@ -182,14 +182,14 @@ def run(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
         x = x + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
         slips[tick] = system.slip_rows @ x
         if not np.all(np.isfinite(x)):
-            found.not_finite = 1
+            outcome.not_finite = 1
             break
         if tick % 256 == 0 and time.thread_time() - begin > seconds:
             raise OutOfTime
-    found.slips = [np.abs(slips).max(axis=1)] if slips.size else []
-    found.ticks, found.seconds = len(slips), time.thread_time() - begin
-    found.carrying = found.seconds
-    return found
+    outcome.slips = [np.abs(slips).max(axis=1)] if slips.size else []
+    outcome.ticks, outcome.seconds = len(slips), time.thread_time() - begin
+    outcome.carrying = outcome.seconds
+    return outcome
 
 
 class _Field:

@@ -33,7 +33,7 @@ def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[floa
 
     def run() -> list[float]:
         data = mujoco.MjData(model)
-        found: list[float] = []
+        times: list[float] = []
         stuck = True
         data.qpos[0] = o.x
         for k in range(round(o.seconds / step)):
@@ -42,11 +42,11 @@ def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[floa
             x, v = float(data.qpos[0]) + o.speed * t, slip + o.speed
             now = abs(slip) < _STUCK * o.speed and (stuck or slip > -_STUCK * o.speed)
             if now != stuck:
-                found.append(t)
+                times.append(t)
                 stuck = now
             model.dof_frictionloss[0] = o.static * o.load if stuck else friction(min(v, o.speed))
             data.qfrc_applied[0] = -o.stiffness * x - o.damping * v
             mujoco.mj_step(model, data)
-        return found
+        return times
 
     return run

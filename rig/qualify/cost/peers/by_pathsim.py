@@ -26,7 +26,7 @@ def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[floa
     rtol, a = setting[1], o.acceleration()
 
     def run() -> list[float]:
-        found: list[float] = []
+        times: list[float] = []
         stuck = [True]
 
         def rate(y: Array, u: Array, t: float) -> Array:
@@ -38,11 +38,11 @@ def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[floa
         def guard(t: float) -> float:
             x, v = body.engine.state
             return float(
-                o.release - x if stuck[0] else o.speed - v + (1e-9 if v >= o.speed and t < found[-1] + 1e-6 else 0.0)
+                o.release - x if stuck[0] else o.speed - v + (1e-9 if v >= o.speed and t < times[-1] + 1e-6 else 0.0)
             )
 
         def change(t: float) -> None:
-            found.append(t)
+            times.append(t)
             x, _ = body.engine.state
             body.engine.state = np.array([o.release if stuck[0] else x, o.speed])
             stuck[0] = not stuck[0]
@@ -51,6 +51,6 @@ def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[floa
         world = Simulation([body, scope], [Connection(body, scope)], [event], dt=SAMPLES, dt_max=1e-2, Solver=RKDP54,
                            tolerance_lte_rel=rtol, tolerance_lte_abs=1e-3 * rtol, log=False)  # fmt: skip
         world.run(o.seconds)
-        return found
+        return times
 
     return run

@@ -43,7 +43,9 @@ class Oscillator:
         p, faults = scene.parameters, []
         law = p.friction.law  # type: ignore[attr-defined]
         faults += [f"friction {law}"] * (law not in ("coulomb", "stribeck"))
-        faults += [one.name for one in optional(p) if one.given and one.name == one.key]  # tables; lags change nothing
+        faults += [
+            part.name for part in optional(p) if part.given and part.name == part.key
+        ]  # tables; lags change nothing
         faults += ["actuators that move"] * bool(scene.moved)
         b, f, start = p.body, p.friction, p.start  # type: ignore[attr-defined]
         speed = p.drive.speed  # type: ignore[attr-defined]
@@ -94,17 +96,17 @@ class Oscillator:
 
     def run(self, slip: Slip) -> list[float]:
         """Return the times of the mode set changes with a peer's `slip`."""
-        t, x, found = 0.0, self.x, list[float]()
+        t, x, times = 0.0, self.x, list[float]()
         grid = np.arange(0.0, self.seconds + 0.5 * SAMPLES, SAMPLES)
         while True:
             leaves = t + max(self.release - x, 0.0) / self.speed
             stuck = grid[np.searchsorted(grid, t) : np.searchsorted(grid, leaves)]
             _ = x + self.speed * (stuck - t)  # the samples of stick
             if leaves >= self.seconds:
-                return found
-            found.append(leaves)
+                return times
+            times.append(leaves)
             ended = slip(leaves, self.release, self.speed, grid[np.searchsorted(grid, leaves, side="right") :])
             if ended is None or ended[0] >= self.seconds:
-                return found
+                return times
             t, x = ended
-            found.append(t)
+            times.append(t)

@@ -63,10 +63,10 @@ def race(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object
         except ImportError:
             absent.append(Entry(peer.NAME, "", math.inf, math.nan, ABSENT))
             continue
-        for one in peer.ladder():
-            runners.append((peer.NAME, f"{one[0]} at {one[1]:.0e}", peer.prepare(o, one)))
+        for rung in peer.ladder():
+            runners.append((peer.NAME, f"{rung[0]} at {rung[1]:.0e}", peer.prepare(o, rung)))
     best, other = _references(scene, o)
-    found = [run() for _, _, run in runners]  # the first run compiles
+    event_times = [run() for _, _, run in runners]  # the first run compiles
     times = np.full(len(runners), math.inf)
     for turn in range(rounds):
         for i, (_, _, run) in enumerate(runners):
@@ -74,7 +74,7 @@ def race(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object
             say(turn * len(runners) + i + 1, rounds * len(runners))
     entries = []
     cannot = {peer.NAME: getattr(peer, "CANNOT", "") for peer in PEERS}
-    for (name, how, _), events, spent in zip(runners, found, times.tolist()):
+    for (name, how, _), events, spent in zip(runners, event_times, times.tolist()):
         truth = other if name == OURS and not how.startswith("rk4") else best
         entries.append(Entry(name, how, _error(events, truth), o.seconds / spent, cannot.get(name, "")))
     return entries + absent
@@ -94,7 +94,7 @@ def _references(scene: Scene, o: Oscillator) -> tuple[list[float], list[float]]:
     system = scene.assemble().system()
     first = Setting("exact") if system.linear else Setting("dopri5", TIGHTEST)
     runs = (first, Setting("rk4", step_ns=by_rig.STEP_NS // 100))
-    best, other = (by_rig.prepare(scene, one, o.seconds)() for one in runs)
+    best, other = (by_rig.prepare(scene, setting, o.seconds)() for setting in runs)
     return best, other
 
 
@@ -110,10 +110,10 @@ def cheapest(entries: Sequence[Entry], target: float) -> list[Entry]:
     error.
     """
     out = []
-    for peer in dict.fromkeys(one.peer for one in entries):
-        mine = [one for one in entries if one.peer == peer]
-        enough = [one for one in mine if one.error <= target]
-        out.append(max(enough, key=lambda one: one.factor) if enough else min(mine, key=lambda one: one.error))
+    for peer in dict.fromkeys(entry.peer for entry in entries):
+        mine = [entry for entry in entries if entry.peer == peer]
+        enough = [entry for entry in mine if entry.error <= target]
+        out.append(max(enough, key=lambda entry: entry.factor) if enough else min(mine, key=lambda entry: entry.error))
     return out
 
 
@@ -121,41 +121,41 @@ COLUMNS = ("solver", "setting", "error of event times", "real-time factor", "rig
 _COLOURS = (BLUE, GREEN, PURPLE, AMBER, VERMILION, GREY)
 
 
-def lines(found: Sequence[Entry], target: float) -> list[tuple[str, ...]]:
+def lines(entries: Sequence[Entry], target: float) -> list[tuple[str, ...]]:
     """Return for each solver the fastest setting that meets `target`."""
-    best = cheapest(found, target)
+    best = cheapest(entries, target)
     rows: list[tuple[str, ...]] = []
-    for one in best:
-        if math.isnan(one.factor):
-            rows.append((one.peer, "", "", "", "", one.fault))
+    for entry in best:
+        if math.isnan(entry.factor):
+            rows.append((entry.peer, "", "", "", "", entry.fault))
             continue
-        short = "" if one.error <= target else f"does not reach {target:g}"
-        ratio = f"{best[0].factor / one.factor:.0f}" if one.peer != OURS and not short else ""
-        error = f"{one.error:.1e}" if math.isfinite(one.error) else "changes missed or invented"
-        note = "; ".join(part for part in (short, one.fault) if part)
-        rows.append((one.peer, one.setting, error, f"{one.factor:.3g}", ratio, note))
+        short = "" if entry.error <= target else f"does not reach {target:g}"
+        ratio = f"{best[0].factor / entry.factor:.0f}" if entry.peer != OURS and not short else ""
+        error = f"{entry.error:.1e}" if math.isfinite(entry.error) else "changes missed or invented"
+        note = "; ".join(part for part in (short, entry.fault) if part)
+        rows.append((entry.peer, entry.setting, error, f"{entry.factor:.3g}", ratio, note))
     return rows
 
 
-def write(found: Sequence[Entry], path: Path) -> None:
+def write(entries: Sequence[Entry], path: Path) -> None:
     """Write the comparison as CSV. Raises OutputError."""
     head = ("solver", "setting", "largest error of event times / period", "real-time factor", "fault")
-    write_file(path, csv_table([head, *(vars(one).values() for one in found)]))
+    write_file(path, csv_table([head, *(vars(entry).values() for entry in entries)]))
 
 
-def draw(found: Sequence[Entry], title: str, machine: dict[str, str], target: float, path: Path) -> None:
+def draw(entries: Sequence[Entry], title: str, machine: dict[str, str], target: float, path: Path) -> None:
     """Draw the error of event times over compute time, a curve for each method of each solver."""
     with sheet(f"{title}: beside other solvers", machine) as figure:
         axes = figure.add_subplot()
-        for colour, peer in zip(_COLOURS, dict.fromkeys(one.peer for one in found)):
-            mine = [one for one in found if one.peer == peer and math.isfinite(one.error)]
+        for colour, peer in zip(_COLOURS, dict.fromkeys(entry.peer for entry in entries)):
+            mine = [entry for entry in entries if entry.peer == peer and math.isfinite(entry.error)]
             marks = iter("osD^v")
-            for method in dict.fromkeys(one.setting.partition(" at ")[0] for one in mine):
-                points = [one for one in mine if one.setting.partition(" at ")[0] == method]
-                x, y = [1e3 / one.factor for one in points], [one.error for one in points]
+            for method in dict.fromkeys(entry.setting.partition(" at ")[0] for entry in mine):
+                points = [entry for entry in mine if entry.setting.partition(" at ")[0] == method]
+                x, y = [1e3 / entry.factor for entry in points], [entry.error for entry in points]
                 axes.plot(x, y, color=colour, marker=next(marks), ms=5, lw=1.2, label=f"{peer} {method}")
             if not mine:
-                why = next(one.fault for one in found if one.peer == peer)
+                why = next(entry.fault for entry in entries if entry.peer == peer)
                 axes.plot([], [], " ", label=f"{peer}: {why.partition(':')[0]}")
         axes.axhline(target, color=ALARM, lw=1.0, ls=":", label=f"{target:g}")
         axes.set(xscale="log", yscale="log", xlabel="compute in 1 ms of simulated time [us], samples every 1 ms")
