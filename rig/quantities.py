@@ -16,11 +16,12 @@ Products of a few values within these sizes stay far below the largest double.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from functools import partial
 from numbers import Integral
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, PlainSerializer, ValidationError
@@ -28,7 +29,7 @@ from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, cor
 
 from rig.about import About
 from rig.errors import UsageError
-from rig.units import OTHERS, SIZES, brief, si
+from rig.units import OTHERS, SIZES, brief, parted, si, with_point
 
 ORIGINS = ("paper", "public", "derived", "calibrated", "chosen", "user")
 LONGEST = 1_000_000_000_000_000
@@ -105,6 +106,46 @@ def run_length_ns(duration: float | None) -> int | None:
     except ValueError as fault:
         given = "" if isinstance(duration, str) else f" of {brief(duration)} s"
         raise UsageError(f"the duration{given} {fault}") from None
+
+
+_CONDITION = re.compile(r"\s*(?P<bar>\|?)\s*(?P<name>[^<>=|]+?)\s*(?P=bar)\s*(?P<sense>[<>=])\s*(?P<level>[^<>|]+?)\s*")
+
+
+class Condition(NamedTuple):
+    """A condition as its user wrote it: `name` is above (>), below (<) or at (=) a `level`, a text with a unit.
+
+    `size`: the absolute value of `name` is compared. `option`: where the condition was given.
+    """
+
+    option: str
+    name: str
+    sense: str
+    level: str
+    size: bool
+
+    @classmethod
+    def read(cls, text: str, option: str, signs: str, expected: str) -> Self:
+        """Read "NAME > VALUE UNIT", or "|NAME| > ...". `signs`: those that are allowed, of "<>=|".
+
+        Raises UsageError, which states what is `expected`.
+        """
+        form = _CONDITION.fullmatch(text) if isinstance(text, str) else None
+        if form is None or not {form["sense"], *form["bar"]} <= {*signs}:
+            raise UsageError(f"{option} {text}: expected {expected}")
+        level = with_point(form["level"], f"{option} {text}: the level")
+        return cls(option, form["name"], form["sense"], level, bool(form["bar"]))
+
+    def __str__(self) -> str:
+        return f"{f'|{self.name}|' if self.size else self.name} {self.sense} {self.level}"
+
+    def level_in(self, unit: str, plain: bool = True) -> float:
+        """Return the level in `unit`; `plain`: it may be a number without a unit. Raises UsageError."""
+        try:
+            if plain and not parted(self.level)[1]:
+                return finite(float(self.level), unit)
+            return finite(self.level, unit)
+        except ValueError as fault:
+            raise UsageError(f"{self.option} {self}: the level {fault}") from None
 
 
 def whole(name: str, value: Any, least: int, most: int) -> int:

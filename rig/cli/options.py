@@ -346,11 +346,11 @@ def trigger(when: str | None, before: str | None, after: str | None, most: int |
         if alone := [name for name, value in given.items() if value is not None]:
             raise UsageError(f'{alone[0]}: needs --trigger, such as --trigger "vibrometer > 0.1 m/s"')
         return None
-    from rig.record.trigger import Condition, Trigger
+    from rig.record.trigger import Trigger, condition
 
     earlier, later = seconds(before, "--before", low=0.0), seconds(after, "--after", low=0.0)
     return Trigger(
-        Condition.read(when),
+        condition(when),
         before=2.0 if earlier is None else earlier,
         after=5.0 if later is None else later,
         most=most or 100,

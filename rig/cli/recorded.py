@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Trust, number, seconds
+from rig.cli.options import Force, Json, Trust, seconds
 from rig.cli.printing import draw, new
 from rig.cli.recordings import Log, opened, recording, without_outputs
 from rig.errors import ExitCode, LogError, UsageError
@@ -250,8 +250,6 @@ Cut = Annotated[
     ),
 ]
 
-_LARGEST = 1e300
-
 
 def response(
     log: Log,
@@ -313,13 +311,12 @@ def portrait(
 def _cut(run: Run, given: str) -> tuple[str, float] | None:
     """The channel and the value [in its unit] of a section."""
     from rig.analysis.recorded import series
+    from rig.quantities import Condition
 
     if not given:
         return None
-    name, equals, value = (part.strip() for part in given.partition("="))
-    if not (name and equals and value):
-        raise UsageError(f'--section {given}: expected NAME=VALUE, such as "velocity = 10 mm/s"')
-    return name, number(value, f"--section {name} =", series(run, name).unit, -_LARGEST, _LARGEST)
+    cut = Condition.read(given, "--section", "=", 'NAME = VALUE, such as "velocity = 10 mm/s"')
+    return cut.name, cut.level_in(series(run, cut.name).unit)
 
 
 Tolerance = Annotated[

@@ -138,10 +138,11 @@ def run(
     keeps_up(loaded, factor)
     loaded = configured(loaded, given, precision, budget)
     if windows is not None:  # the recorder would find what is wrong only when the run has begun
+        from rig.record.trigger import bound
         from rig.record.windows import replaceable
 
         outputs = {name: output.unit for name, output in loaded.assemble().outputs.items()}
-        windows.condition.bound(outputs, {name: sensor.delivers for name, sensor in loaded.sensors.items()})
+        bound(windows.condition, outputs, {name: sensor.delivers for name, sensor in loaded.sensors.items()})
         if out is not None:
             replaceable(out, force)
     printing.run_warnings(loaded, length)

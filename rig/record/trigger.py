@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,11 +11,9 @@ from numpy.typing import NDArray
 
 from rig.bus import messages
 from rig.errors import UsageError
-from rig.quantities import finite
+from rig.quantities import Condition
 from rig.record.run_data import MEASURED, TRUE, unknown
-from rig.units import with_point
 
-_FORM = re.compile(r"(?P<bars>\|?)\s*(?P<name>[\w.\-/]+)\s*(?P<end>\|?)\s*(?P<sense>[<>])\s*(?P<level>[^<>|]+)")
 MEMORY = 64 << 20
 """Memory for the messages before a firing [bytes]."""
 
@@ -38,61 +35,12 @@ class Trigger:
         return [f"--trigger={self.condition}", *(f"{option}={value}" for option, value in times.items())]
 
 
-@dataclass(frozen=True)
-class Condition:
-    """A condition as its user wrote it; `level` is text with a unit. `bound` relates it to the channels of a run."""
-
-    name: str
-    size: bool
-    """Whether the absolute value is compared."""
-    above: bool
-    level: str
-
-    @classmethod
-    def read(cls, text: str) -> Condition:
-        """Read "NAME > VALUE UNIT", "NAME < VALUE UNIT" or "|NAME| > VALUE UNIT". Raises UsageError."""
-        form = _FORM.fullmatch(text.strip())
-        if form is None or form["bars"] != form["end"]:
-            raise UsageError(
-                f"--trigger {text}: expected NAME > VALUE or NAME < VALUE with a unit, such as "
-                '"vibrometer > 0.1 m/s"; |NAME| compares the absolute value'
-            )
-        return cls(
-            form["name"],
-            bool(form["bars"]),
-            form["sense"] == ">",
-            with_point(form["level"].strip(), f"--trigger {text}: the level"),
-        )
-
-    def __str__(self) -> str:
-        name = f"|{self.name}|" if self.size else self.name
-        return f"{name} {'>' if self.above else '<'} {self.level}"
-
-    def bound(self, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> Bound:
-        """Return the condition on a channel of a run with these outputs and sensors (name -> unit).
-
-        Raises UsageError for a name that the run does not have, and for a level whose unit does not fit.
-        """
-        known = {**sensors, **{TRUE * (name in sensors) + name: unit for name, unit in outputs.items()}}
-        if self.name not in known:
-            raise unknown(self.name, known, "run")
-        unit = known[self.name]
-        try:
-            level = finite(self.level, unit)
-        except ValueError as fault:
-            raise UsageError(f"--trigger {self}: the level {fault}") from None
-        if self.size and (level < 0.0 or (level == 0.0 and not self.above)):
-            raise UsageError(f"--trigger {self}: an absolute value is never below 0; take a level above 0 {unit}")
-        if self.name in sensors:
-            return Bound(self, unit, level, MEASURED + self.name, _block)
-        field = messages.field_name(self.name.removeprefix(TRUE))
-        state = messages.state_type(list(outputs))
-
-        def read(payload: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-            content: Any = state.FromString(payload)
-            return np.array([content.t_ns], np.int64), np.array([getattr(content, field)])
-
-        return Bound(self, unit, level, "state", read)
+def condition(text: str) -> Condition:
+    """Read "NAME > VALUE UNIT", "NAME < VALUE UNIT" or "|NAME| > VALUE UNIT". Raises UsageError."""
+    expected = (
+        'NAME > VALUE or NAME < VALUE with a unit, such as "vibrometer > 0.1 m/s"; |NAME| compares the absolute value'
+    )
+    return Condition.read(text, "--trigger", "<>|", expected)
 
 
 @dataclass(frozen=True)
@@ -108,7 +56,31 @@ class Bound:
     def beyond(self, v: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return by how much each value is beyond the level; positive where the condition holds."""
         size = np.abs(v) if self.condition.size else v
-        return np.asarray(size - self.level if self.condition.above else self.level - size)
+        return np.asarray(size - self.level if self.condition.sense == ">" else self.level - size)
+
+
+def bound(given: Condition, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> Bound:
+    """Return the condition on a channel of a run with these outputs and sensors (name -> unit).
+
+    Raises UsageError for a name that the run does not have, and for a level whose unit does not fit.
+    """
+    known = {**sensors, **{TRUE * (name in sensors) + name: unit for name, unit in outputs.items()}}
+    if given.name not in known:
+        raise unknown(given.name, known, "run")
+    unit = known[given.name]
+    level = given.level_in(unit, plain=False)
+    if given.size and (level < 0.0 or (level == 0.0 and given.sense == "<")):
+        raise UsageError(f"--trigger {given}: an absolute value is never below 0; take a level above 0 {unit}")
+    if given.name in sensors:
+        return Bound(given, unit, level, MEASURED + given.name, _block)
+    field = messages.field_name(given.name.removeprefix(TRUE))
+    state = messages.state_type(list(outputs))
+
+    def read(payload: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        content: Any = state.FromString(payload)
+        return np.array([content.t_ns], np.int64), np.array([getattr(content, field)])
+
+    return Bound(given, unit, level, "state", read)
 
 
 def _block(payload: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

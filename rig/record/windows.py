@@ -25,7 +25,7 @@ from rig.bus.run_setup import Setup
 from rig.errors import BusError, LogError, OutputError, UsageError
 from rig.machine.files import unused
 from rig.record.message_scan import Scan
-from rig.record.trigger import Trigger
+from rig.record.trigger import Trigger, bound
 from rig.record.writer import Writer
 
 _SLACK_NS = 100_000_000
@@ -108,7 +108,7 @@ class Windows:
         self.paths: list[Path] = []
         """The recordings that were begun."""
         sensors = {name: unit for name, (unit, _) in setup.sensors.items()}
-        self._bound, self._replace, self._say = trigger.condition.bound(setup.outputs, sensors), replace, say
+        self._bound, self._replace, self._say = bound(trigger.condition, setup.outputs, sensors), replace, say
         self._before_ns, self._after_ns = round(trigger.before * 1e9), round(trigger.after * 1e9)
         self._waiting: deque[_Waiting] = deque()
         self._size = 0

@@ -137,7 +137,7 @@ def test_the_command(tmp_path, rig):
     code, _, _ = rig("portrait", log, "--figure", tmp_path / "alone.png")
     assert code == 0
     for given, said in (
-        ("displacement", "expected NAME=VALUE"),
+        ("displacement", "expected NAME = VALUE"),
         ("displacement = 1 N", "--section displacement ="),
         ("displacement = nan", "--section displacement ="),
         ("height = 1", "no 'height'"),

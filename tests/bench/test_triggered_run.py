@@ -8,7 +8,7 @@ from rig import scenes
 from rig.bench.again.verify import verify
 from rig.bench.live import supervise
 from rig.bench.live.plant_process import warm
-from rig.record.trigger import Condition, Trigger
+from rig.record.trigger import Trigger, condition
 
 SCENE = "belt_normal_force"
 
@@ -22,7 +22,7 @@ def windows(tmp_path_factory):
         patch.setenv("XDG_STATE_HOME", str(folder))
         scene = scenes.load(SCENE, {"controllers.nf.enable_at": "1 s"})
         warm(scene)
-        wanted = Trigger(Condition.read("vibrometer < -50 mm/s"), before=0.5, after=0.3, most=2)
+        wanted = Trigger(condition("vibrometer < -50 mm/s"), before=0.5, after=0.3, most=2)
         outcome = supervise.run(scene, pace=None, duration=2.5, out=folder / "w.mcap", trigger=wanted.options())
     return outcome, [folder / "w-001.mcap", folder / "w-002.mcap"]
 

@@ -11,10 +11,11 @@ from rig.bus.run_setup import Setup
 from rig.errors import UsageError
 from rig.machine import files
 from rig.record import reader
+from rig.record import trigger as triggers
 from rig.record.contents import contents
 from rig.record.message_scan import Scan
 from rig.record.run_list import runs
-from rig.record.trigger import Condition, Trigger
+from rig.record.trigger import Trigger
 from rig.record.windows import Windows, path_of
 
 SETUP = Setup(
@@ -41,7 +42,7 @@ def feed(windows, speeds, lost=(), each=lambda k: None):
 def watched(path, speeds, condition="vibrometer > 0.1 m/s", before=0.5, after=0.3, most=100, close=True, **more):
     said = []
     lost, replace = more.pop("lost", ()), more.pop("replace", False)
-    trigger = Trigger(Condition.read(condition), before, after, most, **more)
+    trigger = Trigger(triggers.condition(condition), before, after, most, **more)
     windows = Windows(path, SETUP, trigger, replace, said.append)
     feed(windows, np.asarray(speeds, float), lost)
     if close:
@@ -227,7 +228,7 @@ def test_recordings_that_another_watch_is_writing_are_not_replaced(tmp_path):
 
 @pytest.mark.parametrize("many", [False, True])
 def test_a_window_waits_for_the_commands_that_a_batch_brings_last(tmp_path, many):
-    trigger = Trigger(Condition.read("vibrometer > 0.1 m/s"), 0.1, 0.3, 5)
+    trigger = Trigger(triggers.condition("vibrometer > 0.1 m/s"), 0.1, 0.3, 5)
     windows = Windows(tmp_path / "w.mcap", SETUP, trigger)
 
     def commands(k):
@@ -244,7 +245,7 @@ def test_a_window_waits_for_the_commands_that_a_batch_brings_last(tmp_path, many
 
 
 def test_no_process_but_the_plant_ends_a_window(tmp_path):
-    windows = Windows(tmp_path / "w.mcap", SETUP, Trigger(Condition.read("vibrometer > 0.1 m/s"), 0.1, 10.0, 5))
+    windows = Windows(tmp_path / "w.mcap", SETUP, Trigger(triggers.condition("vibrometer > 0.1 m/s"), 0.1, 10.0, 5))
     feed(windows, pulses(100, length=200))
     windows.write("act/mine", encode.act(10**9, 10**15, (1.0,)), 10**15, 0, 0)
     windows.write("step", encode.step(200, 200 * MS, np.zeros(1), np.ones(1, np.int64)), 200 * MS, 200, 0)

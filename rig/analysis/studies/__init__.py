@@ -112,8 +112,8 @@ def study(
     result = gathered(work, found, _provenance(work, store), store.folder)
     if keep is None:
         return result
-    wanted = condition(keep, work.measures)
-    chosen = [k for k, value in enumerate(result.values[:, wanted.measure].tolist()) if wanted.holds(value)]
+    number, holds = condition(keep, work.measures)
+    chosen = [k for k, value in enumerate(result.values[:, number].tolist()) if holds(value)]
     return replace(
         result, recordings=keep_recordings(work, chosen, store.folder / "runs", None if cluster else workers)
     )

@@ -10,7 +10,7 @@ The condition of the recordings that a study keeps: a measure beyond a level, su
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,10 +21,10 @@ from rig.analysis.axis import MOST, Axis, in_words, sweepable, unknown
 from rig.analysis.studies.measures import Measure
 from rig.bench.run.rig_variants import with_values
 from rig.errors import SceneError, UsageError
-from rig.quantities import finite
+from rig.quantities import Condition
 from rig.scenes.faults import near, shortened
 from rig.scenes.scene import Scene
-from rig.units import brief, parted, si, with_point, with_units
+from rig.units import brief, parted, si, with_units
 
 
 def measure_in_words(measure: str, unit: str) -> str:
@@ -333,39 +333,15 @@ def refused(scene: Scene, axis: Axis, values: Iterable[float], remedy: str = "")
         raise ValueError(f"{axis.text(value)}{others}: {why}{remedy}")
 
 
-_FORM = re.compile(r"\s*(?P<name>[^<>]+?)\s*(?P<sense>[<>])\s*(?P<level>[^<>]+?)\s*")
+def condition(text: str, measures: Sequence[Measure]) -> tuple[int, Callable[[float], bool]]:
+    """Read "MEASURE > VALUE UNIT" or "MEASURE < VALUE UNIT": number of the measure, and whether a value meets it.
 
-
-@dataclass(frozen=True)
-class Condition:
-    """A condition on measure number `measure`; `level` in the unit of the measure."""
-
-    text: str
-    measure: int
-    above: bool
-    level: float
-
-    def holds(self, value: float) -> bool:
-        """Return whether the condition holds; never for a missing value."""
-        return value > self.level if self.above else value < self.level
-
-
-def condition(text: str, measures: Sequence[Measure]) -> Condition:
-    """Read "MEASURE > VALUE UNIT" or "MEASURE < VALUE UNIT". Raises UsageError."""
-    found = _FORM.fullmatch(text) if isinstance(text, str) else None
-    if found is None:
-        raise UsageError(f'keep {text}: expected MEASURE > VALUE or MEASURE < VALUE, such as "cycle.amplitude > 5 mm"')
-    names = [one.name for one in measures]
-    if found["name"] not in names:
-        raise UsageError(f"keep {text}: {found['name']} is not a measure of this study; {near(found['name'], names)}")
-    number = names.index(found["name"])
-    unit = measures[number].unit or "1"
-    level: float | str = with_point(found["level"], f"keep {text}: the level")
-    try:
-        level = float(level)
-    except ValueError:
-        pass
-    try:
-        return Condition(text, number, found["sense"] == ">", finite(level, unit))
-    except ValueError as fault:
-        raise UsageError(f"keep {text}: the level {fault}") from None
+    A missing value (nan) does not. Raises UsageError.
+    """
+    given = Condition.read(text, "keep", "<>", 'MEASURE > VALUE or MEASURE < VALUE, such as "cycle.amplitude > 5 mm"')
+    names = [measure.name for measure in measures]
+    if given.name not in names:
+        raise UsageError(f"keep {text}: {given.name} is not a measure of this study; {near(given.name, names)}")
+    number = names.index(given.name)
+    level = given.level_in(measures[number].unit or "1")
+    return number, (lambda value: value > level) if given.sense == ">" else (lambda value: value < level)
