@@ -22,7 +22,7 @@ from rig.scenes.sections import metadata
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "recordings" / "README.md",
-         *sorted(path for path in (ROOT / "docs").glob("*.md") if path.name != "decisions.md"),
+         *sorted((ROOT / "docs").glob("*.md")),
          *sorted((ROOT / "docs" / "lessons").glob("*.md")),
          *sorted((ROOT / "docs" / "reference").glob("*.md")),
          *sorted((ROOT / "docs" / "theory").glob("*.md"))]  # fmt: skip
