@@ -37,7 +37,6 @@ from rig.errors import UsageError
 from rig.view.channels import Channels
 from rig.view.curves import Bools, apart
 from rig.view.palette import ALARM, BLUE, GREY, LINES, VERMILION, page
-from rig.view.run_figure import STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +55,7 @@ def amplitudes_figure(amplitudes: Amplitudes) -> Figure:
         raise UsageError("nothing to draw: no sensor has samples")
     columns = min(len(sensors), _COLUMNS)
     lines = math.ceil(len(sensors) / columns)
-    with page(STYLE, 4.4 * columns, 1.0 + 3.2 * lines, layout="constrained") as figure:
+    with page(4.4 * columns, 1.0 + 3.2 * lines, layout="constrained") as figure:
         title = f"{amplitudes.scene}: amplitude in each stage", "(half of peak to valley) and frequency"
         figure.suptitle(("\n" if columns == 1 else " ").join(title), ha="center")
         for i, sensor in enumerate(sensors):
@@ -84,7 +83,7 @@ _STICK = "#d9dde3"
 
 def cycle_figure(cycle: Cycle) -> Figure:
     """Return the figure of a limit cycle; a search that found none gives one with the reason."""
-    with page(STYLE, 12.8, 6.6) as figure:
+    with page(12.8, 6.6) as figure:
         figure.suptitle(_title(cycle), x=0.07, ha="left", wrap=True)
         if cycle.found:
             _compose_cycle(figure, cycle)
@@ -156,7 +155,7 @@ _MEASURED, _MODEL = BLUE, VERMILION
 def identification_figure(found: Identified) -> Figure:
     """Return the figure of `found`; its title has the identified parameters."""
     fit = found.fit
-    with page(STYLE, 7.0, 4.2, layout="constrained") as figure:
+    with page(7.0, 4.2, layout="constrained") as figure:
         values = ", ".join(f"{one.key} = {one.found:.4g}{_unit(one.unit)}" for one in found.parameters)
         figure.suptitle(f"{found.scene}: {found.experiment}\n{values}", ha="center")
         axes = figure.add_subplot()
@@ -174,7 +173,7 @@ def _unit(unit: str) -> str:
 
 def loop_report_figure(report: LoopReport) -> Figure:
     """Return the figure of `report`."""
-    with page(STYLE, 12.8, 6.6) as figure:
+    with page(12.8, 6.6) as figure:
         _compose_loop(figure, report)
     return figure
 
@@ -183,7 +182,9 @@ def loop_figure(found: Loop) -> Figure:
     """Return gain and phase of the open loop over frequency, with the margins."""
     omega = found.frequencies
     hertz, response = omega / (2.0 * math.pi), found.response(omega)
-    with page(STYLE, 8.4, 6.0, layout="constrained") as figure:
+    state = f"stable, decay rate {-found.growth:.4g} 1/s" if found.growth < 0.0 else "unstable"
+    title = f"{found.scene}: loop of {found.controller}, {state}"
+    with page(8.4, 6.0, title, layout="constrained") as figure:
         size, phase = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, 1.0))
         size.loglog(hertz, np.abs(response), color=LINES[0])
         size.axhline(1.0, color=GREY, lw=0.9)
@@ -203,8 +204,6 @@ def loop_figure(found: Loop) -> Figure:
         size.set_ylabel("gain of the open loop, ratio")
         phase.set(ylabel="phase [degree]", ylim=(-190.0, 190.0), yticks=(-180, -90, 0, 90, 180))
         phase.set_xlabel("frequency [Hz]")
-        state = f"stable, decay rate {-found.growth:.4g} 1/s" if found.growth < 0.0 else "unstable"
-        figure.suptitle(f"{found.scene}: loop of {found.controller}, {state}", x=0.01, ha="left", fontweight="bold")
     return figure
 
 
@@ -253,7 +252,7 @@ _MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
 
 def sweep_figure(sweep: Sweep) -> Figure:
     """Return the figure of `sweep`."""
-    with page(STYLE, 12.8, 6.6) as figure:
+    with page(12.8, 6.6) as figure:
         compose(figure, sweep)
     return figure
 
@@ -263,7 +262,8 @@ def modes_figure(found: Modes) -> Figure:
     groups = [(found.sliding, "o", ""), (found.dithered, "D", "forced" if found.slow else "dithered")]
     if not any(sliding and sliding.modes for sliding, *_ in groups):
         raise UsageError(f"nothing to draw: no steady sliding at these values: {found.sliding.why}")
-    with page(STYLE, 8.4, 5.2, layout="constrained") as figure:
+    what = "steady sliding" if found.sliding.coefficient else "at rest"
+    with page(8.4, 5.2, f"{found.scene}: vibration modes, {what}", layout="constrained") as figure:
         axes = figure.add_subplot()
         for sliding, mark, how in groups:
             for grows, colour in ((False, LINES[0]), (True, ALARM)):
@@ -275,8 +275,6 @@ def modes_figure(found: Modes) -> Figure:
         axes.set(xlabel="growth rate [1/s]", ylabel="frequency [Hz]")
         axes.set_ylim(-0.03 * axes.get_ylim()[1], 1.05 * axes.get_ylim()[1])
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-        what = "steady sliding" if found.sliding.coefficient else "at rest"
-        figure.suptitle(f"{found.scene}: vibration modes, {what}", x=0.01, ha="left", fontweight="bold")
     return figure
 
 
@@ -375,7 +373,7 @@ def repeats_figure(found: Repeats) -> Figure:
     """Return the figure of the spread. Raises UsageError if no run was simulated."""
     if not found.seen:
         raise UsageError(f"nothing to draw: {found.ended or 'no run was simulated'}")
-    with page(STYLE, 12.0, 7.0, layout="constrained", dpi=100) as figure:
+    with page(12.0, 7.0, layout="constrained", dpi=100) as figure:
         left, right = figure.subplots(1, 2)
         _numbers(left, found)
         _spectrum(right, found)

@@ -231,10 +231,8 @@ def figure(found: Regions) -> Figure:
     """Return the figure of the regions."""
     from matplotlib.colors import ListedColormap, SymLogNorm
 
-    from rig.view.run_figure import STYLE
-
     x, y = found.x.shown_values, found.y.shown_values
-    with page(STYLE, 9.6, 5.4, layout="constrained") as figure:
+    with page(9.6, 5.4, layout="constrained") as figure:
         axes = figure.add_subplot()
         axes.grid(visible=False)
         most = float(np.nanmax(np.abs(found.growth), initial=0.0)) or 1.0

@@ -1,8 +1,6 @@
-"""Colours of figures. Colour-blind readers can distinguish them.
+"""What all figures have in common: colours, style, the empty figure to draw on, and its file.
 
-Source: M. Okabe, K. Ito, Color Universal Design, 2008.
-
-Makes a figure in a style, and writes it, completely or not at all.
+Colour-blind readers can distinguish the colours. Source: M. Okabe, K. Ito, Color Universal Design, 2008.
 """
 
 from __future__ import annotations
@@ -28,7 +26,24 @@ GREY = "#666666"
 """Guide lines, and what belongs to no curve."""
 ALARM = "#9b2226"
 """Critical values, limits, faults."""
-
+STYLE: dict[str, Any] = {
+    "font.size": 10.5,
+    "axes.titlesize": 11,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 10.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e3e3e3",
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 9.5,
+    "lines.linewidth": 1.1,
+    "agg.path.chunksize": 20000,
+}
+"""The style of figures, for matplotlib's rc_context."""
+BARE = STYLE | {"axes.grid": False, "lines.linewidth": 1.3, "agg.path.chunksize": 0}
+"""The style of maps and of the figures of the papers: without a grid."""
 
 _UNIT = re.compile(r"\[[^\]$]+\]")
 _SIGNS = (
@@ -45,12 +60,13 @@ _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 @contextmanager
 def page(
-    style: Mapping[str, Any], width: float, height: float, lasting: bool = True, **options: Any
-) -> Iterator[Figure]:
+    width: float, height: float, title: str = "", *, style: Mapping[str, Any] = STYLE, lasting: bool = True,
+    **options: Any,
+) -> Iterator[Figure]:  # fmt: skip
     """A white figure of `width` x `height` [inches] to draw on in a `style`, which also holds whenever it is written.
 
-    `lasting`: false for a style that only holds meanwhile. `options`: of matplotlib's Figure. A notebook shows the
-    figure where it is the last value of a cell.
+    `title`: written above it. `lasting`: false for a style that only holds meanwhile. `options`: of matplotlib's
+    Figure. A notebook shows the figure where it is the last value of a cell.
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -59,6 +75,8 @@ def page(
         figure: Any = _kind()(**{"figsize": (width, height), "dpi": 125, "facecolor": "white"} | options)
         FigureCanvasAgg(figure)
         figure.style = style if lasting else {}
+        if title:
+            figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
         yield figure
 
 

@@ -50,7 +50,7 @@ from rig.view.curves import (
     stacked,
     too_few,
 )
-from rig.view.palette import AMBER, BLUE, GREEN, LINES, PURPLE, VERMILION, page
+from rig.view.palette import AMBER, BLUE, GREEN, LINES, PURPLE, STYLE, VERMILION, page
 from rig.view.picture import drawer_of
 
 if TYPE_CHECKING:
@@ -67,21 +67,6 @@ _LANE = 7.5
 _SECTIONS = (BLUE, VERMILION, GREEN, AMBER, PURPLE)
 _FASTEST = 1.0
 """Largest slip speed in the figure of a rig whose surfaces stand still [m/s]. # chosen"""
-STYLE: dict[str, Any] = {
-    "font.size": 10.5,
-    "axes.titlesize": 11,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 10.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e3e3e3",
-    "grid.linewidth": 0.7,
-    "legend.frameon": False,
-    "legend.fontsize": 9.5,
-    "lines.linewidth": 1.1,
-    "agg.path.chunksize": 20000,
-}
 
 
 def figure(run: Run, only: Collection[str] = ()) -> Figure:
@@ -90,7 +75,7 @@ def figure(run: Run, only: Collection[str] = ()) -> Figure:
     Raises UsageError for a name that the run does not have.
     """
     style = STYLE | {"text.parse_math": False}  # names and titles are texts of users: two "$" in them are no formula
-    with page(style, 12.8, 8.4, lasting=False) as made:  # a report writes long curves in its own way
+    with page(12.8, 8.4, style=style, lasting=False) as made:  # a report writes long curves in its own way
         if only:
             _compose(made, run, only)
         else:
@@ -393,7 +378,7 @@ def scene_figure(scene: Scene) -> Figure:
     surfaces = np.abs(system.slip_rows @ x)
     top = 2.0 * float(surfaces.max()) or _FASTEST
     speeds = np.linspace(0.0, top, 400)[1:]
-    with page(STYLE, 8.4, 4.6, layout="constrained") as figure:
+    with page(8.4, 4.6, f"{scene.name}: friction", layout="constrained") as figure:
         axes = figure.add_subplot()
         for i, (patch, surface) in enumerate(zip(system.patches, surfaces)):
             colour = LINES[i % len(LINES)]
@@ -405,5 +390,4 @@ def scene_figure(scene: Scene) -> Figure:
         axes.set(xlabel=f"slip speed [m/s]{moving}", ylabel="friction coefficient", xlim=(-0.01 * top, top))
         axes.set_ylim(0.0, None)
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-        figure.suptitle(f"{scene.name}: friction", x=0.01, ha="left", fontweight="bold")
     return figure

@@ -11,7 +11,7 @@ from rig.analysis.map.chart import MEANING, REGIONS, Map
 from rig.analysis.map.dither import Boundary
 from rig.analysis.map.job import RUNS
 from rig.view.curves import apart, plain
-from rig.view.palette import AMBER, BLUE, GREEN, VERMILION, page
+from rig.view.palette import AMBER, BARE, BLUE, GREEN, VERMILION, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,20 +20,11 @@ if TYPE_CHECKING:
 COLOURS = ("#9d9d9d", "#d5e8dc", "#f6dfae", "#e7a79a", "#b9b9e0")  # of REGIONS
 RUN_STYLES = {"up": (BLUE, "^"), "down": (VERMILION, "v"), "near": (GREEN, "x"), "far": (AMBER, "+")}
 _LABELS = {"up": "run-up", "down": "run-down", "near": "near start", "far": "standing start"}
-_STYLE: dict[str, Any] = {
-    "font.size": 10.5,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "legend.fontsize": 9.5,
-    "lines.linewidth": 1.3,
-}
 
 
 def figure(found: Map | Boundary) -> Figure:
     """Return the figure of what `rig.map` found."""
-    with page(_STYLE, 9.6, 6.4, layout="constrained") as figure:
+    with page(9.6, 6.4, style=BARE, layout="constrained") as figure:
         if isinstance(found, Boundary):
             _dither(figure.add_subplot(), found)
         elif found.job.y is None:

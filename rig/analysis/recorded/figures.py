@@ -32,7 +32,6 @@ from rig.view import curves
 from rig.view.curves import plain, thinned
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, VERMILION, page
 from rig.view.pressure import draw_map, draw_scale
-from rig.view.run_figure import STYLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +50,7 @@ _ALL = 1e-4
 @contextmanager
 def sheet(title: str, size: tuple[float, float]) -> Iterator[Figure]:
     """Yield an empty figure of `size` [inches] to draw on; it gets its title at the end."""
-    with page(STYLE, *size, layout="constrained") as figure:
+    with page(*size, layout="constrained") as figure:
         yield figure
         figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
 
@@ -310,7 +309,7 @@ _COLUMNS = 2400
 
 def sound_figure(sound: Sound) -> Figure:
     """Return the figure of `sound`."""
-    with page(STYLE, 12.0, 7.6, layout="constrained") as figure:
+    with page(12.0, 7.6, layout="constrained") as figure:
         signal, spectrum, level = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.5, 1.0))
         every = -(-sound.v.size // _COLUMNS)
         edges = np.arange(0, sound.v.size, every)

@@ -38,8 +38,7 @@ from rig.extras import needed
 from rig.machine.files import write_file
 from rig.printable import columns
 from rig.results import Result
-from rig.view.palette import page, put
-from rig.view.run_figure import STYLE
+from rig.view.palette import STYLE, page, put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -206,7 +205,7 @@ def search_figure(found: SearchResult) -> Figure:
     """Return the value over each parameter and over the course of the search."""
     count = len(found.factors) + 1
     title = measure_in_words(found.measure, found.unit)
-    with page(STYLE, 9.6, 2.6 * count, layout="constrained") as figure:
+    with page(9.6, 2.6 * count, layout="constrained") as figure:
         figure.suptitle(f"{found.scene.title}: search", x=0.01, ha="left", fontweight="bold")
         top, *rest = figure.subplots(count, 1, squeeze=False)[:, 0]
         worst = -np.inf if found.largest else np.inf
@@ -235,7 +234,7 @@ def _styled(make: Callable[[StudyResult], Figure], found: StudyResult) -> Figure
 
 def _figure(found: StudyResult, width: float, height: float, what: str) -> Figure:
     count = len(found.values)
-    with page(STYLE, width, height, layout="constrained") as figure:
+    with page(width, height, layout="constrained") as figure:
         figure.suptitle(f"{found.work.scene.title}: {what}, {count} points", x=0.01, ha="left", fontweight="bold")
     return figure
 

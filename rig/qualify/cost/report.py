@@ -18,6 +18,7 @@ from rig.errors import UsageError
 from rig.printable import columns
 from rig.qualify.cost.table import WORST, Row, Table, front
 from rig.results import Result
+from rig.view import palette
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, VERMILION, page, printed
 
 if TYPE_CHECKING:
@@ -97,17 +98,7 @@ At = Callable[[Row], float]
 
 COLOURS = {"exact": BLUE, "dopri5": VERMILION, "rk4": GREEN, "kick": AMBER, "smooth": PURPLE}
 MARKS = {"exact": "D", "dopri5": "o", "rk4": "s", "kick": "^", "smooth": "v"}
-STYLE: dict[str, Any] = {
-    "font.size": 10.5,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e6e6e6",
-    "grid.linewidth": 0.7,
-    "legend.frameon": False,
-    "legend.fontsize": 9.5,
-}
+STYLE = palette.STYLE | {"axes.titlesize": "large", "lines.linewidth": 1.5}
 LEAST = 1e-16  # errors of zero are drawn at this value
 
 
@@ -140,7 +131,7 @@ def figure(report: CostReport) -> Figure:
 @contextlib.contextmanager
 def sheet(title: str, machine: dict[str, str]) -> Iterator[Figure]:
     """Yield an empty figure with a title and the machine."""
-    with page(STYLE, 10.8, 6.4, layout="constrained") as figure:
+    with page(10.8, 6.4, style=STYLE, layout="constrained") as figure:
         yield figure
         m = machine
         machine_text = (

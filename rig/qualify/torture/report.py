@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 from rig.machine.files import write_file
 from rig.qualify.torture.cells import METHODS, Cell
 from rig.record.provenance import provenance
-from rig.view.palette import put
+from rig.view.palette import page, put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,16 +69,10 @@ def draw(cells: Sequence[Cell], path: Path, machine: str) -> None:
     """Draw the matrix (PNG, SVG, or as `path` ends), so that it fits a page across: hard cases on the left, on the
     right the cases of every scene, if there are some.
     """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     blocks = [(rows, _methods(cells, rows)) for rows in _blocks(cells)]
     width = max(sum(_NAMES + _COLUMN * len(methods) for _, methods in blocks) + 0.2, _LEAST)
     height = _ROW * max(len(rows) for rows, _ in blocks) + _ABOVE + _BELOW
-    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=(width, height), dpi=125, facecolor="white")
-        FigureCanvasAgg(figure)
+    with page(width, height, style=_STYLE) as figure:
         left = 0.0
         for rows, methods in blocks:
             size = _COLUMN * len(methods) / width, _ROW * len(rows) / height
