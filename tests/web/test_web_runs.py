@@ -275,7 +275,7 @@ def test_a_suspended_page_costs_the_others_nothing_and_gets_what_is_newest(clien
             suspended.send(json.dumps({"ack": len(got)}))
     assert len([one for one in got if one["kind"] == "frames"]) <= 3
     assert next(one for one in reversed(got) if one["kind"] == "state")["state"]["phase"] == "ended"
-    assert len(page.frames) > 30
+    assert page.frames[-1]["t"] > 2.9
 
 
 @pytest.mark.parametrize("body", [b"", b"{", b"[1]", b"null", b"5", b"[" * 10**5, b'"' + b"x" * (2 << 20) + b'"'])
@@ -287,13 +287,13 @@ def test_a_request_that_is_no_object_is_refused(client, body):
 
 def test_a_page_that_listens_gets_every_sample_of_the_sensor_in_order(client, listen):
     page = listen()
-    client.post("/api/run", scene=SCENE, changes={"sensors.vibrometer.rate": 10_000}, duration=2.0)
+    client.post("/api/run", scene=SCENE, changes={"sensors.vibrometer.rate": 10_000}, duration=60.0)
     client.until("running")
     assert "vibrometer" in page.until("setup")["sound"]["sensors"]
     with client.socket(path="/sound/vibrometer") as socket, client.socket(path="/sound/nothing") as silent:
         begins, ends = [], []
         for _ in range(10):
-            message = socket.recv(5.0)
+            message = socket.recv(20.0)
             socket.send("")
             begins.append(np.frombuffer(message[:8], "<f8")[0])
             samples = np.frombuffer(message[8:], "<f4")
@@ -303,4 +303,5 @@ def test_a_page_that_listens_gets_every_sample_of_the_sensor_in_order(client, li
         assert samples.any()
         with pytest.raises(TimeoutError):
             silent.recv(0.1)
+    client.post("/api/run/command", do="stop")
     client.until("ended")
