@@ -38,7 +38,7 @@ from rig.analysis import kernel_shapes
 from rig.bench.live import pace
 from rig.bench.live.outcome import Job
 from rig.bench.live.pace import length
-from rig.bench.live.rehearsal import PreparedRigs, visited
+from rig.bench.live.rehearsal import visited
 from rig.bench.run.experiment import Experiment
 from rig.bench.run.simulate import begun, carry_on
 from rig.bus import encode
@@ -149,7 +149,7 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
 
     def prepare(experiment: Experiment) -> None:
         experiment.runner.motion.foresee(sets)
-        PreparedRigs(experiment)
+        experiment.prepared_rigs()
 
     experiment, answering = begun(scene, working, duration_ns, before=prepare)
     runner, truth = experiment.runner, experiment.runner.truth

@@ -58,7 +58,7 @@ def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_
     hold = {"step": "hold", "time": 1.5}
     raw["protocol"] = [hold, {"step": "set", "target": "shunt.resistance", "to": 40.0}, hold | {"time": 0.2}]
     scene = Scene.from_json(json.dumps(raw))
-    monkeypatch.setattr("rig.bench.live.rehearsal.PAUSE_S", 0.05)
+    monkeypatch.setattr("rig.bench.run.builds.PAUSE_S", 0.05)
     built, ready = [], Motion.ready
 
     def noted(*given):

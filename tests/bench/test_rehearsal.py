@@ -17,7 +17,8 @@ from rig.bench.live import supervise
 from rig.bench.live.outcome import Job, keeps_up
 from rig.bench.live.plant import Plant
 from rig.bench.live.plant_process import carry_out
-from rig.bench.live.rehearsal import MOST, PreparedRigs, visited
+from rig.bench.live.rehearsal import visited
+from rig.bench.run.builds import MOST
 from rig.bench.run.simulate import begun, simulate
 from rig.errors import Interrupted, UsageError
 from rig.motion import ready
@@ -131,7 +132,7 @@ def test_what_the_protocol_and_a_limit_change_is_built_before_the_first_frame(na
 
     def prepare(experiment):
         experiment.runner.motion.foresee(sets)
-        PreparedRigs(experiment)
+        experiment.prepared_rigs()
 
     prepared, _ = begun(scene, {}, before=prepare)
     plain, _ = begun(scene, {})
@@ -148,7 +149,7 @@ def test_a_protocol_that_repeats_itself_forever_is_prepared_as_far_as_is_chosen(
     for steps, count in ([], 1), ([step], 1 + 2 * MOST):
         forever = again | {"steps": again["steps"] + steps}
         experiment, _ = begun(Scene.from_json(json.dumps(raw | {"protocol": [forever]})), {}, 10**9)
-        PreparedRigs(experiment)
+        experiment.prepared_rigs()
         assert len(experiment.runner.variants.kept) == count  # one for the safe state of each
 
 

@@ -10,11 +10,11 @@ import pytest
 
 import rig
 from rig.bench.again.verify import verify
-from rig.bench.run.builds import Builds, Rebuild
+from rig.bench.run.builds import Builds, CommandedRigs
 from rig.bench.run.exchange import Exchange
 from rig.bench.run.journal import Journal
 from rig.bench.run.playback import Playback
-from rig.bench.run.rig_variants import Build, Wanted
+from rig.bench.run.rig_variants import Wanted
 from rig.bench.run.runner import PlantRunner
 from rig.bench.run.simulate import Recorded, simulate
 from rig.errors import SceneError
@@ -39,6 +39,12 @@ def carried(runner, frames):
         runner.frame()
         found.append(runner.output_values().copy())
     return np.array(found)
+
+
+def built_apart():
+    """Wait until no rig is being built in another thread."""
+    while any(thread.name == "variant" for thread in threading.enumerate()):
+        time.sleep(0.001)
 
 
 @pytest.mark.parametrize(
@@ -86,11 +92,13 @@ def test_a_variant_that_was_built_apart_gives_the_bits_of_one_built_at_its_tick(
         runner = PlantRunner(shorn("belt"))
         carried(runner, 100)
         wanted = Wanted({"friction.mu_static": 0.45}, ("load.force",))
-        build = Build(lambda s=runner, w=wanted: s.variants.build(w), apart) if apart else None
+        builds = Builds(runner)
+        if apart:
+            assert builds.in_spare_time("", lambda s=runner, w=wanted: s.variants.build_all([w]))
         carried(runner, 60)  # meets mode sets that a variant begun before does not have
-        while build is not None and not build.done:
-            pass
-        runner.take(build.result() if build else runner.variants.build(wanted))
+        built_apart()
+        builds.collect("")
+        runner.go_on(wanted)
         runner.apply("load.force", 15.0)
         found.append(carried(runner, 500))
     assert found[0].tobytes() == found[1].tobytes()
@@ -103,11 +111,11 @@ def test_what_cannot_be_built_is_told_and_changes_nothing():
         (Wanted({"friction.mu_static": -1.0, "body.mass": -2.0}), "(?s)mu_static.*mass|mass.*mu_static"),
         (Wanted({"friction.nothing": 1.0}), "is not a parameter"),
     ]:
-        build = Build(lambda w=wanted: runner.variants.build(w), apart=True)
-        while not build.done:
-            pass
+        builds = Builds(runner)
+        builds.in_spare_time("", lambda w=wanted: runner.variants.build_all([w]))
+        built_apart()
         with pytest.raises(SceneError, match=told):
-            build.result()
+            builds.collect("")
     assert runner.motion.system is before
 
 
@@ -188,8 +196,9 @@ def test_a_recording_holds_in_which_a_name_drives_another_actuator_in_its_second
 class Slow:
     """A stand whose rigs take until `finish` to be built, and count."""
 
-    def __init__(self, runner, monkeypatch):
+    def __init__(self, runner, builds, monkeypatch):
         self.built, self._go = [], threading.Semaphore(0)
+        self.runner, self.builds = runner, builds
         made = runner.variants.build
 
         def variant(wanted, after=None):
@@ -200,12 +209,13 @@ class Slow:
 
         monkeypatch.setattr(runner.variants, "build", variant)
 
-    def finish(self, rebuild):
+    def finish(self):
+        before, end = len(self.runner.variants.kept), time.monotonic() + 20.0
         self._go.release()
-        end = time.monotonic() + 20.0
-        while not rebuild.done and time.monotonic() < end:
+        while len(self.runner.variants.kept) == before and time.monotonic() < end:
+            self.builds.collect(None)
             time.sleep(0.001)
-        assert rebuild.done
+        assert len(self.runner.variants.kept) > before
 
 
 def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_others_at_once(monkeypatch):
@@ -215,7 +225,8 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     drives = ["shunt.resistance", "load.force"]
     runner.take(runner.variants.build(Wanted(driven=("load.force",))))
     line = exchange.admit("mine", drives, MS)
-    exchange.rebuild, slow = Rebuild(runner, journal, Builds(runner)), Slow(runner, monkeypatch)
+    builds = Builds(runner)
+    exchange.rebuild, slow = CommandedRigs(runner, journal, builds), Slow(runner, builds, monkeypatch)
     monkeypatch.setattr("rig.bench.run.builds.PAUSE_S", 0.0)
     before = runner.values["shunt.resistance"]
     force, in_force = runner.outputs.index("normal_force"), []
@@ -231,12 +242,13 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     for tick in range(5):
         frame(tick, (before + 10.0 * (tick + 1), 20.0 + tick))
     assert in_force == [(before, 20.0 + tick) for tick in range(5)]  # the load follows at once
-    slow.finish(exchange.rebuild)
-    frame(5)  # the rig that was asked for first is there; the newest value is being built
-    assert in_force[-1] == (before + 10.0, 24.0)
-    slow.finish(exchange.rebuild)
-    frame(6)
+    slow.finish()
+    frame(5)  # the rig that was asked for first is there
+    frame(6)  # the newest value is being built
+    assert in_force[-2:] == [(before + 10.0, 24.0)] * 2
+    slow.finish()
     frame(7)
+    frame(8)
     assert in_force[-2:] == [(before + 50.0, 24.0)] * 2
     assert line.wanted == ()
     assert [one["shunt.resistance"] for one in slow.built] == [before + 10.0, before + 50.0]
@@ -247,7 +259,7 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     again.take(again.variants.build(Wanted(driven=("load.force",))))
     other.admit("mine", drives, MS)
     other.play({"mine": recorded})
-    for _ in range(8):
+    for _ in range(9):
         other.take_over()
         again.frame()
     assert again.output_values().tobytes() == runner.output_values().tobytes()
@@ -258,7 +270,8 @@ def test_a_value_without_a_rig_is_told_and_not_taken(monkeypatch):
     journal = Journal(MS, lambda: runner.tick)
     exchange = Exchange(runner, MS, 50, journal)
     line = exchange.admit("mine", ["shunt.resistance"], MS)
-    exchange.rebuild, before = Rebuild(runner, journal, Builds(runner)), runner.values["shunt.resistance"]
+    builds = Builds(runner)
+    exchange.rebuild, before = CommandedRigs(runner, journal, builds), runner.values["shunt.resistance"]
 
     def refused(wanted, after=None):
         raise SceneError("shunt.resistance", ["cannot be had"])
@@ -267,8 +280,7 @@ def test_a_value_without_a_rig_is_told_and_not_taken(monkeypatch):
     for tick in range(3):
         exchange.receive("mine", tick, (before + 1.0,))
         exchange.take_over()
-        while exchange.rebuild.building:
-            time.sleep(0.001)
+        built_apart()
         runner.frame()
         assert line.values == (before,)
     [told] = [event.text for event in journal.events if event.kind == "refused"]

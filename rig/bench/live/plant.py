@@ -44,10 +44,9 @@ from rig.bench.live.hub import Hub, missing
 from rig.bench.live.operator_commands import Operator
 from rig.bench.live.outcome import Job, called
 from rig.bench.live.pace import FrameBatches, length
-from rig.bench.live.rehearsal import PreparedRigs
 from rig.bench.live.timing import Timing, TimingVerdict
 from rig.bench.live.waiting import Lockstep, RecorderLag, Stopped
-from rig.bench.run.builds import Rebuild
+from rig.bench.run.builds import CommandedRigs, PreparedRigs
 from rig.bench.run.experiment import BEGIN, Experiment
 from rig.bench.run.runner import PlantRunner
 from rig.bus import messages
@@ -363,13 +362,13 @@ class Plant:
 
     def run_frames(self, show: Show) -> None:
         """Run all frames, without the summary; see `run`."""
-        job, pacer = self.job, None
+        job, experiment, pacer = self.job, self.experiment, None
         with ExitStack() as stack:
             if job.pace is not None:
                 self.runner.motion.foresee(self._sets)
-                self.prepared_rigs = PreparedRigs(self.experiment)
-                self.experiment.exchange.rebuild = Rebuild(self.runner, self.experiment.journal, self.experiment.builds)
-                self.experiment.builds.apart = True
+                self.prepared_rigs = experiment.prepared_rigs()
+                experiment.exchange.rebuild = CommandedRigs(self.runner, experiment.journal, experiment.builds)
+                experiment.builds.apart = True
             stack.enter_context(self.timing.interruptions.watched())
             # before real-time scheduling: a garbage collection after compiling takes 0.2 s or more
             stack.enter_context(no_garbage())
@@ -386,8 +385,8 @@ class Plant:
             self.begun_ns = time.perf_counter_ns()
             self.housekeeper.begin(self.begun_ns, pacer)
             others = [name for role, name in sorted(self.from_start) if role != "plant"]
-            self.experiment.journal.note(BEGIN, f"begins with {', '.join(others) or 'nobody else'}", here=others)
-            self.experiment.open()
+            experiment.journal.note(BEGIN, f"begins with {', '.join(others) or 'nobody else'}", here=others)
+            experiment.open()
             if pacer is not None:
                 pacer.anchor()
             if job.in_lockstep:

@@ -32,7 +32,7 @@ from rig.model.assembly import Input
 from rig.units import brief
 
 if TYPE_CHECKING:
-    from rig.bench.run.builds import Rebuild
+    from rig.bench.run.builds import CommandedRigs
 
 
 class Actuators(Protocol):
@@ -140,7 +140,7 @@ class Exchange:
         """The value that each actuator was set to last."""
         self._order: list[CommandQueue] = []
         self._changed: list[CommandQueue] = []
-        self.rebuild: Rebuild | None = None
+        self.rebuild: CommandedRigs | None = None
         """Builds the rigs that commands need and that cannot be built at once."""
 
     @property
@@ -227,15 +227,8 @@ class Exchange:
                     queue.counts.overtaken += 1
                 self._take(queue, tick, answered, values)
                 changed.append(queue)
-            elif queue.wanted and self.rebuild is not None and self.rebuild.done:
-                if (wanted := in_range(self._runner.inputs, queue.drives, queue.wanted)) != queue.wanted:
-                    queue.status = CLAMPED
-                    queue.counts.clamped += 1
-                if (values := self._possible(queue, wanted)) != queue.values:
-                    last = queue.last
-                    self.impose(queue, queue.answered, queue.status, values)
-                    queue.last = last  # the tick of the command
-                    changed.append(queue)
+            elif queue.wanted and self._catches_up(queue):
+                changed.append(queue)
             elif queue.values and tick - queue.last >= queue.period and queue.status != SAFE:
                 queue.counts.held += 1
                 if tick - queue.last >= queue.period + self._hold:
@@ -279,6 +272,18 @@ class Exchange:
         if queue.status == SAFE:
             self.journal.note("back", f"{queue.name} commands again", controller=queue.name)
         self.impose(queue, answered, status, self._possible(queue, wanted))
+
+    def _catches_up(self, queue: CommandQueue) -> bool:
+        """Put the waiting values into force whose rig is built by now; whether there are any."""
+        if (wanted := in_range(self._runner.inputs, queue.drives, queue.wanted)) != queue.wanted:
+            queue.status = CLAMPED
+            queue.counts.clamped += 1
+        if (values := self._possible(queue, wanted)) == queue.values:
+            return False
+        last = queue.last
+        self.impose(queue, queue.answered, queue.status, values)
+        queue.last = last  # the tick of the command
+        return True
 
     def _possible(self, queue: CommandQueue, wanted: tuple[float, ...]) -> tuple[float, ...]:
         """Return the values of `wanted` that can be in force at this tick; the others wait for their rig."""

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from rig.bench.run.before import DelayWarnings
-from rig.bench.run.builds import Builds, PostponedSteps
+from rig.bench.run.builds import Builds, PostponedSteps, PreparedRigs
 from rig.bench.run.command_queue import CommandQueue
 from rig.bench.run.exchange import Exchange
 from rig.bench.run.faults import FaultTimes, FaultyActuators
@@ -111,6 +111,10 @@ class Experiment:
             for part in (reported[:first], reported[first:])
         )
 
+    def prepared_rigs(self) -> PreparedRigs:
+        """Build the rigs that protocol and limits will need, and return what builds them again after other changes."""
+        return PreparedRigs(self.scene, self.runner, self.protocol, self.builds)
+
     def knock(self, impulse: float, by: str = OPERATOR, duration_ns: int = 0) -> None:
         """Strike the body at this tick with `impulse` [N s]; with a duration by a half sine of force."""
         try:
@@ -167,8 +171,8 @@ class Experiment:
         `gone`: controllers that have left, whose actuators it takes. `delay_ns`: additional delay of its loop. Raises
         UsageError, and then changes nothing.
         """
-        for variant in self.runner.variants.build_all(self.admission(controller, drives, period_ns, hears, gone)):
-            self.runner.variants.keep(variant)
+        variants = self.runner.variants
+        variants.keep(variants.build_all(self.admission(controller, drives, period_ns, hears, gone)))
         for other in gone:  # from here on nothing can be refused
             self.dismiss(other)
         self.runner.go_on(Wanted({}, self.runner.lacking(drives)))

@@ -1,31 +1,24 @@
-"""The variants of the rig of a run: builds them, and keeps those that are not used yet.
-
-Variants of a rig: with other parameters, or with a command state for an actuator that had none.
+"""Variants of the rig of a run: with other parameters, or with a command state for an actuator that had none.
 
 A command acts by writing a state. An actuator that no part of the scene drives has no such state: its value is a
 coefficient, and a new value needs a new matrix. So when a controller first drives this actuator, the rig is built again
-with a command state. Building takes tens of milliseconds, which a paced run does not have between two frames. It builds
-in another thread and changes to the variant at one tick, which is recorded.
+with a command state. `rig.bench.run.builds` says when: building takes longer than a frame of a paced run.
 """
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from rig.errors import SceneError
-from rig.machine.scheduling import anywhere, stand_back
+from rig.errors import RigError, SceneError
 from rig.model.assembly import Assembly
 from rig.motion.motion import Motion
 from rig.motion.ready import Ready
 from rig.scenes.faults import lines
 from rig.scenes.scene import Scene
-
-T = TypeVar("T")
 
 
 class Wanted(NamedTuple):
@@ -66,40 +59,6 @@ def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
         raise SceneError(", ".join(changes), [line for _, line in lines(error, type(section), raw)]) from None
 
 
-class Build(Generic[T]):
-    """The result of `make()`, computed at once or, with `apart`, in a thread without real-time scheduling."""
-
-    def __init__(self, make: Callable[[], T], apart: bool) -> None:
-        self._make, self._done = make, threading.Event()
-        self._made: T | None = None
-        self._fault: Exception | None = None
-        if apart:
-            threading.Thread(target=self._run, args=(True,), name="variant", daemon=True).start()
-        else:
-            self._run(False)
-
-    @property
-    def done(self) -> bool:
-        """Whether `make` has returned or raised."""
-        return self._done.is_set()
-
-    def result(self) -> T:
-        """What `make` returned. Raises what it raised."""
-        if self._made is None:
-            raise self._fault or RuntimeError("it is still being built")
-        return self._made
-
-    def _run(self, apart: bool) -> None:
-        try:
-            if apart:
-                anywhere()
-                stand_back(0)  # not a lower priority: at times it holds the interpreter lock, for which the plant waits
-            self._made = self._make()
-        except Exception as fault:
-            self._fault = fault
-        self._done.set()
-
-
 class RigVariants:
     """Variants of the rig of `scene`, which `motion` carries with the outputs `outputs`."""
 
@@ -117,9 +76,8 @@ class RigVariants:
         with which this run cannot continue.
         """
         before = self.scene if after is None else after.scene
-        for known in self.kept:
-            if known.before is before and known.wanted == wanted:
-                return known
+        if (known := self._known(before, wanted)) is not None:
+            return known
         scene = replace(
             before,
             parameters=with_values(before.parameters, wanted.parameters) if wanted.parameters else before.parameters,
@@ -133,33 +91,42 @@ class RigVariants:
             raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
         return RigVariant(before, wanted, scene, assembly, ready)
 
-    def build_all(self, wanted: Iterable[Wanted]) -> list[RigVariant]:
-        """Build these variants one after the other, each from the previous one. Raises as `build`."""
-        found: list[RigVariant] = []
-        for one in wanted:
-            found.append(self.build(one, found[-1] if found else None))
-        return found
+    def build_all(self, needed: Sequence[Wanted], later: Iterable[Wanted] = ()) -> list[RigVariant]:
+        """Build these variants one after the other, each from the previous one. Raises as `build`.
+
+        `later`: variants that are probably needed next; the first one that cannot be built ends them.
+        """
+        made: list[RigVariant] = []
+        try:
+            for wanted in (*needed, *later):
+                made.append(self.build(wanted, made[-1] if made else None))
+        except RigError:
+            if len(made) < len(needed):
+                raise
+        return made
 
     def has(self, wanted: Iterable[Wanted]) -> bool:
-        """Whether all these variants are already built."""
+        """Whether all these variants, each made from the previous one, are already built."""
         at = self.scene
-        for one in wanted:
-            known = next((k for k in self.kept if k.before is at and k.wanted == one), None)
-            if known is None:
+        for each in wanted:
+            if (known := self._known(at, each)) is None:
                 return False
             at = known.scene
         return True
 
-    def keep(self, variant: RigVariant) -> None:
-        """Keep a variant, so that `build` returns it without building."""
-        self.kept.append(variant)
+    def _known(self, before: Scene, wanted: Wanted) -> RigVariant | None:
+        return next((known for known in self.kept if known.before is before and known.wanted == wanted), None)
 
-    def forget(self) -> None:
-        """Drop the kept variants: they were made from a rig that is no longer the present one."""
-        self.kept.clear()
+    def keep(self, variants: Iterable[RigVariant]) -> None:
+        """Keep those variants that the present rig can become, so that `build` returns them without building."""
+        possible = [self.scene, *(known.scene for known in self.kept)]
+        for variant in variants:
+            if any(variant.before is scene for scene in possible) and all(variant is not known for known in self.kept):
+                self.kept.append(variant)
+                possible.append(variant.scene)
 
     def use(self, variant: RigVariant) -> None:
-        """Make this variant the present rig; kept variants of the former rig cannot be used any more."""
+        """Make this variant the present rig; drop kept variants that it cannot become."""
         assert variant.before is self.scene
-        self.scene = variant.scene
-        self.kept = [one for one in self.kept if one.before is not variant.before]
+        self.scene, kept, self.kept = variant.scene, self.kept, []
+        self.keep(kept)
