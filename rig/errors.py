@@ -24,9 +24,11 @@ A user's mistake never ends in a traceback: the commands print `str(error)` and 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import IntEnum
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 class ExitCode(IntEnum):
@@ -68,6 +70,26 @@ class SceneError(RigError):
 
 class UsageError(RigError):
     """A command that cannot be carried out as given."""
+
+
+class Faults:
+    """Collects what is wrong with what a user asks for, in `found`, so that all of it is reported at once."""
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+
+    def __call__(self, read: Callable[[], T], otherwise: T) -> T:
+        """Return what `read` returns; `otherwise` if it raises SceneError or UsageError, which is kept."""
+        try:
+            return read()
+        except (SceneError, UsageError) as error:
+            self.found.append(str(error))
+            return otherwise
+
+    def raise_found(self) -> None:
+        """Raise UsageError if something is wrong."""
+        if self.found:
+            raise UsageError("\n".join(self.found))
 
 
 class Interrupted(RigError):

@@ -1,40 +1,27 @@
 """One scene simulated with many seeds: the spread of its numbers where randomness matters.
 
-random   the random parts of a scene
-measure  the numbers of one run
-runs     the runs, as a work of worker processes
-spread   the numbers of all runs: median and range
-figure   the same as a picture
-
-The parts of a scene that depend on its seed: process noise, sensor noise, drop-outs.
-
-The numbers of one of many runs.
+The numbers of one run:
 
 first opening                         of a contact of many points; if there is one, the other numbers begin there
 mean, least contact_fraction          range pressure_centre_x
 rms OUTPUT, rms meas/SENSOR           about the mean
 band meas/SENSOR                      RMS in octaves
 amplitude, frequency                  of periodic outputs (rig.analysis.amplitude), for rigs without such points
-
-The spread of numbers over runs with different seeds: median, smallest and largest.
-
-The runs of one scene with many seeds, as a work (rig.analysis.pool): each unit is the run of one seed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from rig.analysis.amplitude import index
-from rig.analysis.kernel_shapes import prepare
-from rig.analysis.pool import Arrays, Work, carry_out, packed, temporary, unpacked
+from rig.analysis.pool import Arrays, carry_out, packed, temporary, unpacked
 from rig.analysis.recorded.series import series, vibration
 from rig.analysis.recorded.spectrum import welch
+from rig.analysis.studies.runs import Plan, StudyRuns, check_length, check_random, random_parts
 from rig.bench.run.simulate import simulate
 from rig.errors import UsageError
 from rig.printable import columns
@@ -44,25 +31,6 @@ from rig.record.run_data import bridge
 from rig.record.statistics import OPENINGS, first_opening, statistics, whole_signals
 from rig.results import Result
 from rig.scenes.scene import Scene
-from rig.scenes.variants import optional
-
-REMEDY = (
-    "Add process noise, a random force at the place of a knock: -p noise.force=1e-6 (N/Hz^0.5); or add sensor "
-    "noise: -p sensors.NAME.noise=..."
-)
-
-
-def sources(scene: Scene) -> tuple[str, ...]:
-    """Return the random parts of `scene`; empty if two seeds give the same run."""
-    effects = [one for one in optional(scene.parameters) if one.given and one.about.random]
-    found = [f"{one.key}.{one.about.random}" for one in effects]
-    found = [key for key in found if scene.values()[key][0] > 0.0]
-    for name, section in scene.sensors.items():
-        end = section.front_end()
-        found += [f"sensors.{name}.noise"] if end.noise > 0.0 else []
-        found += [f"sensors.{name}.dropout_rate"] if end.dropout_rate > 0.0 else []
-    return tuple(found)
-
 
 ONSET = "first opening"
 _WINDOW = 1024  # samples of a window of the spectrum
@@ -219,25 +187,24 @@ class Repeats(Result):
         }
 
 
-def seed_runs(scene: Scene, seeds: Sequence[int], duration: float | None) -> Work:
-    """Return the runs of `scene` with each of `seeds`, for `duration` [s] or the length of its protocol."""
-    return Work(partial(_run, scene, duration), seeds, scene.name, scene.digest, partial(_prepare, scene), _failed)
+@dataclass(frozen=True)
+class SeedRuns(StudyRuns):
+    """A study of one point, run with many seeds, with all numbers of each run."""
 
+    @property
+    def of_run(self) -> bool:
+        """A point is a whole run."""
+        return True
 
-def _prepare(scene: Scene) -> None:
-    """Compile the kernels. Raises SceneError as a run does."""
-    prepare([scene])
-    simulate(scene, duration_ns=scene.frame_ns)
+    def compute(self, unit: int, *given: float) -> Arrays:
+        """Compute the numbers of the run with a seed."""
+        scene = self.scene_of(unit)
+        run = simulate(scene, duration_ns=run_length_ns(self.duration), audited=False)
+        return packed(measure(run, scene.seed).to_json())
 
-
-def _run(scene: Scene, duration: float | None, seed: int) -> Arrays:
-    run = simulate(replace(scene, seed=seed), duration_ns=run_length_ns(duration), audited=False)
-    return packed(measure(run, seed).to_json())
-
-
-def _failed(seed: int, why: str) -> Arrays:
-    """A run without numbers."""
-    return packed(Seen(seed, 0.0, {}, fault=why).to_json())
+    def failed(self, unit: int, why: str) -> Arrays:
+        """Return a run without numbers."""
+        return packed(Seen(self.plan.seed_of(unit), 0.0, {}, fault=why).to_json())
 
 
 def repeat(
@@ -256,12 +223,9 @@ def repeat(
     """
     if whole("count", count, 0, 10**6) < 2:
         raise UsageError(f"{count} runs have no spread: at least 2 are needed")
-    found = sources(scene)
-    if not found:
-        raise UsageError(f"{scene.name}: nothing in it is random, so that all {count} runs are the same. {REMEDY}")
-    if run_length_ns(duration) is None and scene.duration_ns is None:
-        raise UsageError(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
-    work, ended = seed_runs(scene, range(scene.seed, scene.seed + count), duration), ""
+    check_random(scene, f"all {count} runs")
+    check_length(scene, duration)
+    work, ended = SeedRuns(scene, Plan((), 1, "random", count, scene.seed), (), duration).work, ""
 
     def watch(done: int, total: int) -> None:
         progress(done, total)
@@ -274,7 +238,8 @@ def repeat(
         except _Stopped as stopped:
             runs, ended = store.load(), str(stopped)
     seen = tuple(Seen.from_json(unpacked(runs[unit])) for unit in sorted(runs))
-    return Repeats(scene.name, found, tuple(work.items), seen, ended)
+    seeds = tuple(range(scene.seed, scene.seed + count))
+    return Repeats(scene.name, random_parts(scene), seeds, seen, ended)
 
 
 class _Stopped(Exception):

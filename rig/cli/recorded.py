@@ -10,11 +10,11 @@ The command that compares two recordings.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from csv import writer as writes
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,7 +22,7 @@ from rig.cli import printing
 from rig.cli.options import Force, Json, Trust, seconds
 from rig.cli.printing import draw, new
 from rig.cli.recordings import Log, opened, recording, without_outputs
-from rig.errors import ExitCode, LogError, UsageError
+from rig.errors import ExitCode, Faults, LogError
 
 if TYPE_CHECKING:
     from rig.record.run import Run
@@ -34,27 +34,6 @@ Picture = Annotated[
     Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
 ]
 Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=new, help="Write all numbers as CSV.")]
-T = TypeVar("T")
-
-
-class Faults:
-    """Collects what is wrong with the options of a command, so that all of it is reported at once."""
-
-    def __init__(self) -> None:
-        self.found: list[str] = []
-
-    def __call__(self, read: Callable[[], T], otherwise: T) -> T:
-        """Return what `read` returns; `otherwise` if it raises UsageError, which is kept."""
-        try:
-            return read()
-        except UsageError as error:
-            self.found.append(str(error))
-            return otherwise
-
-    def raise_found(self) -> None:
-        """Raise UsageError if something is wrong."""
-        if self.found:
-            raise UsageError("\n".join(self.found))
 
 
 def show(values: dict[str, Any], text: str, figure: Path | None, csv: Path | None, as_json: bool) -> None:

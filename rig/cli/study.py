@@ -134,13 +134,13 @@ def study(
     _target(context, to)
     work = prepared(loaded, given.pop("over", {}), given.pop("measure", []), **given)
     printing.warnings(loaded)
-    if not any(one.of_run for one in work.measures):
+    if not work.of_run:
         idle(loaded, *(one.axis for one in work.plan.factors))
     if scripted(cluster, dry_run, workers):
         return
     store = Store.of(work.work, at(out))
     refuse(store.folder, ("study.csv",), force)
-    with printing.kept(store, "points", work.total), printing.bar("points") as progress:
+    with printing.kept(store, "points", len(work.items)), printing.bar("points") as progress:
         found = carry_out(work, out, workers, progress, given.get("keep"), cluster)
     if as_json:
         printing.report(found.to_json())
@@ -267,8 +267,8 @@ def optimise(
     measure, ranges = minimise or maximise or "", values(over, "--over", changes(p))
     work = prepared(loaded, ranges, measure, maximise is not None, evaluations, seed, seconds(duration))
     printing.warnings(loaded)
-    if not work.measure.of_run:
-        idle(loaded, *(one.axis for one in work.factors))
+    if not work.of_run:
+        idle(loaded, *(one.axis for one in work.plan.factors))
     if scripted(cluster, dry_run, workers):
         return
     store = Store.of(work.work, at(out))

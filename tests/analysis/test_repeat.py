@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rig as lab
-from rig.analysis import repeat as room
 from rig.analysis.repeat import repeat
+from rig.analysis.studies.runs import random_parts
 from rig.errors import UsageError
 
 NOISY = {"noise.force": "0.01"}
@@ -66,9 +66,9 @@ def test_one_run_has_no_spread(belt):
 
 
 def test_noise_of_a_sensor_is_random_too():
-    assert room.sources(lab.load("pendulum")) != ()
-    assert "noise.force" in room.sources(lab.load("belt", NOISY))
-    assert room.sources(lab.load("belt", {"noise.force": "0"})) == room.sources(lab.load("belt"))
+    assert random_parts(lab.load("pendulum")) != ()
+    assert "noise.force" in random_parts(lab.load("belt", NOISY))
+    assert random_parts(lab.load("belt", {"noise.force": "0"})) == random_parts(lab.load("belt"))
 
 
 def test_what_is_done_is_told_when_it_is_stopped(belt):

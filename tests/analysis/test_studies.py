@@ -123,7 +123,7 @@ def test_curves_show_median_and_range_and_leave_out_what_is_missing(belt, tmp_pa
     over = {"load.force": "10 N:30 N:5", "friction.mu_static": lab.normal(0.4, 0.02)}
     work = prepared(belt, over, ["cycle.period", "cycle.stick_share"], samples=8)
     found = {k: {"values": np.array([k % 7, math.nan if k < 8 else 0.1 * k]), "units": np.array(["s", "1"]),
-                 "reason": np.array("")} for k in range(work.total)}  # fmt: skip
+                 "reason": np.array("")} for k in range(len(work.items))}  # fmt: skip
     drawn = gathered(work, found, {}, tmp_path).draw(tmp_path)
     assert [path.name for path in drawn] == ["curves.png", "scatter.png"]
 
@@ -144,7 +144,7 @@ def test_numbers_of_controllers_and_sensors_are_parameters_too():
     over = {"controllers.nf.gain": "100:300 N*s/m:3", "sensors.vibrometer.noise": [1e-5, 2e-5]}
     scene = lab.load("pendulum")
     work = prepared(scene, over | {"drive.speed": "1 rpm:2:2"}, ["run.rms"])
-    assert work.total == 12
+    assert len(work.items) == 12
     last = work.scene_of(11)
     assert last.controllers["nf"].gain == 300.0
     assert last.sensors["vibrometer"].noise == 2e-5

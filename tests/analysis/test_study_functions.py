@@ -16,7 +16,7 @@ def belt():
 
 def test_a_function_without_a_file_is_computed_in_this_process_only(belt, tmp_path):
     work = prepared(belt, {"load.force": [10.0]}, [lambda run: 1.0], duration=0.01)
-    assert not work.portable
+    assert work.unportable
     assert study(work, tmp_path).values.tolist() == [[1.0]]
     with pytest.raises(UsageError, match="worker processes cannot load it"):
         study(work, tmp_path, workers=2)

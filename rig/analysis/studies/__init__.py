@@ -17,17 +17,14 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.pool import Progress, Store, carry_out
-from rig.analysis.pool.cluster import check as check_cluster
 from rig.analysis.pool.store import this_processor
-from rig.analysis.repeat import REMEDY, sources
 from rig.analysis.studies.factors import condition
 from rig.analysis.studies.functions import check_not_loading
-from rig.analysis.studies.measures import measures
+from rig.analysis.studies.measures import Measure, measures
 from rig.analysis.studies.result import COLUMNS, StudyResult, gathered
-from rig.analysis.studies.runs import StudyRuns, plan
+from rig.analysis.studies.runs import Plan, StudyRuns, check_length, check_random, plan, random_parts
 from rig.analysis.studies.runs import keep as keep_recordings
-from rig.errors import RigError, UsageError
-from rig.quantities import run_length_ns
+from rig.errors import Faults
 from rig.record.provenance import provenance
 from rig.record.run import Run
 from rig.scenes.scene import Scene
@@ -49,34 +46,25 @@ def prepared(
 ) -> StudyRuns:
     """Return a checked study of `scene`. Raises SceneError, UsageError with every fault that is found."""
     check_not_loading()
-    faults: list[str] = []
-
-    def checked(make: Callable[[], Any]) -> Any:
-        try:
-            return make()
-        except RigError as fault:
-            faults.append(str(fault))
-
-    wanted = checked(lambda: measures(scene, [measure] if isinstance(measure, str) or callable(measure) else measure))
-    points = checked(lambda: plan(scene, over, samples, sampling, repeat, seed))
-    if wanted and points:
-        taken = {*COLUMNS, *points.dimensions, *(one.key for one in points.factors)}
-        faults += [f"measure {one.name}: a column of the results has this name; rename the function"
-                   for one in wanted if one.name in taken]  # fmt: skip
+    faults = Faults()
+    names = [measure] if isinstance(measure, str) or callable(measure) else measure
+    wanted: tuple[Measure, ...] = faults(lambda: measures(scene, names), ())
+    points = faults(lambda: plan(scene, over, samples, sampling, repeat, seed), Plan((), 1, sampling, 1, 0))
+    taken = {*COLUMNS, *points.dimensions, *(factor.key for factor in points.factors)}
+    faults.found += [f"measure {name}: a column of the results has this name; rename the function"
+                     for name in (each.name for each in wanted) if name in taken]  # fmt: skip
     if wanted and keep is not None:
-        checked(lambda: condition(keep, wanted))
-    of_runs = any(one.of_run for one in wanted or ())
-    if (of_runs or keep is not None) and duration is None and scene.duration_ns is None:
-        faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
-    checked(lambda: run_length_ns(duration))
-    several = isinstance(repeat, Integral) and repeat > 1
-    if several and not sources(scene):
-        faults.append(f"{scene.name}: nothing in it is random, so that {repeat} runs of a point are the same. {REMEDY}")
-    elif several and wanted and not of_runs:
-        faults.append(f"repeat = {repeat}: all measures are those of the plant without noise, which no seed changes")
-    if faults:
-        raise UsageError("\n".join(faults))
-    return StudyRuns(scene, points, wanted, duration)
+        faults(lambda: condition(keep, wanted), None)
+    work = StudyRuns(scene, points, wanted, duration)
+    faults(lambda: check_length(scene, duration, work.of_run or keep is not None), None)
+    if isinstance(repeat, Integral) and repeat > 1:
+        faults(lambda: check_random(scene, f"{repeat} runs of a point"), None)
+        if wanted and not work.of_run and random_parts(scene):
+            faults.found.append(
+                f"repeat = {repeat}: all measures are those of the plant without noise, which no seed changes"
+            )
+    faults.raise_found()
+    return work
 
 
 def study(
@@ -94,22 +82,13 @@ def study(
     UsageError for a folder or a cluster that cannot be used and for a measure that several processes cannot compute,
     WorkerError if workers fail; what is finished stays.
     """
-    if cluster:
-        check_cluster(cluster, workers)
-    if not work.portable and (workers != 1 or cluster):
-        names = ", ".join(one.name for one in work.measures if one.function and not one.function.portable)
-        if workers is not None or cluster:
-            raise UsageError(
-                f"measure {names}: worker processes cannot load it; define it at the top level of a .py file, "
-                "or compute in this process with one worker"
-            )
-        workers = 1
+    workers = work.usable_workers(workers, cluster)
     points = work.work
     store = Store.of(points, root)
+    apart = not work.unportable and any(measure.function for measure in work.measures)  # a function can end its process
     with store.open(points):
-        own = work.portable and any(one.function for one in work.measures)  # a function can end its process
-        found = carry_out(points, store, workers, progress, own, cluster)
-    result = gathered(work, found, _provenance(work, store), store.folder)
+        rows = carry_out(points, store, workers, progress, apart, cluster)
+    result = gathered(work, rows, _provenance(work, store), store.folder)
     if keep is None:
         return result
     number, holds = condition(keep, work.measures)
@@ -121,6 +100,5 @@ def study(
 
 def _provenance(work: StudyRuns, store: Store) -> dict[str, str]:
     """The provenance of a result; the processors that computed it, if they are of several types or others than this."""
-    found = provenance(work.plan.seed)
-    others = sorted(store.processors - {this_processor()})
-    return found | ({"processors": "; ".join(sorted(store.processors))} if others else {})
+    others = store.processors - {this_processor()}
+    return provenance(work.plan.seed) | ({"processors": "; ".join(sorted(store.processors))} if others else {})

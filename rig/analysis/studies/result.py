@@ -446,7 +446,7 @@ class StudyResult(Result):
         plan, names = self.work.plan, self.names
         over = ", ".join(f"{one.key} {one.distribution or f'{len(one.axis.values)} values'}" for one in plan.factors)
         sizes = " x ".join(map(str, plan.dimensions.values()))
-        yield f"{self.work.name}: {len(self.values)} points ({sizes}) over {over}"
+        yield f"{self.work.scene.name}: {len(self.values)} points ({sizes}) over {over}"
         if len(self.values) <= _FEW:
             yield from ["", *self._table()]
         yield ""
@@ -505,7 +505,7 @@ class StudyResult(Result):
         """Return the result as JSON values; parameters in SI."""
         plan, found = self.work.plan, self.indices
         return {
-            "scene": self.work.name,
+            "scene": self.work.scene.name,
             "over": {one.key: str(one.distribution or list(one.axis.values)) for one in plan.factors},
             "dimensions": plan.dimensions,
             "units": dict(zip(self.names, self.units)) | {one.key: one.axis.unit for one in plan.factors},
@@ -541,7 +541,7 @@ class StudyResult(Result):
 
 def gathered(work: StudyRuns, found: Mapping[int, Arrays], provenance: Mapping[str, str], folder: Path) -> StudyResult:
     """Assemble the result of a study from its points."""
-    order = range(work.total)
+    order = work.items
     values = np.array([found[unit]["values"] for unit in order])
     units = [one.unit for one in work.measures]
     reasons = [str(found[unit]["reason"]) for unit in order]

@@ -28,16 +28,18 @@ from numpy.typing import NDArray
 
 from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, temporary
+from rig.analysis.pool.cluster import check as check_cluster
 from rig.analysis.studies.factors import Factor, changed, factors, refused
-from rig.analysis.studies.measures import Measure, Measured, evaluate
+from rig.analysis.studies.measures import Measure, evaluate
 from rig.bench.run.simulate import simulate
 from rig.compiled import kernel
-from rig.errors import OutputError, RigError, SceneError, UsageError, WorkerError
+from rig.errors import Faults, OutputError, RigError, SceneError, UsageError, WorkerError
 from rig.machine.files import draft_of
 from rig.quantities import run_length_ns, whole
 from rig.record.provenance import provenance
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
+from rig.scenes.variants import optional
 
 Array = NDArray[np.float64]
 SAMPLINGS = ("random", "latin", "sobol", "saltelli")
@@ -61,6 +63,8 @@ class Plan:
     sampling: str
     repeat: int
     seed: int
+    alike: bool = False
+    """Whether all points are run with the same seed."""
 
     @property
     def grid(self) -> list[Factor]:
@@ -105,11 +109,7 @@ class Plan:
             return np.asarray(qmc.Sobol(count, rng=chance).random(self.samples))
         both = qmc.Sobol(2 * count, bits=64, rng=chance).random(self.samples)
         a, b = both[:, :count], both[:, count:]
-        mixed = []
-        for column in range(count):
-            one = a.copy()
-            one[:, column] = b[:, column]
-            mixed.append(one)
+        mixed = [np.where(np.arange(count) == column, b, a) for column in range(count)]
         return np.concatenate([a, b, *mixed])
 
     @cached_property
@@ -128,57 +128,74 @@ class Plan:
 
     def seed_of(self, number: int) -> int:
         """Return the seed of a point."""
-        return self.seed + number
+        return self.seed + (0 if self.alike else number)
 
 
 def plan(
     scene: Scene, over: Mapping[str, Any], samples: int | None, sampling: str, repeat: int, seed: int | None
 ) -> Plan:
     """Return the plan of a study of `scene`. Raises SceneError, UsageError with every fault."""
-    faults: list[str] = []
-    varied: tuple[Factor, ...] = ()
-    try:
-        varied = factors(scene, over)
-    except SceneError as fault:
-        faults.append(str(fault))
-    numbers = {}
-    for name, value, least, most in (
-        ("samples", SAMPLES if samples is None else samples, 1, MOST),
-        ("repeat", repeat, 1, MOST),
-        ("seed", scene.seed if seed is None else seed, 0, MOST_SEED),
-    ):
-        try:
-            numbers[name] = whole(name, value, least, most)
-        except UsageError as fault:
-            faults.append(str(fault))
-            numbers[name] = least
-    found = Plan(varied, sampling=sampling, **numbers)
+    faults = Faults()
+    varied: tuple[Factor, ...] = faults(lambda: factors(scene, over), ())
+    count = faults(lambda: whole("samples", SAMPLES if samples is None else samples, 1, MOST), 1)
+    times = faults(lambda: whole("repeat", repeat, 1, MOST), 1)
+    points = Plan(varied, count, sampling, times, faults(lambda: first_seed(scene, seed), 0))
     if sampling not in SAMPLINGS:
-        faults.append(f"sampling {sampling}: unknown; known: {', '.join(SAMPLINGS)}")
-    elif sampling in ("sobol", "saltelli") and found.drawn and found.samples & (found.samples - 1):
-        near = 2 ** round(math.log2(found.samples))
-        faults.append(f"samples = {found.samples}: must be a power of 2 for sampling {sampling}, such as {near}")
-    if varied and not found.drawn and (samples is not None or sampling != "random"):
-        faults.append("samples and sampling are for distributions, and no parameter has one, such as normal(0.4, 0.02)")
-    if varied and not faults and found.total > MOST:
-        faults.append(f"{found.total} points: must be at most {MOST}")
-    if faults:
-        raise UsageError("\n".join(faults))
+        faults.found.append(f"sampling {sampling}: unknown; known: {', '.join(SAMPLINGS)}")
+    elif sampling in ("sobol", "saltelli") and points.drawn and count & (count - 1):
+        near = 2 ** round(math.log2(count))
+        faults.found.append(f"samples = {count}: must be a power of 2 for sampling {sampling}, such as {near}")
+    if varied and not points.drawn and (samples is not None or sampling != "random"):
+        faults.found.append(
+            "samples and sampling are for distributions, and no parameter has one, such as normal(0.4, 0.02)"
+        )
+    if varied and not faults.found and points.total > MOST:
+        faults.found.append(f"{points.total} points: must be at most {MOST}")
+    faults.raise_found()
     outside = []
-    for i, one in enumerate(found.drawn):
-        values = found.draws[:, i]
+    for factor, values in zip(points.drawn, points.draws.T):
+        cut = factor.distribution is None or factor.distribution.kind == "uniform"
         try:
-            remedy = (
-                ""
-                if one.distribution is None or one.distribution.kind == "uniform"
-                else ("; cut the distribution off with low=... and high=...")
-            )
-            refused(scene, one.axis, sorted({float(values.min()), float(values.max())}), remedy)
+            remedy = "" if cut else "; cut the distribution off with low=... and high=..."
+            refused(scene, factor.axis, sorted({float(values.min()), float(values.max())}), remedy)
         except ValueError as fault:
-            outside.append(f"{one.key}: {one.distribution} leaves the range of the parameter: {fault}")
+            outside.append(f"{factor.key}: {factor.distribution} leaves the range of the parameter: {fault}")
     if outside:
         raise SceneError(scene.name, outside)
-    return found
+    return points
+
+
+def first_seed(scene: Scene, seed: int | None) -> int:
+    """Return the seed of the first run; None: that of the scene. Raises UsageError."""
+    return whole("seed", scene.seed if seed is None else seed, 0, MOST_SEED)
+
+
+def check_length(scene: Scene, duration: float | None, of_runs: bool = True) -> None:
+    """Raise UsageError for a `duration` [s] that is none, and for runs of a protocol without end if there is none."""
+    if run_length_ns(duration) is None and scene.duration_ns is None and of_runs:
+        raise UsageError(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
+
+
+def random_parts(scene: Scene) -> tuple[str, ...]:
+    """Return the random parts of `scene`; empty if two seeds give the same run."""
+    random = [
+        f"{part.key}.{part.about.random}" for part in optional(scene.parameters) if part.given and part.about.random
+    ]
+    random = [key for key in random if scene.values()[key][0] > 0.0]
+    for name, section in scene.sensors.items():
+        end = section.front_end()
+        random += [f"sensors.{name}.noise"] if end.noise > 0.0 else []
+        random += [f"sensors.{name}.dropout_rate"] if end.dropout_rate > 0.0 else []
+    return tuple(random)
+
+
+def check_random(scene: Scene, runs: str) -> None:
+    """Raise UsageError for a scene in which nothing is random; `runs`: those that would be the same, in words."""
+    if not random_parts(scene):
+        raise UsageError(
+            f"{scene.name}: nothing in it is random, so that {runs} are the same. Add process noise, a random force at "
+            "the place of a knock: -p noise.force=1e-6 (N/Hz^0.5); or add sensor noise: -p sensors.NAME.noise=..."
+        )
 
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -196,54 +213,72 @@ class StudyRuns:
     duration: float | None
 
     @property
-    def name(self) -> str:
-        """The scene."""
-        return self.scene.name
+    def of_run(self) -> bool:
+        """Whether a point is a whole run, with protocol, sensors and controllers."""
+        return any(measure.of_run for measure in self.measures)
 
     @property
-    def total(self) -> int:
-        """Number of points."""
-        return self.plan.total
+    def unportable(self) -> str:
+        """Names of the measures that other processes cannot load: functions that no file holds."""
+        return ", ".join(each.name for each in self.measures if each.function and not each.function.portable)
 
     @property
-    def portable(self) -> bool:
-        """Whether other processes can compute it: every function of a measure is in a file."""
-        return all(one.function is None or one.function.portable for one in self.measures)
+    def items(self) -> range:
+        """The numbers of the points."""
+        return range(self.plan.total)
+
+    @property
+    def identity(self) -> list[Any]:
+        """What the values of the points depend on, besides scene and sources."""
+        return [self.plan, self.duration, *self.measures]
 
     @property
     def work(self) -> Work:
-        """The study as a work (rig.analysis.pool): each unit is a point."""
-        what = [self.plan, self.duration, *self.measures]
-        hash_ = digest(self.scene, repr(what))
-        return Work(self.compute, range(self.total), self.name, hash_, self.prepare, self.failed)
+        """The points as a work (rig.analysis.pool)."""
+        hash_ = digest(self.scene, repr(self.identity))
+        return Work(self.compute, self.items, self.scene.name, hash_, self.prepare, self.failed)
 
     def prepare(self) -> None:
         """Compile the kernels. Raises SceneError for a scene whose controllers cannot be designed."""
         scene = self.scene_of(0)
         prepare([scene])
-        if any(one.of_run for one in self.measures):
+        if self.of_run:
             simulate(scene, duration_ns=scene.frame_ns)
 
-    def scene_of(self, unit: int) -> Scene:
-        """Return the scene of a point. Raises SceneError if it refuses the values together."""
-        return changed(self.scene, self.plan.values(unit), self.plan.seed_of(unit))
+    def scene_of(self, unit: int, *given: float) -> Scene:
+        """Return the scene of a point, with the values `given` (SI) or those of the plan. Raises SceneError if it
+        refuses the values together.
+        """
+        values = dict(zip((factor.key for factor in self.plan.factors), given)) or self.plan.values(unit)
+        return changed(self.scene, values, self.plan.seed_of(unit))
 
-    def compute(self, unit: int) -> Arrays:
+    def compute(self, unit: int, *given: float) -> Arrays:
         """Compute the measures of a point; a fault of it becomes the reason of missing values."""
         try:
-            return as_arrays(evaluate(self.scene_of(unit), self.measures, self.duration))
+            point = evaluate(self.scene_of(unit, *given), self.measures, self.duration)
         except SceneError as fault:
             return self.failed(unit, "; ".join(fault.faults))
+        return {"values": np.array(point.values), "units": np.array(point.units), "reason": np.array(point.reason)}
 
     def failed(self, unit: int, why: str) -> Arrays:
         """Return a point without values."""
-        units = tuple(one.unit for one in self.measures)
-        return as_arrays(Measured((float("nan"),) * len(units), units, why))
+        units = [measure.unit for measure in self.measures]
+        return {"values": np.full(len(units), np.nan), "units": np.array(units), "reason": np.array(why)}
 
-
-def as_arrays(found: Measured) -> Arrays:
-    """Return the values of a point as the result of a unit."""
-    return {"values": np.array(found.values), "units": np.array(found.units), "reason": np.array(found.reason)}
+    def usable_workers(self, workers: int | None, cluster: str) -> int | None:
+        """Return the number of `workers` that compute it. Raises UsageError for a cluster, and for a measure that they
+        cannot load.
+        """
+        if cluster:
+            check_cluster(cluster, workers)
+        if not self.unportable or (workers == 1 and not cluster):
+            return workers
+        if workers is not None or cluster:
+            raise UsageError(
+                f"measure {self.unportable}: worker processes cannot load it; define it at the top level of a .py "
+                "file, or compute in this process with one worker"
+            )
+        return 1
 
 
 def digest(scene: Scene, text: str) -> str:
@@ -268,7 +303,7 @@ def keep(
         work = Work(partial(_record, study, folder), missing)
         try:
             with temporary(work) as store:
-                carry_out(work, store, workers if study.portable else 1, progress)
+                carry_out(work, store, 1 if study.unportable else workers, progress)
         except (OutputError, WorkerError) as fault:
             raise type(fault)(
                 f"{fault}. The values of the study are kept in {folder.parent}; the same command continues"

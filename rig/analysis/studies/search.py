@@ -10,9 +10,6 @@ The result of a search: its points, the best one, and how it came there.
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,16 +21,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from rig.analysis.kernel_shapes import prepare
-from rig.analysis.pool import Arrays, Progress, Store, Work, pool
-from rig.analysis.pool.cluster import check as check_cluster
-from rig.analysis.studies.factors import Factor, changed, factors, with_unit
+from rig.analysis.pool import Arrays, Progress, Store, pool
+from rig.analysis.studies.factors import Factor, factors, with_unit
 from rig.analysis.studies.functions import check_not_loading
-from rig.analysis.studies.measures import Measure, Measured, evaluate, measures, one_unit
-from rig.analysis.studies.runs import MOST, MOST_SEED, as_arrays, digest
-from rig.errors import RigError, SceneError, UsageError
+from rig.analysis.studies.measures import Measure, measures, one_unit
+from rig.analysis.studies.runs import MOST, Plan, StudyRuns, check_length, first_seed
+from rig.errors import Faults
+from rig.machine.files import csv_table
 from rig.printable import columns
-from rig.quantities import run_length_ns, whole
+from rig.quantities import whole
 from rig.record.provenance import provenance
 from rig.record.run import Run
 from rig.results import Result
@@ -122,12 +118,9 @@ class SearchResult(Result):
 
     def csv(self) -> str:
         """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
-        made = io.StringIO()
-        writer = csv.writer(made)
-        writer.writerow([*(one.axis.si_label for one in self.factors), with_unit(self.measure, self.unit), "reason"])
-        for point, value, why in zip(self.points.tolist(), self.values.tolist(), self.reasons):
-            writer.writerow([*point, value, why])
-        return made.getvalue()
+        head = [*(one.axis.si_label for one in self.factors), with_unit(self.measure, self.unit), "reason"]
+        rows = zip(self.points.tolist(), self.values.tolist(), self.reasons)
+        return csv_table([head, *([*point, value, why] for point, value, why in rows)]).decode()
 
 
 ROOT = Path("searches")
@@ -139,65 +132,30 @@ _LEAST = 5  # points that differential evolution needs
 
 
 @dataclass(frozen=True)
-class SearchRuns:
-    """The points of a search, which are known while it runs.
+class SearchRuns(StudyRuns):
+    """The points of a search for the smallest or `largest` value of a measure, which are known while it runs.
 
-    `factors`: the parameters with the ends of their ranges. Every point is run with `seed`.
+    The parameters of the plan have the ends of their ranges as values. More `evaluations` continue a search: its points
+    are the same up to there.
     """
 
-    scene: Scene
-    factors: tuple[Factor, ...]
-    measure: Measure
     largest: bool
     evaluations: int
-    seed: int
-    duration: float | None
 
     @property
-    def name(self) -> str:
-        """The scene."""
-        return self.scene.name
+    def items(self) -> range:
+        """The numbers that a point can have."""
+        return range(MOST)
 
     @property
-    def portable(self) -> bool:
-        """Whether other processes can compute it."""
-        return self.measure.function is None or self.measure.function.portable
-
-    @property
-    def bounds(self) -> list[tuple[float, float]]:
-        """The ends of the ranges (SI)."""
-        return [(one.axis.values[0], one.axis.values[1]) for one in self.factors]
-
-    @property
-    def work(self) -> Work:
-        """The search as a work (rig.analysis.pool), which learns its points while it runs.
-
-        More evaluations continue a search: its points are the same up to there.
-        """
-        what = [self.factors, self.measure, self.largest, self.seed, self.duration, scipy.__version__]
-        return Work(self.compute, range(MOST), self.name, digest(self.scene, repr(what)), self.prepare, self.failed)
+    def identity(self) -> list[Any]:
+        """What the values of the points depend on, besides scene and sources."""
+        return [self.plan, *self.measures, self.largest, self.duration, scipy.__version__]
 
     @property
     def population(self) -> int:
         """Number of points of a generation."""
-        return max(_LEAST, _POPULATION * len(self.factors))
-
-    def prepare(self) -> None:
-        """Compile the kernels."""
-        prepare([self.scene])
-
-    def compute(self, unit: int, *given: float) -> Arrays:
-        """Compute the measure of a point with the values `given` (SI)."""
-        try:
-            scene = changed(self.scene, {one.key: v for one, v in zip(self.factors, given)}, self.seed)
-            found = evaluate(scene, [self.measure], self.duration)
-        except SceneError as fault:
-            found = Measured((math.nan,), (self.measure.unit,), "; ".join(fault.faults))
-        return as_arrays(found) | {"point": np.array(given)}
-
-    def failed(self, unit: int, why: str) -> Arrays:
-        """Return a point without a value."""
-        return as_arrays(Measured((math.nan,), (self.measure.unit,), why))
+        return max(_LEAST, _POPULATION * len(self.plan.factors))
 
 
 def prepared(
@@ -214,35 +172,27 @@ def prepared(
     Raises SceneError, UsageError with every fault that is found.
     """
     check_not_loading()
-    faults: list[str] = []
-
-    def checked(make: Callable[[], Any]) -> Any:
-        try:
-            return make()
-        except RigError as fault:
-            faults.append(str(fault))
-
-    found = checked(lambda: measures(scene, [measure]))
+    faults = Faults()
+    wanted: tuple[Measure, ...] = faults(lambda: measures(scene, [measure]), ())
     ranges = {key: _range(given) for key, given in over.items()} if isinstance(over, Mapping) else {}
-    faults += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key, ends in ranges.items() if ends is None]
     given = {key: ends for key, ends in ranges.items() if ends is not None}
-    varied: tuple[Factor, ...] = (
-        checked(lambda: factors(scene, given if ranges else over)) if given or not ranges else ()
-    )
-    checked(lambda: run_length_ns(duration))
-    first = checked(lambda: whole("seed", scene.seed if seed is None else seed, 0, MOST_SEED))
-    for one in varied or ():
-        if not one.axis.values[0] < one.axis.values[1]:
-            faults.append(f"{one.key}: the range must rise, from {one.axis.text(one.axis.values[0])} upwards")
+    faults.found += [f'{key}: expected a range FROM:TO, such as "10 N:30 N"' for key in ranges if key not in given]
+    varied: tuple[Factor, ...] = ()
+    if given or not ranges:
+        varied = faults(lambda: factors(scene, given if ranges else over), ())
+    first = faults(lambda: first_seed(scene, seed), 0)
+    for factor in varied:
+        if not factor.axis.values[0] < factor.axis.values[1]:
+            low = factor.axis.text(factor.axis.values[0])
+            faults.found.append(f"{factor.key}: the range must rise, from {low} upwards")
     least = max(_LEAST, _POPULATION * max(len(ranges), 1))
-    most = checked(lambda: whole("evaluations", evaluations, 1, MOST))
-    if most and most < least:
-        faults.append(f"evaluations = {most}: must be at least {least} for {len(ranges)} parameters")
-    if found and found[0].of_run and duration is None and scene.duration_ns is None:
-        faults.append(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
-    if faults:
-        raise UsageError("\n".join(faults))
-    return SearchRuns(scene, varied, found[0], largest, most, first, duration)
+    most = faults(lambda: whole("evaluations", evaluations, 1, MOST), least)
+    if most < least:
+        faults.found.append(f"evaluations = {most}: must be at least {least} for {len(ranges)} parameters")
+    work = SearchRuns(scene, Plan(varied, 1, "", 1, first, alike=True), wanted, duration, largest, most)
+    faults(lambda: check_length(scene, duration, work.of_run), None)
+    faults.raise_found()
+    return work
 
 
 def _range(given: Any) -> Any:
@@ -267,74 +217,58 @@ def search(
     `workers`, `cluster`: as for a study. Raises UsageError, WorkerError as a study does; what is finished stays.
     """
     from scipy.optimize import differential_evolution
+    from scipy.stats import qmc
 
-    if cluster:
-        check_cluster(cluster, workers)
-    if not work.portable and (workers is not None or cluster) and workers != 1:
-        raise UsageError(f"measure {work.measure.name}: worker processes cannot load it; define it in a .py file")
+    workers = work.usable_workers(workers, cluster)
     units = work.work
     store, say = Store.of(units, root), progress or (lambda done, total: None)
-    with (
-        store.open(units),
-        pool(units, store, workers if work.portable else 1, work.population, cluster=cluster) as processes,
-    ):
-        found = store.load()
-        asked = 0
+    low, high = np.array([factor.axis.values for factor in work.plan.factors]).T
+    points: list[list[float]] = []
+    with store.open(units), pool(units, store, workers, work.population, cluster=cluster) as processes:
+        rows = store.load()
 
-        def values(points: NDArray[np.float64]) -> NDArray[np.float64]:
-            """The values of a generation, [point], to be made small; `points` [parameter, point]."""
-            nonlocal asked, found
-            rows = {asked + i: tuple(point) for i, point in enumerate(points.T.tolist())}
-            todo = {unit: given for unit, given in rows.items() if unit not in found}
-            begin, asked = asked, asked + len(rows)
-            ready = begin + len(rows) - len(todo)
+        def values(generation: Array) -> Array:
+            """The values of a `generation` [parameter, point], to be made small."""
+            begin = len(points)
+            points.extend(generation.T.tolist())
+            todo = {unit: tuple(points[unit]) for unit in range(begin, len(points)) if unit not in rows}
+            ready = len(points) - len(todo)
             if todo:
                 processes.compute(todo, lambda done: say(ready + done, work.evaluations))
-                found = store.load()
-                found |= {unit: work.failed(unit, why) | {"point": np.array(rows[unit])}
-                          for unit, why in processes.failed.items() if unit in rows}  # fmt: skip
-            say(asked, work.evaluations)
-            sign = -1.0 if work.largest else 1.0
-            made = sign * _values(found, asked)[0][begin:]
+                rows.update(store.load())
+                rows.update({unit: work.failed(unit, why) for unit, why in processes.failed.items() if unit in todo})
+            say(len(points), work.evaluations)
+            made = (-1.0 if work.largest else 1.0) * _values(rows, len(points))[0][begin:]
             return np.where(np.isfinite(made), made, _WORST)
 
+        shares = qmc.LatinHypercube(len(low), rng=np.random.default_rng(work.plan.seed)).random(work.population)
         ended = differential_evolution(
             values,
-            work.bounds,
-            rng=np.random.default_rng(work.seed),
-            init=_first_generation(work),
+            [*zip(low.tolist(), high.tolist())],
+            rng=np.random.default_rng(work.plan.seed),
+            init=low + (high - low) * shares,
             maxiter=work.evaluations // work.population - 1,
             polish=False,
             updating="deferred",
             vectorized=True,
         )
-    rows = [found[unit] for unit in range(asked)]
-    made, unit = _values(found, asked)
+    made, unit = _values(rows, len(points))
     return SearchResult(
         scene=work.scene,
-        factors=work.factors,
-        measure=work.measure.name,
+        factors=work.plan.factors,
+        measure=work.measures[0].name,
         unit=unit,
         largest=work.largest,
-        points=np.array([row["point"] for row in rows]),
+        points=np.array(points),
         values=made,
-        reasons=tuple(str(row["reason"]) for row in rows),
+        reasons=tuple(str(rows[unit]["reason"]) for unit in range(len(points))),
         settled=bool(ended.success),
-        provenance=provenance(work.seed),
+        provenance=provenance(work.plan.seed),
         folder=store.folder,
     )
 
 
-def _values(found: Mapping[int, Arrays], count: int) -> tuple[NDArray[np.float64], str]:
+def _values(rows: Mapping[int, Arrays], count: int) -> tuple[Array, str]:
     """The values of the first points in one unit, and this unit."""
-    rows = [found[unit] for unit in range(count)]
-    return one_unit([float(row["values"][0]) for row in rows], [str(row["units"][0]) for row in rows])
-
-
-def _first_generation(work: SearchRuns) -> NDArray[np.float64]:
-    """The first generation, [point, parameter] (SI): a Latin hypercube."""
-    from scipy.stats import qmc
-
-    shares = qmc.LatinHypercube(len(work.factors), rng=np.random.default_rng(work.seed)).random(work.population)
-    low, high = np.array(work.bounds).T
-    return np.asarray(low + (high - low) * shares)
+    first = [rows[unit] for unit in range(count)]
+    return one_unit([float(row["values"][0]) for row in first], [str(row["units"][0]) for row in first])
