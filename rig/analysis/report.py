@@ -560,7 +560,9 @@ def audit(run: Run) -> Html:
             element("ul", *remarks)
             if remarks
             else element("p", "Every judged effect had an influence, and none is missing."),
-            table("Effects", ("effect", "state", "share of the forces", "values as in scene"), rows),
+            table(
+                "Effects", ("effect", "state", "share of the forces (limits: of the time)", "values as in scene"), rows
+            ),
         )
     )
 

@@ -292,7 +292,9 @@ def _audited(log: str, as_json: bool) -> None:
     state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
     rows = [(e["effect"], now, f"{e['share']:.2g}", e["text"] if e["noted"] else "") for e, now in zip(judged, state)]
     printing.table(
-        f"{log}: influence of each effect in this run", ("effect", "", "share of the forces", "remark"), rows
+        f"{log}: influence of each effect in this run",
+        ("effect", "", "share of the forces (limits: of the time)", "remark"),
+        rows,
     )
     if network:
         printing.line()

@@ -145,7 +145,28 @@ HEAVY = {
     *("brake_shunt_tuned", "disc_slider", "disc_slider_dither", "lever_three_stage"),
 }
 BEFORE_IT_RUNS_AWAY = {"disc_slider_a": 0.08}
-PAIRED = {"drive limits": "act on commands, before the plant", "disc_modes": "the brake does not squeal then"}
+PAIRED = {"disc_modes": "the brake does not squeal then"}
+
+
+def moved(scene, target, to, over, hold=1.0):
+    """The scene with nothing but a ramp of an actuator, which no controller drives, and a hold."""
+    steps = [{"step": "ramp", "target": target, "to": to, "over": over}, {"step": "hold", "time": hold}]
+    return replace(scene, protocol=STEPS.validate_python(steps), controllers={})
+
+
+CHANGED = {
+    "a slow ramp beyond the limit": lambda: moved(rig.load("belt"), "drive.speed", 0.3, 20.0),
+    "a quick ramp that ends just beyond it": lambda: moved(rig.load("belt"), "drive.speed", 0.26, 2.0, 3.0),
+    "a ramp that ends just within it": lambda: moved(rig.load("belt"), "drive.speed", 0.24, 2.0, 3.0),
+    "a belt that reverses": lambda: moved(rig.load("belt"), "drive.speed", -0.1, 5.0),
+    "another friction and mass": lambda: moved(
+        rig.load("belt", {"friction.mu_static": 0.4, "body.mass": 2.0}), "drive.speed", 0.5, 4.0
+    ),
+    "an absorber": lambda: moved(rig.load("belt_tuned_mass"), "drive.speed", 0.36, 5.0),
+    "a load beyond that of the magnet": lambda: moved(
+        rig.load("pendulum", {"load.force_max": "none"}), "load.force", 60.0, 5.0
+    ),
+}
 
 
 def missing(scene):
@@ -168,11 +189,11 @@ def difference(run, other):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in HEAVY else ()) for name in names()]
+    "name", [*(pytest.param(name, marks=pytest.mark.slow if name in HEAVY else ()) for name in names()), *CHANGED]
 )
 def test_the_size_of_an_absent_effect_is_that_of_a_simulation_with_it(name):
-    """The reference: in a run with it, the audit leaves it out; where that says nothing, the forces of both runs."""
-    scene, seconds = rig.load(name), BEFORE_IT_RUNS_AWAY.get(name)
+    """The reference: the audit of a run with it, where it is on; where that says nothing, the forces of both runs."""
+    scene, seconds = CHANGED.get(name, lambda: rig.load(name))(), BEFORE_IT_RUNS_AWAY.get(name)
     lacking = missing(scene)
     if not lacking:
         pytest.skip("its plant has no other effect that is not hardware")

@@ -9,11 +9,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import rig
 from rig.bench.run.command_queue import CLAMPED, SAFE
 from rig.bench.run.exchange import Exchange
 from rig.bench.run.journal import Journal
 from rig.bench.run.playback import Playback
 from rig.errors import UsageError
+from rig.scenes.protocol import STEPS
 
 MS = 1_000_000
 
@@ -259,6 +261,16 @@ def test_a_ramp_goes_on_where_it_would_be(runner):
         (30, "load.force", 26.0),
         (30, "load.force", (40.0, 70)),
     ]
+
+
+def test_a_ramp_ends_at_the_limit_that_it_reaches():
+    """It keeps its slope, and stays there."""
+    steps = [{"step": "ramp", "target": "drive.speed", "to": 0.26, "over": 2.0}, {"step": "hold", "time": 0.5}]
+    scene = rig.load("belt", {"drive.speed_max": 0.25})
+    speed = rig.simulate(replace(scene, protocol=STEPS.validate_python(steps))).signals["surface_speed"]
+    t = np.arange(len(speed)) * 1e-3
+    np.testing.assert_allclose(speed, np.minimum(0.06 + 0.1 * t, 0.25), rtol=1e-3)
+    assert set(speed[1905:]) == {0.25}
 
 
 def test_giving_up_makes_everything_safe(runner):

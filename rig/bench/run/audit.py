@@ -7,17 +7,17 @@ forces T, and the largest friction S that a stuck contact can bear. The effect's
     max( |M^1/2 (a - a')| / |M^1/2 |a||,  |r - r'| / ||r||,  |T - T'| / |T|,  |S - S'| / |S| )
 
 with norms over all these states, where the denominator is the larger one of both rigs. |a| and |r| are the sums of the
-sizes of their terms, so that it is not zero in steady sliding, where all forces balance. An absent effect gets the
-values of a shipped scene of the same plant. States that it brings have the values in force: driving states (the speed
+sizes of their terms, so that it is not zero in steady sliding, where all forces balance. The limits of an actuator keep
+a rig away from the states that it visits without them, so that forces at these states say nothing: their share is that
+of the time in which the command is at a limit, or beyond it without them. An absent effect gets the values of a shipped
+scene of the same plant. States that it brings have the values in force: driving states (the speed
 behind a lag, the angle of a disc) follow from what drove the rig during the run (rig.bench.run.audit), structure
 and network are in equilibrium. Contacts are in the same mode set, except where one would leave it in the other rig.
 
-Two dozen states can miss what happens rarely, so the ticks that limiters were clamped, contacts were open, and contacts
-without lift-off pulled are counted over the whole run, and a judgement of no influence says how many states it is based
+Two dozen states can miss what happens rarely, so the ticks that contacts were open, and contacts without lift-off
+pulled, are counted over the whole run, and a judgement of no influence says how many states it is based
 on. The share is not the error of the motion, which `rig explain SCENE --measure` measures by paired runs; but it needs
 no second run. Hardware (rig.about) is absent on purpose and not judged.
-
-What drives the rig during a run, kept, and the values that the driving states of an absent effect would have had.
 
 An absent effect may bring states that only drive the rig: the speed behind a lag, the angle of a disc. Each follows
 
@@ -111,15 +111,23 @@ class DrivingHistory:
         """The kept ticks of a stretch."""
         return stretch.first + self._every * np.arange(stretch.count, dtype=np.float64)
 
-    def at_limit(self, name: str) -> float:
-        """The share of the ticks in which a command to the actuators of table `name` was at a limit of its range."""
+    def at_limit(self, table: str, variant: Variant | None = None) -> float:
+        """The share of the ticks in which a command to an actuator of `table` was at a limit of its range.
+
+        With `variant`, which has limits that the run has not: in which the command was beyond them.
+        """
         met = total = 0
         for stretch in self.stretches:
-            inputs, values = stretch.scene.assemble().inputs, stretch.driving({})
-            for key, one in inputs.items():
-                if key.partition(".")[0] == name and one.state in values:
-                    met += int(np.count_nonzero((values[one.state] <= one.low) | (values[one.state] >= one.high)))
-                    total += stretch.count
+            inputs = variant(stretch.scene)[1] if variant else stretch.scene.assemble().inputs
+            values = stretch.driving({})
+            for key, actuator in inputs.items():
+                if key.partition(".")[0] != table or actuator.state not in values:
+                    continue
+                command = values[actuator.state]
+                inside = np.clip(command, actuator.low, actuator.high)
+                away = inside != command if variant else (command <= actuator.low) | (command >= actuator.high)
+                met += int(np.count_nonzero(away))
+                total += stretch.count
         return met / max(total, 1)
 
     def added_states(self, step: float, variant: Variant) -> Callable[[int], dict[str, float]] | None:
@@ -376,19 +384,23 @@ class JudgedEffect:
     def text(self) -> str:
         """The judgement as a sentence."""
         name = f'Effect "{self.effect}"'
+        owner = self.effect.removesuffix(" limits")
         if not self.on:
             like = f" as in {self.like}" if self.like else ""
             pulls = f"{self.contact} pulled for {self.pulled:.2%} of the time, with up to {self.pull:.3g} N; "
             differ = f"with it{like} the forces of this run would differ by {self.share:.1%}"
+            if owner != self.effect:
+                differ = f"the {owner} was commanded beyond the limits{like} for {self.share:.1%} of the time"
             return f"{name} is absent; {pulls if self.contact else ''}{differ}"
         if self.open:
             return f"{name} stayed open in this run ({self.open} closes it)"
+        if owner != self.effect:
+            if self.share:
+                return f"{name} is active but the {owner} was at a limit for only {self.share:.1g} of the time"
+            return f"{name} is active but never influenced this run ({owner} stayed within its range)"
         if self.share > _ROUNDING:
             few = f"{name} is active but changed the forces of this run by only {self.share:.1g} of their size"
             return f"{few}; for its change of the motion: rig explain SCENE --measure"
-        owner = self.effect.removesuffix(" limits")
-        if owner != self.effect:
-            return f"{name} is active but never influenced this run ({owner} stayed within its range)"
         since = f" from {self.since:g} s on" if self.since else ""
         return f"{name} is active but had no influence on this run, judged at {self.states} of its states{since}"
 
@@ -424,18 +436,17 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
 
     for name, keys in dropped(scene).items():
         variant = rigs(partial(without, keys=keys))
+        owner = name.removesuffix(" limits")
         try:
             other, _ = variant(scene)
-            part = comparison.share(variant)
+            if owner == name:
+                part = max(comparison.share(variant), _lifted(motion, other))
+            else:
+                part = max(clamped.get(owner, 0.0), witness.history.at_limit(owner))
         except (RigError, ValueError):  # the plant needs it, or the method cannot integrate the rig without it
             continue
-        owner = name.removesuffix(" limits")
-        if owner == name:
-            rare = _lifted(motion, other)
-        else:
-            rare = clamped[owner] if owner in clamped else witness.history.at_limit(owner)
         switch = next((key for key in witness.open if key.partition(".")[0] == name), "")
-        yield JudgedEffect(name, True, max(part, rare), *judged, open=switch)
+        yield JudgedEffect(name, True, part, *judged, open=switch)
     about = declared(scene.parameters)
     for name, keys in absent(scene).items():
         if about[name].hardware:
@@ -444,10 +455,13 @@ def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[Jud
             _, like = added(scene, keys)
             variant = rigs(lambda of, keys=keys: added(of, keys)[0])  # type: ignore[misc]
             other, _ = variant(scene)
-            more = witness.history.added_states(motion.integration.step_ns * 1e-9, variant)
-            if more is None:
-                continue
-            part = comparison.share(variant, more)
+            if name.endswith(" limits"):
+                part = witness.history.at_limit(name.removesuffix(" limits"), variant)
+            else:
+                more = witness.history.added_states(motion.integration.step_ns * 1e-9, variant)
+                if more is None:
+                    continue
+                part = comparison.share(variant, more)
         except (RigError, ValueError):  # no scene has values for it, or the method cannot integrate it
             continue
         lifts = pulls.keys() & {_contact(other, normal) for normal in other.normals if normal.opens}

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
-from math import isfinite, nan
+from math import ceil, isfinite, nan
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -77,12 +77,14 @@ class ProtocolValues:
         self._values[name] = in_range(self._runner.inputs, [name], [value])[0]
         return self._values[name]
 
-    def move(self, name: str, to: float, ticks: int) -> float:
-        """Move linearly to a value within `ticks`. Returns the value clamped to the range of the actuator."""
+    def move(self, name: str, to: float, ticks: int) -> tuple[float, int]:
+        """Move linearly to a value within `ticks`, or to a limit on the way. Returns last value and number of ticks."""
         start = self.now(name)
         self._values[name] = in_range(self._runner.inputs, [name], [to])[0]
+        if self._values[name] != to:
+            ticks = max(ceil(ticks * (self._values[name] - start) / (to - start)), 1)
         self._moves[name] = (start, self._values[name], self._runner.tick, ticks)
-        return self._values[name]
+        return self._values[name], ticks
 
     def now(self, name: str) -> float:
         """The value at this tick, also during a move."""
@@ -134,8 +136,8 @@ class Exchange:
         self.journal = journal
         self._owner: dict[str, str] = {}
         self._protocol = ProtocolValues(runner)
-        self._stairs: set[str] = set()
-        """Actuators that move in steps, one per frame, because no state of theirs has a slope."""
+        self._steps: dict[str, int] = {}
+        """Actuators on the move -> the tick from which on they are written: the last, or the next without a slope."""
         self.in_force: dict[str, float] = {}
         """The value that each actuator was set to last."""
         self._order: list[CommandQueue] = []
@@ -234,8 +236,8 @@ class Exchange:
                 if tick - queue.last >= queue.period + self._hold:
                     self._step_in(queue, tick)
                     changed.append(queue)
-        if self._stairs:
-            self._climb()
+        if self._steps:
+            self._step()
         return changed
 
     def until(self, but: Collection[str] = ()) -> int | None:
@@ -243,7 +245,7 @@ class Exchange:
 
         `but`: controllers whose commands another caller puts into force meanwhile.
         """
-        found = self._runner.tick + 1 if self._stairs else None
+        found = self._next_step()
         for queue in self._order:
             if queue.name in but:
                 continue
@@ -321,13 +323,13 @@ class Exchange:
     def ask(self, name: str, value: float) -> None:
         """Set an actuator to a value of the protocol, clamped like any other."""
         value = self._protocol.set(name, value)
-        self._stairs.discard(name)
+        self._steps.pop(name, None)
         if not self._overruled(name):
             self._write(name, value)
 
     def move(self, name: str, to: float, ticks: int) -> None:
         """Move an actuator linearly to a value of the protocol within `ticks`."""
-        to = self._protocol.move(name, to, ticks)
+        to, ticks = self._protocol.move(name, to, ticks)
         if not self._overruled(name):
             self._ramp(name, to, ticks)
 
@@ -356,7 +358,7 @@ class Exchange:
             queue.queue.clear()
             queue.values = queue.wanted = ()
         self._protocol.make_safe()
-        self._stairs.clear()
+        self._steps.clear()
         for name, one in self._runner.inputs.items():
             if one.slope:
                 self._ramp(name, one.safe, ticks)
@@ -395,17 +397,23 @@ class Exchange:
             self._runner.apply(name, value)
 
     def _ramp(self, name: str, to: float, ticks: int) -> None:
+        self._steps[name] = self._runner.tick + 1
         if self._runner.inputs[name].slope:
+            self._steps[name] = self._runner.tick + ticks
             self.in_force[name] = nan
             self._runner.ramp(name, to, ticks)
-        else:
-            self._stairs.add(name)
 
-    def _climb(self) -> None:
-        """Make the next step of each actuator that moves in steps, unless a controller drives it."""
-        for name in self._stairs:
+    def _next_step(self) -> int | None:
+        return max(min(self._steps.values()), self._runner.tick + 1) if self._steps else None
+
+    def _step(self) -> None:
+        """Write each actuator that moves in steps or has arrived, unless a controller drives it."""
+        tick = self._runner.tick
+        for name in [name for name, first in self._steps.items() if first <= tick]:
             if not self.overruler(name):
                 self._write(name, self._protocol.now(name))
+            if self._protocol.rest_of_move(name) is None:
+                del self._steps[name]
 
     def counters(self) -> dict[str, dict[str, Any]]:
         """Return the counts of each controller; unknown senders are under "refused"."""

@@ -81,7 +81,7 @@ class Playback(Exchange):
         """
         if not self.plays:
             return super().until(but)
-        due = [self._runner.tick + 1] if self._stairs else []
+        due = [] if (step := self._next_step()) is None else [step]
         played = [(name, one) for name, one in self.played.items() if name in self.queues]
         ticks = [one.due(ROWS if name in but else 0) for name, one in played]
         return min([*due, *(tick for tick in ticks if tick is not None)], default=None)
@@ -99,8 +99,8 @@ class Playback(Exchange):
                 self.impose(queue, answered, status, tuple(values))
                 one.done += 1
                 changed.append(queue)
-        if self._stairs:
-            self._climb()
+        if self._steps:
+            self._step()
         return changed
 
 
