@@ -14,6 +14,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 MOST, POINTS = 100_000, 10_000_000
 """Largest number of values of one axis, and of points of all axes together."""
+_PARTS = ("sensors", "controllers")
 FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
 
 
@@ -40,14 +42,13 @@ FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
 class Axis:
     """Parameter `key` at `values` (SI, in `unit`), in the given order. `shown` is the unit for output.
 
-    `scale`: SI value of one `shown`. `words`: the parameter in words, for a figure.
+    `words`: the parameter in words, for a figure.
     """
 
     key: str
     unit: str
     values: tuple[float, ...]
     shown: str
-    scale: float = 1.0
     words: str = ""
 
     @classmethod
@@ -57,13 +58,12 @@ class Axis:
         key, parts = key.strip(), [with_point(part.strip(), key) for part in rest.split(":")]
         if not equals or not key or len(parts) != 3 or not all(parts):
             raise SceneError(shortened(text), [FORM])
-        known = _numbers(scene, controller)
-        faults = []
-        if key not in known:
-            faults.append(unknown(key, known, scene))
-        count = int(parts[2]) if re.fullmatch("[0-9]{1,9}", parts[2]) else 0
-        if not 2 <= count <= MOST:
-            faults.append(f"count = {shortened(parts[2])}: must be a whole number from 2 to {MOST}")
+        known = numbers(scene, [f"controllers.{controller}"])
+        faults = [] if key in known else [unknown(key, known, scene)]
+        try:
+            count = value_count(parts[2])
+        except ValueError as error:
+            faults.append(str(error))
         if key not in known:
             raise SceneError(shortened(text), faults)
         unit = known[key]
@@ -78,12 +78,9 @@ class Axis:
             faults.append(f"from {parts[0]} to {parts[1]}: the ends are the same; -p {key}=... sets a single value")
         if faults:
             raise SceneError(shortened(text), faults)
-        one = 1.0 if shown == unit else si(f"1 {shown}", unit) - si(f"0 {shown}", unit)
         whole = bool(np.isfinite(ends).all())  # else the values between are undefined, and the scene refuses the ends
         values = np.linspace(ends[0], ends[1], count).tolist() if whole else ends
-        axis = cls(key, unit, tuple(values), shown, one, in_words(key, scene))
-        axis._check(text, scene)
-        return axis
+        return cls(key, unit, tuple(values), shown, in_words(key, scene)).accepted(text, scene)
 
     @classmethod
     def of(cls, key: str, values: Iterable[float], scene: Scene, controller: str = "") -> Self:
@@ -91,10 +88,8 @@ class Axis:
 
         Raises SceneError with every fault.
         """
-        known, given = _numbers(scene, controller), tuple(float(value) for value in values)
-        faults = []
-        if key not in known:
-            faults.append(unknown(key, known, scene))
+        known, given = numbers(scene, [f"controllers.{controller}"]), tuple(float(value) for value in values)
+        faults = [] if key in known else [unknown(key, known, scene)]
         steps = np.diff(given)
         if not 2 <= len(given) <= MOST:
             faults.append(f"{len(given)} values: must be from 2 to {MOST}")
@@ -102,14 +97,20 @@ class Axis:
             faults.append("values must rise or fall throughout")
         if faults:
             raise SceneError(key, faults)
-        axis = cls(key, known[key], given, known[key], words=in_words(key, scene))
-        axis._check(key, scene)
-        return axis
+        return cls(key, known[key], given, known[key], in_words(key, scene)).accepted(key, scene)
 
-    def _check(self, text: str, scene: Scene) -> None:
-        """Raise SceneError if the scene refuses one of the values."""
+    def accepted(self, text: str, scene: Scene) -> Self:
+        """Return the axis. Raises SceneError if the scene refuses one of the values."""
+        try:
+            self.check(scene, self.values)
+        except ValueError as fault:
+            raise SceneError(shortened(text), [f"{self.key} = {fault}"]) from None
+        return self
+
+    def check(self, scene: Scene, values: Iterable[float], remedy: str = "") -> None:
+        """Raise ValueError if the scene refuses one of the values (SI); `remedy` ends the message."""
         refused = []
-        for value in self.values:
+        for value in values:
             try:
                 self.at(scene, value)
             except SceneError as error:
@@ -117,16 +118,16 @@ class Axis:
         if refused:
             value, why = refused[0]
             others = f" (and {len(refused) - 1} more values)" if len(refused) > 1 else ""
-            raise SceneError(shortened(text), [f"{self.key} = {self.text(value)}{others}: {why}"])
+            raise ValueError(f"{self.text(value)}{others}: {why}{remedy}")
 
     def at(self, scene: Scene, value: float) -> Scene:
         """Return `scene` with this parameter at `value` (SI). Raises SceneError if the scene refuses the value."""
-        room, _, rest = self.key.partition(".")
-        if room != "controllers":
-            return replace(scene, parameters=with_values(scene.parameters, {self.key: value}))
-        name, _, field = rest.partition(".")
-        changed = with_values(scene.controllers[name], {field: value})
-        return replace(scene, controllers={**scene.controllers, name: changed})
+        return changed(scene, {self.key: value})
+
+    @cached_property
+    def scale(self) -> float:
+        """SI value of one `shown`."""
+        return 1.0 if self.shown == self.unit else si(f"1 {self.shown}", self.unit) - si(f"0 {self.shown}", self.unit)
 
     def idle(self, scene: Scene) -> str:
         """Why the parameter changes nothing in a rig that runs no protocol: its effect is off. "" if it is on."""
@@ -147,18 +148,17 @@ class Axis:
     @property
     def label(self) -> str:
         """The key with its unit, for a table."""
-        return self.key if self.shown == "1" else f"{self.key} [{self.shown}]"
+        return with_unit(self.key, self.shown)
 
     @property
     def si_label(self) -> str:
         """The key with the unit of `values`, for a table of them."""
-        return self.key if self.unit == "1" else f"{self.key} [{self.unit}]"
+        return with_unit(self.key, self.unit)
 
     @property
     def title(self) -> str:
         """The parameter in words with its unit, for a figure."""
-        words = self.words or self.key
-        return words if self.shown == "1" else f"{words} [{self.shown}]"
+        return with_unit(self.words or self.key, self.shown)
 
     @property
     def shown_values(self) -> Array:
@@ -189,17 +189,48 @@ def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") ->
     return found
 
 
-def _numbers(scene: Scene, controller: str) -> dict[str, str]:
-    """Key and unit of every number that can be swept."""
-    found = dict(sweepable(scene.parameters))
-    if controller in scene.controllers:
-        found |= sweepable(scene.controllers[controller], f"controllers.{controller}")
-    return found
+def with_unit(name: str, unit: str) -> str:
+    """Return the head of a column: a name with its unit, if it has one."""
+    return name if unit in ("", "1") else f"{name} [{unit}]"
+
+
+def value_count(text: str) -> int:
+    """Read the number of values of an axis. Raises ValueError."""
+    if re.fullmatch("[0-9]{1,9}", text) and 2 <= int(text) <= MOST:
+        return int(text)
+    raise ValueError(f"count = {shortened(text)}: must be a whole number from 2 to {MOST}")
+
+
+def numbers(scene: Scene, parts: Iterable[str] | None = None) -> dict[str, str]:
+    """Return key and unit of every number of the rig and of `parts`, such as controllers.nf; None: of all parts."""
+    units = dict(sweepable(scene.parameters))
+    for room in _PARTS:
+        for name, section in getattr(scene, room).items():
+            if parts is None or f"{room}.{name}" in parts:
+                units |= sweepable(section, f"{room}.{name}")
+    return units
+
+
+def changed(scene: Scene, values: Mapping[str, float], seed: int | None = None) -> Scene:
+    """Return `scene` with values (SI) of dotted keys, and a seed. Raises SceneError if it refuses one."""
+    changes: dict[str, Any] = {} if seed is None else {"seed": seed}
+    by_part: dict[tuple[str, str], dict[str, float]] = {}
+    for key, value in values.items():
+        room, _, rest = key.partition(".")
+        name, _, field = rest.partition(".") if room in _PARTS else ("", "", key)
+        by_part.setdefault((room if name else "", name), {})[field] = value
+    for (room, name), given in by_part.items():
+        if not room:
+            changes["parameters"] = with_values(scene.parameters, given)
+        else:
+            sections = changes.setdefault(room, dict(getattr(scene, room)))
+            sections[name] = with_values(sections[name], given)
+    return replace(scene, **changes)
 
 
 def unknown(key: str, known: Iterable[str], scene: Scene) -> str:
     """The fault of a key that is no number of a scene: names that are like it, or how a choice is changed."""
-    at: Any = scene if key.partition(".")[0] in ("sensors", "controllers") else scene.parameters
+    at: Any = scene if key.partition(".")[0] in _PARTS else scene.parameters
     for part in key.split("."):
         at = at.get(part) if isinstance(at, Mapping) else getattr(at, part, None)
     if isinstance(at, bool | str):
@@ -227,7 +258,7 @@ def in_words(key: str, scene: Scene, declared: bool = False) -> str:
     `declared`: "" without a title.
     """
     room, _, rest = key.partition(".")
-    of_parts = room in ("controllers", "sensors")
+    of_parts = room in _PARTS
     *path, name = (rest if of_parts else key).split(".")
     section: Any = getattr(scene, room) if of_parts else scene.parameters
     for part in path:

@@ -8,8 +8,6 @@ Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -25,6 +23,7 @@ from rig.analysis.eigenvalue_curves import EDGE, NOTHING, Growth, brackets, look
 from rig.analysis.modes import GENERATOR, Slow, missing
 from rig.bench.run.rig_variants import with_values
 from rig.errors import Singular
+from rig.machine.files import csv_table
 from rig.printable import columns
 from rig.results import Result
 from rig.scenes.scene import Scene
@@ -120,13 +119,10 @@ class Regions(Result):
 
     def csv(self) -> str:
         """Return a line for each point; the head names the units."""
-        made = io.StringIO()
-        writer = csv.writer(made)
-        writer.writerow([self.x.si_label, self.y.si_label, "growth [1/s]", "frequency [Hz]", "exists"])
-        for j, i in np.ndindex(self.growth.shape):
-            at = self.growth[j, i], self.frequency[j, i], int(self.exists[j, i])
-            writer.writerow([self.x.values[i], self.y.values[j], *at])
-        return made.getvalue()
+        head = [self.x.si_label, self.y.si_label, "growth [1/s]", "frequency [Hz]", "exists"]
+        places = np.tile(self.x.values, len(self.y.values)), np.repeat(self.y.values, len(self.x.values))
+        tables = self.growth.ravel(), self.frequency.ravel(), self.exists.ravel().astype(int)
+        return csv_table([head, *zip(*(column.tolist() for column in (*places, *tables)))]).decode()
 
 
 def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], object] | None = None) -> Regions:

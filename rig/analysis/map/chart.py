@@ -6,8 +6,6 @@ III  vibration only                 ?    undecided: a run that did not settle co
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 from rig.analysis.map.job import CARRIED, RUNS, Job
 from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STOPPED, STUCK, UNDECIDED, VIBRATION
 from rig.analysis.pool import Arrays
+from rig.machine.files import csv_table
 from rig.printable import columns, counted
 from rig.results import Result
 
@@ -201,11 +200,8 @@ class Map(Result):
 
     def csv(self) -> str:
         """Return every point as a line of a CSV file; the head names the units."""
-        records, made = list(self.points()), io.StringIO()
-        writer = csv.writer(made)
-        writer.writerow(map(self._head, records[0]))
-        writer.writerows(record.values() for record in records)
-        return made.getvalue()
+        records = list(self.points())
+        return csv_table([map(self._head, records[0]), *(record.values() for record in records)]).decode()
 
     def _head(self, name: str) -> str:
         """The name of a column of numbers with its unit."""

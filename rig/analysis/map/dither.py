@@ -13,8 +13,6 @@ Source: Thomsen, J. Sound Vib. 228 (1999); Liu and Ouyang, Meccanica 55 (2020), 
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -31,6 +29,7 @@ from rig.analysis.modes import GENERATOR
 from rig.analysis.pool import Arrays
 from rig.bench.run.rig_variants import with_values
 from rig.errors import NumericsError
+from rig.machine.files import csv_table
 from rig.model.method import chosen
 from rig.model.system import System
 from rig.motion.motion import Motion
@@ -109,14 +108,10 @@ class Boundary(Result):
 
     def csv(self) -> str:
         """Return a line for each frequency; the head names the units."""
-        made = io.StringIO()
-        writer = csv.writer(made)
         unit = self.job.y.unit if self.job.y else ""
         names = ("leading", "averaged", "simulated_lost", "simulated_kept")
-        writer.writerow([self.job.x.si_label, *(f"{name} [{unit}]" for name in names)])
-        for i, frequency in enumerate(self.job.x.values):
-            writer.writerow([frequency, self.leading[i], self.averaged[i], *self.simulated[i]])
-        return made.getvalue()
+        rows = zip(self.job.x.values, self.leading, self.averaged, *self.simulated.T)
+        return csv_table([[self.job.x.si_label, *(f"{name} [{unit}]" for name in names)], *rows]).decode()
 
 
 def put_together(job: Job, found: dict[int, Arrays], folder: Path) -> Boundary:

@@ -1,43 +1,25 @@
-"""The parameters that a study varies: values of a grid, or a distribution; and a scene with values of them.
+"""The parameters that a study varies: values of a grid, or a distribution, in Python or as text, normal(0.4, 0.02).
 
-The words for a measure in a figure.
-
-Distributions of a parameter: normal, lognormal, uniform, triangular; in Python or as text, normal(0.4, 0.02).
-
-The condition of the recordings that a study keeps: a measure beyond a level, such as "cycle.amplitude > 5 mm".
+And the condition of the recordings that a study keeps: a measure beyond a level, such as "cycle.amplitude > 5 mm".
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.axis import MOST, Axis, in_words, sweepable, unknown
+from rig.analysis.axis import Axis, in_words, numbers, unknown, value_count
 from rig.analysis.studies.measures import Measure
-from rig.bench.run.rig_variants import with_values
 from rig.errors import SceneError, UsageError
 from rig.quantities import Condition
 from rig.scenes.faults import near, shortened
 from rig.scenes.scene import Scene
 from rig.units import brief, parted, si, with_units
-
-
-def measure_in_words(measure: str, unit: str) -> str:
-    """Return a measure in words with its unit: "cycle.stick_share" is "stick share (cycle) [1]"."""
-    source, _, rest = measure.partition(".")
-    words = (f"{rest} ({source})" if rest else measure).replace("_", " ").replace(".", " ")
-    return f"{words} [{unit or '1'}]"
-
-
-def with_unit(name: str, unit: str) -> str:
-    """Return the head of a column: a name with its unit, if it has one."""
-    return name if unit in ("", "1") else f"{name} [{unit}]"
-
 
 Array = NDArray[np.float64]
 FORMS = {
@@ -81,7 +63,7 @@ class Distribution:
             given |= dict(zip(alike, with_units([given[name] for name in alike])))
         except ValueError as fault:
             raise UsageError(f"{text.strip()}: {fault}") from None
-        return made(found["kind"], {name: _number(value) for name, value in given.items()})
+        return made(found["kind"], {name: number_or_text(value) for name, value in given.items()})
 
     def __str__(self) -> str:
         texts = [f"{value:g}" if isinstance(value, float | int) else value for _, value in self.values]
@@ -187,7 +169,8 @@ def _check(text: str, kind: str, v: dict[str, float]) -> None:
         raise ValueError(f"{text}: mode must lie between low and high")
 
 
-def _number(text: str) -> float | str:
+def number_or_text(text: str) -> float | str:
+    """Return a text as a number, if it is one."""
     try:
         return float(text)
     except ValueError:
@@ -195,7 +178,6 @@ def _number(text: str) -> float | str:
 
 
 FORM = 'expected values such as [10, 20], "10 N:30 N:5", "10 N, 20 N" or "normal(20 N, 2 N)"'
-_SECTIONS = ("sensors", "controllers")
 
 
 @dataclass(frozen=True)
@@ -235,32 +217,6 @@ def factors(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
     return tuple(found)
 
 
-def numbers(scene: Scene) -> dict[str, str]:
-    """Return key and unit of every number of the rig, its sensors and its controllers."""
-    found = dict(sweepable(scene.parameters))
-    for room in _SECTIONS:
-        for name, section in getattr(scene, room).items():
-            found |= sweepable(section, f"{room}.{name}")
-    return found
-
-
-def changed(scene: Scene, values: Mapping[str, float], seed: int | None = None) -> Scene:
-    """Return `scene` with values (SI) of dotted keys, and a seed. Raises SceneError if it refuses one."""
-    by_part: dict[tuple[str, str], dict[str, float]] = {}
-    for key, value in values.items():
-        room, _, rest = key.partition(".")
-        name, _, field = rest.partition(".") if room in _SECTIONS else ("", "", key)
-        by_part.setdefault((room if name else "", name), {})[field] = value
-    changes: dict[str, Any] = {} if seed is None else {"seed": seed}
-    for (room, name), given in by_part.items():
-        if not room:
-            changes["parameters"] = with_values(scene.parameters, given)
-        else:
-            sections = changes.setdefault(room, dict(getattr(scene, room)))
-            sections[name] = with_values(sections[name], given)
-    return replace(scene, **changes)
-
-
 def _factor(scene: Scene, key: str, unit: str, given: Any) -> Factor:
     if isinstance(given, str) and "(" in given:
         given = Distribution.parse(given)
@@ -273,9 +229,8 @@ def _factor(scene: Scene, key: str, unit: str, given: Any) -> Factor:
         raise ValueError(f"the list is empty; {FORM}")
     if len(set(values)) < len(values):
         raise ValueError("a value is given twice")
-    scale = 1.0 if shown == unit else si(f"1 {shown}", unit) - si(f"0 {shown}", unit)
-    axis = Axis(key, unit, tuple(values), shown, scale, words)
-    refused(scene, axis, values)
+    axis = Axis(key, unit, tuple(values), shown, words)
+    axis.check(scene, values)
     return Factor(axis)
 
 
@@ -284,9 +239,7 @@ def _spaced(given: str, unit: str) -> tuple[list[float], str]:
     parts = [part.strip() for part in given.split(":")]
     if len(parts) != 3 or not all(parts):
         raise ValueError(f"{shortened(given)}: {FORM}")
-    count = int(parts[2]) if re.fullmatch("[0-9]{1,9}", parts[2]) else 0
-    if not 2 <= count <= MOST:
-        raise ValueError(f"count = {shortened(parts[2])}: must be a whole number from 2 to {MOST}")
+    count = value_count(parts[2])
     if any("," in part for part in parts):
         raise ValueError(f"{shortened(given)}: {FORM}; a number has a point, 0.5, not a comma")
     (low, high), shown = _listed(f"{parts[0]}, {parts[1]}", unit)
@@ -297,7 +250,7 @@ def _listed(given: Any, unit: str) -> tuple[list[float], str]:
     """The values of a list in SI, and the unit in which they are shown."""
     if isinstance(given, str):
         texts = with_units([part for part in map(str.strip, given.split(",")) if part])
-        parts: list[Any] = [text if parted(text)[1] else _plain(text) for text in texts]
+        parts: list[Any] = [text if parted(text)[1] else number_or_text(text) for text in texts]
     elif isinstance(given, Iterable) and not isinstance(given, bytes | Mapping) and getattr(given, "shape", 1) != ():
         parts = list(given)
     else:
@@ -310,27 +263,6 @@ def _listed(given: Any, unit: str) -> tuple[list[float], str]:
             raise ValueError(f"{brief(part)} is not finite")
         values.append(value)
     return values, units.pop() if len(units) == 1 else unit
-
-
-def _plain(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def refused(scene: Scene, axis: Axis, values: Iterable[float], remedy: str = "") -> None:
-    """Raise ValueError if the scene refuses one of the values (SI) of a parameter; `remedy` ends the message."""
-    wrong = []
-    for value in values:
-        try:
-            changed(scene, {axis.key: value})
-        except SceneError as error:
-            wrong.append((value, "; ".join(error.faults)))
-    if wrong:
-        value, why = wrong[0]
-        others = f" (and {len(wrong) - 1} more values)" if len(wrong) > 1 else ""
-        raise ValueError(f"{axis.text(value)}{others}: {why}{remedy}")
 
 
 def condition(text: str, measures: Sequence[Measure]) -> tuple[int, Callable[[float], bool]]:

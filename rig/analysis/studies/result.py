@@ -1,21 +1,12 @@
-"""The result of a study, and what is done with it.
+"""The result of a study: its values as text, JSON, CSV, NetCDF or Zarr, and its figures; and the figure of a search.
 
-The values of a study: every measure at every point, with units, seeds and reasons; as text, JSON and CSV.
-
-The result of a study as xarray's Dataset, and as a file: NetCDF or Zarr.
-
-The figures of studies: curves or a heat map over a grid, a scatter matrix of samples, a tornado of Sobol indices;
-and that of a search.
-
-Of dimensions that a figure does not show (samples, repeats, further parameters) it shows the median; curves show the
-range as well.
+Figures: curves or a heat map over a grid, a scatter matrix of samples, a tornado of Sobol indices. Of dimensions that a
+figure does not show (samples, repeats, further parameters) it shows the median; curves show the range as well.
 """
 
 from __future__ import annotations
 
-import csv
 import importlib.util
-import io
 import json
 import shutil
 import textwrap
@@ -29,13 +20,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.axis import with_unit
 from rig.analysis.pool import Arrays
-from rig.analysis.studies.factors import measure_in_words, with_unit
 from rig.analysis.studies.measures import one_unit
 from rig.analysis.studies.runs import REPEAT, SAMPLE, StudyRuns
 from rig.errors import OutputError, UsageError
 from rig.extras import needed
-from rig.machine.files import write_file
+from rig.machine.files import csv_table, write_file
 from rig.printable import columns
 from rig.results import Result
 from rig.view.palette import STYLE, page, put
@@ -68,49 +59,9 @@ class Indices:
     whole: Array
 
 
-def _titled(name: str, unit: str) -> str:
-    return name if unit in ("", "1") else f"{name} [{unit}]"
-
-
-SUFFIXES = (".nc", ".zarr")
-
-
-def dataset(found: StudyResult) -> Dataset:
-    """Return measures, seed and reason over the keys of the grid, sample and repeat; drawn values over sample.
-
-    Every variable has `units` in SI and `long_name`; attributes state scene, plan and provenance. Raises UsageError if
-    xarray is not installed.
-    """
-    xarray: Any = needed("xarray", "data")
-    plan = found.work.plan
-    names, shape = tuple(plan.dimensions), tuple(plan.dimensions.values())
-    coordinates: dict[str, Any] = {
-        one.key: ((one.key,), np.array(one.axis.values), _about(one.axis.unit, one.axis.words)) for one in plan.grid
-    }
-    for i, one in enumerate(plan.drawn):
-        about = _about(one.axis.unit, one.axis.words) | {"distribution": str(one.distribution)}
-        coordinates[one.key] = ((SAMPLE,), plan.draws[:, i], about)
-    if plan.repeat > 1:
-        coordinates[REPEAT] = ((REPEAT,), np.arange(plan.repeat))
-    variables: dict[str, Any] = {
-        _name(name): (names, found.values_of(name), _about(unit, name)) for name, unit in zip(found.names, found.units)
-    }
-    seeds = np.array([plan.seed_of(k) for k in range(plan.total)])
-    variables["seed"] = (names, seeds.reshape(shape), {"long_name": "seed of the run"})
-    variables["reason"] = (names, np.array(found.reasons, dtype=object).reshape(shape),
-                           {"long_name": "why a value is missing"})  # fmt: skip
-    attributes: dict[str, Any] = {f"provenance_{name}": text for name, text in found.provenance.items()}
-    attributes |= {"scene": found.work.scene.name, "sampling": plan.sampling, "study_seed": plan.seed,
-                   "scene_json": found.work.scene.to_json(), "measures": json.dumps(found.names)}  # fmt: skip
-    made: Dataset = xarray.Dataset(variables, coordinates, attributes)
-    for one in made.coords.values():
-        one.encoding["_FillValue"] = None  # CF allows no missing values in a coordinate
-    return made
-
-
 def check_path(path: Path) -> None:
     """Raise UsageError for what `save` could not write: another suffix, another folder, or a missing library."""
-    if path.suffix not in SUFFIXES:
+    if path.suffix not in (".nc", ".zarr"):
         raise UsageError(f"--to {path}: the name ends in .nc (NetCDF) or .zarr (Zarr)")
     if path.suffix == ".zarr" and path.exists() and not (path / "zarr.json").is_file():
         raise UsageError(
@@ -125,21 +76,6 @@ def check_path(path: Path) -> None:
         )
 
 
-def save(found: StudyResult, path: Path) -> None:
-    """Write the Dataset to a file .nc or a folder .zarr, completely or not at all. Raises UsageError, OutputError."""
-    check_path(path)
-    made = dataset(found)
-    try:
-        if path.suffix == ".zarr":
-            _zarr(made, path)
-            return
-        made["scene_json"] = ((), made.attrs.pop("scene_json"))  # HDF5 limits attributes to 64 KiB
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_file(path, bytes(made.to_netcdf(engine="h5netcdf")))  # on its own HDF5 tells a full disk in four lines
-    except OSError as fault:
-        raise OutputError(f"{path} cannot be written: {fault.strerror or fault}") from None
-
-
 def _zarr(made: Dataset, path: Path) -> None:
     draft = path.with_name(f".{path.name}.part")
     shutil.rmtree(draft, ignore_errors=True)
@@ -149,15 +85,6 @@ def _zarr(made: Dataset, path: Path) -> None:
         draft.rename(path)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-
-
-def _about(unit: str, words: str) -> dict[str, str]:
-    return {"units": unit or "1", "long_name": words}
-
-
-def _name(measure: str) -> str:
-    """A measure as the name of a variable: NetCDF allows no slash."""
-    return measure.replace("/", "_")
 
 
 _COLOUR, _BAND, _LIGHT, _BEST = "#1d4f91", "#b9cce4", "#d1802f", "#c03a76"
@@ -184,13 +111,11 @@ def _suiting(found: StudyResult) -> dict[str, Callable[[StudyResult], Figure]]:
     return wanted
 
 
-def draw(found: StudyResult, folder: Path) -> list[Path]:
-    """Draw the figures that suit the plan into `folder` (PNG); return their files."""
-    paths = []
-    for name, make in _suiting(found).items():
-        put(_styled(make, found), folder / name)
-        paths.append(folder / name)
-    return paths
+def measure_in_words(measure: str, unit: str) -> str:
+    """Return a measure in words with its unit: "cycle.stick_share" is "stick share (cycle) [1]"."""
+    source, _, rest = measure.partition(".")
+    words = (f"{rest} ({source})" if rest else measure).replace("_", " ").replace(".", " ")
+    return f"{words} [{unit or '1'}]"
 
 
 def study_figure(found: StudyResult) -> Figure:
@@ -443,7 +368,7 @@ class StudyResult(Result):
         return "\n".join(self._lines())
 
     def _lines(self) -> Iterator[str]:
-        plan, names = self.work.plan, self.names
+        plan = self.work.plan
         over = ", ".join(f"{one.key} {one.distribution or f'{len(one.axis.values)} values'}" for one in plan.factors)
         sizes = " x ".join(map(str, plan.dimensions.values()))
         yield f"{self.work.scene.name}: {len(self.values)} points ({sizes}) over {over}"
@@ -451,7 +376,7 @@ class StudyResult(Result):
             yield from ["", *self._table()]
         yield ""
         rows: list[tuple[str, ...]] = [("measure", "median", "least", "greatest", "unit", "missing")]
-        for m, (name, unit) in enumerate(zip(names, self.units)):
+        for m, (name, unit) in enumerate(zip(self.names, self.units)):
             v = self.values[np.isfinite(self.values[:, m]), m]
             numbers = (f"{np.median(v):.5g}", f"{v.min():.5g}", f"{v.max():.5g}") if v.size else ("-", "-", "-")
             rows.append((name, *numbers, unit, f"{len(self.values) - v.size or ''}"))
@@ -472,7 +397,7 @@ class StudyResult(Result):
         return f"{', '.join(texts)}, seed {self.work.plan.seed_of(point)}"
 
     def _table(self) -> Iterator[str]:
-        rows = [(*(one.axis.label for one in self.work.plan.factors), *map(_titled, self.names, self.units))]
+        rows = [(*(one.axis.label for one in self.work.plan.factors), *map(with_unit, self.names, self.units))]
         for at, values in zip(self.points, self.values):
             keys = (f"{v / one.axis.scale:.6g}" for one, v in zip(self.work.plan.factors, at))
             rows.append((*keys, *(f"{v:.6g}" if np.isfinite(v) else "-" for v in values)))
@@ -494,12 +419,9 @@ class StudyResult(Result):
 
     def csv(self) -> str:
         """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
-        made = io.StringIO()
-        writer = csv.writer(made)
-        measures = (with_unit(name, unit) for name, unit in zip(self.names, self.units))
-        writer.writerow([*(one.axis.si_label for one in self.work.plan.factors), "seed", *measures, "reason"])
-        writer.writerows(record.values() for record in self.records())
-        return made.getvalue()
+        measures = map(with_unit, self.names, self.units)
+        head = [*(one.axis.si_label for one in self.work.plan.factors), "seed", *measures, "reason"]
+        return csv_table([head, *(record.values() for record in self.records())]).decode()
 
     def to_json(self) -> dict[str, Any]:
         """Return the result as JSON values; parameters in SI."""
@@ -521,19 +443,67 @@ class StudyResult(Result):
     FIGURE: ClassVar = "rig.analysis.studies.result:study_figure"
 
     def to_xarray(self) -> Dataset:
-        """Return the result as a Dataset over the dimensions of the plan, with units and provenance.
+        """Return the result as a Dataset: measures, seed and reason over the dimensions of the plan.
 
-        Raises rig.errors.UsageError if xarray is not installed.
+        Drawn values are over sample. Every variable has `units` in SI and `long_name`; attributes state scene, plan and
+        provenance. Raises rig.errors.UsageError if xarray is not installed.
         """
-        return dataset(self)
+        xarray: Any = needed("xarray", "data")
+        plan, scene = self.work.plan, self.work.scene
+        names, shape = tuple(plan.dimensions), tuple(plan.dimensions.values())
+
+        def about(unit: str, words: str) -> dict[str, str]:
+            return {"units": unit or "1", "long_name": words}
+
+        coordinates: dict[str, Any] = {
+            one.key: ((one.key,), np.array(one.axis.values), about(one.axis.unit, one.axis.words)) for one in plan.grid
+        }
+        for one, draws in zip(plan.drawn, plan.draws.T):
+            words = about(one.axis.unit, one.axis.words) | {"distribution": str(one.distribution)}
+            coordinates[one.key] = ((SAMPLE,), draws, words)
+        if plan.repeat > 1:
+            coordinates[REPEAT] = ((REPEAT,), np.arange(plan.repeat))
+        variables: dict[str, Any] = {  # NetCDF allows no slash in a name
+            name.replace("/", "_"): (names, self.values_of(name), about(unit, name))
+            for name, unit in zip(self.names, self.units)
+        }
+        seeds = np.array([plan.seed_of(k) for k in range(plan.total)]).reshape(shape)
+        variables["seed"] = (names, seeds, {"long_name": "seed of the run"})
+        reasons = np.array(self.reasons, dtype=object).reshape(shape)
+        variables["reason"] = (names, reasons, {"long_name": "why a value is missing"})
+        attributes: dict[str, Any] = {f"provenance_{name}": text for name, text in self.provenance.items()}
+        attributes |= {"scene": scene.name, "sampling": plan.sampling, "study_seed": plan.seed,
+                       "scene_json": scene.to_json(), "measures": json.dumps(self.names)}  # fmt: skip
+        made: Dataset = xarray.Dataset(variables, coordinates, attributes)
+        for coordinate in made.coords.values():
+            coordinate.encoding["_FillValue"] = None  # CF allows no missing values in a coordinate
+        return made
 
     def save(self, path: Path | str) -> None:
-        """Write the Dataset as NetCDF (.nc) or Zarr (.zarr). Raises rig.errors.UsageError, OutputError."""
-        save(self, Path(path))
+        """Write the Dataset as NetCDF (.nc) or Zarr (.zarr), completely or not at all.
+
+        Raises rig.errors.UsageError, OutputError.
+        """
+        path = Path(path)
+        check_path(path)
+        made = self.to_xarray()
+        try:
+            if path.suffix == ".zarr":
+                _zarr(made, path)
+                return
+            made["scene_json"] = ((), made.attrs.pop("scene_json"))  # HDF5 limits attributes to 64 KiB
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(path, bytes(made.to_netcdf(engine="h5netcdf")))  # HDF5 itself tells a full disk in four lines
+        except OSError as fault:
+            raise OutputError(f"{path} cannot be written: {fault.strerror or fault}") from None
 
     def draw(self, folder: Path | str) -> list[Path]:
         """Draw the figures that suit the plan into a folder (PNG), and return them."""
-        return draw(self, Path(folder))
+        paths = []
+        for name, make in _suiting(self).items():
+            paths.append(Path(folder) / name)
+            put(_styled(make, self), paths[-1])
+        return paths
 
     def __repr__(self) -> str:
         return self.text()

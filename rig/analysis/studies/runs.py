@@ -26,10 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis.axis import changed
 from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, temporary
 from rig.analysis.pool.cluster import check as check_cluster
-from rig.analysis.studies.factors import Factor, changed, factors, refused
+from rig.analysis.studies.factors import Factor, factors
 from rig.analysis.studies.measures import Measure, evaluate
 from rig.bench.run.simulate import simulate
 from rig.compiled import kernel
@@ -157,7 +158,7 @@ def plan(
         cut = factor.distribution is None or factor.distribution.kind == "uniform"
         try:
             remedy = "" if cut else "; cut the distribution off with low=... and high=..."
-            refused(scene, factor.axis, sorted({float(values.min()), float(values.max())}), remedy)
+            factor.axis.check(scene, sorted({float(values.min()), float(values.max())}), remedy)
         except ValueError as fault:
             outside.append(f"{factor.key}: {factor.distribution} leaves the range of the parameter: {fault}")
     if outside:

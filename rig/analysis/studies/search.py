@@ -21,8 +21,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from rig.analysis.axis import with_unit
 from rig.analysis.pool import Arrays, Progress, Store, pool
-from rig.analysis.studies.factors import Factor, factors, with_unit
+from rig.analysis.studies.factors import Factor, factors
 from rig.analysis.studies.functions import check_not_loading
 from rig.analysis.studies.measures import Measure, measures, one_unit
 from rig.analysis.studies.runs import MOST, Plan, StudyRuns, check_length, first_seed
