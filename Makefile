@@ -74,7 +74,7 @@ check: tools
 	@$(RUN) mypy
 
 bench: tools
-	@$(RUN) rig.qualify.benchmarks $(if $(AGAINST),--against $(AGAINST)) $(if $(LOOP),--loop $(LOOP))
+	@$(RUN) benchmarks $(if $(AGAINST),--against $(AGAINST)) $(if $(LOOP),--loop $(LOOP))
 
 docs: install
 	@$(BIN)/rig reproduce all --out docs/gallery --force

@@ -21,7 +21,7 @@ view        figures and rerun
 analysis    analyses of a rig
 gym         rigs as environments of Gymnasium
 plant_fmu   scenes as FMUs
-qualify     tests of the simulator: cost, torture, benchmarks
+qualify     tests of the simulator: cost, torture
 papers      the figures of the papers, reproduced
 lessons     lessons of half an hour
 web         the bench as a page in the browser

@@ -337,7 +337,7 @@ def checkout(tmp_path_factory):
     [
         ("rig/plants/belt.py", "", "\nX = 1\n", True),
         ("rig/effects/friction.py", "", "\nX = 1\n", True),
-        ("rig/qualify/benchmarks/kernels.py", "", "\nX = 1\n", True),
+        ("rig/qualify/doctor.py", "", "\nX = 1\n", True),
         ("rig/sensors/accelerometer.py", "", "\nX = 1\n", True),
         ("rig/scenes/belt.toml", "title", "# title\ntitle", True),
         ("rig/compiled/kernel_store.py", "LIMIT = ", "LIMIT = 2 * ", True),

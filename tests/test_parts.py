@@ -22,7 +22,6 @@ KNOWN = {
     "rig/cli/runs.py": {"pendulum"},  # the scene of `rig demo`
     "rig/design/designer.py": {"dither"},  # scales of a command are those without dither
     "rig/qualify/cost/peers/oscillator.py": {"belt"},  # the one rig that is written for other simulators
-    "rig/qualify/cost/holdout.py": {"belt", "pendulum", "lever", "two_dof", "tread", "pin", "north"},  # scenes
     "rig/analysis/floquet.py": {"dither"},  # the motion under dither that is not fast
     "rig/analysis/identify.py": {"lever"},  # the experiments that identify this rig
     "rig/analysis/map/dither.py": {"dither"},  # friction averaged over dither, an analysis of its own
@@ -33,7 +32,7 @@ KNOWN = {
     "rig/view/plate.py": {"plate", "foam"},
 }
 """Modules that may name parts, with the reason."""
-APART = ("rig/plants/", "rig/effects/", "rig/papers/", "rig/qualify/torture/", "rig/qualify/benchmarks/")
+APART = ("rig/plants/", "rig/effects/", "rig/papers/", "rig/qualify/torture/")
 """Parts themselves, and rooms that are about certain scenes."""
 
 

@@ -414,7 +414,7 @@ def test_a_run_takes_what_the_table_of_this_machine_recommends(belt):
 
 def test_what_is_recommended_holds_when_it_is_judged_anew():
     """Two rigs of the trial, with a seed of their own; what they cost is for a quiet machine to say."""
-    from rig.qualify.cost.holdout import SCENES, drawn, judged
+    from benchmarks.holdout import SCENES, drawn, judged
 
     rigs = [(scene, target) for scene, target in drawn(2 * len(SCENES), seed=7) if scene.name == "belt_c"]
     found = [judged(scene, target, rounds=1) for scene, target in rigs]

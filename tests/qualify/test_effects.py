@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import rig
+from benchmarks import absent as twin
 from rig.analysis.kernel_shapes import VARIANTS, shape_of
 from rig.bench.run.audit import Comparison, VisitedState
 from rig.errors import RigError
 from rig.model.method import METHODS, as_integrated
 from rig.model.mode_sets import ModeSets
 from rig.plants import PLANTS
-from rig.qualify.benchmarks import whole_runs as twin
 from rig.scenes import names
 from rig.scenes.shipped import card
 from rig.scenes.variants import absent, added, dropped, given, without

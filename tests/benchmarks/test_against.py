@@ -3,9 +3,9 @@
 import platformdirs
 import pytest
 
+from benchmarks import against, cases
+from benchmarks.one_version import CASES
 from rig.errors import UsageError
-from rig.qualify.benchmarks import against
-from rig.qualify.benchmarks.one_version import CASES
 
 pytestmark = pytest.mark.skipif(not (against.ROOT / ".git").exists(), reason="needs the history of a checkout")
 
@@ -17,21 +17,22 @@ def apart(tmp_path, monkeypatch):
 
 def test_a_version_is_compared_with_itself(monkeypatch):
     monkeypatch.setattr(against, "CASES", {"exact, bare": CASES["exact, bare"]})
-    monkeypatch.setattr(against, "unpacked", lambda _: against.ROOT)
-    said = []
-    found = against.compared("HEAD", said.append, rounds=3)
-    assert found["exact, bare"]["same"]
-    assert 0.0 < found["exact, bare"]["speed"] < float("inf")
-    assert "the same bits" in said[0]
-    monkeypatch.setitem(found["exact, bare"], "speed", 0.9)
-    assert against.missed(found) == ["exact, bare"]
+    [comparison] = against.compared(against.ROOT, rounds=3).values()
+    assert comparison["same_bits"]
+    assert 0.0 < comparison["speed"] < float("inf")
+
+
+def test_kernels_have_a_floor_and_whole_runs_have_none():
+    limits = {case.name: case.limit for case in cases.versions("HEAD").cases}
+    assert limits["exact.speed"] == against.FLOOR
+    assert limits["run pin.speed"] == 0.0
 
 
 def test_another_version_is_unpacked_once():
     place = against.unpacked("HEAD")
     assert (place / "rig" / "__init__.py").is_file()
     assert against.unpacked("HEAD") == place
-    assert [one.name for one in place.parent.iterdir()] == [place.name]
+    assert [path.name for path in place.parent.iterdir()] == [place.name]
 
 
 def test_an_unknown_commit_is_refused():

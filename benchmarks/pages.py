@@ -35,8 +35,8 @@ new MutationObserver(() => window.pictures.push([Date.now() / 1e3, parseFloat(wi
 
 
 def pages(seconds: float = 20.0) -> dict[str, Any]:
-    """Return verdict and late share of a run that is watched; for sockets and browser the pictures per second, and
-    their delays [s] (median, 99th percentile), worst over the pages. `browser` is None without Chromium.
+    """Return the verdict of a run that is watched, with its reasons; for sockets and browser the pictures per second,
+    and their delays [s] (median, 99th percentile), worst over the pages. There is no browser without Chromium.
     """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -51,28 +51,31 @@ def pages(seconds: float = 20.0) -> dict[str, Any]:
         time.sleep(2.0)
         if browser:
             browser.evaluate(_WATCH)
-        begin, sent = time.time(), time.time()
-        start = sent - bench.ask("/api/run/command", {"do": "knock", "impulse": 0.0})["t_ns"] * 1e-9
+        begin = time.time()
+        start = begin - bench.ask("/api/run/command", {"do": "knock", "impulse": 0.0})["t_ns"] * 1e-9
         time.sleep(seconds)
         end = time.time()
-        drawn = browser.evaluate("window.pictures") if browser else None
-        state = bench.ask("/api/run")
-        while state["phase"] != "ended":
+        seen = {"sockets": [socket.pictures for socket in sockets]}
+        if browser:
+            seen["browser"] = [browser.evaluate("window.pictures")]
+        while (state := bench.ask("/api/run"))["phase"] != "ended":
             time.sleep(0.2)
-            state = bench.ask("/api/run")
-        shown = [_figures(socket.pictures, begin, end, start) for socket in sockets]
-    summary: dict[str, Any] = {"verdict": (state["outcome"] or {}).get("verdict", state["fault"])}
-    summary["reasons"] = (state["outcome"] or {}).get("reasons", [])
-    summary["sockets"] = {key: (min if key == "rate" else max)(figures[key] for figures in shown) for key in shown[0]}
-    summary["browser"] = _figures(drawn, begin, end, start) if drawn is not None else None
-    return summary
+    outcome = state["outcome"] or {"verdict": "INVALID", "reasons": [state["fault"]]}
+    worst = {kind: _worst(pictures, begin, end, start) for kind, pictures in seen.items()}
+    return {"verdict": outcome["verdict"], "reasons": "; ".join(outcome["reasons"]), **worst}
 
 
-def _figures(pictures: list[tuple[float, float]], begin: float, end: float, start: float) -> dict[str, float]:
-    """Pictures per second, and delays [s], of pictures (wall time, simulated time); simulated 0 was at `start`."""
-    ours = np.array([(wall, wall - t - start) for wall, t in pictures if begin <= wall <= end] or [(begin, np.inf)])
-    p50, p99 = np.percentile(ours[:, 1], (50, 99))
-    return {"rate": len(ours) / (end - begin), "p50": float(p50), "p99": float(p99)}
+def _worst(pages: list[list[tuple[float, float]]], begin: float, end: float, start: float) -> dict[str, Any]:
+    """Pictures per second, and delays [s], of the worst page; pictures are (wall time, simulated time), and simulated 0
+    was at `start`.
+    """
+    counts, delays = [], []
+    for pictures in pages:
+        ours = [wall - t - start for wall, t in pictures if begin <= wall <= end] or [np.inf]
+        counts.append(len(ours))
+        delays.append(np.percentile(ours, (50, 99)))
+    p50, p99 = np.max(delays, axis=0).tolist()
+    return {"pictures_per_s": min(counts) / (end - begin), "delay_s": {"p50": p50, "p99": p99}}
 
 
 @contextmanager

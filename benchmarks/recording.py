@@ -47,9 +47,9 @@ print(json.dumps({"lost": account.lost, "messages": account.messages, "seconds":
 def recording(seconds: float = 10.0) -> dict[str, Any]:
     """Record traffic over the bus in real time, as a plant sends it.
 
-    Returns the processor time of the recorder as a share of a core with its start ("recorder"), messages and losses
-    ("messages", "lost"), bytes of the file ("bytes"), and the time on the publishing thread for each frame of 1 ms
-    ("mean_us", "p99_us"). Raises BusError if the recorder does not join.
+    Returns the processor time of the recorder as a share of a core with its start ("cores"), messages and losses, bytes
+    of the file, and the time on the publishing thread for each frame of 1 ms. Raises BusError if the recorder does not
+    join.
     """
     outputs = {f"output_{i}": "m" for i in range(SCALARS)}
     sensors = {f"sensor_{i}": ("m/s", 1_000_000_000 // RATE) for i in range(SENSORS)}
@@ -76,7 +76,7 @@ def recording(seconds: float = 10.0) -> dict[str, Any]:
             said = child.communicate(timeout=2.0 * _JOIN_S)[0]
         account, size = json.loads(said), path.stat().st_size
     return {
-        "recorder": account["seconds"] / seconds,
+        "cores": account["seconds"] / seconds,
         "messages": account["messages"],
         "lost": account["lost"],
         "bytes": size,

@@ -1,13 +1,15 @@
-"""Benchmarks of this machine for docs/benchmarks.md, run by `make bench`. They are not tests.
+"""Benchmarks of this machine for docs/benchmarks.md, run by `make bench`; not part of the package `rig`, and not tests.
 
+cases          every figure with a limit, in groups that are measured together
 kernels        real-time factor of the pendulum over event-time error, per method; ratio to scipy
 twins          kernels against their C twins: quiet tick, fixed step, the exact run of a stiff shunt, a film of points
-whole_runs     the whole `rig simulate` of the pendulum and of a squealing brake, the start of a process, and the cost
-               of an absent effect
+absent         the cost of an absent effect
+whole_runs     the whole `rig simulate` of the pendulum and of a squealing brake, the start of a process
 one_contact    rigs of one contact, the slider on a flexible disc, a map on two cores, an environment of Gymnasium
 studies        points per second, the gain by a second worker
 loop           the paced loop over the bus: round trip, ages, losses
 recording      the cost of recording at high rates
 pages          pictures per second, their delay and the timing verdict of a run that eleven pages of rig web watch
 against        the speed of this version over that of another (one_version runs one of them)
+holdout        `python -m benchmarks.holdout`: recommended settings of `rig cost` on randomly drawn rigs
 """

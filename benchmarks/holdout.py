@@ -1,6 +1,6 @@
 """Validation of the recommended settings on randomly drawn rigs, each measured again after its table was made.
 
-    python -m rig.qualify.cost.holdout [--rigs N] [--seed S]
+    python -m benchmarks.holdout [--rigs N] [--seed S]
 
 The recommended settings are compared with references at half their step and timed again beside every other setting.
 Goal: the target error in 95 % of the rigs, and a cost within 1.3 times that of the cheapest setting that meets it. A
@@ -88,7 +88,7 @@ def judged(scene: Scene, target: float, rounds: int = ROUNDS) -> HeldOutRig:
 
 def main() -> int:
     """Measure, print, and return 1 if the goal is missed."""
-    parser = argparse.ArgumentParser(prog="python -m rig.qualify.cost.holdout", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.holdout", description=__doc__.partition("\n")[0])
     parser.add_argument("--rigs", type=int, default=RIGS)
     parser.add_argument("--seed", type=int, default=SEED)
     given = parser.parse_args()

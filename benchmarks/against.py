@@ -13,21 +13,20 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import platformdirs
 
+from benchmarks.one_version import CASES
 from rig.errors import UsageError
 from rig.machine.files import own_folder, trusted
-from rig.qualify.benchmarks.one_version import CASES
 
 ROUNDS = 21
 FLOOR = 0.95
 """Smallest speed over that of the other version, for kernels; whole runs have no floor."""
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[1]
 
 
 class Version:
@@ -58,13 +57,11 @@ class Version:
         self._process.communicate()
 
 
-def compared(commit: str, say: Callable[[str], object], rounds: int = ROUNDS) -> dict[str, dict[str, Any]]:
-    """Return for each case `speed` over that of `commit`, times [s] of both, and whether the results have the `same`
-    bits.
-
-    Raises UsageError for an unknown commit.
+def compared(there: Path, rounds: int = ROUNDS) -> dict[str, dict[str, Any]]:
+    """Return for each case the `speed` over that of the checkout `there`, times of both, and whether the results have
+    the `same_bits`. A case that the other version cannot run has no speed.
     """
-    there, comparisons = unpacked(commit), {}
+    comparisons = {}
     for case in CASES:  # one process each: a failure of one version ends one case only
         versions = [Version(ROOT), Version(there)]
         for version in versions:
@@ -79,8 +76,18 @@ def compared(commit: str, say: Callable[[str], object], rounds: int = ROUNDS) ->
         for version in versions:
             version.end()
         comparisons[case] = _comparison(times, same)
-        say(_line(case, comparisons[case]))
+        sys.stderr.write(f"  {case}: {comparisons[case]}\n")
     return comparisons
+
+
+def _comparison(times: list[tuple[float, float]], same: bool) -> dict[str, Any]:
+    ours, theirs = (statistics.median(column) for column in zip(*times))
+    if ours == float("inf"):
+        return {"speed": 0.0, "fault": "this version cannot run it"}
+    if theirs == float("inf"):
+        return {"skipped": "the other version cannot run it"}
+    speed = statistics.median(b / a for a, b in times)
+    return {"speed": speed, "ms": 1e3 * ours, "ms_there": 1e3 * theirs, "same_bits": same}
 
 
 def unpacked(commit: str) -> Path:
@@ -107,23 +114,3 @@ def _git(*arguments: str) -> bytes:
         raise UsageError("--against needs git") from None
     except subprocess.CalledProcessError as error:
         raise UsageError(f"--against: {error.stderr.decode().strip()}") from None
-
-
-def _comparison(times: list[tuple[float, float]], same: bool) -> dict[str, Any]:
-    ours, theirs = (statistics.median(column) for column in zip(*times))
-    known = max(ours, theirs) < float("inf")
-    speed = statistics.median(b / a for a, b in times) if known else float("nan")
-    return {"speed": speed, "seconds": ours, "seconds_there": theirs, "same": same}
-
-
-def _line(case: str, comparison: dict[str, Any]) -> str:
-    if comparison["speed"] != comparison["speed"]:
-        return f"  {case:30} one of the versions cannot run it"
-    bits = "the same bits" if comparison["same"] else "different bits"
-    return f"  {case:30} {comparison['seconds'] * 1e3:8.2f} ms, there {comparison['seconds_there'] * 1e3:8.2f} ms: " \
-           f"speed {comparison['speed']:.2f}, {bits}"  # fmt: skip
-
-
-def missed(comparisons: dict[str, dict[str, Any]]) -> list[str]:
-    """Return the kernels below the floor."""
-    return [case for case, comparison in comparisons.items() if CASES[case][1] and comparison["speed"] < FLOOR]

@@ -1,0 +1,179 @@
+"""What `make bench` measures: groups of figures that are measured together, and the limits of some of them.
+
+Limits of speeds are those of two idle cores on which the kernel of the pendulum does at least 31,000 times real time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from benchmarks import absent, against, kernels, loop, one_contact, pages, recording, studies, twins, whole_runs
+from benchmarks.one_version import CASES as OF_VERSIONS
+
+_VERDICTS = {"VALID": 0.0, "DEGRADED": 1.0, "INVALID": 2.0}
+
+
+class Asked(NamedTuple):
+    """How long measurements take: `quick`, and the length [s] of the paced run of the loop."""
+
+    quick: bool
+    seconds: float
+
+
+class Case(NamedTuple):
+    """A figure that has a limit. `name`: its place in the results of its group, keys joined by dots."""
+
+    name: str
+    what: str
+    limit: float
+    unit: str
+    at_most: bool = False
+
+    def value(self, results: Any) -> float | None:
+        """Return its value; None if it was not measured. Of timing verdicts: 0 VALID, 1 DEGRADED, 2 INVALID."""
+        for key in self.name.split("."):
+            if not isinstance(results, dict) or key not in results:
+                return None
+            results = results[key]
+        return _VERDICTS[results] if isinstance(results, str) else float(results)
+
+    def margin(self, value: float) -> float:
+        """Return how many times better than its limit a value is: at least 1 if it keeps it."""
+        if self.at_most:
+            return self.limit / value if value else float("inf")
+        return value / self.limit
+
+    def kept(self, value: float) -> bool:
+        """Whether a value keeps the limit."""
+        return value <= self.limit if self.at_most else value >= self.limit
+
+
+class Group(NamedTuple):
+    """Figures that are measured together: `measure` returns nested dicts, whose keys end with the unit."""
+
+    title: str
+    measure: Callable[[Asked], Any]
+    cases: tuple[Case, ...]
+
+
+def _most(name: str, what: str, limit: float, unit: str) -> Case:
+    return Case(name, what, limit, unit, at_most=True)
+
+
+RTF = "x real time"
+TWIN = "of the time of C"
+GROUPS = {
+    "precision": Group(
+        "kernels of the pendulum: error of event times (of a period) and real-time factor, samples of 1 ms",
+        lambda asked: kernels.precision(),
+        (Case("kernel", "Stribeck pendulum, events to 1e-6 of a period", 1e4, RTF),),
+    ),
+    "twins": Group(
+        "kernels beside their C twins, gcc -O3 -march=native",
+        lambda asked: twins.twins(),
+        (
+            _most("quiet.ratio", "quiet tick", 1.15, TWIN),
+            _most("rk4.ratio", "rk4", 1.15, TWIN),
+            _most("exact.ratio", "exact, stiff shunt (3400 Hz at 1 ms)", 1.5, TWIN),
+            _most("film.ratio", "film of 40 points", 1.8, TWIN),
+            Case("exact.rtf", "exact, stiff shunt", 1e4, RTF),
+        ),
+    ),
+    "absent": Group(
+        "forces of a rig without products of states, beside a kernel compiled without their source",
+        lambda asked: absent.cost(),
+        (_most("ratio", "what an absent effect costs", 1.03, "of the time without it"),),
+    ),
+    "scipy": Group(
+        "exact beside scipy's solve_ivp (DOP853, rtol 1e-9, events)",
+        lambda asked: kernels.scipy_ratio(),
+        (Case("ratio", "exact beside scipy", 200.0, "x faster"),),
+    ),
+    "whole": Group(
+        "the whole rig simulate pendulum: sensors, controller, protocol, outputs kept",
+        lambda asked: whole_runs.simulate(3 if asked.quick else 7),
+        (Case("rtf", "rig simulate pendulum", 100.0, RTF),),
+    ),
+    "marginal": Group(
+        "a further second of a run, processor time",
+        lambda asked: whole_runs.marginal(2 if asked.quick else 5),
+        tuple(Case(name, run.title, run.floor, RTF) for name, run in whole_runs.RUNS.items()),
+    ),
+    "start": Group(
+        "rig simulate pendulum --duration 10 as a new process",
+        lambda asked: whole_runs.start(3 if asked.quick else 7),
+        (_most("wall", "a new process, 10 s simulated", 0.7, "s"),),
+    ),
+    "steps": Group(
+        f"environment of Gymnasium, {one_contact.DRIVEN}, one frame of 1 ms a step, processor time",
+        lambda asked: one_contact.steps(3 if asked.quick else 7),
+        (Case("steps", "environment of Gymnasium", 30_000.0, "steps/s"),),
+    ),
+    "disc": Group(
+        f"{one_contact.DISC} with seven modes: growth rate of the simulation beside the eigenvalue, kernel",
+        lambda asked: one_contact.growth(),
+        (Case("rtf", "flexible disc, growth rate to 1e-4", 100.0, RTF),),
+    ),
+    "rubbing": Group(
+        "rigs of one contact, kernel without energy balance, processor time",
+        lambda asked: one_contact.speed(5 if asked.quick else 10),
+        tuple(Case(name, rubbing.title, rubbing.floor, RTF) for name, rubbing in one_contact.RIGS.items()),
+    ),
+    "recording": Group(
+        "recorder: 10 sensors at 100 kHz in blocks, 8 outputs at 1 kHz; us on the publishing thread in a frame",
+        lambda asked: recording.recording(3.0 if asked.quick else 20.0),
+        (_most("cores", "recorder", 1.0, "cores"), _most("lost", "recorder, messages lost", 0.0, "messages")),
+    ),
+    "loop": Group(
+        "loop over the bus: controller, recorder, paced also viewer bridge; short runs beside bare round trips",
+        lambda asked: loop.measured(*asked),
+        (
+            _most("short.over_bare.lockstep", "a tick in lockstep", 1.3, "of a bare round trip"),
+            _most("short.over_bare.paced", "paced, put to command", 1.0, "of a bare round trip"),
+            _most("paced.step_to_command_ms.p50", "the same in the longer run", 0.5, "ms"),
+            _most("paced.lost", "messages lost", 0.0, "messages"),
+            _most("plate.verdict", "plate under a slider, paced: not INVALID", 1.0, "verdict"),
+        ),
+    ),
+    "pages": Group(
+        f"rig web: {pages.PAGES} pages without a browser, one in Chromium, on a paced run at 1 kHz",
+        lambda asked: pages.pages(10.0 if asked.quick else 30.0),
+        (
+            _most("verdict", "a run that pages watch: VALID", 0.0, "verdict"),
+            Case("sockets.pictures_per_s", "pages without a browser", 20.0, "pictures/s"),
+            Case("browser.pictures_per_s", "page in Chromium", 20.0, "pictures/s"),
+            _most("sockets.delay_s.p99", "delay, pages without a browser", 0.3, "s"),
+            _most("browser.delay_s.p99", "delay, page in Chromium", 0.3, "s"),
+        ),
+    ),
+    "map": Group(
+        f"map of {one_contact.MAP}, run-up and run-down, kernels compiled",
+        lambda asked: one_contact.efficiency(24 if asked.quick else 100),
+        (Case("efficiency", "map on two cores", 0.95, "of twice one"),),
+    ),
+    "studies": Group(
+        "studies on one worker, two, and two of dask, in turns",
+        lambda asked: studies.measured(asked.quick),
+        (
+            *(Case(f"{what}.{workers}.efficiency", f"study of {title}, two workers{of}", floor, "of twice one")
+              for what, title in (("P1", "a rig"), ("loop", "a closed loop"))
+              for workers, of, floor in (("two", "", 0.95), ("dask", " of dask", 0.90))),
+            _most("empty_ms", "a point that computes nothing", 1.0, "ms"),
+        ),
+    ),
+}  # fmt: skip
+"""By name: an option of the command takes a group alone."""
+
+
+def versions(commit: str) -> Group:
+    """Return the comparison with another version of the sources. Raises UsageError if git does not know it."""
+    checkout = against.unpacked(commit)
+    return Group(
+        f"speed over that of {commit}: processor time, {against.ROUNDS} rounds in turns",
+        lambda asked: against.compared(checkout),
+        tuple(
+            Case(f"{name}.speed", name, against.FLOOR if case.method else 0.0, "of the speed there")
+            for name, case in OF_VERSIONS.items()
+        ),
+    )

@@ -1,0 +1,118 @@
+"""Benchmarks of the kernels, also against scipy: one run of each per round, alternating; the best run counts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.motion_measures import Setting
+from rig.model.assembly import Assembly
+from rig.model.system import System
+from rig.motion.motion import Motion
+from rig.plants import PLANTS
+from rig.qualify.cost.peers import by_rig, by_scipy
+from rig.qualify.cost.peers.oscillator import Oscillator
+from rig.scenes import loader
+
+Array = NDArray[np.float64]
+ROUNDS = 15
+SECONDS = 20.0
+STEP_NS = 1_000_000
+P1 = Path(__file__).parents[1] / "tests" / "problems" / "p1.toml"
+COULOMB = {
+    "friction": {"law": "coulomb", "mu_static": 0.4, "mu_kinetic": 0.25},
+    "drive": {"speed": 0.3},
+    "start": {"displacement": 0.0, "velocity": 0.06},
+}
+FALLING = {"drive": {"speed": 0.3}, "start": {"displacement": 0.0, "velocity": 0.06}}
+
+
+def pendulum(changes: dict[str, Any]) -> System:
+    """Return the pendulum's matrices at constant speed and load, with other values in its tables."""
+    scene = loader.load("pendulum")
+    raw = scene.parameters.model_dump(exclude_none=True)
+    raw["load"] = {"force": raw["load"]["force"]}
+    for table, values in changes.items():
+        raw[table] = values if "law" in values else {**raw.get(table, {}), **values}
+    plant = PLANTS[scene.plant]
+    assembly: Assembly = plant.assemble(plant.Parameters.model_validate(raw), {})
+    return assembly.system()
+
+
+def interleaved(contenders: Mapping[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
+    """Return the best time of each [s], with one call of each per round."""
+    best = dict.fromkeys(contenders, np.inf)
+    for _ in range(rounds):
+        for name, call in contenders.items():
+            begin = time.perf_counter()
+            call()
+            best[name] = min(best[name], time.perf_counter() - begin)
+    return best
+
+
+def run(
+    system: System, method: str, tolerance: float = 1e-7, substeps: int = 1, step_ns: int = STEP_NS
+) -> tuple[Motion, int, Array]:
+    """Return a motion after its first SECONDS, with room for as many again, its ticks, and its event times [s]."""
+    ticks = round(SECONDS * 1e9 / step_ns)
+    motion = Motion(system, step_ns, method, tolerance=tolerance, substeps=substeps, with_energy=False, longest=ticks)
+    motion.advance(ticks)
+    return motion, ticks, np.array([(e.tick + e.place) * step_ns * 1e-9 for e in motion.events()])
+
+
+def event_error(times: Array, reference: Array) -> float:
+    """Return the largest error of event times over the period; infinite if events are missed or invented."""
+    if len(times) != len(reference):
+        return float("inf")
+    return float(np.abs(times - reference).max() / np.median(np.diff(reference[::2])))
+
+
+def precision() -> dict[str, Any]:
+    """Return the real-time factor at 1 ms samples of each method, with its event-time error (of a period): `rows`, the
+    best factor of each method for three errors, and that of the Stribeck law for 1e-6 (`kernel`).
+    """
+    systems = {"stribeck": pendulum(FALLING), "coulomb": pendulum(COULOMB)}
+    reference = {
+        "stribeck": run(systems["stribeck"], "dopri5", 1e-13)[2],
+        "coulomb": run(systems["coulomb"], "rk4", substeps=100)[2],
+    }
+    settings: list[tuple[str, str, float, int]] = [("coulomb", "exact", 1e-7, 1)]
+    settings += [("stribeck", "dopri5", 10.0**-p, 1) for p in range(3, 11)]
+    settings += [(law, "rk4", 1e-7, n) for law in systems for n in (1, 2, 5, 10, 30)]
+    rows: list[dict[str, Any]] = []
+    for law, method, tolerance, substeps in settings:
+        motion, ticks, times = run(systems[law], method, tolerance, substeps)
+        best = interleaved({"run": lambda m=motion, n=ticks: m.advance(n)}, 7)["run"]  # type: ignore[misc]
+        rows.append({"law": law, "method": method, "tolerance": tolerance, "substeps": substeps,
+                     "error": event_error(times, reference[law]), "rtf": SECONDS / best})  # fmt: skip
+
+    def fastest(error: float, key: str, value: str) -> float:
+        return max((row["rtf"] for row in rows if row[key] == value and row["error"] <= error), default=0.0)
+
+    at = {f"{method} at {error:.0e}": fastest(error, "method", method)
+          for error in (1e-4, 1e-6, 1e-8) for method in ("exact", "dopri5", "rk4")}  # fmt: skip
+    return {"kernel": fastest(1e-6, "law", "stribeck"), "best": at, "rows": rows}
+
+
+def scipy_ratio() -> dict[str, Any]:
+    """Return the time of scipy's DOP853 with events over that of `exact`, for tests/problems/p1.toml: a mass on a belt
+    under Coulomb friction, samples of 1 ms.
+    """
+    scene = loader.load(str(P1))
+    problem = Oscillator.of(scene)
+    solvers = {
+        "scipy": by_scipy.prepare(problem, ("DOP853", 1e-9)),
+        "exact": by_rig.prepare(scene, Setting("exact"), problem.seconds),
+    }
+    times = {name: np.array(solve()) for name, solve in solvers.items()}
+    best = interleaved(solvers, 7)
+    return {
+        "ratio": best["scipy"] / best["exact"],
+        "events": len(times["exact"]),
+        "scipy_event_error": event_error(times["scipy"], times["exact"]),
+    }

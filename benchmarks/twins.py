@@ -1,0 +1,282 @@
+"""Benchmark of the kernels against their C twins: one run of each per round, the best run counts.
+
+quiet, rk4, exact   twins.c: quiet ticks, a run at a fixed step, the exact run of a stiff shunt
+film                film.c: the step of a film of points under a moving slider (rig.solve.film_steps)
+"""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import kernels
+from benchmarks.kernels import SECONDS, STEP_NS
+from rig.compiled.kernel import entry, kernel
+from rig.model.assembly import Assembly
+from rig.model.system import System
+from rig.motion.motion import Motion
+from rig.plants import PLANTS
+from rig.scenes.loader import load
+from rig.solve.film_steps import FIRST, FRICTIONAL, PITCH, POINTS, SHEAR, STIFFNESS, SUMS, TRAVEL
+from rig.solve.records import STICK, TICK
+from rig.solve.roots import BERNSTEIN
+from rig.solve.specialised import any_shape, call
+
+SCENE = "plate"
+SLIDING = {"drive.speed": 0.01, "load.force": 108.79}
+"""The slider starts at full load and speed, so that its points open and close from the start."""
+TICKS = 2000
+_REPEATED = 50  # quiet ticks in a round: so many times TICKS
+_MOST_EVENTS = 10_000
+Array = NDArray[np.float64]
+
+
+def twins() -> dict[str, Any]:
+    """Return the time of the kernels over that of their C twins, and whether results and events are the same."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        return {"skipped": "gcc is not installed"}
+    system, stack = kernels.pendulum(kernels.COULOMB), stiff()
+    with tempfile.TemporaryDirectory() as folder:
+        build = partial(compiled, compiler, folder)
+        c = build("twins.c", {"N": system.n})
+        return {
+            "quiet": _quiet(system, c),
+            "rk4": _rk4(system, c),
+            "exact": _exact(stack, build("twins.c", {"N": stack.n})),
+            "film": film(build),
+        }
+
+
+def compiled(compiler: str, folder: str, source: str, constants: dict[str, int]) -> ctypes.CDLL:
+    """Return the library of a C file of this folder, compiled in `folder` with constants by name."""
+    named = [f"-D{name}={value}" for name, value in constants.items()]
+    library = Path(folder) / f"{source}{''.join(named)}.so"
+    options = ["-O3", "-march=native", *named, "-shared", "-fPIC"]
+    subprocess.run([compiler, *options, str(Path(__file__).with_name(source)), "-o", str(library), "-lm"], check=True)
+    return ctypes.CDLL(str(library))
+
+
+def stiff() -> System:
+    """Return problem P4 as matrices: a mass on a belt with a piezo stack whose shunt resonates at 3400 Hz."""
+    scene = load("belt_shunt")
+    assembly: Assembly = PLANTS[scene.plant].assemble(scene.parameters, {})
+    return assembly.system()
+
+
+@kernel
+def _quiet_loop(tables, loan, ticks):  # type: ignore[no-untyped-def]
+    state = loan.state
+    state.ic[TICK] = 0
+    shape = any_shape(state.x.shape[0])
+    return call(loan.plan.quiet_ticks, shape, tables, loan.work, state, loan.log, loan.segments, loan.plan, ticks)
+
+
+def _compared(
+    ours: Callable[[], object],
+    theirs: Callable[[], object],
+    unit: str,
+    units: int,
+    states: Callable[[], tuple[Any, Any]],
+) -> dict[str, Any]:
+    """Run both in turns: ns of each per `unit`, their ratio, and the largest difference of the final `states`."""
+    best = kernels.interleaved({"ours": ours, "theirs": theirs})
+    mine, other = states()
+    return {
+        f"ns_per_{unit}": best["ours"] / units * 1e9,
+        f"ns_per_{unit}_c": best["theirs"] / units * 1e9,
+        "ratio": best["ours"] / best["theirs"],
+        "largest_difference": float(np.abs(mine - other).max() / np.abs(mine).max()),
+    }
+
+
+def _quiet(system: System, c: ctypes.CDLL) -> dict[str, Any]:
+    motion = Motion(system, 20_000, "exact", with_energy=False)
+    motion.advance(5000)
+    t, mode_set, x0 = motion.mode_sets.tables, motion.mode_set, motion.x.copy()
+    count = int(t.guards[mode_set])
+    E, G, B = (np.ascontiguousarray(a[mode_set, ...]) for a in (t.E[:, 0], t.G, t.B))
+    written = np.zeros((TICKS, system.n))
+    loop = entry(_quiet_loop, motion.mode_sets.handle, motion.loan, TICKS)
+
+    def ours() -> int:
+        for _ in range(_REPEATED):
+            motion.state.x[:] = x0
+            ticks = loop(motion.mode_sets.handle, motion.loan, TICKS)
+        return int(ticks)
+
+    def theirs() -> int:
+        for _ in range(_REPEATED):
+            x = x0.copy()
+            g = G[:count] @ x
+            ticks = c.quiet(E.ctypes, G.ctypes, B.ctypes, ctypes.c_int64(count), x.ctypes, g.ctypes,
+                            ctypes.c_int64(TICKS), written.ctypes)  # fmt: skip
+        return int(ticks)
+
+    n = ours()
+    result = _compared(ours, theirs, "tick", _REPEATED * n, lambda: (motion.log.out[:n], written[:n]))
+    return {"states": system.n, "same_ticks": theirs() == n, **result}
+
+
+class _OneContact:
+    """A run of SECONDS of a rig with one friction patch, and what its C twin is given and writes."""
+
+    def __init__(self, system: System, method: str, substeps: int = 1) -> None:
+        self.system = system
+        self.motion, self.ticks, self.times = kernels.run(system, method, substeps=substeps)
+        for key in range(3):
+            if self.motion.mode_sets.tables.mode_set_of[key] < 0:
+                self.motion.mode_sets.add(key)
+        t = self.motion.mode_sets.tables
+        self.sets = [int(t.mode_set_of[key]) for key in range(3)]
+        stick = self.sets[STICK]
+        rows = {"landing": t.landing[stick], "slip": t.slip[0], "need": t.friction[stick, 0], "load": t.load[stick, 0]}
+        self.rows = {name: np.ascontiguousarray(row) for name, row in rows.items()}
+        self.static, self.step = system.patches[0].law.static, STEP_NS * 1e-9
+        self.begun, self.x0, self.key0 = self.motion.save(), self.motion.x.copy(), self.motion.key
+        self.out = np.zeros((self.ticks, system.n))
+        self.event_ticks, self.places = np.zeros(_MOST_EVENTS, dtype=np.int64), np.zeros(_MOST_EVENTS)
+
+    def tables(self, *names: str) -> list[NDArray[Any]]:
+        """Return tables of the mode sets slip+, slip- and stick; of guards those of the patch."""
+        t = self.motion.mode_sets.tables
+        tables = ((name, getattr(t, name)[self.sets]) for name in names)
+        return [np.ascontiguousarray(a[:, :2] if name in ("G", "GA", "B", "BA") else a) for name, a in tables]
+
+    def again(self) -> None:
+        """Run the kernel from the same state again."""
+        self.motion.go_back(self.begun)
+        self.motion.advance(self.ticks)
+
+    def compared(self, c_run: Callable[[], int], unit: str, units: int) -> dict[str, Any]:
+        """Compare with the twin `c_run`, which returns the number of its events."""
+        result = _compared(self.again, c_run, unit, units, lambda: (self.motion.log.out, self.out))
+        count, first = c_run(), self.motion.tick - self.ticks
+        ours = np.array([e.tick - first + e.place for e in self.motion.events()])
+        theirs = self.event_ticks[:count] + self.places[:count]
+        same = len(ours) == count
+        apart = float(np.abs(ours - theirs).max()) if same else np.inf
+        return {"states": self.system.n, "same_events": same, "largest_event_difference": apart, **result}
+
+
+def _rk4(system: System, c: ctypes.CDLL) -> dict[str, Any]:
+    substeps, final = 10, ctypes.c_int64()
+    r = _OneContact(system, "rk4", substeps)
+    given = [a.ctypes for a in (*r.tables("A", "G", "guards"), *r.rows.values())]
+
+    def c_run() -> int:
+        x = r.x0.copy()
+        written = (a.ctypes for a in (x, r.out, r.event_ticks, r.places))
+        return int(c.rk4_run(*given, ctypes.c_double(r.static), ctypes.c_double(r.step), ctypes.c_int64(substeps),
+                             ctypes.c_int64(r.ticks), r.key0, *written, ctypes.byref(final)))  # fmt: skip
+
+    return r.compared(c_run, "step", r.ticks * substeps)
+
+
+_OF_MODE_SETS = ("E", "A", "G", "GA", "B", "BA")
+
+
+class _Tables(ctypes.Structure):
+    """The tables of the three mode sets in the layout of the twin."""
+
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in (*_OF_MODE_SETS, "landing", "slip", "need", "load")),
+        *((name, ctypes.c_void_p) for name in ("bernstein", "count", "depth", "order")),
+        ("levels", ctypes.c_int64),
+        ("mu_static", ctypes.c_double),
+        ("step", ctypes.c_double),
+    ]
+
+
+def _exact(system: System, c: ctypes.CDLL) -> dict[str, Any]:
+    """The whole exact run of P4 at 1 ms, and the event times that it must reproduce: those of a twentieth of the
+    step.
+    """
+    r = _OneContact(system, "exact")
+    arrays = dict(zip(_OF_MODE_SETS, r.tables(*_OF_MODE_SETS))) | r.rows
+    arrays |= dict(zip(("count", "depth", "order"), r.tables("guards", "depth", "order")))
+    arrays["bernstein"] = np.ascontiguousarray(BERNSTEIN)
+    tables = _Tables(**{name: a.ctypes.data for name, a in arrays.items()}, levels=arrays["E"].shape[1],
+                     mu_static=r.static, step=r.step)  # fmt: skip
+    size0 = r.motion.work.size.copy()
+
+    def c_run() -> int:
+        x, size = r.x0.copy(), size0.copy()
+        written = (a.ctypes for a in (x, size, r.out, r.event_ticks, r.places))
+        return int(c.exact_run(ctypes.byref(tables), ctypes.c_int64(r.ticks), r.key0, *written))
+
+    result = r.compared(c_run, "tick", r.ticks)
+    *_, fine = kernels.run(system, "exact", step_ns=STEP_NS // 20)
+    rtf = SECONDS / (result["ns_per_tick"] * r.ticks * 1e-9)
+    return {"rtf": rtf, "error": kernels.event_error(r.times, fine), **result}
+
+
+_FILM_TABLES = ("alike", "against", "which_alike", "which_against", "kick", "turn", "loss", "column", "push", "signal",
+                "riders", "advance")  # fmt: skip
+
+
+class _Film(ctypes.Structure):
+    """The tables in the layout of the twin."""
+
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in _FILM_TABLES),
+        *((name, ctypes.c_double) for name in ("pitch", "stiffness", "shear", "mu")),
+        *((name, ctypes.c_int64) for name in ("places", "pushed", "travel")),
+    ]
+
+
+def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS) -> dict[str, Any]:
+    """Return the time of the film's step over that of its twin, with energy balance, and the difference of the states.
+
+    `build`: returns the library of a C file of this folder, with constants by name.
+    """
+    scene = load(SCENE, SLIDING)
+    substeps = scene.clock.substeps(scene.step_ns)
+    motion = Motion(scene.assemble().system(), scene.step_ns, "kick", substeps=substeps, longest=ticks)
+    motion.advance(1)
+    own = motion.mode_sets.tables.film
+    numbers, where, signals = own.numbers, own.where, own.moved.shape[0]
+    even, odd = own.symmetric, own.antisymmetric
+    tables = (even.rows, odd.rows, even.which, odd.which, own.kick, own.turn, own.loss, own.column[0], own.push[0],
+              own.signal, own.slider_rows, own.advance)  # fmt: skip
+    given = _Film(
+        *(table.ctypes.data for table in tables),
+        *(numbers[k] for k in (PITCH, STIFFNESS, SHEAR, FRICTIONAL)),
+        even.rows.shape[0],
+        int(own.pushed[0]),
+        int(where[TRAVEL] - where[FIRST]) + signals,
+    )
+    constants = {
+        "NQ": own.kick.shape[0],
+        "NA": even.which.shape[0],
+        "NO": odd.which.shape[0],
+        "M": signals,
+        "R": own.slider_rows.shape[0],
+        "PAIRS": int(where[POINTS]) // 2,
+        "WIDTH": even.rows.shape[2],
+        "ROOM": own.slider_rows.shape[1],
+    }
+    c = build("film.c", constants)
+    begun, x0 = motion.save(), motion.state.x.copy()
+    x, energy, states = x0.copy(), np.zeros(4), 2 * own.kick.shape[0]
+
+    def ours() -> None:
+        motion.go_back(begun)
+        motion.advance(ticks)
+
+    def theirs() -> None:
+        x[:] = x0
+        counts = (ctypes.c_int64(n) for n in (ticks, substeps, len(SUMS)))
+        c.film_run(ctypes.byref(given), *counts, x.ctypes, energy.ctypes)
+
+    result = _compared(ours, theirs, "step", ticks * substeps, lambda: (motion.state.x[:states], x[:states]))
+    return {"coordinates": states // 2, "points": int(where[POINTS]), **result}
