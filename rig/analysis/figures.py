@@ -226,8 +226,7 @@ def _budget(axes: Axes, report: LoopReport) -> None:
     """A bar of the delays one after the other, then the margin that is left."""
     at = 0.0
     margin = report.found.margins
-    shown = [one for one in report.items if one.seconds > 0.0]
-    for i, one in enumerate(shown):
+    for i, one in enumerate([one for one in report.items if one.seconds > 0.0]):
         axes.barh(0.0, 1e3 * one.seconds, left=at, height=0.5, color=LINES[i % len(LINES)], label=one.part)
         at += 1e3 * one.seconds
     if margin is not None and margin["delay"] < 1e3:

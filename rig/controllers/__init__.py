@@ -46,8 +46,7 @@ def _section(module: ModuleType, kind: str) -> Any:
         bases = (own,) if issubclass(own, ControllerSection) else (own, ControllerSection)
     period = getattr(made, "period_ns", None)
     whole = isinstance(period, int) and not isinstance(period, bool) and period > 0  # else the trial refuses it
-    fields = {"period": (Nanoseconds, period)} if whole else {}
-    return named(module, bases, "kind", kind, fields)
+    return named(module, bases, "kind", kind, {"period": (Nanoseconds, period)} if whole else {})
 
 
 def _is_controller(one: type) -> bool:
@@ -150,5 +149,4 @@ def restored(values: Mapping[str, Any]) -> Controller:
     """The controller that `described` returned. Raises rig.errors.Untrusted for code that is not trusted."""
     kind = values["section"]["kind"]
     parts = {(KINDS.what, kind): Code.from_json(values["part"])} if "part" in values else {}
-    section = recorded_class(values["section"], parts).model_validate(values["section"])
-    return build(section, values["numbers"])
+    return build(recorded_class(values["section"], parts).model_validate(values["section"]), values["numbers"])

@@ -1,29 +1,25 @@
-"""Tonazzi and others (2020), section 3: the tip of a beam under finite elements, upper and lower critical speeds.
+"""Tonazzi and others (2020): the tip of a beam under finite elements (section 3), the coated beam (4 and 5).
 
-Tonazzi and others (2020), sections 4 and 5: the coated beam on its disc; load and angle; a knock.
+Upper and lower critical speeds over the coefficients of friction, over load and angle; a knock.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+import rig
 from rig.analysis.recorded.hysteresis import hysteresis
-from rig.analysis.stick_speeds import stages, upper_speed
-from rig.papers.entry import Comparison, Entry, load, run
+from rig.analysis.stick_speeds import upper_speed
+from rig.papers.entry import Compared, Comparison, Entry, compared, law_of, load, numbered, quiet, run, thresholds
+from rig.record.run import Run
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from rig.record.run import Run
-
 
 MM = 1e3
 WINDOW = 8e-3  # s of the moving RMS: two to three cycles of stick-slip
@@ -69,11 +65,10 @@ def diagram(run: Run, axis: Axes, window: float) -> None:
     axis.legend()
 
 
-def transient(figure: Figure) -> Iterator[Comparison]:
+def transient(figure: Figure) -> Compared:
     """Draw the acceleration over time, and its RMS over the speed of the disc."""
     made, even = run(load("tip")), run(load("tip", waviness=None))
-    thresholds = stages(made)
-    assert thresholds is not None
+    speed_up, speed_down = _critical(made)
     over_time, over_speed = figure.subplots(2, 1)
     over_time.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.5)
     over_time.set(title="figure 4", xlabel="time [s]", ylabel="acceleration [m/s²]", xlim=(0.0, made.time[-1]))
@@ -88,7 +83,7 @@ def transient(figure: Figure) -> Iterator[Comparison]:
     over_time.set_ylim(None, 1.2 * most)
     diagram(made, over_speed, WINDOW)
     over_speed.set(title="figure 5", xlim=(0.0, 155.0))
-    low, high = MM * thresholds.down, MM * thresholds.up
+    low, high = speed_down, speed_up
     over_speed.axvspan(low, high, color=GREY, alpha=0.15, lw=0)
     top = over_speed.get_ylim()[1]
     for at, name in (
@@ -101,27 +96,26 @@ def transient(figure: Figure) -> Iterator[Comparison]:
     first = next(event["t_ns"] for event in made.plant_events if event["text"] == "contact releases +") * 1e-9
     speed = float(np.interp(first, made.time, made.signals["surface_speed"]))
     yield Comparison("first slip", "mm/s", MM * speed, 27.0, "paper", absolute=0.5)
-    yield Comparison(
-        "last stick at rising speed (text: about 110)", "mm/s", MM * thresholds.up, 104.0, "paper", relative=0.12
-    )
-    yield Comparison("first stick at falling speed (text: about 30)", "mm/s", MM * thresholds.down, 29.0, "paper",
-                     absolute=2.8)  # fmt: skip
+    yield Comparison("last stick at rising speed (text: about 110)", "mm/s", high, 104.0, "paper", relative=0.12)
+    yield Comparison("first stick at falling speed (text: about 30)", "mm/s", low, 29.0, "paper", absolute=2.8)
     held = np.abs(made.signals["surface_speed"] - 0.15) < 1e-9
     trembles = float(np.std(made.signals["acceleration"][held]))
     yield Comparison("RMS acceleration in sliding at 150 mm/s (paper: a sudden drop)", "m/s²", trembles, 0.0, "paper",
                      absolute=10.0, missed=True)  # fmt: skip
-    smooth = stages(even)
-    assert smooth is not None
-    last = smooth.down if smooth.down == smooth.down else 0.0
-    yield Comparison("the same on an even surface", "mm/s", MM * last, 0.0, "theory", absolute=0.2)
+    last = np.nan_to_num(_critical(even)[1])
+    yield Comparison("the same on an even surface", "mm/s", float(last), 0.0, "theory", absolute=0.2)
 
 
 @cache
 def _speeds(row: Row) -> tuple[float, float]:
     """Upper and lower critical speed [mm/s] of the scene."""
-    thresholds = stages(run(load("tip", friction__mu_static=row.static, friction__mu_kinetic=row.kinetic)))
-    assert thresholds is not None
-    return MM * thresholds.up, MM * thresholds.down
+    return _critical(run(load("tip", friction__mu_static=row.static, friction__mu_kinetic=row.kinetic)))
+
+
+def _critical(made: Run) -> tuple[float, float]:
+    """Speeds of the disc [mm/s] at the last stick while it rises and at the first one while it falls."""
+    speeds = thresholds(made)
+    return MM * speeds.up, MM * speeds.down
 
 
 def _closed(row: Row) -> float:
@@ -139,7 +133,7 @@ def _closed(row: Row) -> float:
     return max(MM * upper_speed(load("tip", waviness=None, **changes).parameters), 23.34 + 29.55 * row.kinetic)  # type: ignore[arg-type]
 
 
-def table(figure: Figure) -> Iterator[Comparison]:
+def table(figure: Figure) -> Compared:
     """Upper and lower critical speed over the ratio of the coefficients."""
     axis = figure.subplots()
     order = sorted(TABLE_1, key=lambda row: row.static / row.kinetic)
@@ -160,28 +154,27 @@ def table(figure: Figure) -> Iterator[Comparison]:
         yield Comparison(f"{row.name}: lower speed", "mm/s", down, row.lower, "paper", absolute=2.8)
         yield Comparison(f"{row.name}: upper speed, closed form", "mm/s", _closed(row), row.upper, "paper",
                          absolute=3.2)  # fmt: skip
-    widths = [up - down for up, down in ours]
-    rises = sum(b > a for a, b in pairwise(widths))
+    rises = sum(b > a for a, b in pairwise([up - down for up, down in ours]))
     yield Comparison(
         "steps of the ratio that widen the bistable range, of 6", "", float(rises), 5.0, "paper", floor=True
     )
 
 
-def law(figure: Figure) -> Iterator[Comparison]:
+def law(figure: Figure) -> Compared:
     """Friction over slip speed: the law of the numerical part and the one of the coated tip."""
     axis = figure.subplots()
     speeds = np.linspace(0.0, 0.02, 400)
-    own = load("tip_epoxy").assemble().system().patches[0].law
+    own, drop = law_of(load("tip_epoxy")), law_of(load("tip"))
     axis.plot(MM * speeds, own.over(speeds), color=BLUE, label="tip_epoxy, exponential")
-    drop = load("tip").assemble().system().patches[0].law
     axis.set(xlabel="slip speed [mm/s]", ylabel="coefficient of friction")
     axis.legend()
     decay = 1.0 / (2.896e-3)
     a = own.static / own.numbers[0]
-    for v in (0.0, 0.003, 0.013):
-        expected = own.numbers[0] * (1.0 + (a - 1.0) * math.exp(-decay * v))
-        what = f"equation 1 at {MM * v:g} mm/s"
-        yield Comparison(what, "", own.mu(v), expected, "theory", relative=1e-6)
+    rows = (
+        (f"equation 1 at {MM * v:g} mm/s", own.mu(v), own.numbers[0] * (1.0 + (a - 1.0) * math.exp(-decay * v)))
+        for v in (0.0, 0.003, 0.013)
+    )
+    yield from compared(rows, "", "theory", relative=1e-6)
     yield Comparison("decay 0: in slip", "", drop.mu(0.0), 0.2, "paper", relative=1e-12)
     yield Comparison("decay 0: in stick", "", drop.static, 0.4, "paper", relative=1e-12)
 
@@ -208,7 +201,7 @@ def _spectrogram(made: Run, axis: Axes, length: int, top: float) -> None:
     axis.set(xlabel="time [s]", ylabel="frequency [Hz]", ylim=(0.0, top))
 
 
-def measured(figure: Figure) -> Iterator[Comparison]:
+def measured(figure: Figure) -> Compared:
     """Run-up and run-down of the experiment: protocol, acceleration, spectrogram, RMS over the speed."""
     made = run(load("tip_epoxy"))
     panels = figure.subplot_mosaic([["time", "time"], ["speed", "lines"]])
@@ -219,31 +212,25 @@ def measured(figure: Figure) -> Iterator[Comparison]:
     over_speed.set_xlim(0.0, 20.0)
     _spectrogram(made, lines, 2048, 2000.0)
     speed = made.signals["surface_speed"]
-    for t, expected in ((20.0, 44.0), (40.0, 44.0), (60.0, 0.0)):
-        ours = MM * float(np.interp(t, made.time, speed))
-        yield Comparison(f"speed of the disc at {t:g} s", "mm/s", ours, expected, "paper", absolute=1e-6)
-    thresholds = stages(made)
-    assert thresholds is not None
-    yield Comparison("last stick at rising speed", "mm/s", MM * thresholds.up, 13.0, "paper", absolute=0.25)
-    yield Comparison("first stick at falling speed", "mm/s", MM * thresholds.down, 5.68, "reference", absolute=0.3)
-    import rig
-
+    rows = (
+        (f"speed of the disc at {t:g} s", MM * float(np.interp(t, made.time, speed)), expected)
+        for t, expected in ((20.0, 44.0), (40.0, 44.0), (60.0, 0.0))
+    )
+    yield from compared(rows, "mm/s", "paper", absolute=1e-6)
+    high, low = _critical(made)
+    yield Comparison("last stick at rising speed", "mm/s", high, 13.0, "paper", absolute=0.25)
+    yield Comparison("first stick at falling speed", "mm/s", low, 5.68, "reference", absolute=0.3)
     swept = rig.sweep(load("tip_epoxy", noise=None), "drive.speed", np.linspace(0.004, 0.012, 9))
     critical = [crossing.value for crossing in swept.critical]
     yield Comparison("sliding is unstable below", "mm/s", MM * critical[0], 7.5, "paper", absolute=0.02)
-    [up] = [
-        curve
-        for curve in hysteresis(made, "acceleration", "surface_speed", MEASURED_WINDOW).curves
-        if curve.branch.rises
-    ]
+    curves = hysteresis(made, "acceleration", "surface_speed", MEASURED_WINDOW).curves
+    [up] = [curve for curve in curves if curve.branch.rises]
     ours = float(np.interp(9e-3, up.speed, up.rms))
     yield Comparison("RMS acceleration at rising speed, at 9 mm/s", "m/s²", ours, 10.196, "reference", relative=0.01)
 
 
-def beam(figure: Figure) -> Iterator[Comparison]:
+def beam(figure: Figure) -> Compared:
     """Draw the spectrogram of the run-up with the beam in several modes."""
-    import rig
-
     made = run(load("tip_beam"))
     axis, near = figure.subplots(2, 1)
     _spectrogram(made, axis, 4096, 24000.0)
@@ -251,19 +238,16 @@ def beam(figure: Figure) -> Iterator[Comparison]:
     part = (made.time > 1.2) & (made.time < 1.21)
     near.plot(MM * (made.time[part] - 1.2), made.signals["acceleration"][part], color=BLUE, lw=0.8)
     near.set(xlabel="time [ms], from 1.2 s", ylabel="acceleration [m/s²]")
-    thresholds = stages(made)
-    assert thresholds is not None
-    yield Comparison("last stick at rising speed", "mm/s", MM * thresholds.up, 13.0, "paper", absolute=0.4)
-    more = stages(run(load("tip_beam", beam__modes=5, clock__frame=5e-6)))
-    assert more is not None
-    yield Comparison("last stick at rising speed, five modes", "mm/s", MM * more.up, math.nan, "paper")
+    yield Comparison("last stick at rising speed", "mm/s", _critical(made)[0], 13.0, "paper", absolute=0.4)
+    more, _ = _critical(run(load("tip_beam", beam__modes=5, clock__frame=5e-6)))
+    yield Comparison("last stick at rising speed, five modes", "mm/s", more, math.nan, "paper")
     p = load("tip_beam").parameters.beam  # type: ignore[attr-defined]
     omega = p.reduced().omega / (2.0 * math.pi)
     stiff = p.modulus / (1.0 - p.poisson**2) * p.thickness**2 / 12.0
-    for i, b in enumerate((1.8751041, 4.6940911, 7.8547574)):
-        hertz = b**2 / (2.0 * math.pi * p.length**2) * math.sqrt(stiff / p.density)
-        what = f"clamped beam, bending mode {i + 1}"
-        yield Comparison(what, "Hz", float(omega[i]), hertz, "theory", relative=1e-4)
+    bending = [
+        b**2 / (2.0 * math.pi * p.length**2) * math.sqrt(stiff / p.density) for b in (1.8751041, 4.6940911, 7.8547574)
+    ]
+    yield from numbered("clamped beam, bending mode {}", omega, bending, "Hz", "theory", relative=1e-4)
     slides = rig.modes(load("tip_beam", drive__speed=0.02)).sliding.equilibrium
     yield Comparison("force at the clamp over friction force", "", slides["clamp_force"] / slides["friction_force"],
                      1.0, "theory", relative=1e-9)  # fmt: skip
@@ -282,7 +266,7 @@ def _turned(degrees: float, eps: float) -> float:
     return upper_speed(load("tip", waviness=None, **changes).parameters)  # type: ignore[arg-type]
 
 
-def parameters(figure: Figure) -> Iterator[Comparison]:
+def parameters(figure: Figure) -> Compared:
     """Upper speed over the angle of the beam, and both critical speeds over the load."""
     over_angle, over_load = figure.subplots(1, 2)
     over_angle.plot(ANGLES, [TABLE_3[50.0][i][0] / 13.0 for i in range(4)], "o", color=GREY, label="paper, 50 N")
@@ -299,7 +283,7 @@ def parameters(figure: Figure) -> Iterator[Comparison]:
                 yield Comparison(f"{what}, 50 N", "", ratio, stated, "paper", absolute=0.05, missed=True)
     over_angle.set(xlabel="angle [degrees]", ylabel="upper speed over that at 5 degrees [1]", ylim=(0.0, 1.05))
     over_angle.legend()
-    ours = [_critical(force) for force in LOADS]
+    ours = [_critical(run(load("tip_epoxy", load__force=force))) for force in LOADS]
     for which, (name, mark, colour) in enumerate((("upper", "s-", BLUE), ("lower", "v-", VERMILION))):
         printed = [TABLE_3[force][0][which] for force in LOADS]
         over_load.plot(LOADS, printed, mark[0], color=colour, mfc="none", markersize=8, label=f"{name}, paper")
@@ -318,14 +302,7 @@ def parameters(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("steps of the load that lower it, of 3", "", float(falls), 3.0, "paper")
 
 
-def _critical(force: float) -> tuple[float, float]:
-    """Speeds of the disc [mm/s] at the last stick while it rises and at the first one while it falls."""
-    thresholds = stages(run(load("tip_epoxy", load__force=force)))
-    assert thresholds is not None
-    return MM * thresholds.up, MM * thresholds.down
-
-
-def knocked(figure: Figure) -> Iterator[Comparison]:
+def knocked(figure: Figure) -> Compared:
     """Draw a knock at 9 mm/s, and the smallest knock that switches to stick-slip."""
     made = run(load("tip_knock"))
     axis, kicks = figure.subplots(2, 1)
@@ -337,21 +314,18 @@ def knocked(figure: Figure) -> Iterator[Comparison]:
     hertz = float(1.0 / np.diff(sticks[sticks > 7.0]).mean())
     yield Comparison("RMS acceleration afterwards", "m/s²", rms, 10.196, "reference", relative=0.01)
     yield Comparison("frequency afterwards", "Hz", hertz, 249.70, "reference", absolute=0.05)
-    quiet = float(np.std(made.signals["acceleration"][(made.time > 3.9) & (made.time < 4.0)]))
-    yield Comparison("RMS acceleration before", "m/s²", quiet, 0.0, "reference", absolute=1e-3)
+    before = float(np.std(made.signals["acceleration"][(made.time > 3.9) & (made.time < 4.0)]))
+    yield Comparison("RMS acceleration before", "m/s²", before, 0.0, "reference", absolute=1e-3)
     printed = {8.0: 3.452, 9.0: 6.143, 10.0: 8.135, 11.0: 9.861, 12.0: 11.440}
     ours = {v: MM * _least(1e-3 * v) for v in printed}
     kicks.plot(list(printed), list(ours.values()), "o-", color=VERMILION)
     kicks.set(xlabel="speed of the disc [mm/s]", ylabel="least kick of the tip [mm/s]", ylim=(0.0, None))
-    for v, expected in printed.items():
-        yield Comparison(f"least kick at {v:g} mm/s", "mm/s", ours[v], expected, "reference", absolute=0.01)
+    rows = ((f"least kick at {v:g} mm/s", ours[v], expected) for v, expected in printed.items())
+    yield from compared(rows, "mm/s", "reference", absolute=0.01)
 
 
 def _least(speed: float) -> float:
     """Smallest velocity step [m/s] of the sliding tip that starts a persistent stick-slip, by bisection."""
-    import rig
-    from rig.papers.entry import quiet
-
     rest = rig.modes(load("tip_knock", drive__speed=speed)).sliding.equilibrium["displacement"]
 
     def switches(kick: float) -> bool:

@@ -7,16 +7,15 @@ independent computation of the printed matrices, "theory" the closed form h^2 = 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from rig.papers.entry import Comparison, Entry, load, quiet, run
+import rig
+from rig.analysis.modes import Mode
+from rig.papers.entry import Compared, Comparison, Entry, load, numbered, quiet, run, tops
 from rig.view.palette import AMBER, BLUE, GREY, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _MEETS = (10.0, 17.320508075688775)  # rad/s
 _BELOW = {
@@ -31,16 +30,21 @@ _LIFTS = 9.257839536912664  # s
 
 def _critical(**changes: object) -> list[float]:
     """Friction coefficients up to 3 at which sliding becomes unstable."""
-    import rig
-
     swept = rig.sweep(load("four_dof", **changes), "friction.mu", np.linspace(0.0, 3.0, 61))
     return [crossing.value for crossing in swept.critical if crossing.becomes == "unstable"]
 
 
-def eigenvalues(figure: Figure) -> Iterator[Comparison]:
-    """Draw frequencies and growth rates over the friction coefficient, as in figure 6."""
-    import rig
+def _modes(mu: float) -> Sequence[Mode]:
+    return rig.modes(load("four_dof", friction__mu=mu)).sliding.modes
 
+
+def _frequencies(mu: float) -> list[float]:
+    """Frequencies at a friction coefficient [rad/s]."""
+    return sorted(2.0 * math.pi * mode.frequency for mode in _modes(mu))
+
+
+def eigenvalues(figure: Figure) -> Compared:
+    """Draw frequencies and growth rates over the friction coefficient, as in figure 6."""
     swept = rig.sweep("four_dof", "friction.mu", np.linspace(0.0, 2.0, 201))
     turning, growth = figure.subplots(1, 2)
     turning.plot(swept.axis.values, 2.0 * math.pi * swept.frequency, ".", color=BLUE, markersize=3)
@@ -52,21 +56,15 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     growth.set(title="growth rates", ylabel="real part [1/s]")
     [limit] = _critical()
     yield Comparison("critical friction coefficient", "", limit, 1.0, "paper", absolute=1e-9)
-    frequencies = sorted(
-        2.0 * math.pi * mode.frequency for mode in rig.modes(load("four_dof", friction__mu=1.0)).sliding.modes
-    )
-    for number, (ours, expected) in enumerate(zip(frequencies, (_MEETS[0], _MEETS[0], _MEETS[1], _MEETS[1])), 1):
-        yield Comparison(f"mu = 1: frequency {number}", "rad/s", ours, expected, "theory", absolute=1e-6)
+    met = (_MEETS[0], _MEETS[0], _MEETS[1], _MEETS[1])
+    yield from numbered("mu = 1: frequency {}", _frequencies(1.0), met, "rad/s", "theory", absolute=1e-6)
     for mu, printed in _BELOW.items():
-        modes = rig.modes(load("four_dof", friction__mu=mu)).sliding.modes
-        ours_all = sorted(2.0 * math.pi * mode.frequency for mode in modes)
-        for number, (ours, expected) in enumerate(zip(ours_all, printed), 1):
-            what = f"mu = {mu:g}: frequency {number}"
-            yield Comparison(what, "rad/s", ours, expected, "reference", absolute=1e-8)
+        what = f"mu = {mu:g}: frequency {{}}"
+        yield from numbered(what, _frequencies(mu), printed, "rad/s", "reference", absolute=1e-8)
     for mu, (fast, slow) in _ABOVE.items():
-        rates = sorted(mode.growth for mode in rig.modes(load("four_dof", friction__mu=mu)).sliding.modes)
-        for ours, expected in zip(rates, (-fast, -slow, slow, fast)):
-            yield Comparison(f"mu = {mu:g}: growth rate", "1/s", ours, expected, "reference", absolute=1e-8)
+        rates = sorted(mode.growth for mode in _modes(mu))
+        what = f"mu = {mu:g}: growth rate"
+        yield from numbered(what, rates, (-fast, -slow, slow, fast), "1/s", "reference", absolute=1e-8)
     [turned] = _critical(spring_3__angle=0.25 * math.pi, drive__speed=-0.3)
     yield Comparison("both couplings with the other sign: critical", "", turned, 1.0, "theory", absolute=1e-9)
     for what, changes in (
@@ -78,18 +76,16 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("one damper, beside spring 1: critical", "", damped, 0.5, "theory", absolute=1e-9)
 
 
-def histories(figure: Figure) -> Iterator[Comparison]:
+def histories(figure: Figure) -> Compared:
     """Draw the model of figure 5 in time: growth from near sliding, then lift-off and stick."""
-    import rig
-
     growing, along, across = figure.subplots(3, 1)
     near = quiet(load("four_dof", friction__mu=1.5, start__displacement=0.008, start__height=-0.008 * (1.0 - 1e-5),
                       start__body_1_displacement=0.004, start__body_3_height=-0.004))  # fmt: skip
     ran, rate = run(near, _GROWS[1]), rig.modes(near).sliding.growth
     v = np.abs(ran.signals["velocity"])
-    tops = np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] >= v[2:])) + 1
-    tops = tops[ran.time[tops] > _GROWS[0]]
-    slope, height = np.polyfit(ran.time[tops], np.log(v[tops]), 1)
+    top = tops(v)
+    top = top[ran.time[top] > _GROWS[0]]
+    slope, height = np.polyfit(ran.time[top], np.log(v[top]), 1)
     growing.semilogy(ran.time, v, color=BLUE, lw=0.8)
     growing.semilogy(
         ran.time, np.exp(height + slope * ran.time), color=VERMILION, ls="--", label=f"fitted: {slope:.4f} 1/s"

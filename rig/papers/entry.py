@@ -10,37 +10,37 @@ import importlib
 import io
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
 
+import rig
+from rig.analysis.axis import Axis
+from rig.analysis.map.dither import boundary
+from rig.analysis.map.job import Job, Settings
+from rig.analysis.stick_speeds import Stages, stages
 from rig.errors import UsageError
-
-if TYPE_CHECKING:
-    import numpy as np
-    from matplotlib.figure import Figure
-    from numpy.typing import NDArray
-
-    from rig.model.friction_law import Law
-    from rig.record.run import Run
-    from rig.scenes.scene import Scene
+from rig.model.friction_law import Law
+from rig.record.run import Reals, Run
+from rig.scenes.scene import Scene
+from rig.view.palette import BARE, encoded, page, put
 
 
 def load(name: str, **changes: Any) -> Scene:
     """Return a scene with changes; two underscores replace the dot: body__damping=2.0, in SI."""
-    import rig
-
     return rig.load(name, {key.replace("__", "."): value for key, value in changes.items()})
 
 
 def run(scene: Scene, seconds: float | None = None) -> Run:
     """Run the scene in this process."""
-    import rig
-
     return rig.simulate(scene, seconds)
 
 
@@ -59,17 +59,41 @@ def law_of(scene: Scene) -> Law:
     return scene.assemble().system().patches[0].law  # type: ignore[no-any-return]
 
 
-def dither_boundary(scene: Scene, rate: float, fast: float, shares: NDArray[np.float64]) -> tuple[float, float, float]:
+def thresholds(ran: Run) -> Stages:
+    """Return the speeds of the last stick of the way up and of the first one of the way down [m/s or rad/s]."""
+    speeds = stages(ran)
+    assert speeds is not None
+    return speeds
+
+
+def tops(v: Reals) -> NDArray[np.int64]:
+    """Return the rows of the maxima of v."""
+    return np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] >= v[2:])) + 1
+
+
+def log_slope(t: Reals, v: Reals) -> float:
+    """Return the growth rate of v(t) [1/s], fitted to its logarithm."""
+    return float(np.polyfit(t, np.log(v), 1)[0])
+
+
+def table(
+    axis: Axes, rows: Sequence[Sequence[str]], heads: Sequence[str], size: float, high: float, **look: Any
+) -> None:
+    """Draw a table with letters of `size` [pt] and rows `high` times as high as usual."""
+    axis.axis("off")
+    drawn = axis.table(rows, colLabels=heads, loc="upper center", cellLoc="center", edges="horizontal", **look)
+    drawn.auto_set_font_size(False)
+    drawn.set_fontsize(size)
+    drawn.scale(1.0, high)
+
+
+def dither_boundary(scene: Scene, rate: float, fast: float, shares: Reals) -> tuple[float, float, float]:
     """Return the largest dither that loses sliding, relative to the one that gives the slider of mass one the speed
     `fast` [m/s].
 
     To leading order, averaged, simulated. `rate` of the dither [rad/s]; `shares`: amplitudes to try, in the same
     measure.
     """
-    from rig.analysis.axis import Axis
-    from rig.analysis.map.dither import boundary
-    from rig.analysis.map.job import Job, Settings
-
     frequencies = Axis.of("dither.frequency", [rate / (2.0 * math.pi), rate], scene)
     amplitudes = Axis.of("dither.amplitude", shares * fast * rate, scene)
     boundaries = boundary(Job(scene, frequencies, amplitudes, Settings("displacement")), 0)
@@ -96,16 +120,6 @@ PAPERS = {
 _MOST_POINTS = 1500  # of a curve in an SVG file
 _PLAIN: dict[str, Any] = {"colors": 96}  # colours of a picture: reduces it to a third of the bytes
 _MAPPED: dict[str, Any] = {"colors": 256, "method": 2}  # octree: few colours would make steps in a colour bar
-_STYLE: dict[str, Any] = {
-    "font.size": 10.5,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 11,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "legend.fontsize": 9.5,
-    "lines.linewidth": 1.3,
-}
 Source = Literal["paper", "reference", "theory"]
 
 
@@ -161,6 +175,22 @@ class Comparison:
         finite = {name: value if math.isfinite(value) else None for name, value in
                   (("ours", self.ours), ("expected", self.expected))}  # fmt: skip
         return vars(self) | {"agrees": self.agrees} | finite
+
+
+Compared = Iterator[Comparison]
+
+
+def compared(rows: Iterable[tuple[str, float, float]], unit: str, source: Source, **bound: Any) -> Compared:
+    """Compare rows (what, ours, expected) with one unit, source and bound."""
+    return (Comparison(what, unit, float(ours), expected, source, **bound) for what, ours, expected in rows)
+
+
+def numbered(
+    what: str, ours: Iterable[float], expected: Iterable[float], unit: str, source: Source, **bound: Any
+) -> Compared:
+    """Compare values one after the other; `what` contains the place of their number as {}."""
+    rows = ((what.format(number), *pair) for number, pair in enumerate(zip(ours, expected), 1))
+    return compared(rows, unit, source, **bound)
 
 
 @dataclass(frozen=True)
@@ -241,18 +271,9 @@ def pick(wanted: str) -> list[Entry]:
 
 def make(entry: Entry, folder: Path) -> Result:
     """Draw an entry into `folder` (PNG and SVG) and compare its numbers."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from PIL import Image
-
-    from rig.view.palette import encoded, put
-
     begin = time.perf_counter()
     path = folder / f"{entry.name}.png"
-    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
-        figure = Figure(figsize=entry.size, dpi=110, facecolor="white", layout="constrained")
-        FigureCanvasAgg(figure)
+    with page(*entry.size, style=BARE, dpi=110, layout="constrained") as figure:
         comparisons = tuple(entry.draw(figure))
         figure.align_ylabels()
         figure.suptitle(f"{entry.number}: {entry.title}", x=0.01, ha="left", fontsize=12.5, fontweight="bold")

@@ -1,35 +1,31 @@
-"""Kroeger, Neubauer, Popp (2008), sections 3c and 4a: eigenvalues of the disc brake, and its squeal damped actively.
+"""Kroeger, Neubauer, Popp (2008), sections 3c and 4: eigenvalues of the disc brake, its squeal, damping by a stack.
 
 The paper prints 0.64 and 2140 Hz; the axes of its figure 21 end at 10 mm/s, 50 V and 0.83 s. "reference" is an
 independent computation with the parameters of the scene.
 
-Kroeger, Neubauer, Popp (2008), figure 17: 225 brakings, and which of them squeal.
-
-Pressure and temperature are drawn from the ranges of the paper's tests. The paper does not state the friction
-coefficient of a braking; ours scatters, and rises a little with the temperature of the disc [calibrated]. Each braking
-is classified by eigenvalues; every fifteenth is also simulated and classified by its sound, as in the tests.
-
-Kroeger, Neubauer, Popp (2008), figure 29: the sound of a brake while its shunt is connected and disconnected.
+Figure 17: pressure and temperature of 225 brakings are drawn from the ranges of the paper's tests. The paper does not
+state the friction coefficient of a braking; ours scatters, and rises a little with the temperature of the disc
+[calibrated]. Each braking is classified by eigenvalues; every fifteenth is also simulated and classified by its sound,
+as in the tests. Figure 29: the sound of a brake while its shunt is connected and disconnected.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.figure import Figure
+from scipy.optimize import curve_fit
 
-from rig.papers.entry import Comparison, Entry, load, quiet, run, value
+import rig
+from rig.analysis.recorded.sound import hear
+from rig.analysis.regions import sliding
+from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, run, value
+from rig.record.run import Reals
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
-Array = NDArray[np.float64]
 _PAIR = (2050.0, 2200.0)
 """Hz: the range contains only the two branches that meet."""
 _BRANCHES = {
@@ -44,12 +40,9 @@ _BRANCHES = {
 """mu: growth [1/s] and frequency [Hz] of the lower and the upper one."""
 
 
-def eigenvalues(figure: Figure) -> Iterator[Comparison]:
+def eigenvalues(figure: Figure) -> Compared:
     """Draw two eigenvalues over the friction coefficient: they meet, and one becomes unstable."""
-    import rig
-
-    values = [*np.linspace(0.0, 0.62, 32), *np.linspace(0.622, 0.66, 39)]  # finer where they meet
-    swept = rig.sweep("brake", "friction.mu", values)
+    swept = rig.sweep("brake", "friction.mu", [*np.linspace(0.0, 0.62, 32), *np.linspace(0.622, 0.66, 39)])
     plane, growth, frequency = figure.subplot_mosaic([["plane", "growth"], ["plane", "frequency"]]).values()
     near = (swept.frequency > _PAIR[0]) & (swept.frequency < _PAIR[1])
     mu, g, f = (np.broadcast_to(np.array(swept.axis.values)[:, None], near.shape)[near],
@@ -82,10 +75,8 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
             yield Comparison(f"{name}: frequency", "Hz", ours.frequency, hertz, "reference", absolute=1e-3)
 
 
-def active(figure: Figure) -> Iterator[Comparison]:
+def active(figure: Figure) -> Compared:
     """Draw the velocity of the pad and the voltage of the stack: the squeal decays after the loop is closed."""
-    import rig
-
     scene = load("brake_active")
     ran = run(scene)
     closed = value(scene, "controllers.nb.enable_at")
@@ -96,7 +87,7 @@ def active(figure: Figure) -> Iterator[Comparison]:
         axis.set_ylabel(label)
     axis.set(xlabel="time since the loop was closed [ms]", xlim=(-30.0, 60.0))
 
-    def peak(shown: Array, begin: float, end: float) -> float:
+    def peak(shown: Reals, begin: float, end: float) -> float:
         return float(np.abs(shown[(t >= begin) & (t < end)]).max())
 
     free = rig.modes(scene).sliding.modes[0]
@@ -135,8 +126,6 @@ class Braking(NamedTuple):
 
 def brakings() -> list[Braking]:
     """Return all brakings, classified by eigenvalues."""
-    from rig.analysis.regions import sliding
-
     scene = load("brake", drive__speed=_SPEED)
     draw = np.random.default_rng(_SEED)
     all_brakings = []
@@ -150,21 +139,15 @@ def brakings() -> list[Braking]:
 
 def level(braking: Braking) -> float:
     """Return the sound pressure level [dB] at the end of a simulated braking."""
-    changes: dict[str, Any] = {
-        "drive__speed": _SPEED,
-        "load__pressure": 1e5 * braking.pressure,
-        "friction__mu": braking.mu,
-    }
-    scene = replace(quiet(load("brake", **changes)), sensors={})
+    brake = load("brake", drive__speed=_SPEED, load__pressure=1e5 * braking.pressure, friction__mu=braking.mu)
+    scene = replace(quiet(brake), sensors={})
     ran = run(scene, min(_FOLDS / abs(braking.growth), _LONGEST))
     last = _SOUND * ran.signals["velocity"][ran.time > ran.time[-1] - 0.04]
     return 20.0 * math.log10(float(np.sqrt(np.mean(last**2))) / 20e-6)
 
 
-def classified(figure: Figure) -> Iterator[Comparison]:
+def classified(figure: Figure) -> Compared:
     """Pressure and temperature of the brakings; friction over pressure with the critical coefficient."""
-    import rig
-
     all_brakings = brakings()
     heard = {number: level(all_brakings[number]) for number in range(0, _COUNT, _EVERY)}
     tests, border = figure.subplots(1, 2)
@@ -191,27 +174,27 @@ def classified(figure: Figure) -> Iterator[Comparison]:
     border.legend()
     loud = [braking for braking in all_brakings if braking.growth > 0.0]
     lowest = min(braking.pressure for braking in loud)
-    yield Comparison(
-        "lowest pressure with squeal (predicted 15, measured 12)", "bar", lowest, 15.0, "paper", absolute=3.0
-    )
-    for which, frequency in (("lowest", min), ("highest", max)):
-        hertz = frequency(braking.frequency for braking in loud)
-        yield Comparison(f"{which} frequency of squeal, predicted", "Hz", hertz, 2140.0, "paper", relative=0.015)
+    what = "lowest pressure with squeal (predicted 15, measured 12)"
+    yield Comparison(what, "bar", lowest, 15.0, "paper", absolute=3.0)
+    hertz = [braking.frequency for braking in loud]
+    rows = [
+        (f"{which} frequency of squeal, predicted", of(hertz), 2140.0)
+        for which, of in (("lowest", min), ("highest", max))
+    ]
+    yield from compared(rows, "Hz", "paper", relative=0.015)
     differ = sum(bool(loud > _SQUEAL) != bool(all_brakings[number].growth > 0.0) for number, loud in heard.items())
     yield Comparison(f"of {len(heard)} simulated: differ from the eigenvalues", "", differ, 0.0, "theory")
-    for bar, (mu, hertz) in _CRITICAL.items():
+    for bar, (mu, frequency) in _CRITICAL.items():
         yield Comparison(f"{bar} bar: critical friction", "", critical[bar].value, mu, "reference", absolute=1e-6)
-        yield Comparison(f"{bar} bar: frequency", "Hz", critical[bar].frequency, hertz, "reference", absolute=1e-3)
+        yield Comparison(f"{bar} bar: frequency", "Hz", critical[bar].frequency, frequency, "reference", absolute=1e-3)
 
 
 _TOP = 5.0  # kHz: range of the spectrum
 _DEVELOPED = 85.0  # dB of a fully developed squeal
 
 
-def sound(figure: Figure) -> Iterator[Comparison]:
+def sound(figure: Figure) -> Compared:
     """Sound pressure and short-time spectrum over thirty seconds."""
-    from rig.analysis.recorded.sound import hear
-
     scene = load("brake_shunt_sound")
     ran = run(scene)
     heard = hear(ran)
@@ -276,7 +259,6 @@ def sound(figure: Figure) -> Iterator[Comparison]:
 
 def _sine(t: np.ndarray, f: np.ndarray, period: float) -> tuple[float, float, float]:
     """Mean, amplitude and period of a sine fitted to f(t), starting from `period`."""
-    from scipy.optimize import curve_fit
 
     def shape(t: np.ndarray, mean: float, a: float, b: float, T: float) -> np.ndarray:
         angle = 2.0 * math.pi * t / T

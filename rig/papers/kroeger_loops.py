@@ -3,94 +3,103 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
 
-from rig.papers.entry import Comparison, Entry, law_of, load, quiet, run, value
+import rig
+from rig.analysis.averaged import mean_friction
+from rig.papers.entry import (
+    Compared,
+    Comparison,
+    Entry,
+    compared,
+    law_of,
+    load,
+    log_slope,
+    quiet,
+    run,
+    table,
+    tops,
+    value,
+)  # fmt: skip
+from rig.record.run import Reals, Run
 from rig.view.palette import AMBER, BLUE, GREY, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
-
 
 _SHOWN = (2.5, 9.0)
 """Seconds that the figures show: the limit cycle, and its decay after the loop is closed."""
+FORCE_GAINS = {0.0: None, 100.0: 0.064, 200.0: -1.88, 300.0: -4.68, 400.0: -7.49}
+"""Gain [N s/m]: remaining amplitude [m/s], or decay if negative [1/s]."""
+BELT_GAINS = {0.0: None, 0.5: 0.137, 1.33: -1.32, 2.66: -7.57, 4.0: 0.0, 5.33: 0.0}
+"""The same over the gain of the belt's speed."""
 
 
-def feedback(figure: Figure) -> Iterator[Comparison]:
-    """Draw normal-force feedback switched on at 4 s, gains 0 to 400 N s/m."""
-    yield from _loops(
-        figure, "belt_normal_force", (0.0, 100.0, 200.0, 300.0, 400.0), "N s/m",
-        {100.0: ("L", 0.064), 200.0: ("rate", -1.88), 300.0: ("rate", -4.68), 400.0: ("rate", -7.49)},
-    )  # fmt: skip
+def _run(name: str, **changes: Any) -> Run:
+    """Run a scene for 20 s with changes of its controller."""
+    key = next(iter(load(name).controllers))
+    return run(load(name, **{f"controllers__{key}__{field}": given for field, given in changes.items()}), 20.0)
 
 
-def belt_feedback(figure: Figure) -> Iterator[Comparison]:
-    """Draw belt-velocity feedback switched on at 4 s."""
-    yield from _loops(
-        figure, "belt_velocity_feedback", (0.0, 0.5, 1.33, 2.66, 4.0, 5.33), "",
-        {0.5: ("L", 0.137), 1.33: ("rate", -1.32), 2.66: ("rate", -7.57), 4.0: ("L", 0.0), 5.33: ("L", 0.0)},
-        belt=True,
-    )  # fmt: skip
+def _remaining(what: str, ran: Run, expected: float, **slack: Any) -> Comparison:
+    """Compare the amplitude after 16 s [m/s] or, if `expected` is negative, the decay [1/s]."""
+    v = ran.signals["velocity"]
+    if expected < 0.0:
+        return Comparison(f"{what}: decay", "1/s", decay(ran.time, v), expected, "reference", relative=0.05, **slack)
+    left = 0.5 * float(np.ptp(v[ran.time > 16.0]))
+    return Comparison(f"{what}: amplitude", "m/s", left, expected, "reference", absolute=3e-3)
 
 
-def _loops(
-    figure: Figure,
-    name: str,
-    gains: tuple[float, ...],
-    unit: str,
-    reference: Mapping[float, tuple[str, float]],
-    belt: bool = False,
-) -> Iterator[Comparison]:
-    axes = figure.subplots(len(gains), 1, sharex=True)
-    for axis, gain in zip(axes, gains):
-        presses = None if belt else axis.twinx()
-        scene = load(name)
-        key = next(iter(scene.controllers))
-        ran = run(load(name, **{f"controllers__{key}__gain": gain}), 20.0)
-        v = ran.signals["velocity"]
-        axis.plot(ran.time, 1e3 * v, color=BLUE, lw=0.9, label="velocity of the mass")
-        if belt:
-            axis.plot(
-                ran.time, 1e3 * ran.signals["surface_speed"], "--", color=AMBER, lw=0.9, label="speed of the belt"
-            )
-        if presses is not None:
-            presses.plot(ran.time, ran.signals["normal_force"], color=AMBER, lw=0.8)
-            presses.spines.right.set_visible(True)
-            presses.set(ylabel="normal\nforce [N]", ylim=(-5.0, 65.0))
-            presses.yaxis.label.set_color(AMBER)
-        axis.set_ylabel("velocity\n[mm/s]")
-        axis.set_title(f"gain K = {gain:g} {unit}".strip(), fontsize=9.5)
-        axis.axvline(4.0, color=GREY, lw=0.7, ls="--")
-        if gain in reference:
-            kind, expected = reference[gain]
-            if kind == "L":
-                tail = v[ran.time > 16.0]
-                amplitude = 0.5 * float(tail.max() - tail.min())
-                yield Comparison(
-                    f"K = {gain:g} {unit}: amplitude", "m/s", amplitude, expected, "reference", absolute=3e-3
-                )
-            else:
-                yield Comparison(
-                    f"K = {gain:g} {unit}: decay", "1/s", decay(ran.time, v), expected, "reference", relative=0.05
-                )
-    if belt:
-        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-    axes[-1].set(xlabel="time [s]; the loop is closed at 4 s", xlim=_SHOWN)
-
-
-def decay(time: Array, v: Array) -> float:
+def decay(time: Reals, v: Reals) -> float:
     """Return the slope of ln of the positive maxima of v between 1e-6 and 0.018 m/s after 4 s [1/s]."""
     after = time > 4.0
     t, w = time[after], v[after]
-    top = np.flatnonzero((w[1:-1] > w[:-2]) & (w[1:-1] >= w[2:])) + 1
+    top = tops(w)
     top = top[(w[top] > 1e-6) & (w[top] < 0.018)]
-    return float(np.polyfit(t[top], np.log(w[top]), 1)[0])
+    return log_slope(t[top], w[top])
+
+
+def feedback(figure: Figure) -> Compared:
+    """Draw normal-force feedback switched on at 4 s, gains 0 to 400 N s/m."""
+    yield from _loops(figure, "belt_normal_force", FORCE_GAINS, "N s/m", _normal_force)
+
+
+def _normal_force(axis: Axes, ran: Run) -> None:
+    presses = axis.twinx()
+    presses.plot(ran.time, ran.signals["normal_force"], color=AMBER, lw=0.8)
+    presses.spines.right.set_visible(True)
+    presses.set(ylabel="normal\nforce [N]", ylim=(-5.0, 65.0))
+    presses.yaxis.label.set_color(AMBER)
+
+
+def belt_feedback(figure: Figure) -> Compared:
+    """Draw belt-velocity feedback switched on at 4 s."""
+    yield from _loops(figure, "belt_velocity_feedback", BELT_GAINS, "", _belt_speed)
+    figure.axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+
+
+def _belt_speed(axis: Axes, ran: Run) -> None:
+    axis.plot(ran.time, 1e3 * ran.signals["surface_speed"], "--", color=AMBER, lw=0.9, label="speed of the belt")
+
+
+def _loops(
+    figure: Figure, name: str, gains: Mapping[float, float | None], unit: str, beside: Callable[[Axes, Run], None]
+) -> Compared:
+    """Draw the velocity for each gain; `beside`: what else is drawn into its panel."""
+    axes = figure.subplots(len(gains), 1, sharex=True)
+    for axis, (gain, expected) in zip(axes, gains.items()):
+        ran = _run(name, gain=gain)
+        axis.plot(ran.time, 1e3 * ran.signals["velocity"], color=BLUE, lw=0.9, label="velocity of the mass")
+        beside(axis, ran)
+        axis.set_ylabel("velocity\n[mm/s]")
+        axis.set_title(f"gain K = {gain:g} {unit}".strip(), fontsize=9.5)
+        axis.axvline(4.0, color=GREY, lw=0.7, ls="--")
+        if expected is not None:
+            yield _remaining(f"K = {gain:g} {unit}", ran, expected)
+    axes[-1].set(xlabel="time [s]; the loop is closed at 4 s", xlim=_SHOWN)
 
 
 CELLS = (
@@ -103,38 +112,22 @@ CELLS = (
 """Scene; gain [its own unit], delay of the loop [ms], remaining amplitude [m/s], or decay if negative [1/s]."""
 
 
-def loops(figure: Figure) -> Iterator[Comparison]:
+def loops(figure: Figure) -> Compared:
     """Draw the remaining vibration 16 s after a loop is closed, over gain and delay."""
     for axis, (name, cells), unit in zip(figure.subplots(1, 2), CELLS, ("N s/m", "")):
         rows = []
         for gain, delay, expected in cells:
-            key = next(iter(load(name).controllers))
-            changes = {f"controllers__{key}__gain": gain, f"controllers__{key}__delay": f"{delay} ms"}
-            ran = run(load(name, **changes), 20.0)
             what = f"{name}, K = {gain:g} {unit}".rstrip() + f", {delay} ms"
-            if expected > 0.0:
-                tail = ran.signals["velocity"][ran.time > 16.0]
-                left = 0.5 * float(np.ptp(tail))
-                comparison = Comparison(f"{what}: amplitude", "m/s", left, expected, "reference", absolute=3e-3)
-                numbers = f"{1e3 * left:.0f} mm/s", f"{1e3 * expected:.0f} mm/s"
-            else:
-                rate = decay(ran.time, ran.signals["velocity"])
-                comparison = Comparison(
-                    f"{what}: decay", "1/s", rate, expected, "reference", relative=0.05, absolute=5e-3
-                )
-                numbers = f"{rate:.2f} 1/s", f"{expected:.2f} 1/s"
+            comparison = _remaining(what, _run(name, gain=gain, delay=f"{delay} ms"), expected, absolute=5e-3)
+            values = comparison.ours, expected
+            numbers = [f"{1e3 * v:.0f} mm/s" if expected > 0.0 else f"{v:.2f} 1/s" for v in values]
             rows.append((f"{gain:g}", f"{delay}", *numbers))
             yield comparison
-        axis.axis("off")
         axis.set_title({"N s/m": "normal force"}.get(unit, "speed of the belt"))
-        heads = (f"K [{unit}]" if unit else "K", "delay [ms]", "ours", "expected")
-        table = axis.table(rows, colLabels=heads, loc="upper center", cellLoc="center", edges="horizontal")
-        table.auto_set_font_size(False)
-        table.set_fontsize(9.5)
-        table.scale(1.0, 1.45)
+        table(axis, rows, (f"K [{unit}]" if unit else "K", "delay [ms]", "ours", "expected"), 9.5, 1.45)
 
 
-def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
+def normal_force_energy(figure: Figure) -> Compared:
     """Draw a harmonic motion of characteristic B, with and without control (equations 4.2 to 4.4)."""
     mu0, fall, speed, force, swing = 0.4, 0.8, 0.06, 20.0, 0.04
     law = law_of(load("belt_b"))
@@ -158,15 +151,15 @@ def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
             axis.plot(share, shown, line, color=colour, label=name)
         axes[3].plot(share[::400], 1e3 * put_in[::400], "o", color=colour, markersize=5)
     labels = ("velocity\n[mm/s]", "relative\nvelocity [mm/s]", "friction\nforce [N]", "energy\ninput [mJ]")
-    for letter, axis, label in zip("abcd", axes, labels):
+    titles = ("(a)", "(b)", "(c)", "(d) points: after each period")
+    for title, axis, label in zip(titles, axes, labels):
         axis.set(ylabel=label, xlim=(0.0, 2.0))
-        axis.set_title(f"({letter})", fontsize=10)
+        axis.set_title(title, fontsize=10)
         for at in (1.0, 2.0):
             axis.axvline(at, color=GREY, lw=0.6)
     for axis in (axes[0], axes[3]):
         axis.axhline(0.0, color=GREY, lw=0.6)
     axes[1].axhline(1e3 * speed, color=GREY, lw=0.6)
-    axes[3].set_title("(d) points: after each period", fontsize=10)
     axes[2].legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
     axes[3].set_xlabel("time over the period, cycle")
     for K in (0.0, 100.0, 400.0):
@@ -178,8 +171,9 @@ def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
                "start__velocity": swing, "controllers__nf__gain": gain, "controllers__nf__enable_at": 0.0}  # fmt: skip
     ran = run(load("belt_normal_force", **changes), 1.5)
     v = ran.signals["velocity"]
-    top = np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] >= v[2:]) & (v[1:-1] > 1e-5)) + 1
-    rate = float(np.polyfit(ran.time[top], np.log(v[top]), 1)[0])
+    top = tops(v)
+    top = top[v[top] > 1e-5]
+    rate = log_slope(ran.time[top], v[top])
     theory = -(2.0 + mu * gain) / (2.0 * 5.0)
     yield Comparison("constant mu, simulated: decay (d + mu K) / 2 m", "1/s", rate, theory, "theory", relative=0.01)
     law = law_of(load("belt"))
@@ -187,12 +181,8 @@ def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("A: gain at which it balances the damper", "N s/m", balance, 132.25, "reference", absolute=0.005)
 
 
-def tuned_mass(figure: Figure) -> Iterator[Comparison]:
+def tuned_mass(figure: Figure) -> Compared:
     """Largest growth rate over damping and tilt of the absorber, with the axes of the paper, and two histories."""
-    from matplotlib.colors import TwoSlopeNorm
-
-    import rig
-
     tilts, ratios = np.linspace(-1.2, 1.2, 81), np.linspace(0.03, 0.6, 39)
     growth = np.empty((len(ratios), len(tilts)))
     for i, ratio in enumerate(ratios):
@@ -204,8 +194,7 @@ def tuned_mass(figure: Figure) -> Iterator[Comparison]:
     mesh = axis.pcolormesh(ratios, tilts, growth.T, cmap="RdBu_r", norm=norm, shading="nearest")
     axis.contour(ratios, tilts, growth.T, levels=[0.0], colors="black", linewidths=1.0)
     figure.colorbar(mesh, ax=axis, label="largest growth rate [1/s]")
-    mu = 0.379929
-    axis.axhline(-0.5 * math.atan(mu), color=GREY, ls="--", lw=1.0)
+    axis.axhline(-0.5 * math.atan(0.379929), color=GREY, ls="--", lw=1.0)
     axis.set(ylabel="tilt [rad]", xlabel="damping ratio D2", xlim=(0.0, 0.6), ylim=(-1.5, 1.5))
     for name, tilt, decays in (("up", 0.305, 1.0), ("down", -0.305, 0.0)):
         ran = run(load("belt_tuned_mass", tuned_mass__angle=tilt))
@@ -214,41 +203,37 @@ def tuned_mass(figure: Figure) -> Iterator[Comparison]:
         panels[name].set(title=f"tilt {tilt:+g} rad, D2 = 0.1", xlabel="time [s]", ylabel="velocity [mm/s]")
         axis.plot([0.1], [tilt], "P" if decays else "o", color="black", mfc="none", markersize=8)
         quarter = len(v) // 4
-        left = float(np.ptp(v[-quarter:]) / np.ptp(v[:quarter]))
-        yield Comparison(f"tilt {tilt:+g}, simulated: decays (1) or limit cycle (0)", "", float(left < 0.5), decays,
-                         "paper")  # fmt: skip
+        ours = float(np.ptp(v[-quarter:]) / np.ptp(v[:quarter]) < 0.5)
+        yield Comparison(f"tilt {tilt:+g}, simulated: decays (1) or limit cycle (0)", "", ours, decays, "paper")
     for tilt, expected in ((0.305, (-0.281, -0.715, -0.063)), (-0.305, (0.546, 0.499, 0.467))):
         for ratio, rate in zip((0.05, 0.1, 0.2), expected):
             scene = load("belt_tuned_mass", tuned_mass__angle=tilt, tuned_mass__damping_ratio=ratio)
-            computed = rig.modes(scene).sliding.growth
-            yield Comparison(f"tilt {tilt:+g}, D2 {ratio:g}", "1/s", computed, rate, "reference", absolute=6e-4)
+            growth_there = rig.modes(scene).sliding.growth
+            yield Comparison(f"tilt {tilt:+g}, D2 {ratio:g}", "1/s", growth_there, rate, "reference", absolute=6e-4)
 
 
-def dither(figure: Figure) -> Iterator[Comparison]:
+def dither(figure: Figure) -> Compared:
     """Draw the effective friction under dither of the belt, averaged, and simulated at 150 Hz.
 
     Simulated: the mean force of the spring. The friction force itself jumps, so that samples at a few phases give a
     poor mean.
     """
-    from rig.analysis.averaged import mean_friction
-
     law = law_of(load("belt"))
     amplitudes = np.concatenate([np.linspace(0.005, 0.06, 56), 0.06 + 0.24 * np.linspace(0.0, 1.0, 121)[1:] ** 3])
     mean = [mean_friction(law, 0.06, 1.0, complex(a))[0] for a in amplitudes]
     axis = figure.subplots()
     axis.plot(1e3 * amplitudes, mean, color=BLUE, label="averaged")
+    expected = {0.08: 0.1123, 0.10: 0.0717, 0.15: 0.0401, 0.20: 0.0303}
     simulated = []
-    for amplitude, expected in ((0.08, 0.1123), (0.10, 0.0717), (0.15, 0.0401), (0.20, 0.0303)):
+    for amplitude in expected:
         scene = quiet(load("belt_dither", dither__amplitude=amplitude, dither__enable=True))
         ran = run(scene, 12.0)
         last = ran.time > 8.0
         held = value(scene, "body.stiffness") * float(np.mean(ran.signals["displacement"][last]))
-        mu = held / value(scene, "load.force")
-        simulated.append((amplitude, mu))
-        yield Comparison(f"simulated at {1e3 * amplitude:g} mm/s", "", mu, expected, "reference", relative=0.01)
-    axis.plot(
-        [1e3 * a for a, _ in simulated], [mu for _, mu in simulated], "o", color=VERMILION, label="simulated, 150 Hz"
-    )
+        simulated.append(held / value(scene, "load.force"))
+    rows = ((f"simulated at {1e3 * a:g} mm/s", mu, expected[a]) for a, mu in zip(expected, simulated))
+    yield from compared(rows, "", "reference", relative=0.01)
+    axis.plot([1e3 * a for a in expected], simulated, "o", color=VERMILION, label="simulated, 150 Hz")
     axis.axvline(60.0, color=GREY, lw=0.7, ls="--", label="speed of the belt")
     axis.set(xlabel="amplitude of the dither [mm/s]", ylabel="mean friction coefficient", ylim=(0.0, None))
     axis.legend()

@@ -8,22 +8,26 @@ stack. Therefore the soft rig, which alone would be unstable with a negative cap
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import SymLogNorm
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize_scalar
 
-from rig.papers.entry import Comparison, Entry, load, quiet, run
+import rig
+from rig.analysis.regions import sliding
+from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, run
+from rig.record.run import Reals
+from rig.scenes.scene import Scene
+from rig.stability.linearisation import sliding_key, steady
 from rig.view.palette import BLUE, GREEN, VERMILION
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rig.scenes.scene import Scene
-
-Array = NDArray[np.float64]
 _HERTZ, CAPACITANCE, COUPLING, SWING = 3400.0, 3e-8, 1.04, 1e-6  # [paper]; F, N/V, m [calibrated]
 """Natural frequency of the squeal; capacitance and coupling of the stack; amplitude with which it is shaken."""
 PIEZO_STIFFNESS = COUPLING**2 / CAPACITANCE
@@ -55,12 +59,10 @@ def stack(R: float, delta: float, **changes: Any) -> Scene:
     return quiet(load("belt_shunt", **given, **changes))
 
 
-def transfer(scene: Scene, hertz: Array) -> NDArray[np.complex128]:
+def transfer(scene: Scene, hertz: Reals) -> NDArray[np.complex128]:
     """Return G = (F/dx - c33)/kappa at frequencies [n], from the matrices: the motion of its mass drives the
     network.
     """
-    from rig.stability.linearisation import sliding_key, steady
-
     system = scene.assemble().system()
     A, count = steady(system, sliding_key(system)).modes.A, len(system.coordinates)
     q, v, net = slice(0, count), slice(count, 2 * count), slice(2 * count, system.one)
@@ -84,7 +86,7 @@ def shaken(R: float, delta: float, hertz: float) -> tuple[complex, float]:
     return G, R * float(np.mean(ran.signals["shunt_current"][last] ** 2)) / hertz
 
 
-def force(figure: Figure) -> Iterator[Comparison]:
+def force(figure: Figure) -> Compared:
     """Amplitude and phase of the stack's electrical force over frequency, 25 ohm."""
     hertz = np.linspace(0.6, 1.4, 801) * _HERTZ
     amplitude, phase = figure.subplots(1, 2)
@@ -101,10 +103,8 @@ def force(figure: Figure) -> Iterator[Comparison]:
             yield Comparison(f"{what}: phase", "deg", math.degrees(np.angle(at)), angle, "reference", absolute=0.01)
         for at in _SHAKEN:
             complex_force, _ = shaken(25.0, delta, at)
-            amplitude.plot([at / _HERTZ], [abs(complex_force) / peak], "o", mfc="none", color=colour, markersize=6)
-            phase.plot(
-                [at / _HERTZ], [math.degrees(np.angle(complex_force))], "o", mfc="none", color=colour, markersize=6
-            )
+            for axis, ours in ((amplitude, abs(complex_force) / peak), (phase, math.degrees(np.angle(complex_force)))):
+                axis.plot([at / _HERTZ], [ours], "o", mfc="none", color=colour, markersize=6)
             if at in (3060.0, 3400.0, 3740.0):
                 [expected] = transfer(scene, np.array([at]))
                 yield Comparison(f"delta {delta:g}, {at / _HERTZ:g}: simulated, off the matrices", "",
@@ -114,10 +114,8 @@ def force(figure: Figure) -> Iterator[Comparison]:
     phase.set(xlabel="frequency over resonance", ylabel="phase [deg]", yticks=(0, 45, 90, 135, 180))
 
 
-def dissipation(figure: Figure) -> Iterator[Comparison]:
+def dissipation(figure: Figure) -> Compared:
     """Draw the energy that the shunt dissipates in a cycle over frequency, 100 ohm."""
-    from scipy.optimize import brentq, minimize_scalar
-
     hertz = np.linspace(0.6, 1.4, 801) * _HERTZ
     axis = figure.subplots()
     whole = transfer(stack(100.0, 0.0), np.array([_HERTZ]))[0].imag
@@ -130,9 +128,8 @@ def dissipation(figure: Figure) -> Iterator[Comparison]:
 
         axis.plot(hertz / _HERTZ, transfer(scene, hertz).imag / whole, line, color=colour, label=f"{delta:g}")
         *points, band = _HEAT[delta]
-        for eta, expected in points:
-            yield Comparison(f"delta {delta:g}, {eta:g}: of that at resonance", "", heat(eta), expected, "reference",
-                             relative=1e-4)  # fmt: skip
+        rows = ((f"delta {delta:g}, {eta:g}: of that at resonance", heat(eta), expected) for eta, expected in points)
+        yield from compared(rows, "", "reference", relative=1e-4)
         most = -minimize_scalar(lambda eta, heat=heat: -heat(eta), bounds=(0.8, 1.2), method="bounded").fun
         for end, expected in zip((0.5, 1.6), band):
             half = brentq(lambda eta, heat=heat, most=most: heat(eta) - 0.5 * most, *sorted((end, 1.0)))
@@ -172,8 +169,6 @@ def growth(brake: Scene, delta: float, R: float, tuning: float) -> float:
 
 def growths(brake: Scene, delta: float, R: float, tuning: float) -> tuple[float, float]:
     """Return the largest growth rate [1/s] of all modes, and that of the modes of the squeal."""
-    from rig.analysis.regions import sliding
-
     coil = tuning * (1.0 + delta) / (CAPACITANCE * (2.0 * math.pi * _OPEN[1]) ** 2)
     values = {"shunt.delta": delta, "shunt.resistance": R, "shunt.inductance": coil}
     rates = sliding(brake, values).eigenvalues()
@@ -183,8 +178,6 @@ def growths(brake: Scene, delta: float, R: float, tuning: float) -> tuple[float,
 
 def _edges(rate: Callable[[float], float]) -> list[float]:
     """Return the lowest and the highest tuning around 1 at which the growth rate is zero."""
-    from scipy.optimize import brentq
-
     edges = []
     for step in (-0.02, 0.02):
         edge = 1.0
@@ -200,28 +193,29 @@ def _band(brake: Scene, delta: float, R: float) -> float:
     return high - low
 
 
-def stability(figure: Figure) -> Iterator[Comparison]:
+def _map(axis: Axes, tunings: Reals, y: Reals, rates: Reals) -> QuadMesh:
+    """Draw the growth rate of the squeal, and where that of all modes [y, tuning, 2] is zero."""
+    norm = SymLogNorm(linthresh=2.0, vmin=-50.0, vmax=50.0)
+    mesh = axis.pcolormesh(tunings, y, rates[..., 1], shading="nearest", norm=norm, cmap="RdBu_r")
+    axis.contour(tunings, y, rates[..., 0], levels=[0.0], colors="black", linewidths=1.0)
+    axis.set_xlabel("inductance over that in tune [1]")
+    return mesh
+
+
+def stability(figure: Figure) -> Compared:
     """The growth rate of the squeal over inductance, resistance and capacitance of the shunt, and where all decays."""
-    from matplotlib.colors import SymLogNorm
-    from scipy.optimize import brentq
-
-    import rig
-
     brake = quiet(load("brake_shunt", shunt__connected=True))
-    norm: dict[str, Any] = {"norm": SymLogNorm(linthresh=2.0, vmin=-50.0, vmax=50.0), "cmap": "RdBu_r"}
-    tuned, damped = "inductance over that in tune [1]", "resistance [ohm]"
+    damped = "resistance [ohm]"
     tunings, resistances = np.linspace(0.5, 1.5, 41), np.linspace(1.0, 201.0, 21)
     axes = figure.subplots(2, 3).ravel()
     for axis, delta in zip(axes, (*_STABLE, -0.9)):
         rates = np.array([[growths(brake, delta, R, tuning) for tuning in tunings] for R in resistances])
-        mesh = axis.pcolormesh(tunings, resistances, rates[..., 1], shading="nearest", **norm)
-        axis.contour(tunings, resistances, rates[..., 0], levels=[0.0], colors="black", linewidths=1.0)
-        axis.set(title=f"capacitance ratio {delta:g}", xlabel=tuned, ylabel=damped)
+        mesh = _map(axis, tunings, resistances, rates)
+        axis.set(title=f"capacitance ratio {delta:g}", ylabel=damped)
     deltas = np.linspace(-0.95, 0.0, 20)
     rates = np.array([[growths(brake, float(delta), 50.0, tuning) for tuning in tunings] for delta in deltas])
-    axes[-1].pcolormesh(tunings, deltas, rates[..., 1], shading="nearest", **norm)
-    axes[-1].contour(tunings, deltas, rates[..., 0], levels=[0.0], colors="black", linewidths=1.0)
-    axes[-1].set(title="50 ohm", xlabel=tuned, ylabel="capacitance ratio Cp / C [1]")
+    _map(axes[-1], tunings, deltas, rates)
+    axes[-1].set(title="50 ohm", ylabel="capacitance ratio Cp / C [1]")
     figure.colorbar(mesh, ax=axes, label="growth rate of the squeal [1/s]", aspect=40, extend="both")
     figure.supxlabel("black line: limit of stability of all modes; blue beyond it: another mode grows", fontsize=10)
     flutter = rig.modes("brake_shunt").sliding.modes[0]  # in the initial state of the scene
@@ -239,10 +233,12 @@ def stability(figure: Figure) -> Iterator[Comparison]:
         widths = [_band(brake, delta, R) for R in _TRIED]
         yield Comparison(f"delta {delta:g}: resistance of the widest band", "ohm", _TRIED[int(np.argmax(widths))], 50.0,
                          "paper", relative=0.1, missed=True)  # fmt: skip
-        shown = dict(zip(_TRIED, widths))
-        for R in (1.0, 15.0, 50.0, 100.0):
-            yield Comparison(f"delta {delta:g}, {R:g} ohm: width of the band over that of the widest", "",
-                             shown[R] / max(widths), math.nan, "paper")  # fmt: skip
+        rows = (
+            (f"delta {delta:g}, {R:g} ohm: width of the band over that of the widest", width / max(widths), math.nan)
+            for R, width in zip(_TRIED, widths)
+            if R in (1.0, 15.0, 50.0, 100.0)
+        )
+        yield from compared(rows, "", "paper")
     limit = brentq(lambda R: growth(brake, 0.0, R, 0.985), 100.0, 200.0, xtol=1e-3)
     yield Comparison("delta 0: resistance above which no tuning stabilises", "ohm", limit, 150.0, "paper", absolute=1.0)
 

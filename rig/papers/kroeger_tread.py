@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from rig.papers.entry import Comparison, Entry, law_of, load, quiet, run, value
+import rig
+from rig.analysis.cycle_report import Cycle
+from rig.papers.entry import Compared, Comparison, Entry, law_of, load, quiet, run, value
 from rig.view.palette import AMBER, BLUE, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rig.analysis.cycle_report import Cycle
 
 FINE = "5 us"
 
 
-def edge(figure: Figure) -> Iterator[Comparison]:
+def edge(figure: Figure) -> Compared:
     """Draw the rounded edge: flutter, stick, lift-off."""
-    import rig
-
     cycle = _panels(figure, "tread", 0.3)
     x, v, N = (cycle.extremes[name] for name in ("displacement", "velocity", "normal_force"))
     opening, closing = (next(t for t, what in cycle.events if what == f"load {word}") for word in ("opens", "closes"))
@@ -53,7 +48,7 @@ def edge(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("its frequency", "Hz", flutter.frequency, 294.0978372, **bound)
 
 
-def rough(figure: Figure) -> Iterator[Comparison]:
+def rough(figure: Figure) -> Compared:
     """Draw the rough surface: constant normal force, stick-slip by falling friction."""
     cycle = _panels(figure, "tread_rough", 0.12)
     x, v, N = (cycle.extremes[name] for name in ("displacement", "velocity", "normal_force"))
@@ -76,8 +71,6 @@ def rough(figure: Figure) -> Iterator[Comparison]:
 
 def _panels(figure: Figure, name: str, seconds: float) -> Cycle:
     """Displacement, velocity, limit cycle and forces as in the paper: the last two cycles of a run of `seconds`."""
-    import rig
-
     cycle = rig.limit_cycle(load(name))
     ran = run(quiet(load(name, clock__frame=FINE)), seconds)
     last = ran.time >= ran.time[-1] - 2.0 * cycle.period

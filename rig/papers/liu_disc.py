@@ -7,19 +7,35 @@ the disc and the coefficients of friction are those of the scenes. "reference" i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from scipy.optimize import brentq
 
-from rig.papers.entry import Comparison, Entry, dither_boundary, load, quiet, run
+import rig
+from rig.analysis.averaged import averaged
+from rig.analysis.axis import Axis
+from rig.analysis.modes import GENERATOR
+from rig.analysis.regions import regions
+from rig.effects.disc_modes import free_modes
+from rig.papers.entry import (
+    Compared,
+    Comparison,
+    Entry,
+    compared,
+    dither_boundary,
+    load,
+    log_slope,
+    numbered,
+    quiet,
+    run,
+    table,
+    tops,
+)  # fmt: skip
+from rig.scenes.scene import Scene
 from rig.view.palette import BLUE, GREEN, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rig.scenes.scene import Scene
 
 RADIUS = 0.1  # m, position of the slider
 RATE = math.sqrt(1e5)  # rad/s, sqrt(contact stiffness / mass): unit of frequency ratios
@@ -43,14 +59,11 @@ def at(case: str, N0: float, speed: float, scene: str = "disc_slider", **changes
     return quiet(load(scene, load__force=N0, drive__speed=speed, **CASES[case], **changes))
 
 
-def modes(figure: Figure) -> Iterator[Comparison]:
+def modes(figure: Figure) -> Compared:
     """Modes of the free disc, and its frequencies as published."""
-    import rig
-    from rig.effects.disc_modes import free_modes
-
     disc: Any = load("disc_slider").parameters
     shapes = free_modes(disc.disc)
-    shape, table = figure.subplots(1, 2)
+    shape, beside = figure.subplots(1, 2)
     radii = np.linspace(disc.disc.inner_radius, disc.disc.outer_radius, 120)
     for mode, colour, line in zip(shapes, (BLUE, VERMILION, GREEN, "black"), ("-", "--", "-.", ":")):
         label = f"{mode.diameters} nodal diameters"
@@ -60,24 +73,18 @@ def modes(figure: Figure) -> Iterator[Comparison]:
     frequencies = [2.0 * math.pi * hertz for hertz in rig.modes("disc_slider").free.values()]
     published = (1492, 1517, 1517, 1824, 1824, 2774, 2774)
     names = [f"{m.diameters}, {part}" for m in shapes for part in (("cosine", "sine") if m.pair else ("-",))]
-    table.axis("off")
-    table.set_title("natural frequencies [rad/s]")
-    rows = [(name, f"{ours:.3f}", f"{printed}") for name, ours, printed in zip(names, frequencies, published)]
-    drawn = table.table(rows, colLabels=("nodal diameters", "ours", "published"), loc="upper center",
-                        cellLoc="center", edges="horizontal")  # fmt: skip
-    drawn.auto_set_font_size(False)
-    drawn.set_fontsize(10)
-    drawn.scale(1.0, 1.6)
-    for number, (ours, printed) in enumerate(zip(frequencies, published), 1):
-        yield Comparison(f"natural frequency {number}", "rad/s", ours, printed, "paper", absolute=0.5)
-    for mode, expected in zip(shapes, (1491.9269, 1516.7573, 1823.8811, 2774.1939)):
-        what = f"{mode.diameters} nodal diameters"
-        yield Comparison(what, "rad/s", mode.omega, expected, "reference", relative=1e-6)
+    beside.set_title("natural frequencies [rad/s]")
+    cells = [(name, f"{ours:.3f}", f"{printed}") for name, ours, printed in zip(names, frequencies, published)]
+    table(beside, cells, ("nodal diameters", "ours", "published"), 10, 1.6)
+    yield from numbered("natural frequency {}", frequencies, published, "rad/s", "paper", absolute=0.5)
+    computed = (1491.9269, 1516.7573, 1823.8811, 2774.1939)
+    rows = ((f"{mode.diameters} nodal diameters", mode.omega, expected) for mode, expected in zip(shapes, computed))
+    yield from compared(rows, "rad/s", "reference", relative=1e-6)
     critical = min(mode.omega / mode.diameters for mode in shapes if mode.pair)
     yield Comparison("critical speed", "rad/s", critical, 911.94, "reference", absolute=0.005)
 
 
-def instability(figure: Figure) -> Iterator[Comparison]:
+def instability(figure: Figure) -> Compared:
     """Speeds at which sliding is unstable, over the preload."""
     reference = {
         ("a", 20.0): (911.9541, 932.2011, 978.3737, 1245.8412), ("a", 100.0): (911.8730, 1245.6566),
@@ -113,9 +120,6 @@ def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> tuple[dict[f
     Second, the sum of the unstable ranges [rad/s]. Nothing is drawn over speeds without steady sliding: there the
     contact would have to pull.
     """
-    from rig.analysis.axis import Axis
-    from rig.analysis.regions import regions
-
     ranges = regions(scene, Axis.of("drive.speed", speeds, scene), Axis.of("load.force", LOADS, scene))
     edges: dict[float, list[float]] = {}
     wide = dict.fromkeys(LOADS, 0.0)
@@ -133,17 +137,15 @@ def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> tuple[dict[f
     return edges, wide
 
 
-def _compared(what: str, edges: list[float], reference: tuple[float, ...]) -> Iterator[Comparison]:
+def _compared(what: str, edges: list[float], reference: tuple[float, ...]) -> Compared:
     """Each edge of the reference beside the nearest of ours."""
     for expected in reference:
         nearest = min(edges, key=lambda edge: abs(edge - expected), default=math.nan)
         yield Comparison(what, "rad/s", nearest, expected, "reference", absolute=1e-3)
 
 
-def growing(figure: Figure) -> Iterator[Comparison]:
+def growing(figure: Figure) -> Compared:
     """Cases b at 2 rad/s and c at 20 rad/s, 100 N: angle, normal motion, the disc."""
-    import rig
-
     for row, case, speed, seconds, expected in zip(
         figure.subplots(2, 3), "bc", (2.0, 20.0), (1.6, 0.16), (2.5694756, 38.764815)
     ):
@@ -170,12 +172,12 @@ def _three(row: Any, ran: Any, case: str) -> None:
 def _rate(ran: Any, rest: float) -> float:
     """Growth rate of the displacement's vibration about rest over the second half of a run [1/s]."""
     x, t = ran.signals["displacement"] - rest, ran.time
-    top = np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:]) & (x[1:-1] > 0.0)) + 1
-    top = top[t[top] > 0.5 * t[-1]]
-    return float(np.polyfit(t[top], np.log(x[top]), 1)[0])
+    top = tops(x)
+    top = top[(x[top] > 0.0) & (t[top] > 0.5 * t[-1])]
+    return log_slope(t[top], x[top])
 
 
-def quenched(figure: Figure) -> Iterator[Comparison]:
+def quenched(figure: Figure) -> Compared:
     """Draw the same with dither above its boundary, at twenty times sqrt(kc / m)."""
     for row, case, speed, times, seconds in zip(figure.subplots(2, 3), "bc", (2.0, 20.0), (1.3, 1.5), (1.2, 0.9)):
         omega = 20.0 * RATE
@@ -192,7 +194,7 @@ def quenched(figure: Figure) -> Iterator[Comparison]:
         yield Comparison(f"case {case}: normal motion left, of that at first", "", left, 0.0, "theory", absolute=0.25)
 
 
-def boundary(figure: Figure) -> Iterator[Comparison]:
+def boundary(figure: Figure) -> Compared:
     """Amplitude above which dither stabilises, averaged and simulated, beside independent simulations."""
     left, right = figure.subplots(1, 2)
     edges = {
@@ -222,8 +224,6 @@ def boundary(figure: Figure) -> Iterator[Comparison]:
 
 def _largest(case: str, speed: float) -> float:
     """The largest a / V at which averaged sliding is neutrally stable."""
-    from scipy.optimize import brentq
-
     V = speed * RADIUS
     ratios = np.linspace(1.6, 1.0 + 1e-6, 13)
     rates = [mean_growth(case, 100.0, speed, r * V) for r in ratios]
@@ -235,9 +235,6 @@ def _largest(case: str, speed: float) -> float:
 
 def mean_growth(case: str, N0: float, speed: float, fast: float) -> float:
     """Return the largest growth rate of averaged sliding with dither of speed `fast` [m/s], to leading order."""
-    from rig.analysis.averaged import averaged
-    from rig.analysis.modes import GENERATOR
-
     omega = 20.0 * RATE
     shaken = {"dither__amplitude": fast * omega, "dither__frequency": omega / (2.0 * math.pi)}
     system = at(case, N0, speed, "disc_slider_dither", **shaken).assemble().system()
@@ -245,7 +242,7 @@ def mean_growth(case: str, N0: float, speed: float, fast: float) -> float:
     return float(averaged(system, sine, cosine, fast * omega, leading=True).eigenvalues()[0].real)
 
 
-def instability_shaken(figure: Figure) -> Iterator[Comparison]:
+def instability_shaken(figure: Figure) -> Compared:
     """Draw the regions again, with dither of 0.6 m/s."""
     reference = {"b": (6.000099, 6.911980, 911.872406, 1246.366730), "c": (4.927391, 5.994225, 6.000099)}
     omega = 20.0 * RATE

@@ -1,9 +1,7 @@
 """Liu and Ouyang, Mech. Syst. Signal Process. (2022): the slider on a rotating disc with an L-shaped lever.
 
 The parameter values of its figures are not available; the values of the scenes reproduce its regions. "reference" is an
-independent computation with these. Figures 7 and 11, and the disc with a sector, are in liu_lever_speed.
-
-Liu and Ouyang, Mech. Syst. Signal Process. (2022): sliding and stick-slip of the lever rig over load and speed.
+independent computation with these.
 
 Sliding is unstable below V1. Stick-slip exists up to V2, found by raising the speed or from a standing start. The disc
 is uniform, or has a sector of different friction.
@@ -13,25 +11,27 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from rig.papers.entry import Comparison, Entry, load, quiet, run, value
+import rig
+from rig.analysis.amplitude import index
+from rig.analysis.cycle_report import Cycle
+from rig.analysis.identify import identify
+from rig.analysis.map import Map
+from rig.analysis.stick_speeds import Stages
+from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, run, table, thresholds, value
+from rig.record.run import Run
+from rig.scenes.protocol import Ramp
+from rig.scenes.scene import Scene
 from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from rig.analysis.cycle_report import Cycle
-    from rig.analysis.stick_speeds import Stages
-    from rig.record.run import Run
-    from rig.scenes.scene import Scene
-
 
 RPM = math.pi / 30.0
 PIN = 0.8  # disc radius over the pin's: angular velocity of the cylinder that sticks, over the disc's
@@ -51,17 +51,14 @@ def half(cycle: Cycle, output: str) -> float:
     return 0.5 * (high - low)
 
 
-def kinetic(figure: Figure) -> Iterator[Comparison]:
+def kinetic(figure: Figure) -> Compared:
     """The kinetic coefficient over speed, as the experiment finds it from noisy instruments."""
-    from rig.analysis.identify import identify
-
     scene = load("lever_kinetic_friction")
     identified = identify(scene)
     axis = figure.subplots()
     readings = np.array(identified.readings)
-    axis.plot(
-        1e3 * readings[:, 0], readings[:, -1], "o", color=VERMILION, markersize=4, label="measured, three repeats"
-    )
+    measured: dict[str, Any] = {"color": VERMILION, "markersize": 4, "label": "measured, three repeats"}
+    axis.plot(1e3 * readings[:, 0], readings[:, -1], "o", **measured)
     speeds = np.linspace(0.0, 0.05, 400)
     values = {parameter.key.rsplit(".", 1)[-1]: parameter for parameter in identified.parameters}
 
@@ -75,16 +72,12 @@ def kinetic(figure: Figure) -> Iterator[Comparison]:
     axis.plot(1e3 * speeds, law(*fitted), "--", color=BLUE, label="fitted to the measurement")
     axis.set(xlabel="slip speed [mm/s]", ylabel="kinetic friction coefficient")
     axis.legend()
-    for parameter in identified.parameters:
-        yield Comparison(
-            f"identified: {parameter.key}", parameter.unit, parameter.found, parameter.stated, "theory", relative=0.01
-        )
+    for p in identified.parameters:
+        yield Comparison(f"identified: {p.key}", p.unit, p.found, p.stated, "theory", relative=0.01)
 
 
-def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
+def response(figure: Figure, coulomb: bool = False) -> Compared:
     """Both angles over time, phase portraits, spectra at 20 N and 1 rpm; measured and computed."""
-    import rig
-
     scene = load("lever", **(COULOMB if coulomb else {}))
     ran = run(scene)
     last = ran.time > ran.time[-1] - 1.5
@@ -102,9 +95,8 @@ def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
             over.plot(seconds[seen] - ran.time[last][0], 1e3 * angle[seen], ".", color=VERMILION, markersize=3,
                       label="measured at 100 Hz")  # fmt: skip
         settled = ran.signals[output][ran.time > 5.0]
-        amplitude = (
-            2.0 * np.abs(np.fft.rfft((settled - settled.mean()) * np.hanning(len(settled)))) / len(settled) * 2.0
-        )
+        windowed = (settled - settled.mean()) * np.hanning(len(settled))
+        amplitude = 2.0 * np.abs(np.fft.rfft(windowed)) / len(settled) * 2.0
         frequency = np.fft.rfftfreq(len(settled), ran.time[1] - ran.time[0])
         shown = frequency < 20.0
         spectrum.semilogy(frequency[shown], 1e3 * amplitude[shown], color=BLUE, lw=0.8)
@@ -120,16 +112,13 @@ def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
     quantities = cycle.frequency, half(cycle, "angle"), half(cycle, "lever_angle")
     for what, unit, ours, number in zip(("frequency", "A_phi", "A_theta"), ("Hz", "rad", "rad"), quantities, expected):
         yield Comparison(what, unit, ours, number, "reference", relative=1e-5)
-    low, high = (0.012896526, 0.029396652) if coulomb else (0.012046457, 0.030538174)
-    for what, ours, number in zip(("lowest phi", "highest phi"), cycle.extremes["angle"], (low, high)):
-        yield Comparison(what, "rad", ours, number, "reference", relative=1e-5)
+    extremes = (0.012896526, 0.029396652) if coulomb else (0.012046457, 0.030538174)
+    rows = zip(("lowest phi", "highest phi"), cycle.extremes["angle"], extremes)
+    yield from compared(rows, "rad", "reference", relative=1e-5)
 
 
-def amplitudes(figure: Figure) -> Iterator[Comparison]:
+def amplitudes(figure: Figure) -> Compared:
     """Draw amplitude indices and frequency: a rig of exact geometry measured with noise, and both laws computed."""
-    import rig
-    from rig.analysis.amplitude import index
-
     bench = load("lever", springs__order=5)
     ran = run(bench)
     measured = []
@@ -157,33 +146,39 @@ def amplitudes(figure: Figure) -> Iterator[Comparison]:
         rows.append((name, f"{1e3 * ours[0]:.3f}", f"{1e3 * ours[1]:.3f}", f"{cycle.frequency:.3f}",
                      f"{off[0]:+.1f} %", f"{off[1]:+.1f} %"))  # fmt: skip
     stribeck, coulomb = (rig.limit_cycle(load("lever", **law)) for law in ({}, COULOMB))
-    for what, share in (("A_phi", half(coulomb, "angle") / half(stribeck, "angle")),
-                        ("A_theta", half(coulomb, "lever_angle") / half(stribeck, "lever_angle")),
-                        ("frequency", coulomb.frequency / stribeck.frequency)):  # fmt: skip
-        yield Comparison(f"Coulomb over Stribeck: {what}", "", share, math.nan, "paper")
-    axis = figure.subplots()
-    axis.axis("off")
+    shares = (
+        ("A_phi", half(coulomb, "angle") / half(stribeck, "angle")),
+        ("A_theta", half(coulomb, "lever_angle") / half(stribeck, "lever_angle")),
+        ("frequency", coulomb.frequency / stribeck.frequency),
+    )
+    yield from compared(((f"Coulomb over Stribeck: {what}", share, math.nan) for what, share in shares), "", "paper")
     heads = ("20 N, 1 rpm", "A_phi [mrad]", "A_theta [mrad]", "f [Hz]", "A_phi off by", "f off by")
-    table = axis.table(rows, colLabels=heads, loc="upper center", cellLoc="center", edges="horizontal",
-                       colWidths=[0.3, 0.14, 0.14, 0.12, 0.14, 0.14])  # fmt: skip
-    table.auto_set_font_size(False)
-    table.set_fontsize(9.5)
-    table.scale(1.0, 1.7)
+    table(figure.subplots(), rows, heads, 9.5, 1.7, colWidths=[0.3, 0.14, 0.14, 0.12, 0.14, 0.14])
 
 
-def two_starts(figure: Figure) -> Iterator[Comparison]:
+def two_starts(figure: Figure) -> Compared:
     """Draw two starts at one point: from the standing rig, and from near sliding."""
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     laws: tuple[tuple[str, dict[str, Any]], ...] = (("Stribeck", {}), ("Coulomb", COULOMB))
     for row, (name, law) in zip(axes, laws):
-        for axis, near in zip(row, (False, True)):
-            ran = run(start_near(20.0, 2.5, **law) if near else at(20.0, 2.5, **law), 20.0)
-            axis.plot(ran.time, 1e3 * ran.signals["angle"], color=GREEN if near else BLUE, lw=0.6)
-            start = "near sliding" if near else "standing start"
-            axis.set_title(f"{name}, {start}")
-            yield Comparison(
-                f"{name}, {start}: sticks (1) or slides (0)", "", sticks(ran, 2.0), 1.0 - near, "reference"
-            )
+        yield from _both_starts(row, name, name, (1.0, 0.0), 20.0, 20.0, 2.5, **law)
+    _name_axes(axes)
+
+
+def _both_starts(
+    row: Iterable[Axes], title: str, what: str, outcomes: tuple[float, float], seconds: float, N0: float, rpm: float,
+    scene: str = "lever", lw: float = 0.6, **changes: Any,
+) -> Compared:  # fmt: skip
+    """Draw runs from a standing start and from near sliding; `outcomes`: whether they stick in the end."""
+    for axis, near, outcome in zip(row, (False, True), outcomes):
+        ran = run((start_near if near else at)(N0, rpm, scene, **changes), seconds)
+        axis.plot(ran.time, 1e3 * ran.signals["angle"], color=GREEN if near else BLUE, lw=lw)
+        start = "near sliding" if near else "standing start"
+        axis.set_title(f"{title}, {start}")
+        yield Comparison(f"{what}, {start}: sticks (1) or slides (0)", "", sticks(ran, 2.0), outcome, "reference")
+
+
+def _name_axes(axes: NDArray[np.object_]) -> None:
     for axis in axes[:, 0]:
         axis.set_ylabel("cylinder\nangle [mrad]")
     for axis in axes[-1]:
@@ -192,8 +187,6 @@ def two_starts(figure: Figure) -> Iterator[Comparison]:
 
 def start_near(N0: float, rpm: float, scene: str = "lever", **changes: Any) -> Scene:
     """Return the rig displaced slightly from steady sliding."""
-    import rig
-
     still = rig.modes(at(N0, rpm, scene, **changes)).sliding.equilibrium
     start = {"start__angle": still["angle"], "start__lever_angle": still["lever_angle"],
              "start__angular_velocity": 0.02 * PIN * rpm * RPM}  # fmt: skip
@@ -206,15 +199,10 @@ def sticks(ran: Run, last: float) -> float:
     return float(bool(ends) and ends[-1] > ran.time[-1] - last)
 
 
-def three_stages(figure: Figure, sector: bool = False) -> Iterator[Comparison]:
+def three_stages(figure: Figure, sector: bool = False) -> Compared:
     """Draw accelerate, hold, decelerate: stick-slip ends at a higher speed than it begins again."""
-    import rig
-    from rig.analysis.stick_speeds import stages
-
     ran = run(load("lever_sector_three_stage" if sector else "lever_three_stage"))
-    thresholds = stages(ran)
-    assert thresholds is not None
-    up, down = thresholds.up / RPM, thresholds.down / RPM
+    up, down = thresholds(ran).up / RPM, thresholds(ran).down / RPM
     angle, speed = figure.subplots(2, 1, sharex=True)
     angle.plot(ran.time, 1e3 * ran.signals["angle"], color=BLUE, lw=0.3)
     angle.set_ylabel("cylinder\nangle [mrad]")
@@ -224,26 +212,21 @@ def three_stages(figure: Figure, sector: bool = False) -> Iterator[Comparison]:
         speed.text(place, threshold + 0.15, f"{name}: {threshold:.2f} rpm", transform=speed.get_yaxis_transform())
     speed.set(xlabel="time [s]", ylabel="disc speed [rpm]")
     hopf = rig.sweep("lever", "drive.speed", np.linspace(1.5 * RPM, 3.0 * RPM, 7)).critical[0].value / RPM
-    for what, held in (("up beyond the speed at which sliding loses its stability", up > hopf),
-                       ("down to below that speed, without noise", down < hopf)):  # fmt: skip
-        yield Comparison(f"{what} (1: yes)", "", float(held), 1.0, "reference")
+    beyond = "up beyond the speed at which sliding loses its stability (1: yes)"
+    yield Comparison(beyond, "", float(up > hopf), 1.0, "reference")
+    yield Comparison("down to below that speed, without noise (1: yes)", "", float(down < hopf), 1.0, "reference")
     if sector:
-        for what, ours in (("last stick at rising speed", up), ("first stick at falling speed", down)):
-            yield Comparison(what, "rpm", ours, math.nan, "paper")
-        uniform = stages(run(load("lever_three_stage")))
-        assert uniform is not None
-        what = "up not as far as on the uniform disc (1: yes)"
-        yield Comparison(what, "", float(up < uniform.up / RPM), 1.0, "reference")
-        return
-    yield Comparison("speed at which sliding loses its stability", "rpm", hopf, 2.03444, "reference", absolute=1e-4)
+        yield Comparison("last stick at rising speed", "rpm", up, math.nan, "paper")
+        yield Comparison("first stick at falling speed", "rpm", down, math.nan, "paper")
+        uniform = thresholds(run(load("lever_three_stage"))).up / RPM
+        yield Comparison("up not as far as on the uniform disc (1: yes)", "", float(up < uniform), 1.0, "reference")
+    else:
+        yield Comparison("speed at which sliding loses its stability", "rpm", hopf, 2.03444, "reference", absolute=1e-4)
 
 
 LOADS = (10.0, 15.0, 20.0, 25.0, 30.0)
 SECOND: dict[str, Any] = {"friction__mu_static": 0.38, "friction__mu_kinetic": 0.32}
-_FOLD = {
-    "stribeck": (3.413, 4.546, 5.585, 6.540, 7.461),
-    "coulomb": (1.452, 2.182, 2.946, 3.708, 4.468),
-}
+_FOLD = {"stribeck": (3.413, 4.546, 5.585, 6.540, 7.461), "coulomb": (1.452, 2.182, 2.946, 3.708, 4.468)}
 _BEFORE = 2.0 * math.pi - 1e-9  # just before the sector
 _TURNS = 5.0  # of a disc with a sector: stick-slip may survive some passes of it
 _SLOW_NS = 240 * 10**9
@@ -255,27 +238,23 @@ _RAMP = {"": (3.432407, 5.595284, 7.484681)}
 _HOPF = (1.659746, 1.879013, 2.034443, 2.154880, 2.253175)
 
 
-def regions(figure: Figure) -> Iterator[Comparison]:
+def regions(figure: Figure) -> Compared:
     """Preload and speed: sliding, both, stick-slip; exponential and Coulomb law."""
     for axis, name in zip(figure.subplots(1, 2, sharey=True), ("stribeck", "coulomb")):
-        limits = [_carried(N0, name) for N0 in LOADS]
-        hopf, fold = np.array([pair[0] for pair in limits]), np.array([pair[1] for pair in limits])
+        hopf, fold = np.transpose([_carried(N0, name) for N0 in LOADS])
         _shade(axis, LOADS, hopf, fold)
         axis.set_title("exponential law" if name == "stribeck" else "Coulomb's law")
-        for N0, expected, ours in zip(LOADS, _FOLD[name], fold):
-            yield Comparison(f"{name}, {N0:g} N: V2", "rpm", float(ours), expected, "reference", absolute=0.04)
-        for N0, expected, ours in zip(LOADS, _HOPF, hopf):
-            if name == "stribeck":
-                yield Comparison(f"{name}, {N0:g} N: V1", "rpm", float(ours), expected, "reference", absolute=1e-4)
-            else:
-                yield Comparison(f"{name}, {N0:g} N: no V1 (0)", "rpm", float(ours), 0.0, "reference")
+        names = [f"{name}, {N0:g} N" for N0 in LOADS]
+        yield from compared(
+            ((f"{own}: V2", *pair) for own, *pair in zip(names, fold, _FOLD[name])), "rpm", "reference", absolute=0.04
+        )
+        what, expected, bound = ("V1", _HOPF, 1e-4) if name == "stribeck" else ("no V1 (0)", (0.0,) * len(LOADS), 0.0)
+        rows = ((f"{own}: {what}", *pair) for own, *pair in zip(names, hopf, expected))
+        yield from compared(rows, "rpm", "reference", absolute=bound)
 
 
 def _carried(N0: float, name: str) -> tuple[float, float]:
     """V1 (0 if there is none) and V2 [rpm], with the speed raised step by step."""
-    import rig
-    from rig.analysis.map import Map
-
     scene = at(N0, 1.0, **(COULOMB if name == "coulomb" else {}))
     fold = _FOLD[name][LOADS.index(N0)]
     low, high = fold - 1.0, fold + 0.6
@@ -312,7 +291,7 @@ def _shade(
 
 def representatives(
     figure: Figure, N0: float = 10.0, speeds: tuple[float, ...] = (5.0, 2.0, 1.0), sector: bool = False
-) -> Iterator[Comparison]:
+) -> Compared:
     """Draw a point of each region, from a standing start (as on the way up) and from near sliding (as down)."""
     axes = figure.subplots(3, 2, sharex=True, sharey=True)
     outcomes = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
@@ -320,17 +299,9 @@ def representatives(
         ("lever_sector", {"sector__place": _BEFORE}, _TURNS * 60.0 / min(speeds)) if sector else ("lever", {}, 15.0)
     )
     for row, rpm, expected, region in zip(axes, speeds, outcomes, ("I", "II", "III")):
-        for axis, near, outcome in zip(row, (False, True), expected):
-            ran = run((start_near if near else at)(N0, rpm, scene, **changes), seconds)
-            axis.plot(ran.time, 1e3 * ran.signals["angle"], color=GREEN if near else BLUE, lw=0.4 if sector else 0.6)
-            start = "near sliding" if near else "standing start"
-            axis.set_title(f"{region}: {rpm:g} rpm, {start}")
-            what = f"{N0:g} N, {rpm:g} rpm, {start}: sticks (1) or slides (0)"
-            yield Comparison(what, "", sticks(ran, 2.0), outcome, "reference")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("cylinder\nangle [mrad]")
-    for axis in axes[-1]:
-        axis.set_xlabel("time [s]")
+        title, what, lw = f"{region}: {rpm:g} rpm", f"{N0:g} N, {rpm:g} rpm", 0.4 if sector else 0.6
+        yield from _both_starts(row, title, what, expected, seconds, N0, rpm, scene, lw, **changes)
+    _name_axes(axes)
 
 
 @cache
@@ -356,7 +327,7 @@ def _alive(N0: float, disc: str, rpm: float, near: bool = False) -> bool:
     return bool(sticks(run(scene, _TURNS * 60.0 / rpm), 2.0))
 
 
-def sectors(figure: Figure) -> Iterator[Comparison]:
+def sectors(figure: Figure) -> Compared:
     """Draw V2 from a standing start: uniform, and with a sector of 45 and of 90 degrees that comes next.
 
     With a sector it lies between the reference's values from a standing start and with rising speed.
@@ -383,7 +354,7 @@ def sectors(figure: Figure) -> Iterator[Comparison]:
     axis.legend(loc="upper left")
 
 
-def sector_regions(figure: Figure) -> Iterator[Comparison]:
+def sector_regions(figure: Figure) -> Compared:
     """Draw the regions with a sector of 45 and of 90 degrees: V1 from near sliding, V2 from a standing start."""
     reference = {"45": (1.667187, 2.076562, 2.348437), "90": (1.667187, 2.079687, 2.354687)}
     for axis, (disc, limits) in zip(figure.subplots(1, 2, sharey=True), reference.items()):
@@ -397,18 +368,14 @@ def sector_regions(figure: Figure) -> Iterator[Comparison]:
         axis.set_title(f"sector of {disc} degrees")
 
 
-def ramped(figure: Figure, discs: tuple[str, ...] = ("",)) -> Iterator[Comparison]:
+def ramped(figure: Figure, discs: tuple[str, ...] = ("",)) -> Compared:
     """Draw the regions as ramps measure them: process noise, 240 s up to 8 rpm, hold, 240 s down.
 
     `discs`: "" uniform, or the angle of the sector [degrees].
     """
-    axes = figure.subplots(1, len(discs), sharey=True, squeeze=False)[0]
-    for axis, disc in zip(axes, discs):
-        thresholds = [_thresholds(N0, disc, _NOISE) for N0 in _TRIED]
-        down, up = (
-            np.array([threshold.down for threshold in thresholds]) / RPM,
-            np.array([threshold.up for threshold in thresholds]) / RPM,
-        )
+    for axis, disc in zip(figure.subplots(1, len(discs), sharey=True, squeeze=False)[0], discs):
+        stages = [_thresholds(N0, disc, _NOISE) for N0 in _TRIED]
+        down, up = np.transpose([(stage.down / RPM, stage.up / RPM) for stage in stages])
         _shade(axis, _TRIED, down, up, ("last stick, rising speed", "first stick, falling speed"))
         name = f"{disc} degrees" if disc else "uniform"
         axis.set_title(f"sector of {name}" if disc else name)
@@ -417,30 +384,24 @@ def ramped(figure: Figure, discs: tuple[str, ...] = ("",)) -> Iterator[Compariso
             yield Comparison(f"{name}, {N0:g} N: first stick at falling speed", "rpm", below, math.nan, "paper")
             yield Comparison(f"{name}, {N0:g} N: two stable responses between them (1: yes)", "",
                              float(0.0 < below < above), 1.0, "reference")  # fmt: skip
-        for N0, expected in zip(_TRIED, _RAMP.get(disc, ())):
-            ours = _thresholds(N0, disc, 0.0).up / RPM
-            what = f"{name}, {N0:g} N, without noise: last stick at rising speed"
-            yield Comparison(what, "rpm", ours, expected, "reference", absolute=0.02)
+        rows = (
+            (f"{name}, {N0:g} N, without noise: last stick at rising speed", _thresholds(N0, disc, 0.0).up / RPM, up_to)
+            for N0, up_to in zip(_TRIED, _RAMP.get(disc, ()))
+        )
+        yield from compared(rows, "rpm", "reference", absolute=0.02)
 
 
 @cache
 def _thresholds(N0: float, disc: str, noise: float) -> Stages:
     """Last stick of the way up and first one of the way down, on slow ramps."""
-    from rig.analysis.stick_speeds import stages
-    from rig.scenes.protocol import Ramp
-
     changes = {"load__force": N0} | ({"noise__force": noise} if noise else {})
-    if disc:
-        scene = load("lever_sector_three_stage", sector__span=math.radians(float(disc)), **changes)
-    else:
-        scene = load("lever_three_stage", **changes)
+    changes |= {"sector__span": math.radians(float(disc))} if disc else {}
+    scene = load("lever_sector_three_stage" if disc else "lever_three_stage", **changes)
     slow = [step.model_copy(update={"over": _SLOW_NS}) if isinstance(step, Ramp) else step for step in scene.protocol]
-    thresholds = stages(run(replace(scene, protocol=tuple(slow))))
-    assert thresholds is not None
-    return thresholds
+    return thresholds(run(replace(scene, protocol=tuple(slow))))
 
 
-def second(figure: Figure) -> Iterator[Comparison]:
+def second(figure: Figure) -> Compared:
     """Draw the uniform disc of property 2, and the range between its domain of stick-slip and that of property 1."""
     axis = figure.subplots()
     limits = {}
@@ -459,24 +420,23 @@ def second(figure: Figure) -> Iterator[Comparison]:
     axis.legend(loc="upper left")
 
 
-def effective(figure: Figure) -> Iterator[Comparison]:
+def effective(figure: Figure) -> Compared:
     """Draw the friction of the sector that ends stick-slip at 20 N and 4.5 rpm, from three positions on the disc."""
     kinetic, falls = np.arange(0.08, 0.561, 0.04), np.arange(0.0, 0.221, 0.02)
     expected = {(0.16, 0.04): 3, (0.24, 0.04): 3, (0.32, 0.04): 3, (0.40, 0.04): 3, (0.48, 0.04): 3, (0.16, 0.12): 0,
             (0.32, 0.12): 0, (0.32, 0.16): 0, (0.48, 0.12): 0, (0.48, 0.16): 0, (0.40, 0.12): 3}  # fmt: skip
     places = (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)
-    table = {(round(mu, 2), round(fall, 2)): 0 for mu in kinetic.tolist() for fall in falls.tolist()}
-    for mu, fall in table:
-        table[mu, fall] = sum(_ended(mu, fall, place) for place in places)
-    for (mu, fall), count in expected.items():
-        what = f"mu_k {mu:g}, mu_s {mu + fall:g}: ended, of three"
-        yield Comparison(what, "", float(table[mu, fall]), float(count), "reference")
+    pairs = [(round(mu, 2), round(fall, 2)) for mu in kinetic.tolist() for fall in falls.tolist()]
+    ended = {pair: sum(_ended(*pair, place) for place in places) for pair in pairs}
+    counts = ((f"mu_k {mu:g}, mu_s {mu + fall:g}: ended, of three", ended[mu, fall], float(count))
+              for (mu, fall), count in expected.items())  # fmt: skip
+    yield from compared(counts, "", "reference")
     axis = figure.subplots()
     looks = {3: (BLUE, "all three starts"), 2: ("#6baed6", "two"), 1: ("#c6dbef", "one"), 0: ("white", "none")}
     for count, (colour, name) in looks.items():
-        at = np.array([(mu, mu + fall) for (mu, fall), ended in table.items() if ended == count]).reshape(-1, 2)
+        at = np.array([(mu, mu + fall) for (mu, fall), of_three in ended.items() if of_three == count]).reshape(-1, 2)
         axis.plot(at[:, 0], at[:, 1], "s", color=colour, mec=GREY, mew=0.7, markersize=8, label=f"ends from {name}")
-    for edge in _outline({pair for pair, count in table.items() if count == 3}, 0.04, 0.02):
+    for edge in _outline({pair for pair, count in ended.items() if count == 3}, 0.04, 0.02):
         axis.plot(*np.transpose([(mu, mu + fall) for mu, fall in edge]), color=VERMILION, lw=2.2)
     axis.plot([], [], color=VERMILION, lw=2.2, label="effective property 2")
     axis.plot([0.06, 0.58], [0.06, 0.58], color=GREY, lw=0.8, ls="--")

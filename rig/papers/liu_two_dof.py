@@ -7,27 +7,22 @@ The values of the nine constants are missing in the paper's text; those of the s
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from rig.papers.entry import Comparison, Entry, dither_boundary, load, quiet, run
+import rig
+from rig.papers.entry import Compared, Comparison, Entry, compared, dither_boundary, load, numbered, quiet, run
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _APART = 5  # smallest ratio of frequencies that separates fast and slow motion; below it the start matters
 RATE = 10.0  # rad/s, sqrt(k1 / m): unit of frequency ratios
 _START = {0.4: (0.00016934650120935363, -0.008972106695331914), 0.5: (0.0006617601154591857, -0.008891000543938779)}
 
 
-def eigenvalues(figure: Figure) -> Iterator[Comparison]:
+def eigenvalues(figure: Figure) -> Compared:
     """Growth rates and frequencies over the friction coefficient."""
-    import rig
-
     swept = rig.sweep("two_dof", "friction.mu", np.linspace(0.0, 1.0, 101))
     growth, turning = figure.subplots(1, 2)
     growth.plot(swept.axis.values, swept.growth, ".", color=BLUE, markersize=3)
@@ -41,18 +36,15 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     turning.set(title="frequencies", ylabel="imaginary part [rad/s]")
     yield Comparison("critical friction coefficient", "", limit, 0.37, "paper", absolute=0.005)
     yield Comparison("critical friction coefficient", "", limit, 0.369726, "reference", absolute=1e-6)
-    for mu, rate in ((0.0, -0.093292), (0.35, -0.083183), (0.4, 0.179970), (0.5, 0.453379), (0.8, 0.891916)):
-        largest = rig.modes(load("two_dof", friction__mu=mu)).sliding.growth
-        yield Comparison(f"mu = {mu:g}: largest real part", "1/s", largest, rate, "reference", absolute=6e-7)
-    modes = rig.modes(load("two_dof", friction__mu=0.0)).sliding.modes
-    turning_at_zero = sorted(2.0 * math.pi * mode.frequency for mode in modes)
-    for number, expected in enumerate((9.038414, 10.875867)):
-        yield Comparison(
-            f"mu = 0: frequency {number + 1}", "rad/s", turning_at_zero[number], expected, "reference", 0.0, 6e-7
-        )
+    rates = {0.0: -0.093292, 0.35: -0.083183, 0.4: 0.179970, 0.5: 0.453379, 0.8: 0.891916}
+    slides = {mu: rig.modes(load("two_dof", friction__mu=mu)).sliding for mu in rates}
+    rows = ((f"mu = {mu:g}: largest real part", slides[mu].growth, rate) for mu, rate in rates.items())
+    yield from compared(rows, "1/s", "reference", absolute=6e-7)
+    free = sorted(2.0 * math.pi * mode.frequency for mode in slides[0.0].modes)
+    yield from numbered("mu = 0: frequency {}", free, (9.038414, 10.875867), "rad/s", "reference", absolute=6e-7)
 
 
-def histories(figure: Figure) -> Iterator[Comparison]:
+def histories(figure: Figure) -> Compared:
     """Draw the growth up to the lift-off, at which the paper ends its time histories."""
     axes = figure.subplots(2, 2, sharex="row")
     figure.supxlabel("time [s]; dashed: first lift-off, where the paper ends; grey: after it", fontsize=10.5)
@@ -69,7 +61,7 @@ def histories(figure: Figure) -> Iterator[Comparison]:
         yield Comparison(f"mu = {mu:g}: lift-off", "s", first, lifts, "reference", relative=1e-6)
 
 
-def suppressed(figure: Figure) -> Iterator[Comparison]:
+def suppressed(figure: Figure) -> Compared:
     """Draw dither of 78 N at twenty times the rig's frequency, from 10 s on."""
     axes = figure.subplots(2, 2, sharex=True)
     for (along, across), mu in zip(axes, (0.4, 0.5)):
@@ -92,7 +84,7 @@ def suppressed(figure: Figure) -> Iterator[Comparison]:
         axis.set_xlabel("time [s]; dither from 10 s on")
 
 
-def boundaries(figure: Figure) -> Iterator[Comparison]:
+def boundaries(figure: Figure) -> Compared:
     """Amplitude above which dither stabilises, over the ratio of frequencies, for friction coefficients."""
     cases = (
         (0.5, 0.3, 1.0562895154708665, {3: 0.94453125, 5: 1.01640625, 10: 1.04609375, 20: 1.05347899}),
@@ -102,7 +94,7 @@ def boundaries(figure: Figure) -> Iterator[Comparison]:
     yield from _boundaries(figure.subplots(), cases, "mu = {mu:g}")
 
 
-def faster(figure: Figure) -> Iterator[Comparison]:
+def faster(figure: Figure) -> Compared:
     """The same for speeds of the belt."""
     cases = (
         (0.6, 0.2, 1.1606817170235504, {3: 1.04609375, 5: 1.11953125, 20: 1.15809080}),
@@ -112,9 +104,7 @@ def faster(figure: Figure) -> Iterator[Comparison]:
     yield from _boundaries(figure.subplots(), cases, "belt at {V:g} m/s")
 
 
-def _boundaries(
-    axis: Axes, cases: tuple[tuple[float, float, float, dict[int, float]], ...], label: str
-) -> Iterator[Comparison]:
+def _boundaries(axis: Axes, cases: tuple[tuple[float, float, float, dict[int, float]], ...], label: str) -> Compared:
     """`cases`: friction, speed [m/s], critical a / V by averaging, and by simulation at each ratio of frequencies."""
     for (mu, V, averaged, simulated), colour, mark in zip(cases, (BLUE, VERMILION, GREEN), "osD"):
         parameters = label.format(mu=mu, V=V)

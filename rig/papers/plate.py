@@ -7,20 +7,18 @@ the size of the foam nor the thickness of the film; both are calibrated, so that
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from rig.papers.entry import Comparison, Entry, load, run
+import rig
+from rig.papers.entry import Compared, Comparison, Entry, load, numbered, run
 from rig.plants.plate import Parameters
+from rig.plants.structures.plate_model import Reduced
+from rig.record.run import Reals
+from rig.scenes.scene import Scene
 from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rig.plants.structures.plate_model import Reduced
-    from rig.scenes.scene import Scene
 
 _FREE = {230e9: (6114.0, 8613.6, 11623.4), 200e9: (5701.3, 8032.2, 10838.9)}  # Hz, with 16 x 14 x 2 elements
 _PRINTED = (5700.0, 8000.0, 10800.0)
@@ -40,7 +38,7 @@ def _model(scene: Scene) -> Reduced:
     return scene.parameters.reduced()
 
 
-def modal(figure: Figure) -> Iterator[Comparison]:
+def modal(figure: Figure) -> Compared:
     """Draw the first three modes of the free plate, and the spectrum of a knock."""
     scene = load("plate_free")
     model = _model(scene)
@@ -69,35 +67,33 @@ def modal(figure: Figure) -> Iterator[Comparison]:
         axis.axvline(1e-3 * printed, color=VERMILION, ls="--", lw=1.0)
     axis.set(title="acceleration of a corner after a knock; dashed: the paper", xlabel="frequency [kHz]",
              ylabel="acceleration over\nits largest [1]", xlim=(0.0, 15.0), ylim=(1e-6, 2.0))  # fmt: skip
+    own = model.frequencies[first].tolist()
     for young, expected in _FREE.items():
-        frequencies = _model(load("plate_free", plate__young=young)).frequencies
-        for number, (ours, wanted) in enumerate(zip(frequencies[frequencies > 1.0], expected), 1):
-            what = f"free plate, {1e-9 * young:g} GPa: mode {number}"
-            yield Comparison(what, "Hz", float(ours), wanted, "reference", relative=3e-3)
-    for number, (mode, printed) in enumerate(zip(first, _PRINTED), 1):
-        what = f"free plate, 200 GPa: mode {number}"
-        yield Comparison(what, "Hz", float(model.frequencies[mode]), printed, "paper", relative=5e-3)
-    finer = _model(load("plate_free", **_FINER)).frequencies
-    for number, ours in enumerate(finer[finer > 1.0][:3], 1):
-        yield Comparison(f"free plate, 200 GPa, finer elements: mode {number}", "Hz", float(ours), math.nan, "paper")
-    for number, mode in enumerate(first, 1):
-        near = np.abs(hertz - model.frequencies[mode]) < 100.0
-        line = float(hertz[near][np.argmax(density[near])])
-        yield Comparison(f"knocked: line {number}", "Hz", line, float(model.frequencies[mode]), "theory", absolute=4.0)
-    frequencies = _model(load("plate")).frequencies
-    for number, (ours, wanted) in enumerate(zip(frequencies, _ON_FOAM), 1):
-        yield Comparison(f"on foam: mode {number}", "Hz", float(ours), wanted, "reference", relative=3e-3)
+        what = f"free plate, {1e-9 * young:g} GPa: mode {{}}"
+        yield from numbered(what, _elastic(plate__young=young), expected, "Hz", "reference", relative=3e-3)
+    yield from numbered("free plate, 200 GPa: mode {}", own, _PRINTED, "Hz", "paper", relative=5e-3)
+    finer = "free plate, 200 GPa, finer elements: mode {}"
+    yield from numbered(finer, _elastic(**_FINER), (math.nan,) * 3, "Hz", "paper")
+    near = [np.abs(hertz - frequency) < 100.0 for frequency in own]
+    lines = [float(hertz[rows][np.argmax(density[rows])]) for rows in near]
+    yield from numbered("knocked: line {}", lines, own, "Hz", "theory", absolute=4.0)
+    on_foam = _model(load("plate")).frequencies
+    yield from numbered("on foam: mode {}", on_foam, _ON_FOAM, "Hz", "reference", relative=3e-3)
+
+
+def _elastic(**changes: Any) -> Reals:
+    """Frequencies of the free plate without those of its rigid motions [Hz]."""
+    frequencies = _model(load("plate_free", **changes)).frequencies
+    return frequencies[frequencies > 1.0]
 
 
 def _audible(mu: float, position: float, **changes: Any) -> list[Any]:
     """Modes below 12 kHz of the undamped plate under a bonded slider, by frequency."""
-    import rig
-
     scene = load("plate_cea", plate__damping_ratio=0.0, friction__mu=mu, slider__position=position, **changes)
     return sorted((m for m in rig.modes(scene).sliding.modes if m.frequency < _AUDIBLE), key=lambda m: m.frequency)
 
 
-def eigenvalues(figure: Figure) -> Iterator[Comparison]:
+def eigenvalues(figure: Figure) -> Compared:
     """Frequencies below 12 kHz over friction, with the slider at three positions, as in figure 8 and tables 2 to 4."""
     values = np.linspace(0.0, 1.0, 6)
     grows = 0.0
@@ -109,14 +105,12 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
             axis.plot([mu] * len(printed), 1e-3 * np.array(printed), "x", color=VERMILION)
         axis.set(title=title, xlabel="friction coefficient", ylim=(8.0, 12.0))
         grows = max([grows, *(m.growth for row in modes for m in row)])
-        for number, (ours, wanted) in enumerate(zip(modes[0], still), 1):
-            what = f"{title}, mu = 0: mode {number}"
-            yield Comparison(what, "Hz", float(ours.frequency), wanted, "paper", relative=0.015)
-        shifts = [after.frequency - before.frequency for before, after in zip(modes[0], modes[-1])]
+        at_rest = [mode.frequency for mode in modes[0]]
+        yield from numbered(f"{title}, mu = 0: mode {{}}", at_rest, still, "Hz", "paper", relative=0.015)
+        shifts = [after.frequency - before for before, after in zip(at_rest, modes[-1])]
         printed_shifts = [after - before for before, after in zip(still, sliding)]
-        for number, (ours, wanted) in enumerate(zip(shifts, printed_shifts), 1):
-            what = f"{title}: shift of mode {number} up to mu = 1"
-            yield Comparison(what, "Hz", ours, wanted, "paper", relative=0.25, missed=True)
+        what = f"{title}: shift of mode {{}} up to mu = 1"
+        yield from numbered(what, shifts, printed_shifts, "Hz", "paper", relative=0.25, missed=True)
         if axis.get_subplotspec().is_first_col():
             axis.set_ylabel("frequency [kHz]")
     axis.plot([], [], color=BLUE, label="ours")
@@ -130,7 +124,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("largest growth rate below 12 kHz, mu up to 1", "1/s", grows, 0.0, "paper", absolute=1e-2)
 
 
-def ramps(figure: Figure) -> Iterator[Comparison]:
+def ramps(figure: Figure) -> Compared:
     """Draw pressure and speed over time, as in figure 9, and the response of the slider."""
     made = run(load("plate"), 0.3)
     pressing, moving, way = figure.subplots(3, 1, sharex=True)
@@ -149,9 +143,8 @@ def ramps(figure: Figure) -> Iterator[Comparison]:
         return float(np.interp(time, made.time, made.signals[name]))
 
     force = made.signals["normal_force"][(made.time > 0.1) & (made.time < 0.2)]
-    yield Comparison(
-        "mean pressure from 0.1 s on", "MPa", 1e-6 * float(force.mean()) / area, 0.1, "paper", relative=1e-3
-    )
+    mean = 1e-6 * float(force.mean()) / area
+    yield Comparison("mean pressure from 0.1 s on", "MPa", mean, 0.1, "paper", relative=1e-3)
     yield Comparison("speed at 0.15 s", "m/s", at("surface_speed", 0.15), 0.005, "paper", relative=1e-9)
     yield Comparison("speed at 0.3 s", "m/s", at("surface_speed", 0.3), 0.01, "paper", relative=1e-9)
     yield Comparison("travel at 0.1 s", "m", at("position", 0.1), 0.0, "theory", absolute=1e-12)

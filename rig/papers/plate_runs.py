@@ -7,23 +7,20 @@ stiffness. The figures of the paper are curves; only the statements in its text 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from matplotlib.figure import Figure
 
-from rig.papers.entry import Comparison, Entry, load, run
+from rig.papers.entry import Compared, Comparison, Entry, load, run
 from rig.record.film_points import Points
+from rig.record.run import Reals, Run
+from rig.scenes.protocol import Load, Ramp
 from rig.view.palette import AMBER, BLUE, GREEN, GREY, VERMILION
 from rig.view.pressure import draw_map, draw_scale
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from rig.record.run import Run
-
-Array = NDArray[np.float64]
 _LEVER = 0.0126 + 0.001  # m, height of the slider's upper face above the plate
 _OFFSET = 0.3 * _LEVER  # m, of the pressure centre in steady sliding
 _ONSET = 0.547  # s, extrapolated to step zero
@@ -40,7 +37,7 @@ def _onset(made: Run) -> float:
     return float(made.time[opened[0]]) if len(opened) else float("nan")
 
 
-def _density(made: Run, values: Array, begin: float) -> tuple[Array, Array]:
+def _density(made: Run, values: Reals, begin: float) -> tuple[Reals, Reals]:
     """Frequencies [Hz] and power spectral density from `begin` [s] on, mean of Hann windows that overlap by half."""
     part, dt = values[made.time >= begin], float(made.time[1] - made.time[0])
     weights = np.hanning(_WINDOW)
@@ -50,13 +47,13 @@ def _density(made: Run, values: Array, begin: float) -> tuple[Array, Array]:
     return hertz, np.asarray(np.mean(power, axis=0) * 2.0 * dt / float(weights @ weights))
 
 
-def _peak(hertz: Array, density: Array, low: float, high: float) -> float:
+def _peak(hertz: Reals, density: Reals, low: float, high: float) -> float:
     """Frequency of the highest line between two frequencies [Hz]."""
     near = (hertz >= low) & (hertz <= high)
     return float(hertz[near][np.argmax(density[near])])
 
 
-def _spectrum(axis: Any, hertz: Array, density: Array, printed: Sequence[float], title: str) -> None:
+def _spectrum(axis: Any, hertz: Reals, density: Reals, printed: Sequence[float], title: str) -> None:
     """Draw the amplitude spectrum, linear as in the paper, and the lines that the paper names."""
     shown = (hertz > 1000.0) & (hertz < _AUDIBLE)
     amplitude = np.sqrt(3.0 * density[shown] * (hertz[1] - hertz[0]))  # of a sine, with the bandwidth of the window
@@ -69,7 +66,7 @@ def _spectrum(axis: Any, hertz: Array, density: Array, printed: Sequence[float],
     axis.set(title=title, ylabel="amplitude\n[m/s^2]", xlim=(0.0, 1e-3 * _AUDIBLE), ylim=(0.0, top))
 
 
-def normal(figure: Figure) -> Iterator[Comparison]:
+def normal(figure: Figure) -> Compared:
     """Normal acceleration of the slider over the first second, and its spectrum: figures 10 and 11."""
     made = run(load("plate"), 1.2)
     history, lines = figure.subplots(2, 1)
@@ -92,13 +89,13 @@ def normal(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("strongest line from 8 to 12 kHz", "Hz", line, _HEAVE, "reference", relative=0.02)
 
 
-def _pressures(made: Run, along: int, across: int) -> Array:
+def _pressures(made: Run, along: int, across: int) -> Reals:
     """Pressure [MPa] at every sample, point along and point across."""
     names = [f"pressure_{i}_{j}" for i in range(1, along + 1) for j in range(1, across + 1)]
     return np.stack([1e-6 * made.signals[name] for name in names], axis=1).reshape(-1, along, across)
 
 
-def maps(figure: Figure) -> Iterator[Comparison]:
+def maps(figure: Figure) -> Compared:
     """Draw the pressure in the contact at instants before and after its first opening, as in figure 12."""
     scene = load("plate_96")
     made = run(scene, 0.8)
@@ -141,7 +138,7 @@ def maps(figure: Figure) -> Iterator[Comparison]:
                          "reference", floor=True)  # fmt: skip
 
 
-def tangential(figure: Figure) -> Iterator[Comparison]:
+def tangential(figure: Figure) -> Compared:
     """Spectra of the tangential acceleration of examples 2 and 3: figures 13 and 14."""
     axes = figure.subplots(2, 1, sharex=True)
     onsets = []
@@ -158,10 +155,10 @@ def tangential(figure: Figure) -> Iterator[Comparison]:
     yield Comparison("first opening, 0.3 MPa over 0.1 MPa", "", onsets[1] / onsets[0], 1.0, "theory", relative=0.05)
 
 
-def scaling(figure: Figure) -> Iterator[Comparison]:
+def scaling(figure: Figure) -> Compared:
     """Draw speed and pressure at a frozen position: tripling both gives the same motion, three times larger."""
     upper, lower = figure.subplots(2, 1, sharex=True)
-    runs: dict[str, tuple[Array, Array, float]] = {}
+    runs: dict[str, tuple[Reals, Reals, float]] = {}
     for title, speed, force, colour, axis in (
         ("10 mm/s, 0.1 MPa", 0.01, 108.79, BLUE, upper),
         ("30 mm/s, 0.3 MPa", 0.03, 326.37, VERMILION, upper),
@@ -169,8 +166,7 @@ def scaling(figure: Figure) -> Iterator[Comparison]:
         ("3 mm/s, 0.3 MPa", 0.003, 326.37, AMBER, lower),
     ):
         held = {"slider__travels": False, "slider__position": 0.004, "sensors__accelerometer__rate": _RATE}
-        base = load("plate", **held)
-        made = run(_reaching(base, speed, force), 0.4)
+        made = run(_reaching(load("plate", **held), speed, force), 0.4)
         share = made.signals["pitch_velocity"] / force
         runs[title] = made.time, share, _onset(made)
         style = "--" if colour == VERMILION else "-"
@@ -191,19 +187,8 @@ def scaling(figure: Figure) -> Iterator[Comparison]:
 
 def _reaching(scene: Any, speed: float, force: float) -> Any:
     """The scene with another speed and load, in its parameters and at the end of its ramps."""
-    from dataclasses import replace
-
-    from rig.scenes.protocol import Load, Ramp
-
-    steps: list[Any] = []
-    for step in scene.protocol:
-        if isinstance(step, Load):
-            steps.append(step.model_copy(update={"force": force}))
-        elif isinstance(step, Ramp):
-            steps.append(step.model_copy(update={"to": speed}))
-        else:
-            steps.append(step)
-    return replace(scene, protocol=tuple(steps))
+    changes: dict[type, Any] = {Load: {"force": force}, Ramp: {"to": speed}}
+    return replace(scene, protocol=tuple(step.model_copy(update=changes.get(type(step))) for step in scene.protocol))
 
 
 ENTRIES = (

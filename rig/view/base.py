@@ -131,8 +131,7 @@ def scale_of(system: System) -> Scale:
     if not system.patches or not system.normals:
         return Scale(10.0, 10.0)
     patch = system.patches[0]
-    load = float(abs(system.normals[0].row @ system.start)) or 1.0
-    force = patch.law.static * load
+    force = patch.law.static * (float(abs(system.normals[0].row @ system.start)) or 1.0)
     count = len(system.coordinates)
     stiffness = system.stiffness - sum(np.outer(k.direction, k.row[:count]) for k in system.normals)
     reach = float(np.abs(np.linalg.lstsq(stiffness, patch.direction * force, rcond=None)[0]).max())
@@ -178,8 +177,7 @@ class Picture:
         ran = self._run(t_ns, signals[self.surface])[shown]
         if not shown.size:
             return []
-        picked = {name: v[shown] for name, v in signals.items()}
-        return self._frames(t_ns[shown], picked, modes[shown], ran)
+        return self._frames(t_ns[shown], {name: v[shown] for name, v in signals.items()}, modes[shown], ran)
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
         raise NotImplementedError

@@ -446,8 +446,7 @@ def heading(figure: Figure, run: Run, left: float) -> None:
     about = scene_of(run)
     figure.text(left, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
     if run.fault:
-        first = run.fault.partition("\n")[0]
-        figure.text(0.985, 0.968, first[:110], color=ALARM, ha="right", fontsize=10.5)
+        figure.text(0.985, 0.968, run.fault.partition("\n")[0][:110], color=ALARM, ha="right", fontsize=10.5)
 
 
 class _Label(NamedTuple):

@@ -257,8 +257,7 @@ class Drawing:
 
     def _frames(self, t_ns: Integers, most: int) -> Integers:
         """Rows for the picture: one for each interval of `FRAME_NS`, at most `most`."""
-        grid = t_ns // FRAME_NS
-        rows = np.flatnonzero(np.diff(grid, prepend=self._frame_ns // FRAME_NS))
+        rows = np.flatnonzero(np.diff(t_ns // FRAME_NS, prepend=self._frame_ns // FRAME_NS))
         if rows.size:
             self._frame_ns = int(t_ns[rows[-1]])
         return rows if rows.size <= most else rows[np.linspace(0, rows.size - 1, most).astype(np.int64)]

@@ -48,8 +48,7 @@ class Lever(Picture):
         """See `Picture.static`."""
 
         def box(path: str, half: tuple[float, float, float], center: tuple[float, float, float]) -> None:
-            boxes = Shape("Boxes3D", half_sizes=[half], centers=[center], colors=[STEEL])
-            log(f"rig/{path}", boxes)
+            log(f"rig/{path}", Shape("Boxes3D", half_sizes=[half], centers=[center], colors=[STEEL]))
 
         def round_(path: str, length: float, radius: float, y: float, colour: tuple[int, int, int]) -> None:
             turned = Shape(

@@ -141,8 +141,7 @@ def disc(log: Log) -> None:
     rays = np.stack((np.cos(turns), np.sin(turns), np.full(24, 0.02) / 0.99), axis=1)
     spokes = [np.stack((ray * (0.93, 0.93, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays]
     spokes += [np.stack((ray * (0.3, 0.3, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays[::8]]
-    plate = Shape("Cylinders3D", lengths=[0.08], radii=[1.0], centers=[(0, 0, -0.025)], colors=[DISC])
-    log("rig/disc", plate)
+    log("rig/disc", Shape("Cylinders3D", lengths=[0.08], radii=[1.0], centers=[(0, 0, -0.025)], colors=[DISC]))
     log("rig/disc/marks", Shape("LineStrips3D", strips=spokes, colors=[MARK], radii=[0.006]))
 
 
@@ -173,8 +172,7 @@ class Pendulum(Picture):
             colors=[STEEL],
         )
         log("rig/pendulum/arm", arm)
-        shoe = Shape("Boxes3D", half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)])
-        log("rig/pendulum/shoe", shoe)
+        log("rig/pendulum/shoe", Shape("Boxes3D", half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)]))
         log(
             "rig/pendulum/friction",
             Shape("Arrows3D", origins=[(_ARM + 0.1, 0, 0.06)], colors=[self.friction], radii=[0.016]),
@@ -231,8 +229,7 @@ class Slider(Pendulum):
     def static(self, log: Log) -> None:
         """See `Picture.static`."""
         disc(log)
-        body = Shape("Boxes3D", half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)])
-        log("rig/pendulum/shoe", body)
+        log("rig/pendulum/shoe", Shape("Boxes3D", half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)]))
         arrow = Shape("Arrows3D", origins=[(_PLACE + 0.13, 0, 0.06)], colors=[self.friction], radii=[0.016])
         log("rig/pendulum/friction", arrow)
         post = Shape("Boxes3D", half_sizes=[(0.04, 0.04, 0.2)], centers=[_STAND - (0, 0, 0.05)], colors=[STEEL])
@@ -283,8 +280,7 @@ class ThreeBodies(Belt):
             ("ceiling", (0.35, 0.35, 0.03), _CEILING),
             ("post", (0.03, 0.03, 0.45), _BODIES_POST - (0.0, 0.0, 0.45)),
         ):
-            box = Shape("Boxes3D", half_sizes=[half], centers=[place], colors=[STEEL])
-            log(f"rig/{name}", box)
+            log(f"rig/{name}", Shape("Boxes3D", half_sizes=[half], centers=[place], colors=[STEEL]))
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
         drawn = {columns.path: columns for columns in super()._frames(t_ns, s, modes, ran)}
@@ -348,8 +344,7 @@ class Tip(Belt):
     def static(self, log: Log) -> None:
         """See `Picture.static`."""
         super().static(log)
-        body = Shape("Boxes3D", half_sizes=[(0.07, 0.16, 0.05)], centers=[(0, 0, 0.06)])
-        log("rig/mass/body", body)
+        log("rig/mass/body", Shape("Boxes3D", half_sizes=[(0.07, 0.16, 0.05)], centers=[(0, 0, 0.06)]))
         block = Shape("Boxes3D", half_sizes=[(0.2, 0.3, 0.09)], centers=[(-0.12, 0.0, 0.99)], colors=[STEEL])
         log("rig/wall", block)
 

@@ -107,8 +107,7 @@ class Plate(Picture):
         )
         log("rig/slider/body", block)
         log("rig/friction", Shape("Arrows3D", colors=[self.friction], radii=[0.016]))
-        ball = Shape("Points3D", positions=[(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035])
-        log("rig/probe", ball)
+        log("rig/probe", Shape("Points3D", positions=[(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035]))
         if self._cells is not None:
             self._cells.static(log)
 

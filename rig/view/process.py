@@ -428,8 +428,7 @@ class Bridge:
         arrived = self.heard.drain()
         for message in arrived:
             if message.topic == "total/plant":  # the plant collects the totals of all processes
-                own = f"total/{self._session.name}"
-                self._session.publisher(own).put(self._session.totals(), message.t_ns)
+                self._session.publisher(f"total/{self._session.name}").put(self._session.totals(), message.t_ns)
         self.feed.add(message for message in arrived if not message.topic.startswith("total/"))
 
 

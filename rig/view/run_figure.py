@@ -114,8 +114,7 @@ def _compose(figure: Figure, run: Run, only: Collection[str] = ()) -> None:
     drawn, top = stacked(figure, run, header, max(len(shown), 1), (left, split, BOTTOM + tall + 0.022))
     for axes, panel in zip(drawn, shown):
         draw_panel(axes, sheet, panel)
-    strip = figure.add_axes((left, BOTTOM, split - left, tall), sharex=drawn[0])
-    _strip(strip, run, lanes, labels)
+    _strip(figure.add_axes((left, BOTTOM, split - left, tall), sharex=drawn[0]), run, lanes, labels)
     for axes in drawn:
         axes.tick_params(labelbottom=False)
         shade(axes, run, closed)

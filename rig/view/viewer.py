@@ -80,8 +80,7 @@ def binary() -> Path:
     """Path of the viewer program, not of its Python wrapper, which would leave the viewer running when killed."""
     import rerun_cli
 
-    folder = Path(str(rerun_cli.__file__)).parent
-    return folder / ("rerun.exe" if os.name == "nt" else "rerun")
+    return Path(str(rerun_cli.__file__)).parent / ("rerun.exe" if os.name == "nt" else "rerun")
 
 
 def start(web: bool = False, headless: bool = False) -> Viewer:

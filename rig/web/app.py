@@ -105,10 +105,6 @@ class Bench:
         if wanted := self.sounds.wanted:
             self._call(self.sounds.offer, packed(arrived, wanted))
 
-    def scenes(self, _: dict[str, Any]) -> Any:
-        """Scenes to choose from."""
-        return self.catalogue.cards()
-
     def form(self, body: dict[str, Any]) -> Any:
         """The form of a scene with changed values."""
         scene = self.catalogue.scene(body.get("scene"), body.get("changes"))
@@ -131,18 +127,6 @@ class Bench:
         pace, length = timing(scene, body.get("pace"), body.get("duration"))
         texts = {key: as_text(value, key) for key, value in changes.items()}
         return self.control.start(scene, str(body["scene"]), texts, pace, length)
-
-    def listed(self, _: dict[str, Any]) -> Any:
-        """The recordings."""
-        return self.recordings.all()
-
-    def studied(self, _: dict[str, Any]) -> Any:
-        """The maps and cost tables."""
-        return self.studies.all()
-
-    def working(self, _: dict[str, Any]) -> Any:
-        """The jobs, the newest first."""
-        return self.jobs.all()
 
     def stop_job(self, body: dict[str, Any]) -> Any:
         """Stop a job."""
@@ -167,7 +151,7 @@ def app(bench: Bench) -> Starlette:
     routes = [
         Route("/", _page),
         Mount("/page", StaticFiles(directory=PAGE)),
-        Route("/api/scenes", _answers(bench.scenes)),
+        Route("/api/scenes", _answers(lambda _: bench.catalogue.cards())),
         Route("/api/scene", _answers(bench.form), methods=["POST"]),
         Route("/api/scene/save", _answers(bench.save), methods=["POST"]),
         Route("/api/run", _answers(bench.state, _at_once)),
@@ -177,16 +161,16 @@ def app(bench: Bench) -> Starlette:
         Route("/api/live", _answers(bench.control.others)),
         Route("/api/run/follow", _answers(bench.control.follow), methods=["POST"]),
         Route("/api/run/leave", _answers(bench.control.leave), methods=["POST"]),
-        Route("/api/recordings", _answers(bench.listed)),
+        Route("/api/recordings", _answers(lambda _: bench.recordings.all())),
         Route("/api/recordings/work", _answers(bench.recordings.work), methods=["POST"]),
         Route("/recordings/{name:path}", _file(lambda given: bench.recordings.path(given["name"]))),
-        Route("/api/studies", _answers(bench.studied)),
+        Route("/api/studies", _answers(lambda _: bench.studies.all())),
         Route("/api/studies/work", _answers(bench.studies.work), methods=["POST"]),
         Route("/studies/{kind}/{name}/{file}", _file(lambda given: bench.studies.path(**given))),
         Route("/api/lessons", _answers(lists.listed)),
         Route("/api/lesson", _answers(lists.text), methods=["POST"]),
         Route("/lessons/{name}", _file(lambda given: lists.figure(given["name"]))),
-        Route("/api/jobs", _answers(bench.working)),
+        Route("/api/jobs", _answers(lambda _: bench.jobs.all())),
         Route("/api/jobs/stop", _answers(bench.stop_job), methods=["POST"]),
         Route("/jobs/{number:int}", _file(lambda given: bench.jobs.job(given["number"]).file())),
         Route("/api/view", _answers(bench.view), methods=["POST"]),
@@ -203,12 +187,18 @@ async def _page(_: Request) -> Response:
 def _answers(handler: Handler, run: Runs = asyncio.to_thread) -> Callable[[Request], Awaitable[Response]]:
     """A route that calls `handler` with the JSON object of the request by `run`, and answers in JSON."""
 
-    def made(body: dict[str, Any]) -> Response:
-        return JSONResponse(handler(body))
-
     async def answer(request: Request) -> Response:
+        return await run(lambda body: JSONResponse(handler(body)), await _body(request))
+
+    return _guarded(answer)
+
+
+def _guarded(answer: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
+    """A route whose refusals are answers."""
+
+    async def guarded(request: Request) -> Response:
         try:
-            return await run(made, await _body(request))
+            return await answer(request)
         except ClientDisconnect:  # in the middle of its request: nobody gets this answer
             return Response(status_code=400)
         except RigError as fault:
@@ -216,7 +206,7 @@ def _answers(handler: Handler, run: Runs = asyncio.to_thread) -> Callable[[Reque
         except OSError as fault:  # of the system, as a full disk
             return JSONResponse({"error": str(fault)}, 507)
 
-    return answer
+    return guarded
 
 
 async def _at_once(make: Callable[[dict[str, Any]], Response], body: dict[str, Any]) -> Response:
@@ -228,17 +218,12 @@ def _file(find: Callable[[dict[str, Any]], Path]) -> Callable[[Request], Awaitab
     """A route to a file: a page or a picture is shown, without any right on this page; other files are kept."""
 
     async def answer(request: Request) -> Response:
-        try:
-            path = await asyncio.to_thread(find, request.path_params)
-        except RigError as fault:
-            return JSONResponse({"error": str(fault)}, 422)
-        except OSError as fault:
-            return JSONResponse({"error": str(fault)}, 507)
+        path = await asyncio.to_thread(find, request.path_params)
         shown = path.suffix in (".html", ".png")
         how = "inline" if shown else "attachment"
         return FileResponse(path, filename=path.name, content_disposition_type=how, headers=ALONE if shown else None)
 
-    return answer
+    return _guarded(answer)
 
 
 async def _body(request: Request) -> dict[str, Any]:
@@ -250,13 +235,13 @@ async def _body(request: Request) -> dict[str, Any]:
         if len(text) > LARGEST:
             raise UsageError(f"the request is longer than the {LARGEST} bytes that are allowed")
     try:
-        found = json.loads(text)
-        json.dumps(found, ensure_ascii=False).encode()  # half a character, which no answer could repeat
+        body = json.loads(text)
+        json.dumps(body, ensure_ascii=False).encode()  # half a character, which no answer could repeat
     except (ValueError, RecursionError) as fault:
         raise UsageError(f"the request is not JSON text: {fault!s:.100}") from None
-    if not isinstance(found, dict):
-        raise UsageError(f"the request is {found!r:.80}; expected a JSON object")
-    return found
+    if not isinstance(body, dict):
+        raise UsageError(f"the request is {body!r:.80}; expected a JSON object")
+    return body
 
 
 def _stream(connect: Callable[..., Any], disconnect: Callable[[Any], object]) -> Callable[[WebSocket], Awaitable[None]]:

@@ -21,13 +21,12 @@ from http import HTTPStatus
 from typing import Any
 
 from rig.bus import address
-from rig.errors import BusError, UsageError
+from rig.errors import BusError
 from rig.extras import needed
 from rig.machine.process import told_to_stop
 from rig.web.bridge_client import LOOK_S, Client
-from rig.web.server import Gate
+from rig.web.server import HOST, Gate, listening
 
-HOST = "127.0.0.1"
 CLIENTS = 8
 """Most clients at a time."""
 LARGEST = 1 << 16
@@ -49,14 +48,7 @@ class Bridge:
         """Connections that count against `CLIENTS`; whether each has a thread that serves it."""
         self._seating = threading.Lock()
         self._stopped = threading.Event()
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            self._socket.bind((HOST, port))
-            self._socket.listen(16)
-        except OSError as fault:
-            self._socket.close()
-            raise UsageError(f"--port {port}: cannot be used ({fault.strerror}); choose another one") from None
+        self._socket = listening(port)
         self.port: int = self._socket.getsockname()[1]
         self.token = secrets.token_urlsafe(24)
         self._gate = Gate(self.port, self.token)
@@ -151,14 +143,14 @@ class Bridge:
 
 def serve(run: str | None, port: int = 0, say: Callable[[Bridge], object] = print) -> None:
     """Serve a live run (the only one by default) until it ends, or until Ctrl-C. Raises RigError."""
-    found = address.find(run)
+    live = address.find(run)
     sys.setswitchinterval(1e-4)  # a step waits a tenth of a frame for the interpreter, instead of five frames
     stopped = threading.Event()
 
     def stop(_: str) -> None:  # set from another thread: the main thread may hold the lock of the event
         threading.Thread(target=stopped.set).start()
 
-    with Bridge(found.run, port) as bridge, told_to_stop(stop):
+    with Bridge(live.run, port) as bridge, told_to_stop(stop):
         say(bridge)
-        while not stopped.wait(LOOK_S) and address.is_live(found.run):
+        while not stopped.wait(LOOK_S) and address.is_live(live.run):
             pass

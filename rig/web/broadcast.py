@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
+from contextlib import suppress
 from typing import Any
 
 KEPT = 6
@@ -28,11 +29,6 @@ class Broadcast:
         self._version = 0
         self._pages: set[Page] = set()
 
-    @property
-    def pages(self) -> int:
-        """Number of connected pages."""
-        return len(self._pages)
-
     def connect(self) -> Page:
         """A new page; `disconnect` it at the end."""
         page = Page(self)
@@ -46,8 +42,7 @@ class Broadcast:
     def put(self, kind: str, content: Any) -> None:
         """Replace the message of a kind; every page gets the newest one."""
         self._version += 1
-        text = json.dumps({"kind": kind, kind: content})
-        self._newest[kind] = (self._version, text)
+        self._newest[kind] = (self._version, json.dumps({"kind": kind, kind: content}))
         if kind == "setup":  # frames of another run
             self._frames.clear()
         self._wake()
@@ -63,13 +58,13 @@ class Broadcast:
 
         `version` is 0 for a new page. A page that was too slow gets the latest `KEPT` frames and those with events.
         """
-        found = [text for number, text in sorted(self._newest.values()) if number > version]
+        newer = [text for number, text in sorted(self._newest.values()) if number > version]
         new = [(text, events) for number, text, events in self._frames if number > version]
         old = len(new) - KEPT if version else 0
         frames = [text for k, (text, events) in enumerate(new) if k >= old or events]
         if frames and not hidden:
-            found.append(f'{{"kind": "frames", "frames": [{", ".join(frames)}]}}')
-        return self._version, found
+            newer.append(f'{{"kind": "frames", "frames": [{", ".join(frames)}]}}')
+        return self._version, newer
 
     def _wake(self) -> None:
         for page in self._pages:
@@ -88,16 +83,14 @@ class Page:
 
     def heard(self, text: str) -> None:
         """A message of the page: {"ack": number of messages received} or {"hidden": whether it is}; others: ignored."""
-        try:
-            found = json.loads(text)
-        except (ValueError, RecursionError):
-            return
-        if isinstance(found, dict):
-            ack = found.get("ack")
-            if isinstance(ack, int):
-                self._acknowledged = min(ack, self._sent)
-            self._hidden = bool(found.get("hidden", self._hidden))
-            self.kick.set()
+        with suppress(ValueError, RecursionError):
+            said = json.loads(text)
+            if isinstance(said, dict):
+                ack = said.get("ack")
+                if isinstance(ack, int):
+                    self._acknowledged = min(ack, self._sent)
+                self._hidden = bool(said.get("hidden", self._hidden))
+                self.kick.set()
 
     async def next(self) -> list[str]:
         """The messages that the page shall get now; waits until there are some and the page is ready."""
@@ -105,7 +98,7 @@ class Page:
             await self.kick.wait()
             self.kick.clear()
             if self._sent - self._acknowledged < AHEAD:
-                self._version, found = self._broadcast.since(self._version, self._hidden)
-                if found:
-                    self._sent += len(found)
-                    return found
+                self._version, newer = self._broadcast.since(self._version, self._hidden)
+                if newer:
+                    self._sent += len(newer)
+                    return newer

@@ -76,8 +76,8 @@ def picture(scene: Scene, assembly: Assembly) -> dict[str, Any] | None:
     system = assembly.system()
     channels = Channels((scene, assembly), {name: one.unit for name, one in assembly.outputs.items()}, {})
     try:
-        found = MovingPicture.of(scene, assembly, system, channels.colours)
-        return None if found is None else {**found.still, "at": found.at_rest(assembly, system)}
+        moving = MovingPicture.of(scene, assembly, system, channels.colours)
+        return None if moving is None else {**moving.still, "at": moving.at_rest(assembly, system)}
     except Exception as fault:
         return {"fault": f"{type(fault).__name__}: {fault}"}
 
@@ -85,9 +85,8 @@ def picture(scene: Scene, assembly: Assembly) -> dict[str, Any] | None:
 def warnings(scene: Scene, duration: float | None) -> list[str]:
     """What `rig run` warns of before it starts this scene."""
     levels = ("error", "warning") if scene.clock.unstable == "run" else ("warning",)  # an error refuses the run itself
-    found = [f"{one.what}\n{one.remedy}" for one in findings(scene) if one.level in levels]
-    edge = meets_edge(scene, duration)
-    return [*found, *([edge] if edge else [])]
+    texts = [f"{finding.what}\n{finding.remedy}" for finding in findings(scene) if finding.level in levels]
+    return [*texts, *filter(None, [meets_edge(scene, duration)])]
 
 
 def protocol(scene: Scene, assembly: Any) -> list[Any]:
@@ -177,8 +176,7 @@ def kind_of(scene: Scene, key: str, value: Any) -> dict[str, Any]:
     if isinstance(value, int | float):
         return {"kind": "number"}
     info = field_of(*_section(scene, key))
-    choices = _choices(info.annotation) if info is not None else ()
-    if choices:
+    if info is not None and (choices := _choices(info.annotation)):
         return {"kind": "choice", "choices": list(choices)}
     return {"kind": "text" if isinstance(value, str) else "fixed"}
 
@@ -308,17 +306,16 @@ def as_text(value: Any, key: str) -> str:
 
 def timing(scene: Scene, pace: Any, duration: Any) -> tuple[float | None, float | None]:
     """Pace (None: as fast as possible) and duration [s] (None: that of the protocol) of a run. Raises UsageError."""
+    what = "pace"
     try:
         factor = None if pace == "max" else 1.0 if pace in (None, "") else finite(pace, "1")
         if factor is not None and not PACES[0] <= factor <= PACES[1]:
             raise ValueError(f"is {factor:g}; must be {PACES[0]:g} to {PACES[1]:g}, or max")
-    except ValueError as fault:
-        raise UsageError(f"the pace {fault}") from None
-    try:
+        what = "duration"
         length = None if duration in (None, "") else finite(duration, "s")
         if length is not None and not 1e-9 <= length <= LONGEST:
             raise ValueError(f"is {length:g} s; must be 1e-09 to {LONGEST:g} s")
     except ValueError as fault:
-        raise UsageError(f"the duration {fault}") from None
+        raise UsageError(f"the {what} {fault}") from None
     keeps_up(scene, factor)
     return factor, length

@@ -1,10 +1,7 @@
 """Lists on the page: lessons, recordings, maps and cost tables, with the jobs that make new ones.
 
-The lessons on the page: their list, their text as HTML, their figures.
-
-The recordings of a folder for the page: the list, and jobs that check, report, export, compare and view them.
-
-Maps and cost tables for the page: those that are in the folders `maps` and `cost`, and jobs that make new ones.
+Of lessons the list, the text as HTML, the figures; of the recordings of a folder jobs that check, report, export,
+compare and view them; maps and cost tables are those in the folders `maps` and `cost`.
 
 Every study has a folder of its own, as `rig map` and `rig cost` write it; the page is given its figures and tables.
 """
@@ -44,10 +41,10 @@ def text(body: dict[str, Any]) -> Any:
 
 def figure(name: str) -> Path:
     """The file of a figure. Raises UsageError for a name that is none of the lessons."""
-    for file in FOLDER.glob("*.png"):
-        if file.name == name:
-            return file
-    raise UsageError(f"{name!r:.80}: no lesson has this figure")
+    figures = {file.name: file for file in FOLDER.glob("*.png")}
+    if name not in figures:
+        raise UsageError(f"{name!r:.80}: no lesson has this figure")
+    return figures[name]
 
 
 def html(page: str) -> str:
@@ -75,15 +72,13 @@ class Recordings:
 
     def all(self) -> list[dict[str, Any]]:
         """Name, scene, time, length, timing verdict, size and notes of each recording, the newest first."""
-        found = runs(self._folder) if self._folder.is_dir() else []
         rows = []
-        for one in reversed(found):
-            row: dict[str, Any] = {"name": one.path.relative_to(self._folder).as_posix(), "bytes": one.size}
-            row |= {"fault": one.fault, "notes": [str(note) for note in one.notes.found]}
-            if one.contents is not None:
-                read = one.contents
-                row |= {"scene": read.scene, "title": read.title, "began": read.began_ns / 1e9}
-                row |= {"seconds": read.seconds, "timing": read.timing, "run": read.run}
+        for entry in reversed(runs(self._folder) if self._folder.is_dir() else []):
+            row: dict[str, Any] = {"name": entry.path.relative_to(self._folder).as_posix(), "bytes": entry.size}
+            row |= {"fault": entry.fault, "notes": [str(note) for note in entry.notes.found]}
+            if (read := entry.contents) is not None:
+                row |= {name: getattr(read, name) for name in ("scene", "title", "seconds", "timing", "run")}
+                row["began"] = read.began_ns / 1e9
             rows.append(row)
         return rows
 
@@ -131,17 +126,13 @@ class Studies:
 
     def all(self) -> list[dict[str, Any]]:
         """Of each study, the newest first: `kind` (its folder), `name`, `about`, `changed` [s], `finished`, `files`."""
-        found = []
+        rows: list[dict[str, Any]] = []
         for kind, last in FINISHED.items():
-            root = self._folder / kind
-            for folder in root.iterdir() if root.is_dir() else ():
-                if folder.is_dir():
-                    files = sorted(path.name for path in folder.iterdir() if path.suffix in SHOWN and path.is_file())
-                    row: dict[str, Any] = {"kind": kind, "name": folder.name}
-                    row |= {"about": _about(folder), "files": files}
-                    row |= {"changed": folder.stat().st_mtime, "finished": any(name in files for name in last)}
-                    found.append(row)
-        return sorted(found, key=lambda row: -row["changed"])
+            for folder in filter(Path.is_dir, (self._folder / kind).glob("*")):
+                files = sorted(path.name for path in folder.iterdir() if path.suffix in SHOWN and path.is_file())
+                row = {"kind": kind, "name": folder.name, "about": _about(folder), "files": files}
+                rows.append(row | {"changed": folder.stat().st_mtime, "finished": not set(last).isdisjoint(files)})
+        return sorted(rows, key=lambda row: -row["changed"])
 
     def path(self, kind: str, name: str, file: str) -> Path:
         """A file of a study of the list. Raises UsageError for anything else."""

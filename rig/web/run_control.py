@@ -27,20 +27,6 @@ from rig.errors import OutputError, RigError, UsageError
 from rig.scenes.scene import Scene
 from rig.web.follower import Follower
 
-
-def others(mine: str) -> list[dict[str, Any]]:
-    """Of each live run but `mine`: `run`, `scene`, `started` [s since 1970], and `why` it cannot be followed, or "".
-
-    The directory of runs is private, so runs of other users are not among them.
-    """
-    why = "another version of friction-rig runs it: follow it with that version's rig view"
-    return [
-        {"run": one.run, "scene": one.scene, "started": one.started, "why": "" if one.speaks == FINGERPRINT else why}
-        for one in address.list_runs()
-        if one.run != mine
-    ]
-
-
 LINES = 300
 """Number of lines of a run that are kept."""
 END_S = 60.0
@@ -81,8 +67,7 @@ class RunControl:
     @property
     def state(self) -> dict[str, Any]:
         """Phase, number, name and scene of the run; its lines and, when it has ended, its outcome or fault."""
-        lines = list(self._lines)
-        return {"phase": self._phase, "number": self._number, **self._facts, "lines": lines}
+        return {"phase": self._phase, "number": self._number, **self._facts, "lines": list(self._lines)}
 
     @property
     def active(self) -> bool:
@@ -116,12 +101,12 @@ class RunControl:
 
     def follow(self, body: dict[str, Any]) -> dict[str, Any]:
         """Follow the live run `run` of another terminal and return the state. Raises UsageError, BusError."""
-        found = address.find(str(body.get("run") or "-"))
+        live = address.find(str(body.get("run") or "-"))
         with self._lock:
             self._refuse_second()
-            self._begin(found.scene, found.scene, None, "")
-            self._facts |= {"run": found.run, "foreign": True}
-            self._follow(found.run)
+            self._begin(live.scene, live.scene, None, "")
+            self._facts |= {"run": live.run, "foreign": True}
+            self._follow(live.run)
         self._changed()
         return self.state
 
@@ -133,8 +118,17 @@ class RunControl:
         return self.state
 
     def others(self, _: dict[str, Any]) -> list[dict[str, Any]]:
-        """Live runs of other terminals (`rig.web.run_control`)."""
-        return others(self._facts["run"] if self.active else "")
+        """Of each live run of another terminal: `run`, `scene`, `started` [s since 1970], `why` it cannot be followed.
+
+        The directory of runs is private, so runs of other users are not among them.
+        """
+        mine = self._facts["run"] if self.active else ""
+        why = "another version of friction-rig runs it: follow it with that version's rig view"
+        return [
+            {"run": r.run, "scene": r.scene, "started": r.started, "why": "" if r.speaks == FINGERPRINT else why}
+            for r in address.list_runs()
+            if r.run != mine
+        ]
 
     def command(self, body: dict[str, Any]) -> dict[str, Any]:
         """Carry out a command (`COMMANDS`) in the present run, as the operators' commands of the command line do.

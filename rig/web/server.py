@@ -1,14 +1,9 @@
 """The process of `rig web`: one address on loopback, the browser, and an orderly end on Ctrl-C.
 
-The checks of host, origin and token of a request to a server on loopback.
-
-The Host header stops other names for this address (DNS rebinding), the Origin header stops the pages of other servers,
-the token stops other users of this machine.
-
-Admits only the pages of this server's user: checks host, origin and token of every request and web socket.
-
-`rig.web.server` has the checks. The token is in the address that is printed; the first visit moves it to a
-cookie that scripts cannot read. A cookie is sent to every port, so its name contains the port.
+It admits only the pages of its user: host, origin and token of every request and web socket are checked. The Host
+header stops other names for this address (DNS rebinding), the Origin header stops the pages of other servers, the token
+stops other users of this machine. The token is in the address that is printed; the first visit moves it to a cookie
+that scripts cannot read. A cookie is sent to every port, so its name contains the port.
 """
 
 from __future__ import annotations
@@ -125,27 +120,31 @@ OPEN_FILES = 64
 _NICE, _CLOSE_S = 5, 5.0
 
 
+def listening(port: int) -> socket.socket:
+    """A socket that listens on loopback; `port` 0: any free port. Raises UsageError for a used port."""
+    # Only with its protocol named does asyncio send the body of an answer before the browser acknowledges its head.
+    opened = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        opened.bind((HOST, port))
+        opened.listen(128)  # from here on nobody else can bind it, and a browser that is early waits
+    except OSError as fault:
+        opened.close()
+        what = f"--port {port}: cannot be used ({fault.strerror}); choose another one, or leave it out"
+        raise UsageError(what) from None
+    return opened
+
+
 class Server:
     """The server of one bench; `port` 0: any free port. Use it in a `with` block. Raises UsageError for a used port."""
 
     def __init__(self, port: int = 0, folder: Path = Path(), say: Callable[[str], object] = print) -> None:
-        # Only with its protocol named does asyncio send the body of an answer before the browser acknowledges its head.
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            self._socket.bind((HOST, port))
-            self._socket.listen(128)  # from here on nobody else can bind it, and a browser that is early waits
-        except OSError as fault:
-            self._socket.close()
-            raise UsageError(
-                f"--port {port}: cannot be used ({fault.strerror}); choose another one, or leave it out"
-            ) from None
+        self._socket = listening(port)
         self.port: int = self._socket.getsockname()[1]
         self.token = secrets.token_urlsafe(24)
         self.bench, self._say = Bench(folder, say), say
-        guarded = Guard(app(self.bench), self.port, self.token)
         config = uvicorn.Config(
-            guarded,
+            Guard(app(self.bench), self.port, self.token),
             access_log=False,
             log_level="warning",
             lifespan="off",

@@ -1,10 +1,6 @@
-"""FMUs for co-simulation: their description as plain values, and an instance that makes steps.
-
-What the description of an FMU says, as plain values: signals and parameters with their units in SI, step, platform.
+"""FMUs for co-simulation (FMI 2.0, 3.0): their description as plain values, and an instance that makes steps.
 
 Units of an FMU are exponents of SI base units with factor and offset. Their names are free text and are not compared.
-
-An instance of an FMU for co-simulation (FMI 2.0, 3.0): inputs, a step, outputs, state kept and restored.
 
 fmpy loads the library and defines the types of its functions. A step calls these functions itself, with buffers that
 are made once: three calls take 2 to 4 us.
@@ -20,7 +16,8 @@ import tempfile
 import weakref
 import zipfile
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -60,12 +57,12 @@ _NAMED = {
 
 def unit_of(exponents: Iterable[int]) -> str:
     """The SI unit with these exponents of kg, m, s, A, K, mol, cd, rad."""
-    given = [int(one) for one in exponents]
+    given = [int(power) for power in exponents]
     while given and not given[-1]:
         given.pop()
-    if (found := _NAMED.get(tuple(given))) is not None:
-        return found
-    return "*".join(f"{base}^{power}" if power != 1 else base for base, power in zip(_BASES, given) if power)
+    return _NAMED.get(tuple(given)) or "*".join(
+        f"{base}^{power}" if power != 1 else base for base, power in zip(_BASES, given) if power
+    )
 
 
 def described(file: Binary) -> dict[str, Any]:
@@ -83,47 +80,47 @@ def described(file: Binary) -> dict[str, Any]:
     except OSError as error:
         raise PartError(f"is not usable: {error.strerror}") from None
     try:
-        found = fmpy.read_model_description(io.BytesIO(file.content))
+        model = fmpy.read_model_description(io.BytesIO(file.content))
     except Exception as error:  # of many kinds
         raise PartError(f"is not a usable FMU: {_brief(error)}") from None
-    if found.fmiMajorVersion not in (2, 3):
-        raise PartError(f"is of FMI {found.fmiVersion}; FMI 2.0 and 3.0 are possible")
-    co = found.coSimulation
+    if model.fmiMajorVersion not in (2, 3):
+        raise PartError(f"is of FMI {model.fmiVersion}; FMI 2.0 and 3.0 are possible")
+    co = model.coSimulation
     if co is None:
         raise PartError("is for model exchange only; a controller is an FMU for co-simulation")
     if co.needsExecutionTool:
         raise PartError("needs the tool that made it while it runs; export it as a standalone FMU")
     binaries = {name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") >= 2}
-    platform = fmpy.platform if found.fmiMajorVersion == 2 else fmpy.platform_tuple
+    platform = fmpy.platform if model.fmiMajorVersion == 2 else fmpy.platform_tuple
     if platform not in binaries:
         has = ", ".join(sorted(binaries)) or "no machine (source code only)"
         raise PartError(f"has code for {has}; this machine needs {platform}")
-    units = {one.name: one.baseUnit for one in found.unitDefinitions}
-    real = [one for one in found.modelVariables if one.type in ("Real", "Float64") and not one.dimensions]
-    direct = {one.variable.name: one.dependencies for one in found.outputs if one.variable is not None}
+    units = {unit.name: unit.baseUnit for unit in model.unitDefinitions}
+    real = [v for v in model.modelVariables if v.type in ("Real", "Float64") and not v.dimensions]
+    direct = {o.variable.name: o.dependencies for o in model.outputs if o.variable is not None}
     return {
-        "fmi": found.fmiMajorVersion,
+        "fmi": model.fmiMajorVersion,
         "identifier": co.modelIdentifier,
-        "token": found.guid,
+        "token": model.guid,
         "repeatable": bool(co.canGetAndSetFMUstate),
         "once": bool(co.canBeInstantiatedOnlyOncePerProcess),
-        "step": _step(found),
-        "inputs": [_signal(one, units) for one in real if one.causality == "input"],
+        "step": _step(model),
+        "inputs": [_signal(v, units) for v in real if v.causality == "input"],
         "outputs": [
-            {**_signal(one, units), "direct": None if (of := direct.get(one.name)) is None else [v.name for v in of]}
-            for one in real
-            if one.causality == "output"
+            {**_signal(v, units), "direct": None if (of := direct.get(v.name)) is None else [i.name for i in of]}
+            for v in real
+            if v.causality == "output"
         ],
-        "parameters": [_parameter(one, units) for one in real if one.causality == "parameter"],
+        "parameters": [_parameter(v, units) for v in real if v.causality == "parameter"],
     }
 
 
-def _step(found: Any) -> float | None:
+def _step(model: Any) -> float | None:
     """The step [s] of which the time between two calls must be a multiple; None if any time is possible."""
-    co = found.coSimulation
+    co = model.coSimulation
     if co.fixedInternalStepSize is not None:
         return float(co.fixedInternalStepSize)
-    experiment = found.defaultExperiment
+    experiment = model.defaultExperiment
     if co.canHandleVariableCommunicationStepSize or experiment is None or experiment.stepSize is None:
         return None
     return float(experiment.stepSize)
@@ -185,18 +182,15 @@ def _folder(file: Binary) -> Path:
     return _FOLDERS[file.sha256]
 
 
-class _Log:
-    """The warnings and errors in the log of the FMU `file` that nobody has taken yet."""
+def _log(file: str, messages: deque[str]) -> Callable[[int, bytes | None], None]:
+    """What adds a warning or error of the FMU to `messages`."""
 
-    def __init__(self, file: str) -> None:
-        self.file = file
-        self.messages: deque[str] = deque(maxlen=_KEPT)
-
-    def add(self, status: int, text: bytes | None) -> None:
-        """Add a message with its status."""
+    def add(status: int, text: bytes | None) -> None:
         if status >= _WARNING:
             label = _STATUS[min(status, len(_STATUS) - 1)]
-            self.messages.append(f"{self.file}: {label}: {(text or b'').decode(errors='replace').strip()}")
+            messages.append(f"{file}: {label}: {(text or b'').decode(errors='replace').strip()}")
+
+    return add
 
 
 class Unit:
@@ -215,7 +209,7 @@ class Unit:
         values: Sequence[float],
     ) -> None:
         self._file = file
-        self._log = log = _Log(str(file))
+        self._messages: deque[str] = deque(maxlen=_KEPT)
         about = file.about
         self._three = about["fmi"] == 3
         name = "fmi3" if self._three else "fmi2"
@@ -226,14 +220,17 @@ class Unit:
                 guid=about["token"], modelIdentifier=about["identifier"], unzipDirectory=folder, instanceName=str(file)
             )
             self._fmu = made
-            self._instantiate(module, log)
+            self._instantiate(module, _log(str(file), self._messages))
         except RigError:
             raise
         except Exception as error:  # fmpy raises Exception itself
             raise self._lost(f"cannot be instantiated: {error}") from None
         self._end = weakref.finalize(self, _free, made)
         dll = made.dll
-        kind = "Float64" if self._three else "Real"
+        kind, state = ("Float64", "FMUState") if self._three else ("Real", "FMUstate")
+        self._keep, self._back, self._drop, self._assign = (
+            getattr(made, call) for call in (f"get{state}", f"set{state}", f"free{state}", f"set{kind}")
+        )
         self._set, self._get = (getattr(dll, f"{name}{verb}{kind}") for verb in ("Set", "Get"))
         self._do = getattr(dll, f"{name}DoStep")
         self._name, self._component = name, made.component
@@ -242,16 +239,16 @@ class Unit:
         self._out = (references * len(outputs))(*outputs), len(outputs), (ctypes.c_double * len(outputs))()
         self._parameters, self._values = tuple(parameters), tuple(values)
         self._flags: list[Any] = [ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool(), ctypes.c_double()]
-        self._more = [ctypes.byref(one) for one in self._flags] if self._three else []
+        self._more = [ctypes.byref(flag) for flag in self._flags] if self._three else []
         self._sizes: tuple[int, ...] = (len(inputs),) if self._three else ()
         self._out_sizes: tuple[int, ...] = (len(outputs),) if self._three else ()
 
-    def _instantiate(self, module: Any, log: _Log) -> None:
+    def _instantiate(self, module: Any, log: Callable[[int, bytes | None], None]) -> None:
         if self._three:
-            self._fmu.instantiate(loggingOn=True, logMessage=lambda _, status, category, text: log.add(status, text))
+            self._fmu.instantiate(loggingOn=True, logMessage=lambda _, status, category, text: log(status, text))
             return
         callbacks = module.fmi2CallbackFunctions()
-        callbacks.logger = module.fmi2CallbackLoggerTYPE(lambda _, name, status, category, text: log.add(status, text))
+        callbacks.logger = module.fmi2CallbackLoggerTYPE(lambda _, name, status, category, text: log(status, text))
         callbacks.allocateMemory = module.fmi2CallbackAllocateMemoryTYPE(module.calloc)
         callbacks.freeMemory = module.fmi2CallbackFreeMemoryTYPE(module.free)
         module.addLoggerProxy(ctypes.byref(callbacks))
@@ -259,28 +256,20 @@ class Unit:
 
     def begin(self, t: float) -> None:
         """Initialise at time t [s] with the parameters."""
-        try:
-            if self._three:
-                self._assign(self._parameters, self._values)
-                self._fmu.enterInitializationMode(startTime=t)
-            else:
-                self._fmu.setupExperiment(startTime=t)
-                self._assign(self._parameters, self._values)
-                self._fmu.enterInitializationMode()
+        with self._losing("cannot be initialised"):
+            begin = {"startTime": t}
+            if not self._three:
+                self._fmu.setupExperiment(**begin)
+            if self._parameters:
+                self._assign(list(self._parameters), list(self._values))
+            self._fmu.enterInitializationMode(**begin if self._three else {})
             self._fmu.exitInitializationMode()
-        except Exception as error:
-            raise self._lost(f"cannot be initialised: {error}") from None
-
-    def _assign(self, references: Sequence[int], values: Sequence[float]) -> None:
-        if references:
-            (self._fmu.setFloat64 if self._three else self._fmu.setReal)(list(references), list(values))
 
     def assign(self, references: Sequence[int], values: Sequence[float]) -> None:
         """Set tunable parameters between two steps."""
-        try:
-            self._assign(references, values)
-        except Exception as error:
-            raise self._lost(f"refuses its parameters: {error}") from None
+        with self._losing("refuses its parameters"):
+            if references:
+                self._assign(list(references), list(values))
 
     def step(self, t: float, h: float, values: Sequence[float] | None) -> list[float]:
         """The outputs after a step of h [s] from time t [s] with these inputs; None: with those of the last step."""
@@ -305,27 +294,30 @@ class Unit:
 
     def keep(self) -> Any:
         """The state of the FMU, for `back`; `drop` frees its memory."""
-        try:
-            return self._fmu.getFMUState() if self._three else self._fmu.getFMUstate()
-        except Exception as error:
-            raise self._lost(f"does not return its state: {error}") from None
+        with self._losing("does not return its state"):
+            return self._keep()
 
     def back(self, kept: Any) -> None:
         """Return to a state of this instance."""
-        try:
-            (self._fmu.setFMUState if self._three else self._fmu.setFMUstate)(kept)
-        except Exception as error:
-            raise self._lost(f"does not take its state back: {error}") from None
+        with self._losing("does not take its state back"):
+            self._back(kept)
 
     def drop(self, kept: Any) -> None:
         """Free the memory of a state."""
-        (self._fmu.freeFMUState if self._three else self._fmu.freeFMUstate)(kept)
+        self._drop(kept)
 
     def take_messages(self) -> list[str]:
         """Warnings and errors of its log since the last call."""
-        found = list(self._log.messages)
-        self._log.messages.clear()
-        return found
+        messages = list(self._messages)
+        self._messages.clear()
+        return messages
+
+    @contextmanager
+    def _losing(self, why: str) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:  # fmpy raises Exception itself
+            raise self._lost(f"{why}: {error}") from None
 
     def _lost(self, why: str) -> ControllerLost:
         said = "; ".join(text.removeprefix(f"{self._file}: ") for text in self.take_messages())

@@ -1,21 +1,16 @@
 """A controller with compiled `update`: the same answers as in Python, to the last bit.
 
-The translation (`translate`) is compiled without fused or reordered operations, so it rounds as Python does. If Python
-would raise an exception, or a value is not finite, the compiled code declines and changes nothing; the caller then
-calls the controller itself. Before the compiled code is used, it has to reproduce answers of the controller.
+The `update` of a controller is translated to plain functions of numbers, for a compiler without objects. Attributes of
+the controller become words of one array, integers and floating-point numbers; `words` reads them whenever they may have
+changed. Properties on which the text depends, such as the length of a tuple, a path that is None or the method of a
+name, are `facts`: the text is valid for every controller with equal facts, and conditions that follow from them are
+resolved. Called methods and functions are translated too. `Untranslatable` states what has no translation; the
+controller then runs in Python, only slower.
 
-Translates the body of one method or function for the compiler: numbers by index, calls by name, without objects.
-
-Raises Untranslatable for code without a translation. Conditions that are known during the translation are resolved.
-
-Translates the `update` of a controller to plain functions of numbers, for a compiler without objects.
-
-Attributes of the controller become words of one array, integers and floating-point numbers; `words` reads them whenever
-they may have changed. Properties on which the text depends, such as the length of a tuple, a path that is None or the
-method of a name, are `facts`: the text is valid for every controller with equal facts. Called methods and functions are
-translated too. `Untranslatable` states what has no translation; the controller then runs in Python, only slower.
-
-Operations that a compiler rounds differently are not translated: powers, `sum` (compensated in newer Python), `hypot`.
+The translation is compiled without fused or reordered operations, so it rounds as Python does. Operations that a
+compiler rounds differently are not translated: powers, `sum` (compensated in newer Python), `hypot`. If Python would
+raise an exception, or a value is not finite, the compiled code declines and changes nothing; the caller then calls the
+controller itself. Before the compiled code is used, it has to reproduce answers of the controller.
 """
 
 from __future__ import annotations
@@ -28,12 +23,13 @@ import math
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import count
 from types import FunctionType, MethodType, ModuleType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import carray, types  # type: ignore[attr-defined]
 from numba import typeof as _typeof
-from numba import types
 
 from rig.compiled.kernel import announce_compiling, as_python, called_by_address
 from rig.controllers.blocks.base import Controller, State, Values, gets_every_sample
@@ -55,28 +51,12 @@ class Untranslatable(Exception):
     """The code has no translation."""
 
 
-class Whole(Protocol):
-    """The translation of a controller, of which a body is one part."""
-
-    names: dict[str, Any]
-
-    def look(self, path: Path) -> Any:
-        """The object at a path, on which the text then depends."""
-
-    def place(self, path: Path, size: int) -> int:
-        """The index of the first word of the number at a path."""
-
-    def function(self, function: Any, owner: Path | None) -> str:
-        """The name of a translated function, or of a method of the object at `owner`."""
-
-    def object(self, path: Path) -> Any:
-        """The object at a path."""
-
-
 class Body(ast.NodeTransformer):
     """The text of one function: it reads attributes of its object as words and calls functions by name."""
 
-    def __init__(self, whole: Whole, function: FunctionType, own: str, owner: Path, stores: Counter[str]) -> None:
+    def __init__(
+        self, whole: _Translation, function: FunctionType, own: str, owner: Path, stores: Counter[str]
+    ) -> None:
         """`stores`: arguments and local names, and how often each gets a value."""
         if "_r" in stores or "_i" in stores:
             raise Untranslatable("a name that the text itself needs")
@@ -170,7 +150,7 @@ class Body(ast.NodeTransformer):
         if path is not None:
             called = self.whole.look(path)
             if isinstance(called, MethodType):
-                if called.__self__ is not self.whole.object(path[:-1]):
+                if called.__self__ is not at_path(self.whole.root, path[:-1]):
                     raise Untranslatable(f"{'.'.join(path)} is bound to something else")
                 called, owner = called.__func__, path[:-1]
         elif isinstance(node.func, ast.Name) and node.func.id not in self.local:
@@ -196,7 +176,7 @@ class Body(ast.NodeTransformer):
             given = {**record._field_defaults, **dict(zip(record._fields, made.args))}  # type: ignore[attr-defined]
             given |= {word.arg: word.value for word in made.keywords}
             entries = [given[field] for field in record._fields]  # type: ignore[attr-defined]
-            made.args = [one if isinstance(one, ast.expr) else ast.Constant(one) for one in entries]
+            made.args = [entry if isinstance(entry, ast.expr) else ast.Constant(entry) for entry in entries]
             made.keywords = []
         return made
 
@@ -207,8 +187,8 @@ class Body(ast.NodeTransformer):
             raise Untranslatable("a comprehension with conditions")
         call = over.iter
         zipped = isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "zip"
-        sources = [self.visit(one) for one in (call.args if zipped and isinstance(call, ast.Call) else [call])]
-        lengths = {len(one.elts) for one in sources if isinstance(one, ast.Tuple)}
+        sources = [self.visit(source) for source in (call.args if zipped and isinstance(call, ast.Call) else [call])]
+        lengths = {len(source.elts) for source in sources if isinstance(source, ast.Tuple)}
         if len(lengths) != 1:
             raise Untranslatable("a comprehension over what has no known length")
         targets = list(over.target.elts) if zipped and isinstance(over.target, ast.Tuple) else [over.target]
@@ -217,8 +197,8 @@ class Body(ast.NodeTransformer):
         entries = []
         for k in range(lengths.pop()):
             each = [
-                one.elts[k] if isinstance(one, ast.Tuple) else ast.Subscript(one, ast.Constant(k), ast.Load())
-                for one in sources
+                source.elts[k] if isinstance(source, ast.Tuple) else ast.Subscript(source, ast.Constant(k), ast.Load())
+                for source in sources
             ]
             self.bound.append(
                 {target.id: value for target, value in zip(targets, each) if isinstance(target, ast.Name)}
@@ -227,9 +207,7 @@ class Body(ast.NodeTransformer):
             self.bound.pop()
         return ast.Tuple(entries, ast.Load())
 
-    def visit_GeneratorExp(self, node: ast.GeneratorExp) -> ast.AST:
-        """A generator expression, translated as a list comprehension."""
-        return self.visit_ListComp(node)
+    visit_GeneratorExp = visit_ListComp  # noqa: N815 (named by ast)
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST | None:
         """An assignment; a local name for a part of the object represents that path afterwards."""
@@ -273,17 +251,13 @@ class Body(ast.NodeTransformer):
         """An expression statement; docstrings are dropped."""
         return None if isinstance(node.value, ast.Constant) else self.generic_visit(node)
 
-    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        """A binary operation; powers have no translation."""
+    def visit_BinOp(self, node: ast.BinOp | ast.AugAssign) -> ast.AST:
+        """A binary operation or augmented assignment; powers have no translation."""
         if isinstance(node.op, ast.Pow | ast.MatMult):
             raise Untranslatable("a power")
         return self.generic_visit(node)
 
-    def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
-        """An augmented assignment; powers have no translation."""
-        if isinstance(node.op, ast.Pow | ast.MatMult):
-            raise Untranslatable("a power")
-        return self.generic_visit(node)
+    visit_AugAssign = visit_BinOp  # noqa: N815 (named by ast)
 
     def visit_Compare(self, node: ast.Compare) -> ast.AST:
         """A comparison; one that is known during the translation, such as `self.observer is None`, is resolved."""
@@ -295,7 +269,7 @@ class Body(ast.NodeTransformer):
             return ast.Constant((self.whole.look(path) is None) == isinstance(node.ops[0], ast.Is))
         made = self.generic_visit(node)
         assert isinstance(made, ast.Compare)
-        if all(isinstance(one, ast.Constant) for one in (made.left, *made.comparators)):
+        if all(isinstance(side, ast.Constant) for side in (made.left, *made.comparators)):
             return ast.Constant(bool(eval(ast.unparse(made))))  # of constants
         return made
 
@@ -310,8 +284,8 @@ class Body(ast.NodeTransformer):
         """A condition; of a known one only the branch that is taken."""
         test = self.visit(node.test)
         if isinstance(test, ast.Constant):
-            return [made for one in (node.body if test.value else node.orelse) for made in self.statement(one)]
-        body, other = ([made for one in part for made in self.statement(one)] for part in (node.body, node.orelse))
+            return [made for line in (node.body if test.value else node.orelse) for made in self.statement(line)]
+        body, other = ([made for line in part for made in self.statement(line)] for part in (node.body, node.orelse))
         return ast.If(test, body or [ast.Pass()], other)
 
     def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
@@ -343,7 +317,7 @@ class Translated(NamedTuple):
     facts: tuple[tuple[Path, Any], ...]
 
 
-def found(root: Any, path: Path) -> Any:
+def at_path(root: Any, path: Path) -> Any:
     """The object at a path."""
     for name in path:
         root = root[int(name)] if name.isdigit() else getattr(root, name)
@@ -363,7 +337,7 @@ def words(root: Any, paths: Sequence[Path]) -> list[float | int]:
     """The present words of a controller."""
     values: list[float | int] = []
     for path in paths:
-        value = found(root, path)
+        value = at_path(root, path)
         values += [value.real, value.imag] if isinstance(value, complex) else [value]
     return values
 
@@ -391,15 +365,11 @@ class _Translation:
     def look(self, path: Path) -> Any:
         """The object at a path, on which the text then depends."""
         try:
-            value = found(self.root, path)
+            value = at_path(self.root, path)
         except Exception as error:
             raise Untranslatable(f"{'.'.join(path)}: {error}") from error
         self.facts[path] = fact(value)
         return value
-
-    def object(self, path: Path) -> Any:
-        """The object at a path."""
-        return found(self.root, path)
 
     def place(self, path: Path, size: int) -> int:
         """The index of the first word of the number at a path."""
@@ -439,7 +409,7 @@ def _assigned(tree: ast.AST) -> list[str]:
     return [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
 
 
-typeof: Any = _typeof
+typeof: Any = _typeof  # without types of its own
 _COMPILED: dict[Any, Any] = {}
 """Code compiled in this process: (update function, facts, type of the state) -> code, or None if compiling failed."""
 
@@ -454,13 +424,16 @@ class Native:
     def __init__(self, controller: Controller, state: State) -> None:
         if gets_every_sample(controller):
             raise Untranslatable("it gets every sample of its sensors")
-        self._shape = _Shape(state)
-        self._paths, self._facts, self._code = _compiled_code(controller, state, self._shape)
+        self._like, size = state, sum(1 for _ in _state_words(state))
+        self._paths, self._facts, self._code = _compiled_code(controller, state, size)
         self._first = len(words(controller, self._paths))
-        self.memory = np.zeros(max(self._first + self._shape.size, 1))
+        self.memory = np.zeros(max(self._first + size, 1))
         self._whole = self.memory.view(np.int64)
         self.address: int = self._code.address
         self._controller: Controller | None = None
+        classes: dict[str, Any] = {}
+        text = _expression(state, count(self._first), classes)
+        self._read: Callable[[list[float], list[int]], State] = eval(f"lambda _r, _i: {text}", classes)
         self._call = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 5)(self.address)
 
     def resume(self, controller: Controller, state: State) -> bool:
@@ -470,7 +443,7 @@ class Native:
                 return False
             self._controller = controller
             self._write_words(words(controller, self._paths), 0)
-        if not self._shape.fits(state):
+        if not _equal(self._like, state):
             return False
         self._write_words(_state_words(state), self._first)
         return True
@@ -481,7 +454,7 @@ class Native:
 
     def state(self) -> State:
         """The present state."""
-        return self._shape.built(self.memory, self._whole, self._first)
+        return self._read(self.memory.tolist(), self._whole.tolist())
 
     def reproduces(self, t_ns: int, values: Sequence[float], command: Values, state: State) -> bool:
         """Whether an update with `values` gives this command and state, to the last bit."""
@@ -491,67 +464,32 @@ class Native:
         return bool(answers) and answer.tobytes() == given.tobytes() and repr(self.state()) == repr(state)
 
 
-class _Shape:
-    """The layout of a state in words."""
+def _expression(like: State, at: Iterator[int], names: dict[str, Any]) -> str:
+    """A state such as `like` as an expression of `_r` and `_i`; adds the classes in it to `names`."""
+    if isinstance(like, tuple):
+        entries = "".join(f"{_expression(entry, at, names)}, " for entry in like)
+        if not hasattr(like, "_fields"):
+            return f"({entries})"
+        name = type(like).__name__
+        if names.setdefault(name, type(like)) is not type(like):
+            raise Untranslatable(f"{name} has two meanings")
+        return f"{name}({entries})"
+    if isinstance(like, complex):
+        return f"complex(_r[{next(at)}], _r[{next(at)}])"
+    if isinstance(like, bool):
+        return f"(_i[{next(at)}] != 0)"
+    return f"_i[{next(at)}]" if isinstance(like, int) else f"_r[{next(at)}]"
 
-    def __init__(self, state: State) -> None:
-        self._like = state
-        self.size = sum(1 for _ in _state_words(state))
 
-    def fits(self, state: State) -> bool:
-        """Whether a state has this layout."""
-        return _equal(self._like, state)
-
-    def built(self, real: Any, whole: Any, first: int) -> State:
-        """The state in the words from `first` on."""
-        values = iter(range(first, first + self.size))
-
-        def one(like: Any) -> Any:
-            if isinstance(like, tuple):
-                entries = [one(entry) for entry in like]
-                return type(like)(*entries) if hasattr(like, "_fields") else tuple(entries)
-            if isinstance(like, complex):
-                return complex(real[next(values)], real[next(values)])
-            at = next(values)
-            return type(like)(whole[at]) if isinstance(like, int) else float(real[at])
-
-        return one(self._like)
-
-    def read(self, first: int, names: dict[str, Any]) -> str:
-        """The state as an expression of `_r` and `_i`; adds the classes in it to `names`."""
-        at = iter(range(first, first + self.size))
-
-        def one(like: Any) -> str:
-            if isinstance(like, tuple):
-                entries = "".join(f"{one(entry)}, " for entry in like)
-                if not hasattr(like, "_fields"):
-                    return f"({entries})"
-                name = type(like).__name__
-                if names.setdefault(name, type(like)) is not type(like):
-                    raise Untranslatable(f"{name} has two meanings")
-                return f"{name}({entries})"
-            if isinstance(like, complex):
-                return f"complex(_r[{next(at)}], _r[{next(at)}])"
-            if isinstance(like, bool):
-                return f"(_i[{next(at)}] != 0)"
-            return f"_i[{next(at)}]" if isinstance(like, int) else f"_r[{next(at)}]"
-
-        return one(self._like)
-
-    def words(self, name: str) -> Iterator[tuple[str, bool]]:
-        """Expressions of all words of the state called `name`, and whether each is a number."""
-
-        def one(like: Any, text: str) -> Iterator[tuple[str, bool]]:
-            if isinstance(like, tuple):
-                for k, entry in enumerate(like):
-                    yield from one(entry, f"{text}[{k}]")
-            elif isinstance(like, complex):
-                yield f"{text}.real", True
-                yield f"{text}.imag", True
-            else:
-                yield text, not isinstance(like, int)
-
-        return one(self._like, name)
+def _word_texts(like: State, text: str) -> Iterator[tuple[str, bool]]:
+    """Expressions of all words of the state called `text`, and whether each is a number."""
+    if isinstance(like, tuple):
+        for k, entry in enumerate(like):
+            yield from _word_texts(entry, f"{text}[{k}]")
+    elif isinstance(like, complex):
+        yield from ((f"{text}.real", True), (f"{text}.imag", True))
+    else:
+        yield text, not isinstance(like, int)
 
 
 def _state_words(state: State) -> Iterator[float | int]:
@@ -572,7 +510,7 @@ def _equal(a: State, b: State) -> bool:
     return not isinstance(a, tuple) or (len(a) == len(b) and all(map(_equal, a, b)))
 
 
-def _compiled_code(controller: Any, state: State, shape: _Shape) -> tuple[Any, Any, Any]:
+def _compiled_code(controller: Any, state: State, size: int) -> tuple[Any, Any, Any]:
     """Paths of the words, facts on which the code depends, compiled code."""
     key = type(controller).update, typeof(state)
     for paths, facts, code in _COMPILED.setdefault(key, []):
@@ -583,7 +521,7 @@ def _compiled_code(controller: Any, state: State, shape: _Shape) -> tuple[Any, A
     translated = translate(controller)
     try:
         with announce_compiling(f"controllers of class {type(controller).__name__}"):
-            code = _compiled(controller, translated, state, shape)
+            code = _compiled(controller, translated, state, size)
     except Exception as error:
         _COMPILED[key].append((translated.paths, translated.facts, None))
         raise Untranslatable(str(error).partition("\n")[0]) from error
@@ -593,15 +531,14 @@ def _compiled_code(controller: Any, state: State, shape: _Shape) -> tuple[Any, A
 
 def _holds(controller: Any, path: tuple[str, ...], expected: Any) -> bool:
     try:
-        return bool(fact(found(controller, path)) == expected)
+        return bool(fact(at_path(controller, path)) == expected)
     except (AttributeError, IndexError):
         return False
 
 
-def _compiled(controller: Any, translated: Translated, state: State, shape: _Shape) -> Any:
+def _compiled(controller: Any, translated: Translated, state: State, size: int) -> Any:
     names: dict[str, Any] = {**translated.names}
-    first = len(words(controller, translated.paths))
-    entry = _wrapped(controller, translated, shape, first, names)
+    entry = _wrapped(controller, translated, state, size, names)
     for name, text in translated.functions.items():
         exec(text, names)
         names[name] = as_python(names[name])
@@ -619,16 +556,14 @@ def _compiled(controller: Any, translated: Translated, state: State, shape: _Sha
     return called_by_address(names["answer"])
 
 
-def _wrapped(controller: Any, translated: Translated, shape: _Shape, first: int, names: dict[str, Any]) -> str:
+def _wrapped(controller: Any, translated: Translated, state: State, size: int, names: dict[str, Any]) -> str:
     """The source text of `answer`: it reads measurements and state, and writes command and state if both are finite."""
-    from numba import carray  # type: ignore[attr-defined]
-
-    reads, drives = len(controller.reads), len(controller.drives)
+    first, reads, drives = len(words(controller, translated.paths)), len(controller.reads), len(controller.drives)
     names |= {"carray": carray, "isfinite": math.isfinite, "isnan": math.isnan, "int64": np.int64}
     update = next(reversed(translated.functions))
     measured = "".join(f"_h[{k}], " for k in range(reads))
     lines = [
-        f"_r = carray(memory, ({max(first + shape.size, 1)},))",
+        f"_r = carray(memory, ({max(first + size, 1)},))",
         "_i = _r.view(int64)",
         f"_h = carray(heard, ({max(reads, 1)},))",
         f"_c = carray(command, ({drives},))",
@@ -636,12 +571,12 @@ def _wrapped(controller: Any, translated: Translated, shape: _Shape, first: int,
         "    if not isfinite(_h[k]):",
         "        return 0",
         "try:",
-        f"    made = {update}(_r, _i, {shape.read(first, names)}, t_ns, ({measured}))",
+        f"    made = {update}(_r, _i, {_expression(state, count(first), names)}, t_ns, ({measured}))",
         "except Exception:",
         "    return 0",
         "state, given = made",
     ]
-    words_out = list(shape.words("state"))
+    words_out = list(_word_texts(state, "state"))
     for text in [f"isnan({text})" for text, real in words_out if real] + [
         f"not isfinite(given[{k}])" for k in range(drives)
     ]:
