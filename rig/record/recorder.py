@@ -3,8 +3,8 @@
 Messages wait in a deep ring buffer outside of Python, so that a slow disk first uses memory and only then loses
 messages, which are counted. The threads of the bus, which fill it, have priority over other programs; the writing
 thread has a lower one. Nothing else grows with the length of the recording: the process needs 300 MB at most. A
-plant without a pace waits before the ring overflows (rig.bench.live.waiting): the recorder reports its progress. The
-file is finished when the plant leaves, or on a signal to stop.
+plant without a pace waits before the ring overflows (rig.bench.live.housekeeping): the recorder reports its progress.
+The file is finished when the plant leaves, or on a signal to stop.
 
 Losses of messages by sender: what each states to have sent, against what was received from it.
 

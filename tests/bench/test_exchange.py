@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 import rig
 from rig.bench.run.command_queue import CLAMPED, SAFE
-from rig.bench.run.exchange import Exchange
+from rig.bench.run.exchange import Exchange, Playback
 from rig.bench.run.journal import Journal
-from rig.bench.run.playback import Playback
 from rig.errors import UsageError
 from rig.scenes.protocol import STEPS
 

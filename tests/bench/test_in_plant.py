@@ -8,7 +8,7 @@ import pytest
 from twin import Twin
 
 from rig import controllers, scenes
-from rig.bench.live import waiting
+from rig.bench.live import asked_controllers
 from rig.bench.live.outcome import Job
 from rig.bench.live.plant import Plant
 from rig.bench.run.simulate import simulate
@@ -125,7 +125,7 @@ def test_in_lockstep_so_are_those_of_one_there_and_one_in_its_own_process(inside
 
 def test_a_second_answer_to_a_step_that_was_sent_again_is_no_command(monkeypatch):
     """Of a controller that is not due in every frame it would come between two of its ticks."""
-    monkeypatch.setattr(waiting, "AGAIN", 1e-5)
+    monkeypatch.setattr(asked_controllers, "AGAIN", 1e-5)
     scene = two(nf="plant")
     same_bits(Ran(scene, pace=None, duration=0.6), in_one_process(scene, 0.6))
 

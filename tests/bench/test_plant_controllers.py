@@ -31,7 +31,7 @@ def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene):
 
 
 def test_a_controller_that_hangs_is_evicted_from_lockstep(scene, monkeypatch):
-    monkeypatch.setattr("rig.bench.live.waiting.EVICTED", 0.3)
+    monkeypatch.setattr("rig.bench.live.asked_controllers.EVICTED", 0.3)
     with Bench(scene, pace=None, duration=0.2, expect=(("controller", "nf"),)) as bench:
         hung = bench.twin.open("controller", "nf")
         hung.announce()

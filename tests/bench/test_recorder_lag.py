@@ -8,7 +8,7 @@ from plant_in_thread import Bench
 
 import rig
 from rig import scenes
-from rig.bench.live import waiting
+from rig.bench.live import housekeeping
 from rig.record import recorder as recorders
 from rig.record.writer import Writer
 
@@ -34,7 +34,7 @@ def recorded(bench, path, writer):
 
     def run():
         described = recorders.run_setup.fetch(session, 5.0)
-        heard = session.subscribe("**", depth=waiting.WAITING)
+        heard = session.subscribe("**", depth=housekeeping.WAITING)
         plant = session.watch("plant/*")
         plant.wait_for("plant", "plant", 5.0)
         made = writer(path, described, "recorded", True)
@@ -48,8 +48,8 @@ def recorded(bench, path, writer):
 
 
 def test_a_free_run_waits_for_a_recorder_with_a_slow_disk(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(waiting, "WAITING", 20)
-    monkeypatch.setattr(waiting, "MOST_WAITING", 8)
+    monkeypatch.setattr(housekeeping, "WAITING", 20)
+    monkeypatch.setattr(housekeeping, "MOST_WAITING", 8)
     monkeypatch.setattr(recorders, "TURN", 200)
     monkeypatch.setattr(recorders, "TELL_S", 0.02)
     lines = []
@@ -66,8 +66,8 @@ def test_a_free_run_waits_for_a_recorder_with_a_slow_disk(scene, tmp_path, monke
 
 
 def test_a_recorder_that_hangs_is_not_waited_for_for_long(scene, monkeypatch):
-    monkeypatch.setattr(waiting, "MOST_WAITING", 5)
-    monkeypatch.setattr(waiting, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(housekeeping, "MOST_WAITING", 5)
+    monkeypatch.setattr(housekeeping, "PATIENCE_S", 0.2)
     monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.2)
     lines = []
     with Bench(scene, pace=None, duration=10.0, expect=(("recorder", "recorder"),)) as bench:
@@ -80,7 +80,7 @@ def test_a_recorder_that_hangs_is_not_waited_for_for_long(scene, monkeypatch):
 
 
 def test_a_run_that_is_stopped_does_not_wait_for_its_recorder(scene, monkeypatch):
-    monkeypatch.setattr(waiting, "MOST_WAITING", 5)
+    monkeypatch.setattr(housekeeping, "MOST_WAITING", 5)
     monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.2)
     lines = []
     with Bench(scene, pace=None, duration=1e4, expect=(("recorder", "recorder"),)) as bench:

@@ -11,9 +11,8 @@ import pytest
 import rig
 from rig.bench.again.verify import verify
 from rig.bench.run.builds import Builds, CommandedRigs
-from rig.bench.run.exchange import Exchange
+from rig.bench.run.exchange import Exchange, Playback
 from rig.bench.run.journal import Journal
-from rig.bench.run.playback import Playback
 from rig.bench.run.rig_variants import Wanted
 from rig.bench.run.runner import PlantRunner
 from rig.bench.run.simulate import Recorded, simulate

@@ -8,8 +8,8 @@ from twin import Twin
 from rig import controllers
 from rig.bench.live.outcome import Job
 from rig.bench.live.plant import Plant
+from rig.bench.run.exchange import Playback
 from rig.bench.run.experiment import Experiment
-from rig.bench.run.playback import Playback
 from rig.bench.run.runner import PlantRunner
 from rig.bus import messages
 from rig.bus.run_setup import fetch

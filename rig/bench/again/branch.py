@@ -27,11 +27,10 @@ from numpy.typing import NDArray
 from rig import controllers, design
 from rig.bench.again.agreement import ELSEWHERE, agreement, changed_place, duration_ns, pairs, unknown
 from rig.bench.run.builds import GOES_ON, WAITS
-from rig.bench.run.experiment import BRANCH, EMERGENCY, PLANT, Experiment
+from rig.bench.run.experiment import BRANCH, EMERGENCY, PLANT, Experiment, divided
 from rig.bench.run.journal import OPERATOR
 from rig.bench.run.runner import Resumption
 from rig.bench.run.simulate import Recorded, Stop, begun, simulate
-from rig.bench.run.tuning import divided
 from rig.controllers.blocks.base import Controller, retune, tunable
 from rig.errors import LogError, RigError, UsageError
 from rig.record import reader

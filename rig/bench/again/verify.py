@@ -45,8 +45,7 @@ from rig.bench.again.agreement import (
 )
 from rig.bench.again.branch import history_end, recorded_scene
 from rig.bench.run.command_queue import AS_SENT, CLAMPED, SAFE
-from rig.bench.run.experiment import EMERGENCY, PLANT
-from rig.bench.run.faults import FAULT
+from rig.bench.run.experiment import EMERGENCY, FAULT, PLANT
 from rig.bench.run.local_controllers import LOST
 from rig.bench.run.simulate import Recorded, Tell, simulate
 from rig.bus.impaired_link import ImpairedLink

@@ -4,10 +4,9 @@ supervise             starts, observes and ends the processes of one run; outcom
 plant_process         the process of the plant
 plant                 the plant of a live run, paced or in lockstep, from its parts to its summary
 hub                   publishes what happens, in blocks and batches; receives the commands of controllers
-controllers_in_plant  controllers that work in the plant process
+asked_controllers     controllers that the plant asks: in its process, in lockstep in others
 operator_commands     what other processes can do to a running plant
-housekeeping          presence, health, skipped time
-waiting               lockstep with controllers; a plant without a pace waits for its recorders
+housekeeping          presence, health, skipped time; a plant without a pace waits for its recorders
 pace, timing          the pace of the wall clock; lateness, and the timing verdict
 rehearsal             simulates the protocol before a paced run, so that nothing is compiled or built during it
 status                progress line and summary

@@ -10,7 +10,8 @@ A frame of a paced run            A frame in lockstep
 
 In lockstep plant and controllers work one after the other, so that a tick takes the time of all that both do for it.
 Therefore the plant looks at operators, presence of processes and events only when the protocol has something to do,
-after an event, and every `LOOK_NS`. Meanwhile the compiled loop asks the controllers (rig.bench.live.waiting).
+after an event, and every `LOOK_NS`. Meanwhile the compiled loop asks the controllers
+(rig.bench.live.asked_controllers).
 
 If a controller dies, its last command is held, then its actuators take their safe values; the plant continues. If the
 integration must stop, an event states where and why, and the recording is kept.
@@ -38,14 +39,13 @@ from typing import Any
 
 from rig import design
 from rig.bench.live import pace
-from rig.bench.live.controllers_in_plant import ControllersInPlant
-from rig.bench.live.housekeeping import Housekeeper
+from rig.bench.live.asked_controllers import ControllersInPlant, Lockstep, Stopped
+from rig.bench.live.housekeeping import Housekeeper, RecorderLag
 from rig.bench.live.hub import Hub, missing
 from rig.bench.live.operator_commands import Operator
 from rig.bench.live.outcome import Job, called
 from rig.bench.live.pace import FrameBatches, length
 from rig.bench.live.timing import Timing, TimingVerdict
-from rig.bench.live.waiting import Lockstep, RecorderLag, Stopped
 from rig.bench.run.builds import CommandedRigs, PreparedRigs
 from rig.bench.run.experiment import BEGIN, Experiment
 from rig.bench.run.runner import PlantRunner

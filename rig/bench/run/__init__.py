@@ -4,12 +4,12 @@ runner                plant and sensors of a scene, stepped frame by frame; the 
 plant_truth           what it collects: outputs at every step, mode sets, events, measurements
 experiment            everything that happens at a tick between measurement and integration
 protocol              the steps of an experiment, due at ticks or after a condition
-exchange              commands: taken over, held, clamped, refused, replaced by safe values
-command_queue         the commands of one controller; playback: an exchange of recorded commands
+exchange              commands: taken over, held, clamped, refused, replaced by safe values, or played from a recording
+command_queue         the commands of one controller
 local_controllers     controllers that work in this process; compiled_controllers: in the compiled loop
-heard                 what controllers receive over impaired links; faults: of sensors and actuators
-tuning                values that an operator or the protocol changes
-rig_variants          the same rig with other parameters; builds: built in another thread while frames go on
+heard                 what controllers receive over impaired links
+rig_variants          the same rig with other parameters
+builds                a new matrix takes time: rigs are built beside the frames, and who waits for them
 before                findings before a run
 journal, audit        the events of a run; which effects changed nothing in it, and which were missing
 checkpoint            the state of plant and instruments, kept in the recording

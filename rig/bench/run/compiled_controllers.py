@@ -13,9 +13,9 @@ from math import inf, nan
 from typing import Any, NamedTuple
 
 from rig.bench.run.command_queue import AS_SENT, SAFE, CommandQueue
+from rig.bench.run.exchange import Playback, PlayedCommands
 from rig.bench.run.experiment import Experiment
 from rig.bench.run.local_controllers import ControllerInProcess
-from rig.bench.run.playback import Playback, PlayedCommands
 from rig.controllers.runtime.native import Native
 from rig.solve.control_loop import ANSWERED, AS, COUNT, DUE, NOW, ROWS, UNUSUAL
 

@@ -12,7 +12,8 @@
 The protocol sets values too. A controller that commands an actuator overrules the protocol; the value of the protocol
 returns when the controller is disconnected.
 
-Actuators as commands reach them: their ranges, and the values that the protocol sets for them.
+In a re-simulation recorded commands take effect at the same ticks with the same values (`Playback`). Commands are
+recorded as they were asked for; what a faulty actuator makes of them is repeated with the scene.
 """
 
 from __future__ import annotations
@@ -21,36 +22,24 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from math import ceil, isfinite, nan
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from rig.bench.run.command_queue import AS_SENT, CLAMPED, SAFE, CommandQueue
 from rig.bench.run.journal import Journal
 from rig.bus import topics
 from rig.bus.impaired_link import ImpairedLink
-from rig.errors import UsageError
+from rig.errors import LogError, UsageError
 from rig.model.assembly import Input
+from rig.record.run import Commands
+from rig.scenes.part_faults import ActuatorFault, Jam
+from rig.solve.control_loop import ROWS
 from rig.units import brief
 
 if TYPE_CHECKING:
     from rig.bench.run.builds import CommandedRigs
-
-
-class Actuators(Protocol):
-    """The part of the plant runner that commands reach."""
-
-    @property
-    def tick(self) -> int:
-        """The present tick."""
-
-    @property
-    def inputs(self) -> Mapping[str, Input]:
-        """Actuators with unit, range and safe value."""
-
-    def apply(self, name: str, value: float) -> None:
-        """Set an actuator to a value at the present tick."""
-
-    def ramp(self, name: str, to: float, ticks: int) -> None:
-        """Move an actuator linearly to a value within whole ticks."""
+    from rig.bench.run.runner import PlantRunner
 
 
 def in_range(inputs: Mapping[str, Input], drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
@@ -65,7 +54,7 @@ def in_range(inputs: Mapping[str, Input], drives: Sequence[str], values: Sequenc
 class ProtocolValues:
     """The value that the protocol sets for each actuator, also while a controller drives the actuator."""
 
-    def __init__(self, runner: Actuators) -> None:
+    def __init__(self, runner: PlantRunner) -> None:
         self._runner = runner
         self._values = {name: one.value for name, one in runner.inputs.items()}
         self._moves: dict[str, tuple[float, float, int, int]] = {}
@@ -117,7 +106,7 @@ class Exchange:
 
     def __init__(
         self,
-        runner: Actuators,
+        runner: PlantRunner,
         frame_ns: int,
         hold: int,
         journal: Journal,
@@ -129,8 +118,8 @@ class Exchange:
         self.refused: dict[str, int] = {}
         """Senders without a queue, and how often they were refused."""
         self._runner, self._frame_ns, self._hold = runner, frame_ns, hold
-        self.faulty: Mapping[str, object] = {}
-        """Actuators that are faulty at this tick."""
+        self.faulty: dict[str, ActuatorFault] = {}
+        """Actuators that are faulty at this tick, with their faults."""
         self.links = links
         """Controller -> the link of its commands, for those whose link is impaired."""
         self.journal = journal
@@ -300,7 +289,7 @@ class Exchange:
         for drive, value in zip(queue.drives, values):
             if in_force.get(drive) != value:
                 in_force[drive] = value
-                self._runner.apply(drive, value)
+                self._apply(drive, value)
         queue.keep(tick)
 
     def _without_gaps(self, queue: CommandQueue, given: Sequence[float]) -> Sequence[float]:
@@ -333,15 +322,34 @@ class Exchange:
         if not self._overruled(name):
             self._ramp(name, to, ticks)
 
-    def renew(self, name: str) -> None:
-        """Ask an actuator again for the value that is in force, because it became faulty or sound."""
+    def switch_fault(self, fault: ActuatorFault, begins: bool) -> None:
+        """From this tick on an actuator is faulty or, if not `begins`, sound again."""
+        name = fault.actuator
+        if not begins:
+            del self.faulty[name]
+        elif isinstance(fault, Jam):
+            self._runner.apply(name, self._runner.reached(name))
+        if begins:
+            self.faulty[name] = fault
         value = self.in_force.get(name, self._runner.inputs[name].value)
         if isfinite(value):
-            self._runner.apply(name, value)
+            self._apply(name, value)
             return
-        self._runner.apply(name, self._protocol.now(name))
+        self._apply(name, self._protocol.now(name))
         if (rest := self._protocol.rest_of_move(name)) is not None:
-            self._runner.ramp(name, *rest)
+            self._apply(name, *rest)
+
+    def _apply(self, name: str, value: float, ticks: int = 0) -> None:
+        """Bring an actuator to a value, at once or linearly within `ticks`, as far as its fault allows."""
+        fault = self.faulty.get(name)
+        if isinstance(fault, Jam):
+            return
+        if fault is not None:
+            value = in_range(self._runner.inputs, [name], [fault.factor * value])[0]
+        if ticks:
+            self._runner.ramp(name, value, ticks)
+        else:
+            self._runner.apply(name, value)
 
     def connect(self, name: str, on: bool) -> None:
         """Connect a controller to its actuators from this tick on, or disconnect it."""
@@ -394,14 +402,14 @@ class Exchange:
     def _write(self, name: str, value: float) -> None:
         if self.in_force.get(name) != value:
             self.in_force[name] = value
-            self._runner.apply(name, value)
+            self._apply(name, value)
 
     def _ramp(self, name: str, to: float, ticks: int) -> None:
         self._steps[name] = self._runner.tick + 1
         if self._runner.inputs[name].slope:
             self._steps[name] = self._runner.tick + ticks
             self.in_force[name] = nan
-            self._runner.ramp(name, to, ticks)
+            self._apply(name, to, ticks)
 
     def _next_step(self) -> int | None:
         return max(min(self._steps.values()), self._runner.tick + 1) if self._steps else None
@@ -417,5 +425,102 @@ class Exchange:
 
     def counters(self) -> dict[str, dict[str, Any]]:
         """Return the counts of each controller; unknown senders are under "refused"."""
-        found: dict[str, dict[str, Any]] = {name: asdict(queue.counts) for name, queue in self.all_queues.items()}
-        return found | ({"refused": dict(self.refused)} if self.refused else {})
+        counts: dict[str, dict[str, Any]] = {name: asdict(queue.counts) for name, queue in self.all_queues.items()}
+        return counts | ({"refused": dict(self.refused)} if self.refused else {})
+
+
+class PlayedCommands:
+    """The recorded commands of one controller; the first `done` of them have taken effect."""
+
+    def __init__(self, commands: Commands) -> None:
+        self.commands, self.done = commands, 0
+        self._ticks = commands.tick.tolist()
+
+    def due(self, ahead: int = 0) -> int | None:
+        """The tick of the next command, or of the one `ahead` commands later; None if there is none."""
+        at = self.done + ahead
+        return self._ticks[at] if at < len(self._ticks) else None
+
+
+class Playback(Exchange):
+    """An exchange that plays recorded commands and ignores controllers, up to tick `end` if it is not None.
+
+    From `end` on it is an `Exchange`.
+    """
+
+    end: int | None = None
+    played: Mapping[str, PlayedCommands] = {}
+
+    def play(self, recorded: Mapping[str, Commands], end: int | None = None) -> None:
+        """Take the commands of each controller before tick `end` from a recording; all without `end`."""
+        self.end = end
+        readable = [(name, found) for name, found in recorded.items() if found.tick.size]  # damage may leave none
+        self.played = {name: PlayedCommands(_before(end, found)) for name, found in readable}
+        for queue in self.queues.values():
+            self._fits(queue)
+
+    def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> CommandQueue:
+        """See `Exchange.admit`. Raises LogError if the recorded commands have another number of values."""
+        queue = super().admit(name, drives, period_ns, delay_ns)
+        self._fits(queue)
+        return queue
+
+    def _fits(self, queue: CommandQueue) -> None:
+        if (played := self.played.get(queue.name)) is not None:
+            if (width := played.commands.values.shape[1]) != len(queue.drives):
+                raise LogError(f"the recorded commands of {queue.name} have {width} values, its actuators are "
+                               f"{', '.join(queue.drives)}")  # fmt: skip
+
+    @property
+    def plays(self) -> bool:
+        """Whether commands come from the recording at this tick."""
+        return self.end is None or self._runner.tick < self.end
+
+    def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
+        """Take a command that takes effect at `end` or later; the recording has those before."""
+        if self.end is None:
+            return
+        queue = self.queues[sender]
+        due = answered + queue.delay
+        if due >= self.end:
+            super().receive(sender, answered, values)
+        elif queue.link is not None and len(values) == len(queue.drives) and queue.connected:
+            queue.put(due, answered, values, due)
+            while queue.queue and queue.queue[0][0] < self.end:  # the recording has it
+                queue.queue.popleft()
+
+    def until(self, but: Collection[str] = ()) -> int | None:
+        """The tick of the next recorded command; None if there is none.
+
+        Ignores controllers whose admission is not in the recording. For the controllers in `but`, which the compiled
+        loop handles, it is the tick of the first command that exceeds the loop's capacity.
+        """
+        if not self.plays:
+            return super().until(but)
+        due = [] if (step := self._next_step()) is None else [step]
+        played = [(name, one) for name, one in self.played.items() if name in self.queues]
+        ticks = [one.due(ROWS if name in but else 0) for name, one in played]
+        return min([*due, *(tick for tick in ticks if tick is not None)], default=None)
+
+    def take_over(self) -> list[CommandQueue]:
+        """Put into force the recorded commands of this tick; from `end` on those that controllers have sent."""
+        if not self.plays:
+            return super().take_over()
+        tick, changed = self._runner.tick, self._changed
+        changed.clear()
+        for queue in self._order:
+            one = self.played.get(queue.name)
+            while one is not None and (due := one.due()) is not None and due <= tick:
+                _, answered, status, values = (column[one.done].tolist() for column in one.commands)
+                self.impose(queue, answered, status, tuple(values))
+                one.done += 1
+                changed.append(queue)
+        if self._steps:
+            self._step()
+        return changed
+
+
+def _before(end: int | None, found: Commands) -> Commands:
+    """The commands before tick `end`; all of them without it."""
+    count = found.tick.size if end is None else int(np.searchsorted(found.tick, end))
+    return Commands(found.tick[:count], found.answered[:count], found.status[:count], found.values[:count])

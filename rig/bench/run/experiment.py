@@ -11,7 +11,8 @@ It is the same in every mode:
 Actions from outside (an operator changes a parameter or knocks, a user's own controller is admitted) are carried out
 between `begin` and `take_over` and recorded with their tick, so that the run can be simulated again.
 
-Actions from outside on an experiment: knocks, and controllers that are connected, admitted or dismissed.
+Actuators and parameters are changed within their allowed ranges (`Tuning`); faults of the scene begin and end at their
+ticks (`FaultTimes`).
 """
 
 from __future__ import annotations
@@ -22,40 +23,170 @@ from typing import Any
 
 import numpy as np
 
+from rig.bench.run import protocol
 from rig.bench.run.before import DelayWarnings
 from rig.bench.run.builds import Builds, PostponedSteps, PreparedRigs
 from rig.bench.run.command_queue import CommandQueue
 from rig.bench.run.exchange import Exchange
-from rig.bench.run.faults import FaultTimes, FaultyActuators
 from rig.bench.run.journal import OPERATOR, Journal
-from rig.bench.run.protocol import (
-    Action,
-    Apply,
-    Change,
-    Finish,
-    Move,
-    Note,
-    Progress,
-    Protocol,
-    Release,
-    Strike,
-    Switch,
-)
 from rig.bench.run.rig_variants import Wanted
 from rig.bench.run.runner import PlantRunner
-from rig.bench.run.tuning import Tuning, divided
 from rig.bus.impaired_link import counters
 from rig.controllers import controller_drives
 from rig.errors import LogError, NumericsError, RigError, UsageError
 from rig.quantities import finite
+from rig.scenes.faults import near, shortened, shown
+from rig.scenes.part_faults import ActuatorFault, PartFault, described
 from rig.scenes.protocol import Connect, flat
 from rig.scenes.scene import Scene
+from rig.scenes.sections import values_of
+from rig.units import si
 
 RUN_DOWN_NS = 500_000_000
 """Time in which the drive stops after a limit has ended the experiment. # chosen"""
 BEGIN, BRANCH, PLANT, EMERGENCY = "begin", "branch", "plant", "emergency"
+FAULT = "fault"
+"""Kind of event that says that a fault begins or is over."""
 
 Retune = Callable[[str, dict[str, Any]], None]
+
+
+class FaultTimes:
+    """The begins and ends of the faults of `scene` that are still to come, in order."""
+
+    def __init__(self, scene: Scene, runner: PlantRunner, journal: Journal) -> None:
+        self._runner, self._journal = runner, journal
+        units = {name: one.unit for name, one in runner.inputs.items()} | dict(
+            zip(runner.bank.names, runner.bank.units)
+        )
+        self._words = {name: described(fault, units[fault.part]) for name, fault in scene.faults.items()}
+        frame = scene.frame_ns
+        found = [(fault.at // frame, 1, name, fault) for name, fault in scene.faults.items()]
+        found += [(fault.end // frame, 0, name, fault) for name, fault in scene.faults.items() if fault.end is not None]
+        self._due: deque[tuple[int, int, str, PartFault]] = deque(sorted(found, key=lambda one: one[:3]))
+
+    @property
+    def next(self) -> int | None:
+        """The tick of the next begin or end; None if none comes any more."""
+        return self._due[0][0] if self._due else None
+
+    def carry_out(self, exchange: Exchange) -> None:
+        """Carry out what is due at this tick: a fault that is over first, then those that begin."""
+        while self._due and self._due[0][0] <= self._runner.tick:
+            _, begins, name, fault = self._due.popleft()
+            words = self._words[name]
+            text = f"{name}: {words}" if begins else f"{name} is over: {fault.part} is sound again"
+            self._journal.note(FAULT, text, fault=name, begins=bool(begins))
+            if isinstance(fault, ActuatorFault):
+                exchange.switch_fault(fault, bool(begins))
+
+    def never(self) -> list[str]:
+        """A line for each fault whose time has not come."""
+        frame, end = self._runner.frame_ns * 1e-9, self._runner.t_ns * 1e-9
+        return [
+            f"faults.{name}.at: {tick * frame:g} s is after the end of the run at {end:g} s, so this fault never acts "
+            f"({self._words[name]}); let it begin earlier or run longer"
+            for tick, begins, name, _ in self._due
+            if begins
+        ]
+
+
+class Tuning:
+    """Changes actuators and parameters of the rig of `runner`, all at one tick; `journal` records the changes."""
+
+    def __init__(self, scene: Scene, runner: PlantRunner, exchange: Exchange, journal: Journal) -> None:
+        self.scene, self.runner, self.exchange, self.journal = scene, runner, exchange, journal
+
+    def wanted(self, changes: Mapping[str, Any]) -> Wanted:
+        """The variant of the rig that `change` needs for these changes. Raises UsageError with all faults.
+
+        This method refuses changes that are not `tunable`. `change` accepts them, because old recordings contain some.
+        """
+        actuators, parameters = self._sorted(changes)
+        tunable = self.tunable()
+        if fixed := [key for key in parameters if key not in tunable]:
+            known = f"what can be tuned: {', '.join(tunable)}"
+            raise UsageError("\n".join([*(f"{key}: is fixed while the rig runs" for key in fixed), known]))
+        return self._wanted(actuators, parameters)
+
+    def needed(self, changes: Mapping[str, Any]) -> Wanted:
+        """Like `wanted`, for changes by the protocol, which need not be `tunable`."""
+        return self._wanted(*self._sorted(changes))
+
+    def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> dict[str, Any]:
+        """Change actuators and parameters of the rig at this tick and return the new values. Raises RigError.
+
+        Either all changes are made, or none.
+        """
+        actuators, parameters = self._sorted(changes)
+        self.runner.go_on(self._wanted(actuators, parameters))
+        for key, number in actuators.items():
+            self.exchange.ask(key, number)
+        new = {key: self.value(key) for key in parameters} | actuators
+        self.journal.note("parameter", ", ".join(f"{k} = {v}" for k, v in new.items()), by=by, set=new)
+        return new
+
+    def _wanted(self, actuators: Mapping[str, float], parameters: Mapping[str, Any]) -> Wanted:
+        """The variant with command states for these actuators; without a command state a value is a parameter."""
+        runner, lacking = self.runner, self.runner.lacking(actuators)
+        matrices = {
+            key: value
+            for key, value in actuators.items()
+            if key not in lacking and runner.rebuilds(key, value) and not self.exchange.overruler(key)
+        }
+        return Wanted({**parameters, **matrices}, lacking)
+
+    def _sorted(self, changes: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
+        """Separate changes of actuators (in SI) and of parameters. Raises UsageError with all faults."""
+        inputs, known = self.runner.inputs, dict(values_of(self.scene.parameters))
+        actuators: dict[str, float] = {}
+        parameters: dict[str, Any] = {}
+        faults = []
+        for key, value in changes.items():
+            if key not in inputs:
+                parameters[key] = value
+                if key not in known:
+                    faults.append(f"{shortened(key)}: unknown key; {near(key, self.tunable())}")
+                continue
+            one = inputs[key]
+            try:
+                actuators[key] = si(value, one.unit)
+            except ValueError as fault:
+                faults.append(f"{key} {fault}")
+                continue
+            if not one.low <= actuators[key] <= one.high:
+                faults.append(f"{key} = {shown(value)}: must be {one.low:g} to {one.high:g} {one.unit}")
+        if faults:
+            raise UsageError("\n".join(faults))
+        return actuators, parameters
+
+    def tunable(self) -> dict[str, str]:
+        """Key -> unit of everything that can be changed: actuators, then parameters of the rig."""
+        runner = self.runner
+        known = {
+            key: unit for key, (_, unit) in values_of(runner.scene.parameters) if unit and not key.startswith("start.")
+        }
+        return {name: one.unit for name, one in runner.inputs.items()} | {
+            key: unit for key, unit in known.items() if key not in runner.inputs
+        }
+
+    def value(self, key: str) -> Any:
+        """The present value of an actuator or a parameter of the rig."""
+        return self.runner.values[key] if key in self.runner.inputs else self.runner.parameter(key)
+
+
+def divided(changes: Mapping[str, Any]) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
+    """Divide changes by dotted key into those of each controller (by its own keys) and those of the rig."""
+    own: dict[str, dict[str, Any]] = {}
+    rig: dict[str, Any] = {}
+    for key, value in changes.items():
+        room, _, rest = key.partition(".")
+        name, _, inner = rest.partition(".")
+        if room == "controllers":
+            own.setdefault(name, {})[inner] = value
+        else:
+            rig[key] = value
+    return own, rig
 
 
 class Experiment:
@@ -75,13 +206,10 @@ class Experiment:
         events: Iterable[Mapping[str, Any]] = (),
     ) -> None:
         journal = Journal(runner.frame_ns, lambda: runner.tick)
-        actuators = FaultyActuators(runner) if scene.faults else None
         links = scene.links("act", runner.bank.seed)
-        commands = exchange(actuators or runner, runner.frame_ns, scene.clock.hold_frames, journal, links)
+        commands = exchange(runner, runner.frame_ns, scene.clock.hold_frames, journal, links)
         self.scene, self.runner, self.exchange, self.journal = scene, runner, commands, journal
-        self._faults = FaultTimes(scene, runner, self.journal, actuators)
-        if actuators is not None:
-            self.exchange.faulty = actuators.faulty
+        self._faults = FaultTimes(scene, runner, self.journal)
         for name, section in scene.controllers.items():
             self.exchange.admit(name, controller_drives(section), section.period, section.delay)
         self._connected_later = {step.controller for step in flat(scene.protocol) if type(step) is Connect}
@@ -89,7 +217,7 @@ class Experiment:
             self.exchange.connect(name, False)
         units = dict(zip(runner.bank.names, runner.bank.units))
         self.tuning = Tuning(scene, runner, self.exchange, self.journal)
-        self.protocol = Protocol(scene.protocol, runner.frame_ns, units, runner.inputs)
+        self.protocol = protocol.Protocol(scene.protocol, runner.frame_ns, units, runner.inputs)
         self.over = ""
         """Why the experiment has ended; empty while it runs."""
         self.aborted = ""
@@ -300,15 +428,15 @@ class Experiment:
         elif event["kind"] == "dismissed":
             self.dismiss(data["controller"])
 
-    def _wants(self, action: Action) -> list[Wanted]:
+    def _wants(self, action: protocol.Action) -> list[Wanted]:
         """The rigs that an action of the protocol needs, one after the other."""
-        if isinstance(action, Switch):
+        if isinstance(action, protocol.Switch):
             return [] if action.on else self.given_back(action.controller)
         try:
-            if isinstance(action, Change):
+            if isinstance(action, protocol.Change):
                 wanted = self.tuning.needed({action.key: action.value})
                 return [wanted] if wanted else []
-            if isinstance(action, Apply) and not self.exchange.overruler(action.name):
+            if isinstance(action, protocol.Apply) and not self.exchange.overruler(action.name):
                 one = self.runner.inputs[action.name]
                 value = min(max(action.value, one.low), one.high)
                 return [Wanted({action.name: value})] if self.runner.rebuilds(action.name, value) else []
@@ -316,22 +444,22 @@ class Experiment:
             pass
         return []
 
-    def _carry_out(self, action: Action) -> None:
-        if isinstance(action, Note):
+    def _carry_out(self, action: protocol.Action) -> None:
+        if isinstance(action, protocol.Note):
             self.journal.note(action.kind, action.text)
-        elif isinstance(action, Apply):
+        elif isinstance(action, protocol.Apply):
             self.exchange.ask(action.name, action.value)
-        elif isinstance(action, Move):
+        elif isinstance(action, protocol.Move):
             self.exchange.move(action.name, action.to, action.ticks)
-        elif isinstance(action, Strike):
+        elif isinstance(action, protocol.Strike):
             self.knock(action.impulse, "protocol", action.duration_ns)
-        elif isinstance(action, Release):
+        elif isinstance(action, protocol.Release):
             self.runner.release()
-        elif isinstance(action, Switch):
+        elif isinstance(action, protocol.Switch):
             self.switch(action.controller, action.on, "protocol")
-        elif isinstance(action, Finish):
+        elif isinstance(action, protocol.Finish):
             self.stop(action.reason)
-        elif isinstance(action, Change):
+        elif isinstance(action, protocol.Change):
             self._change(action)
 
     def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> None:
@@ -348,13 +476,13 @@ class Experiment:
         if rig:
             self.tuning.change(rig, by)
 
-    def _change(self, action: Change) -> None:
+    def _change(self, action: protocol.Change) -> None:
         try:
             self.change({action.key: action.value}, "protocol")
         except RigError as fault:  # the experiment continues, and the recording contains the refusal
             self.journal.note("refused", f"{action.key} = {action.value:g}: {fault}", by="protocol")
 
-    def progress(self) -> Progress:
+    def progress(self) -> protocol.Progress:
         """Progress of the experiment."""
         progress = self.protocol.progress(self.runner.tick)
         if self._end is None:

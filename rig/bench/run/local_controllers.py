@@ -153,8 +153,11 @@ def asked_often(controller: Controller) -> None:
 class ControllerInProcess:
     """A controller that works in this process. `due`: tick of its next answer.
 
-    `given`: its answer at this tick, if it was already called; `fault`: the exception that it raised.
+    `given`: its answer at this tick, if it was already called; `fault`: the exception that it raised. `survives`: what
+    ends this controller and not the run.
     """
+
+    survives: type[Exception] = ControllerLost
 
     def __init__(self, name: str, loop: Loop, experiment: Experiment) -> None:
         self._take_place(name, experiment)
@@ -183,10 +186,10 @@ class ControllerInProcess:
         """Send a command if one is due at this tick. A controller whose compiled code fails is lost, not the run."""
         try:
             self._answer()
-        except ControllerLost as why:
+        except self.survives as why:
             self._lose(why)
 
-    def _lose(self, why: ControllerLost) -> None:
+    def _lose(self, why: Exception) -> None:
         self.due, self.given, self.fault = NEVER, None, None
         drives = ", ".join(self.queue.drives)
         text = f"controller {self.name} is lost: {why}; {drives}: the last command is held, then safe values"
@@ -277,7 +280,7 @@ class ControllerInProcess:
         if self.due < tick:
             try:
                 self._catch_up(tick, send)
-            except ControllerLost as why:
+            except self.survives as why:
                 self._lose(why)
 
     def _catch_up(self, tick: int, send: bool) -> None:

@@ -16,10 +16,9 @@ import numpy as np
 from rig import design
 from rig.bench.run.checkpoint import interval
 from rig.bench.run.compiled_controllers import CompiledControllers
-from rig.bench.run.exchange import Exchange
+from rig.bench.run.exchange import Exchange, Playback
 from rig.bench.run.experiment import BEGIN, Experiment
 from rig.bench.run.local_controllers import LOST, ControllerInProcess, Guest, loop_of
-from rig.bench.run.playback import Playback
 from rig.bench.run.runner import PlantRunner, ResumedRunner, Resumption
 from rig.controllers import restored
 from rig.controllers.blocks.base import Controller, gets_every_sample

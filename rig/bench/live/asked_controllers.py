@@ -1,40 +1,142 @@
-"""What a live plant waits for: the answers of its controllers in lockstep, and its recorders without a pace.
+"""The controllers that a live plant asks: in its own process, and in lockstep those in other processes.
 
-Lockstep: the plant integrates a frame after every controller that has joined and is due has answered its step.
+Both are asked like a controller of a run in one process (`rig.bench.run.local_controllers`): by the compiled loop or by
+the exchange, and the answer to the measurement of tick k is received at tick k. A paced plant does not ask controllers
+in other processes: they get its steps and their commands take effect when they arrive (`rig.bench.live.hub`).
 
-A controller in another process is asked like one in the plant process, by the compiled loop or by the exchange. Its
-answer comes over the bus: the first controller that is asked at a tick sends the step and waits for all answers.
+In the plant process (`ControllersInPlant`): the answer comes without the bus. Otherwise such a controller behaves like
+one with its own process: it has its own name on the bus, its own topic for parameters, its own events and totals. A
+controller that raises an exception leaves the run; its last command is held, then safe values replace it.
 
-A step without an answer is sent again, first after 10 ms, then at growing intervals; a controller answers a repeated
-step with the same command. A controller that has not answered for `EVICTED` seconds is evicted and treated like one
-that died. Controllers join between two pieces of the run. It does not depend on the order in which answers arrive.
-
-A plant without a pace waits for its recorders: what they have not written yet must fit into their memory.
-
-It computes faster than a recorder writes. What the recorder has received waits in a ring buffer (rig.record.recorder),
-which drops the oldest batches when it is full. Therefore the plant waits when a recorder is half of the ring behind. A
-recorder states several times per second up to which simulated time it has written.
+In lockstep (`Lockstep`): the answer comes over the bus. The first controller that is asked at a tick sends the step and
+waits for the answers of all that have joined and are due; it does not depend on the order in which they arrive. A step
+without an answer is sent again, first after 10 ms, then at growing intervals; a controller answers a repeated step with
+the same command. A controller that has not answered for `EVICTED` seconds is evicted and treated like one that died.
+Controllers join between two pieces of the run.
 """
 
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
+from typing import Any
 
+from rig import controllers
 from rig.bench.live.housekeeping import Housekeeper
 from rig.bench.live.hub import Hub
-from rig.bench.run.local_controllers import ControllerInProcess
-from rig.bus.messages import WAITING
-from rig.bus.topics import Message
+from rig.bench.run.compiled_controllers import CompiledControllers
+from rig.bench.run.experiment import Experiment
+from rig.bench.run.local_controllers import NEVER, ControllerInProcess
+from rig.bench.run.simulate import carry_on
+from rig.bus.port import Session
 from rig.controllers.blocks.base import Values
+from rig.controllers.runtime.loop import Loop, failure
+from rig.controllers.runtime.service import Service
+from rig.errors import UsageError
 
 AGAIN = 0.01
 EVICTED = 5.0
 _LOOK_NS = 100_000_000
 MOST = 1 << 10
 """Most commands that are read in a frame in which no controller is due."""
+
+
+class _Resident(ControllerInProcess):
+    """A controller in the plant process, with its own `session`. An exception ends the controller, not the plant."""
+
+    survives = Exception  # whatever its own code raises
+
+    def __init__(self, name: str, loop: Loop, experiment: Experiment, session: Session) -> None:
+        super().__init__(name, loop, experiment)
+        self.service = Service(session, loop)
+        self.left = False
+        self.failure = ""
+        """Why it has left; "" if its code has not failed."""
+        self._held_reported = False
+
+    def _lose(self, why: Exception) -> None:
+        self.due, self.given, self.fault = NEVER, None, None
+        self.service.tick, self.service.t_ns = self._runner.tick, self._runner.t_ns
+        self.service.failed(fault := failure(self.name, self.service.t_ns, why))
+        self.failure = str(fault)
+        self.leave()
+        self.service.session.close()
+
+    def look(self) -> None:
+        """Update what it publishes: the tick that it answered last, and whether a measurement was missing."""
+        if not self.left:
+            self.service.tick = self.due - self.queue.period
+            self.service.t_ns = max(self.service.tick, 0) * self._runner.frame_ns
+            if self.loop.held and not self._held_reported:
+                self._held_reported = True
+                self.service.held()
+
+    def leave(self) -> None:
+        """Publish the last messages, once."""
+        if not self.left:
+            self.left = True
+            self.service.leave()
+
+
+class ControllersInPlant:
+    """All controllers in the plant process.
+
+    `described`: their descriptions by rig.design; `notice` is called when a controller has failed and left.
+    """
+
+    def __init__(
+        self, session: Session, experiment: Experiment, described: Mapping[str, Any], notice: Callable[[], object]
+    ) -> None:
+        self._experiment, self._notice = experiment, notice
+        self._all: dict[str, _Resident] = {}
+        for name in sorted(experiment.scene.in_plant):
+            loop = Loop(controllers.restored(described[name]))
+            self._all[name] = resident = _Resident(name, loop, experiment, session.stand_in("controller", name))
+            resident.expect(0)
+            resident.native()  # compiled if the rehearsal has done so
+        self.at_work = list(self._all.values())
+        """Those that have not left."""
+        self.partners: Sequence[ControllerInProcess] = ()
+        """Controllers in other processes that are asked like those in this process (`Lockstep`)."""
+        self._inside = CompiledControllers(experiment)
+        for resident in self.at_work:
+            resident.service.session.announce()
+
+    def carry_on(self, until: int) -> None:
+        """Step the plant runner to tick `until` or until a limit is exceeded; on the way only controllers act."""
+        carry_on(self._experiment, [*self.at_work, *self.partners], until, self._inside)
+        for resident in self.at_work:
+            resident.look()
+        if any(resident.left for resident in self.at_work):
+            self.at_work = [resident for resident in self.at_work if not resident.left]
+            self._notice()
+
+    def poll(self) -> None:
+        """Answer queries that read or set parameters."""
+        for resident in self.at_work:
+            resident.service.server.poll()
+
+    def retune(self, name: str, changes: Mapping[str, Any]) -> None:
+        """Change parameters of a controller at this tick. Raises UsageError if they are invalid or it has left."""
+        resident = self._all[name]
+        if resident.left:
+            raise UsageError(f"controller {name} has left")
+        resident.service.answer_request({"set": dict(changes)})
+
+    @property
+    def failures(self) -> list[str]:
+        """Why controllers have failed, one line each."""
+        return [resident.failure for resident in self._all.values() if resident.failure]
+
+    def counters(self) -> dict[str, dict[str, int]]:
+        """The counters of each controller (`Loop.counters`)."""
+        return {name: resident.loop.counters() for name, resident in self._all.items()}
+
+    def leave(self) -> None:
+        """At the end of the run: publish the last messages of all controllers that still work."""
+        for resident in self.at_work:
+            resident.leave()
 
 
 class Stopped(Exception):
@@ -185,85 +287,3 @@ class Partner(ControllerInProcess):
 
     def catch_up(self, tick: int, send: bool = False) -> None:
         """See `ControllerInProcess.catch_up`: a controller in another process is asked at each of its ticks."""
-
-
-MOST_WAITING = WAITING // 2
-"""Most batches that a recorder may be behind."""
-PATIENCE_S = 30.0
-"""Longest wait for a recorder that does not get on [s]; from then on it loses messages, which are counted."""
-_LOOK_S, _EVERY_NS = 0.1, 20_000_000
-
-
-class RecorderLag:
-    """Tells how far the recorders are behind, and waits for them.
-
-    `names()`: the recorders that are waited for. `serve()` is called ten times per second while the plant waits, and
-    `stopped()` ends a wait. `say` gets a line for the first wait, and for a recorder that does not get on.
-    """
-
-    def __init__(
-        self,
-        hub: Hub,
-        names: Callable[[], Iterable[str]],
-        serve: Callable[[], object],
-        stopped: Callable[[], bool],
-        say: Callable[[str], object],
-    ) -> None:
-        self._hub, self._names, self._serve, self._stopped, self._say = hub, names, serve, stopped, say
-        self._sent: deque[tuple[int, int]] = deque()
-        """Simulated times [ns], and the number of batches sent before each; from the last written one on."""
-        self._reached: dict[str, int] = {}
-        """Recorder -> simulated time up to which it has written [ns]."""
-        self._given_up: dict[str, int] = {}
-        """Recorder that did not get on -> the time that it had reached."""
-        self._said, self._due = False, 0
-
-    def look(self, now: int) -> None:
-        """At most 50 times per second: note what was sent, and wait while a recorder is too far behind."""
-        if now < self._due:
-            return
-        self._due = now + _EVERY_NS
-        self._sent.append((self._hub.runner.t_ns, self._hub.session.batches))
-        for message in self._hub.totals.drain():
-            self._hear(message)
-        if self._behind() > MOST_WAITING:
-            self._wait()
-
-    def _hear(self, message: Message) -> None:
-        name = message.topic.partition("/")[2]
-        if self._hub.commands.speaks_for(message.user, name):
-            self._reached[name] = max(message.t_ns, self._reached.get(name, 0))
-
-    def _behind(self) -> int:
-        """Number of batches that the slowest recorder has not written."""
-        reached = {name: self._reached.get(name, 0) for name in self._names()}
-        self._given_up = {name: t_ns for name, t_ns in self._given_up.items() if reached.get(name) == t_ns}
-        waited = [t_ns for name, t_ns in reached.items() if name not in self._given_up]
-        if not waited:
-            self._sent.clear()
-            return 0
-        while len(self._sent) > 1 and self._sent[1][0] <= min(waited):
-            self._sent.popleft()
-        return self._hub.session.batches - self._sent[0][1] if self._sent else 0
-
-    def _wait(self) -> None:
-        slow, moved = dict(self._reached), time.monotonic()
-        if not self._said:
-            self._said = True
-            self._say("the recorder is slower than the plant, which waits for it from time to time")
-        while self._behind() > MOST_WAITING and not self._stopped():
-            self._serve()
-            if (message := self._hub.totals.get(_LOOK_S)) is not None:
-                self._hear(message)
-            if self._reached != slow:
-                slow, moved = dict(self._reached), time.monotonic()
-            elif time.monotonic() > moved + PATIENCE_S:
-                self._give_up()
-
-    def _give_up(self) -> None:
-        """Wait no more for the slowest recorders until they get on."""
-        reached = {name: self._reached.get(name, 0) for name in self._names() if name not in self._given_up}
-        for name in sorted(reached):
-            if reached[name] == min(reached.values()):
-                self._given_up[name] = reached[name]
-                self._say(f"recorder {name} has written nothing for {PATIENCE_S:g} s; the plant continues without it")
