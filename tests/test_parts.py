@@ -20,7 +20,7 @@ WORDS = {
 """Names of parts that are words of other rooms too: quantities, steps of a protocol, terms of the energy balance."""
 KNOWN = {
     "rig/cli/runs.py": {"pendulum"},  # the scene of `rig demo`
-    "rig/design/designer.py": {"dither"},  # scales of a command are those without dither
+    "rig/design/rig.py": {"dither"},  # scales of a command are those without dither
     "rig/qualify/cost/peers/oscillator.py": {"belt"},  # the one rig that is written for other simulators
     "rig/analysis/floquet.py": {"dither"},  # the motion under dither that is not fast
     "rig/analysis/identify.py": {"lever"},  # the experiments that identify this rig

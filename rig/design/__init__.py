@@ -5,7 +5,6 @@ numbers: scales between the units of its sensor and actuator and those of the co
 observers. Each controller selects its numbers itself (rig.controllers.blocks.design).
 
 rig          the quantities that a controller's design step may use, among them a Kalman observer and vibration modes
-designer     the matrices of a rig for controller design
 linearised   the rig linearised about steady sliding, from actuators to outputs; controllers in linear form
 sampled      the sampled control loop: controller, instrument, delay, sample and hold
 """
@@ -18,7 +17,6 @@ from typing import Any
 
 from rig import controllers
 from rig.controllers import controller_drives, controller_reads
-from rig.design.designer import Designer
 from rig.design.rig import DesignRig
 from rig.errors import PartError, SceneError
 from rig.model.assembly import Assembly
@@ -34,7 +32,7 @@ def numbers(scene: Scene, assembly: Assembly | None = None) -> dict[str, dict[st
     """The numbers of each controller of `scene`, as plain JSON values. Raises SceneError with all faults."""
     if not scene.controllers:
         return {}
-    rig = DesignRig(Designer(assembly if assembly is not None else scene.assemble(), scene.sensors, scene.parameters))
+    rig = DesignRig(assembly or scene.assemble(), scene.sensors, scene.parameters)
     by_controller: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
     for name, section in scene.controllers.items():

@@ -11,7 +11,7 @@ from rig.analysis import map as maps
 from rig.analysis.axis import Axis
 from rig.analysis.map import figure
 from rig.analysis.map.chart import REGIONS
-from rig.analysis.map.job import ROOT, RUNS, SOURCES, Settings
+from rig.analysis.map.job import RUNS, Settings
 from rig.analysis.map.row import Track
 from rig.analysis.map.steady_state import BLANK, NAMES, SLIDING, STICK_SLIP, STUCK, UNDECIDED, VIBRATION, Point
 from rig.errors import Singular, UsageError
@@ -187,8 +187,3 @@ def test_what_is_wrong_is_told(settings, told):
 def test_a_dithered_scene_has_no_steady_sliding_to_map():
     with pytest.raises(UsageError, match="-p dither=none"):
         maps.job(rig.load("belt_dither", {"dither.enable": True}), FEW)
-
-
-@pytest.mark.parametrize("source", SOURCES)
-def test_kept_results_depend_on_sources_that_exist(source):
-    assert list(ROOT.glob(f"{source}.py"))

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from rig.analysis.axis import Axis
-from rig.compiled import kernel
+from rig.analysis.pool import digest
 from rig.errors import SceneError, UsageError
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
@@ -24,39 +20,17 @@ PERIODS = 480.0
 DITHER = ("dither.frequency", "dither.amplitude")
 _PART = 25  # points in a unit whose runs are not carried
 _FEW = 10  # points in a unit of a map with one axis, so that all cores have work
-ROOT = Path(__file__).resolve().parents[2]
-SOURCES = (
-    "plants/**/*",
-    "effects/**/*",
-    "model/*",
-    "motion/*",
-    "solve/*",
-    "stability/*",
-    "analysis/map/*",
-    "analysis/axis",
-    "analysis/averaged",
-    "analysis/sweep",
-    "analysis/eigenvalue_curves",
-    "analysis/cycle",
-    "analysis/regions",
-    "analysis/orbit",
-)
 
 
 @dataclass(frozen=True)
 class Settings:
     """How the points of a map are simulated and classified.
 
-    output    plant output whose amplitude is shown          kick     amplitude of the slip speed at a near start, over
-    runs      some of `RUNS`                                          the speed of the surface
-    refine    halvings of the gap in which a vibration ends  longest  simulated time for one point [s]; None: `PERIODS`
-                                                                      or
-                                                                      more
-                                                                      if
-                                                                      the
-                                                                      motion
-                                                                      settles
-                                                                      slowly
+    output    plant output whose amplitude is shown
+    runs      some of `RUNS`
+    kick      amplitude of the slip speed at a near start, over the speed of the surface
+    refine    halvings of the gap in which a vibration ends
+    longest   simulated time for one point [s]; None: `PERIODS`, or more if the motion settles slowly
     section   number of local maxima of the output to keep
     eigenvalues   compute eigenvalues only, without runs
     """
@@ -123,19 +97,10 @@ class Job:
         ends = f"{x.key} from {x.text(x.values[unit.first])} to {x.text(x.values[unit.last - 1])}"
         return ends + (f", {y.key} = {y.text(y.values[unit.row])}" if y else "")
 
-    @property
-    def name(self) -> str:
-        """Name of the scene, with which the folder of the map begins."""
-        return self.scene.name
-
     @cached_property
     def digest(self) -> str:
         """Hash (12 hex digits) of everything that the numbers depend on, sources included."""
-        found = hashlib.sha256(f"{kernel.source_key()} {np.__version__} {self.scene.digest}".encode())
-        found.update(json.dumps([_numbers(self.x), self.y and _numbers(self.y), asdict(self.settings)]).encode())
-        for path in sorted(path for source in SOURCES for path in ROOT.glob(f"{source}.py")):
-            found.update(path.name.encode() + path.read_bytes())
-        return found.hexdigest()[:12]
+        return digest(self.scene, repr([self.x, self.y, self.settings]))
 
     @property
     def about(self) -> dict[str, Any]:
@@ -147,11 +112,6 @@ class Job:
 def _parts(count: int, size: int) -> list[tuple[int, int]]:
     """First and last (excluded) of each part of `count` points."""
     return [(i, min(i + size, count)) for i in range(0, count, size)]
-
-
-def _numbers(axis: Axis) -> dict[str, Any]:
-    """What an axis has besides words, which change no number."""
-    return {name: value for name, value in asdict(axis).items() if name != "words"}
 
 
 def checked(job: Job) -> Job:

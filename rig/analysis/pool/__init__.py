@@ -12,7 +12,7 @@ The numbers of a unit depend on the work alone: neither the worker nor the numbe
 from __future__ import annotations
 
 from rig.analysis.pool.carry_out import carry_out, pool, temporary
-from rig.analysis.pool.store import Store
+from rig.analysis.pool.store import Store, digest
 from rig.analysis.pool.work import Arrays, Progress, Work, packed, unpacked
 
-__all__ = ["Arrays", "Progress", "Store", "Work", "carry_out", "packed", "pool", "temporary", "unpacked"]
+__all__ = ["Arrays", "Progress", "Store", "Work", "carry_out", "digest", "packed", "pool", "temporary", "unpacked"]

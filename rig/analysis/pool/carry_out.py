@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 from rig.analysis.pool.store import Store
 from rig.analysis.pool.work import MOST_WORKERS, Arrays, Progress, Schedule, Work
@@ -23,6 +23,9 @@ from rig.errors import WorkerError
 from rig.machine.process import Child, end
 from rig.machine.scheduling import cores
 from rig.quantities import whole
+
+if TYPE_CHECKING:
+    from rig.analysis.pool.cluster import Cluster
 
 SPAN = 2.0  # s of a batch: an interruption loses at most so much, and saving it (5 to 7 ms) costs little
 _WORKER = "rig.analysis.pool.worker"  # not imported here: Python warns of a module that is run and was imported before
@@ -131,7 +134,7 @@ def carry_out(
     """Compute what `store`, which the caller has opened, does not contain yet; return the results of all units.
 
     `workers`: processes, one for each core by default; a single one computes in this process, unless `apart`.
-    `cluster`: that of rig.analysis.pool.cluster.Cluster instead. A unit whose worker is lost is tried again once. One
+    `cluster`: that of rig.analysis.pool.cluster instead. A unit whose worker is lost is tried again once. One
     that ends its worker twice has the result of `Work.given_up`, which is not stored: the next call tries it again.
     Raises WorkerError for a fault that ends the whole work; what is finished stays in the store.
     """
@@ -150,14 +153,14 @@ def carry_out(
 @contextmanager
 def pool(
     work: Work, store: Store, workers: int | None, most: int, apart: bool = False, cluster: str = ""
-) -> Iterator[Pool]:
+) -> Iterator[Here | WorkerProcesses | Cluster]:
     """Workers for `work`, its kernels compiled; for at most `most` units at a time. See `carry_out`."""
     if cluster:
-        from rig.analysis.pool.cluster import Cluster
+        from rig.analysis.pool.cluster import joined
 
-        with Cluster(work, store, cluster, workers) as found:
+        with joined(work, store, cluster, workers) as dask:
             work.prepare()
-            yield found
+            yield dask
         return
     count = min(cores() if workers is None else whole("workers", workers, 1, MOST_WORKERS), most)
     if count == 1 and not apart:
@@ -166,15 +169,6 @@ def pool(
     with WorkerProcesses(work, store, count) as processes:
         work.prepare()  # while the workers start
         yield processes
-
-
-class Pool(Protocol):
-    """Workers of one work. `failed`: units that ended their worker, with the reason."""
-
-    failed: dict[int, str]
-
-    def compute(self, units: Mapping[int, tuple[float, ...]], progress: Callable[[int], object]) -> None:
-        """Compute `units` (number -> values that they are given) and save them."""
 
 
 class Here:

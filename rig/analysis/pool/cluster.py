@@ -3,11 +3,9 @@
 dask does what concerns more than one machine: connections, TLS, lost workers, queues. Here batches of about ten
 seconds are sent, results are saved as they come, and workers are checked for the same sources.
 
-Whether what listens at an address is a dask scheduler: dask itself would wait for its answer for ever.
-
-A dask scheduler speaks first: the length of its message in eight bytes, then the message.
-
-The jobs of a batch system, SLURM, whose processes are workers of a dask scheduler in this process.
+dask itself would wait for ever for the answer of what listens at an address and is no scheduler. A scheduler speaks
+first: the length of its message in eight bytes, then the message. The jobs of a batch system, SLURM, are processes that
+are workers of a scheduler in this process.
 """
 
 from __future__ import annotations
@@ -24,10 +22,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from rig.analysis.pool.store import Store, sources, this_processor
 from rig.analysis.pool.work import MOST_WORKERS, Arrays, Schedule, Work
@@ -160,81 +157,15 @@ _KEPT = {-3: 32 << 20, -1: 64 << 20}
 
 
 class Cluster:
-    """The workers of `where` that compute `work` into `store`, from `with` to its end.
+    """The workers of `where`, known to the dask `client`, that compute `work` into `store`.
 
-    `where`: the address of a scheduler (tcp://HOST:PORT, tls://HOST:PORT), "local", or "slurm". `workers`: processes to
-    start, if they are started here. `failed`: units that ended their worker, with the reason.
+    `failed`: units that ended their worker, with the reason. `refused`: why jobs were not accepted by a batch system.
     """
 
-    def __init__(self, work: Work, store: Store, where: str, workers: int | None) -> None:
-        self._work, self._store, self._where, self._workers = work, store, check(where, workers), workers
+    def __init__(self, work: Work, store: Store, where: str, client: Any, refused: list[str]) -> None:
+        self._store, self._where, self._client, self._refused = store, where, client, refused
         self._pickled = pickle.dumps(work)
         self.failed: dict[int, str] = {}
-
-    def __enter__(self) -> Self:
-        distributed = needed("distributed", "cluster")
-        for name in ("distributed", "distributed.client", "asyncio", "tornado"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is reported by this module
-        if why := unanswered(self._where, ANSWER):
-            raise self._unanswered(why)
-        self._refused: list[str] = []
-        self._made = _started(self._where, self._workers, self._refused)
-        try:
-            address = self._where if self._made is None else self._made
-            self._client = distributed.Client(address, timeout=ANSWER, set_as_default=False, name="friction-rig")
-        except Exception as fault:
-            self._close_cluster()
-            if not isinstance(fault, OSError | TimeoutError | ValueError | ImportError | TypeError):
-                raise
-            if "ssl_context" in str(fault):
-                raise UsageError(
-                    f"--cluster {self._where}: the configuration of dask names no certificates: state "
-                    "distributed.comm.tls.ca-file, and key and cert of distributed.comm.tls.client"
-                ) from None
-            raise self._unanswered(" ".join(str(fault).split())[:200]) from None
-        try:
-            self._compare()
-        except BaseException:
-            self._close()
-            raise
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
-        self._close()
-
-    def _unanswered(self, why: str) -> UsageError:
-        return UsageError(
-            f"--cluster {self._where}: no scheduler answers within {ANSWER:g} s ({why}); start one: "
-            f"dask scheduler --host {LOOPBACK}"
-        )
-
-    def _close(self) -> None:
-        with suppress(Exception):
-            self._client.close(timeout=ANSWER)
-        self._close_cluster()
-
-    def _close_cluster(self) -> None:
-        if self._made is not None:
-            with suppress(Exception):
-                self._made.close(timeout=ANSWER)
-
-    def _compare(self) -> None:
-        """Raise UsageError if a worker has other sources, or none."""
-        mine = sources()
-        wrong = []
-        for address, found in self._client.run(_identity, on_error="return").items():
-            if isinstance(found, BaseException):
-                wrong.append(
-                    f"{address}: cannot load this version of friction-rig ({' '.join(str(found).split())[:120]})"
-                )
-            elif found != mine:
-                wrong.append(f"{address}: {found}")
-        if wrong:
-            others = "\n".join(f"  {one}" for one in wrong)
-            raise UsageError(
-                f"--cluster {self._where}: these workers have other sources than this process ({mine}):\n{others}\n"
-                "install the same version on all of them"
-            )
 
     def compute(self, units: Mapping[int, tuple[float, ...]], progress: Callable[[int], object]) -> None:
         """Compute `units` (number -> values that they are given) and save them, as `WorkerProcesses.compute` does.
@@ -258,7 +189,11 @@ class Cluster:
                     if schedule.suspects and out:
                         break
                     alone = schedule.suspects  # dask also blames what waited behind: alone, it is known who did it
-                    future = self._send(schedule.batch(), units, out)
+                    batch = schedule.batch()
+                    given = [(unit, *units[unit]) for unit in batch]
+                    key = f"friction-rig-{batch[0]}-{time.time_ns()}"
+                    future = self._client.submit(_compute, self._pickled, given, sources(), pure=False, key=key)
+                    out[future] = batch
                     future.add_done_callback(ended.put)
                 with suppress(queue.Empty):
                     future = ended.get(timeout=_LOOK)
@@ -272,40 +207,30 @@ class Cluster:
                 self._client.cancel(list(out), force=True)
             raise
 
-    def _send(self, batch: list[int], units: Mapping[int, tuple[float, ...]], out: dict[Any, list[int]]) -> Any:
-        """Let a worker compute a batch; return its future."""
-        given = [(unit, *units[unit]) for unit in batch]
-        key = f"friction-rig-{batch[0]}-{time.time_ns()}"
-        future = self._client.submit(_compute, self._pickled, given, sources(), pure=False, key=key)
-        out[future] = batch
-        return future
-
     def _take(self, future: Any, batch: list[int], schedule: Schedule) -> None:
         """Save the result of a batch, or send it out again if it ended its worker."""
-        if future.status == "finished":
-            try:
-                fault, found, seconds, processor = future.result(timeout=ANSWER)
-            except Exception:  # its worker was lost before the result was fetched
-                future.release()
-                schedule.lost(batch, 0)
-                return
-            if fault:
-                raise WorkerError(f"{fault}{self._store.kept}")
-            self._store.save(found, processor)
-            schedule.done(batch, seconds)
-            future.release()
-        elif future.status == "cancelled":
+        if future.status == "cancelled":
             raise self._lost("the scheduler has cancelled the work, or was lost")
-        elif future.status != "error":  # finished when it was reported, and lost with its worker since then
-            future.release()
-            schedule.lost(batch, 0)
-        else:
+        if future.status == "error":
             error = future.exception(timeout=ANSWER)
             if type(error).__name__ != "KilledWorker":
                 what = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
                 raise WorkerError(f"a worker failed: {what}{self._store.kept}")
             for unit in schedule.lost(batch):
                 self.failed[unit] = "ended every worker that dask gave it to"
+            return
+        result = None  # finished when it was reported, and perhaps lost with its worker since then
+        with suppress(Exception):
+            result = future.result(timeout=ANSWER) if future.status == "finished" else None
+        future.release()
+        if result is None:
+            schedule.lost(batch, 0)
+            return
+        fault, rows, seconds, processor = result
+        if fault:
+            raise WorkerError(f"{fault}{self._store.kept}")
+        self._store.save(rows, processor)
+        schedule.done(batch, seconds)
 
     def _threads(self) -> int:
         """Number of batches that the workers compute at a time: one in each process."""
@@ -315,6 +240,67 @@ class Cluster:
 
     def _lost(self, what: str) -> WorkerError:
         return WorkerError(f"--cluster {self._where}: {what}{self._store.kept}; the same command continues from there")
+
+
+@contextmanager
+def joined(work: Work, store: Store, where: str, workers: int | None) -> Iterator[Cluster]:
+    """The cluster `where`: the address of a scheduler (tcp://HOST:PORT, tls://HOST:PORT), "local", or "slurm".
+
+    `workers`: processes to start, if they are started here. Raises UsageError.
+    """
+    check(where, workers)
+    distributed = needed("distributed", "cluster")
+    for name in ("distributed", "distributed.client", "asyncio", "tornado"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is reported by this module
+    if why := unanswered(where, ANSWER):
+        raise _no_answer(where, why)
+    refused: list[str] = []
+    with ExitStack() as ends:
+        made = _started(where, workers, refused)
+        if made is not None:
+            ends.callback(_closed, made)
+        try:
+            client = distributed.Client(
+                where if made is None else made, timeout=ANSWER, set_as_default=False, name="friction-rig"
+            )
+        except (OSError, TimeoutError, ValueError, ImportError, TypeError) as fault:
+            if "ssl_context" in str(fault):
+                raise UsageError(
+                    f"--cluster {where}: the configuration of dask names no certificates: state "
+                    "distributed.comm.tls.ca-file, and key and cert of distributed.comm.tls.client"
+                ) from None
+            raise _no_answer(where, " ".join(str(fault).split())[:200]) from None
+        ends.callback(_closed, client)
+        _compare(client, where)
+        yield Cluster(work, store, where, client, refused)
+
+
+def _closed(what: Any) -> None:
+    with suppress(Exception):
+        what.close(timeout=ANSWER)
+
+
+def _no_answer(where: str, why: str) -> UsageError:
+    return UsageError(
+        f"--cluster {where}: no scheduler answers within {ANSWER:g} s ({why}); start one: "
+        f"dask scheduler --host {LOOPBACK}"
+    )
+
+
+def _compare(client: Any, where: str) -> None:
+    """Raise UsageError if a worker has other sources, or none."""
+    mine, wrong = sources(), []
+    for address, theirs in client.run(sources, on_error="return").items():
+        if isinstance(theirs, BaseException):
+            why = " ".join(str(theirs).split())[:120]
+            wrong.append(f"\n  {address}: cannot load this version of friction-rig ({why})")
+        elif theirs != mine:
+            wrong.append(f"\n  {address}: {theirs}")
+    if wrong:
+        raise UsageError(
+            f"--cluster {where}: these workers have other sources than this process ({mine}):{''.join(wrong)}\n"
+            "install the same version on all of them"
+        )
 
 
 def check(where: str, workers: int | None) -> str:
@@ -371,11 +357,6 @@ def _without_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def _identity() -> str:
-    """The sources of a worker."""
-    return sources()
 
 
 def _compute(

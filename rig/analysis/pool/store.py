@@ -32,6 +32,7 @@ from rig.errors import UsageError
 from rig.machine import files
 from rig.machine.files import DATA, contents, draft_of, regular, write_file
 from rig.record.provenance import blas, processor
+from rig.scenes.scene import Scene
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -47,6 +48,18 @@ def sources() -> str:
     except PackageNotFoundError:  # run from the sources without installation
         number = "from sources"
     return f"friction-rig {number}, sources {found.hexdigest()[:12]}"
+
+
+_ROOMS = ("analysis", "bench", "controllers", "design", "effects", "model", "motion", "plants", "record",
+          "sensors", "solve", "stability")  # fmt: skip
+
+
+def digest(scene: Scene, text: str) -> str:
+    """Return a hash (12 hex digits) of a scene, of a description, and of the sources that decide their numbers."""
+    decides = hashlib.sha256(f"{kernel.source_key()} {np.__version__} {scene.digest} {text}".encode())
+    for path in sorted(path for room in _ROOMS for path in (_ROOT / room).rglob("*.py")):
+        decides.update(path.name.encode() + path.read_bytes())
+    return decides.hexdigest()[:12]
 
 
 @cache

@@ -15,7 +15,6 @@ Recordings of chosen points of a study: these are simulated again, since a run r
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,12 +27,11 @@ from numpy.typing import NDArray
 
 from rig.analysis.axis import changed
 from rig.analysis.kernel_shapes import prepare
-from rig.analysis.pool import Arrays, Progress, Work, carry_out, temporary
+from rig.analysis.pool import Arrays, Progress, Work, carry_out, digest, temporary
 from rig.analysis.pool.cluster import check as check_cluster
 from rig.analysis.studies.factors import Factor, factors
 from rig.analysis.studies.measures import Measure, evaluate
 from rig.bench.run.simulate import simulate
-from rig.compiled import kernel
 from rig.errors import Faults, OutputError, RigError, SceneError, UsageError, WorkerError
 from rig.machine.files import draft_of
 from rig.quantities import run_length_ns, whole
@@ -199,11 +197,6 @@ def check_random(scene: Scene, runs: str) -> None:
         )
 
 
-_ROOT = Path(__file__).resolve().parents[2]
-_ROOMS = ("analysis", "bench", "controllers", "design", "effects", "model", "motion", "plants", "record",
-          "sensors", "solve", "stability")  # fmt: skip
-
-
 @dataclass(frozen=True)
 class StudyRuns:
     """The points of `plan` of `scene`, with `measures`; each run takes `duration` [s] or as long as its protocol."""
@@ -280,14 +273,6 @@ class StudyRuns:
                 "file, or compute in this process with one worker"
             )
         return 1
-
-
-def digest(scene: Scene, text: str) -> str:
-    """Return a hash (12 hex digits) of a scene, of a description, and of the sources that decide their numbers."""
-    found = hashlib.sha256(f"{kernel.source_key()} {np.__version__} {scene.digest} {text}".encode())
-    for path in sorted(path for room in _ROOMS for path in (_ROOT / room).rglob("*.py")):
-        found.update(path.name.encode() + path.read_bytes())
-    return found.hexdigest()[:12]
 
 
 def keep(
