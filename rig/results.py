@@ -7,9 +7,11 @@ A class of results names the function that draws it in `FIGURE`. Commands write 
 from __future__ import annotations
 
 import base64
+import csv
 import html
 import importlib
-from collections.abc import Iterator, Sequence
+import io
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from rig.errors import RigError
@@ -52,6 +54,15 @@ class Result:
             return f"{html_of(self.text())}\n<p>No figure: {html.escape(str(fault))}</p>"
         source = f"data:image/png;base64,{base64.b64encode(image).decode()}"
         return f'{html_of(self.text())}\n<img alt="figure" style="max-width:100%" src="{source}">'
+
+
+def csv_text(head: Iterable[str], rows: Iterable[Iterable[str | float]]) -> str:
+    """Return a table as CSV, its numbers with nine digits."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows([cell if isinstance(cell, str) else f"{cell:.9g}" for cell in row] for row in rows)
+    return text.getvalue()
 
 
 def html_of(text: str) -> str:

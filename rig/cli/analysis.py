@@ -1,14 +1,9 @@
-"""Commands that analyse a rig without running its protocol: modes, cycle, identify.
-
-The command that reports on a control loop: its delays, its margins, and its decay over poor links.
-
-The command `rig map`: steady-state behaviour, or stable and unstable regions, over one or two parameters.
-"""
+"""Commands that analyse a rig without running its protocol: modes, cycle, identify, loop, map."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -35,44 +30,30 @@ if TYPE_CHECKING:
     from rig.analysis.control_loop import Loop
     from rig.analysis.modes import Modes
     from rig.analysis.sweep import Sweep
+    from rig.model.system import Finding
     from rig.scenes.scene import Scene
 
 
-Along = Annotated[
-    str | None,
-    typer.Option(
-        "--sweep",
-        metavar="KEY=A:B:N",
-        help='Compute eigenvalues over a parameter, and critical values: "drive.speed=0.05 m/s:0.4 m/s:50".',
-    ),
-]
 Controller = Annotated[
     str | None, loop_option("Close the loop of this controller: eigenvalues, gain, phase and delay margins.")
-]
-Picture = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
-]
-Drawn = Annotated[
-    Path | None,
-    typer.Option("--figure", metavar="FILE", callback=new, help="Draw measurements and fit (PNG, SVG, PDF)."),
-]
-Drawing = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the cycle (PNG, SVG, PDF).")
-]
-Settling = Annotated[
-    str | None,
-    typer.Option(
-        "--longest", metavar="TIME", help="Simulated time within which the motion must settle. Default: 120 s."
-    ),
 ]
 
 
 def modes(
     scene: SceneName,
     p: Changes = None,
-    along: Along = None,
+    along: Annotated[
+        str | None,
+        typer.Option(
+            "--sweep",
+            metavar="KEY=A:B:N",
+            help='Compute eigenvalues over a parameter, and critical values: "drive.speed=0.05 m/s:0.4 m/s:50".',
+        ),
+    ] = None,
     controller: Controller = None,
-    figure: Picture = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -82,42 +63,26 @@ def modes(
     controller = next(iter(named(asked)), None)
     if along is not None or controller is not None:
         printing.warnings(loaded)
-    faults = list[str]()
-    found: Modes | Loop | Sweep | None = None
-    try:
-        if along is not None:
-            found = _swept(loaded, along, controller)
-        elif controller is not None:
-            from rig.analysis.control_loop import loop
+    result: Modes | Loop | Sweep
+    errors: list[Finding] = []
+    if along is not None:
+        result = _swept(loaded, along, controller)
+    elif controller is not None:
+        from rig.analysis.control_loop import loop
 
-            found = loop(loaded, controller)
-        else:
-            from rig.analysis.modes import modes as solve
-
-            found = solve(loaded)
-    except SceneError as error:
-        faults += error.faults
-    if faults or found is None:
-        raise SceneError(loaded.name, faults)
-    if as_json:
-        printing.report(found.to_json())
+        result = loop(loaded, controller)
     else:
-        printing.line(found.text())
-    draw(found, figure)
-    _refused(loaded, found)
+        from rig.analysis.modes import modes as solve
 
-
-def _refused(scene: Scene, found: Modes | Loop | Sweep) -> None:
-    """Report if a run of the scene would be refused because nothing limits its growth."""
-    from rig.analysis.modes import Modes
-
-    errors = [one for one in found.findings if one.level == "error"] if isinstance(found, Modes) else []
-    if not errors or scene.clock.unstable == "run":
-        return
-    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-    printing.note(f"{scene.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
-              '  clock.unstable = "run" runs it nevertheless, up to clock.limit')  # fmt: skip
-    raise typer.Exit(ExitCode.STOPPED)
+        result = solve(loaded)
+        errors = [finding for finding in result.findings if finding.level == "error"]
+    printing.result(result, as_json)
+    draw(result, figure)
+    if errors and loaded.clock.unstable != "run":
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        printing.note(f"{loaded.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
+                  '  clock.unstable = "run" runs it nevertheless, up to clock.limit')  # fmt: skip
+        raise typer.Exit(ExitCode.STOPPED)
 
 
 def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
@@ -139,16 +104,23 @@ def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
     if faults:
         raise SceneError(scene.name, faults)
     averaged = controller is None and dithers(scene, axis.key)
-    if (why := axis.idle(scene)) and not averaged:
-        printing.note(f"warning: {why}")
+    if not averaged:
+        idle(scene, axis)
     return sweep(scene, axis) if controller is None else sweep_loop(scene, axis, controller)
 
 
 def cycle(
     scene: SceneName,
     p: Changes = None,
-    longest: Settling = None,
-    figure: Drawing = None,
+    longest: Annotated[
+        str | None,
+        typer.Option(
+            "--longest", metavar="TIME", help="Simulated time within which the motion must settle. Default: 120 s."
+        ),
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the cycle (PNG, SVG, PDF).")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -163,36 +135,29 @@ def cycle(
 
     most, loaded = seconds(longest, "--longest"), the_scene(scene, changes(p))
     printing.warnings(loaded)
-    status = printing.Status()
-    try:
+    with printing.status() as show:
+        agree = "s simulated, successive periods agree to"
         found = limit_cycle(
-            loaded,
-            longest=most,
-            watch=lambda now, drift: status.show(
-                f"{now:.3g} s simulated, successive periods agree to {drift:.0e} of a period"
-            ),
+            loaded, longest=most, watch=lambda now, drift: show(f"{now:.3g} {agree} {drift:.0e} of a period")
         )
-    finally:
-        status.done()
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.line(found.text())
-        if loaded.controllers or loaded.sensors:
-            printing.line(f"  plant alone: without {_left_out(loaded)}")
+    printing.result(found, as_json)
+    parts = ("controller", loaded.controllers), ("sensor", loaded.sensors)
+    left = " and ".join(f"{what}{'s' * (len(names) > 1)} {', '.join(names)}" for what, names in parts if names)
+    if left and not as_json:
+        printing.line(f"  plant alone: without {left}")
     draw(found, figure)
-    if not found.decided:
-        raise typer.Exit(ExitCode.FAILED)
-
-
-def _left_out(scene: Scene) -> str:
-    """The controllers and sensors of a scene, in words."""
-    parts = ("controller", scene.controllers), ("sensor", scene.sensors)
-    return " and ".join(f"{what}{'s' * (len(names) > 1)} {', '.join(names)}" for what, names in parts if names)
+    printing.passed(found.decided)
 
 
 def identify(
-    scene: SceneName, p: Changes = None, figure: Drawn = None, force: Force = False, as_json: Json = False
+    scene: SceneName,
+    p: Changes = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option("--figure", metavar="FILE", callback=new, help="Draw measurements and fit (PNG, SVG, PDF)."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Identify parameters of the lever rig: run an experiment and evaluate its measurements.
 
@@ -201,20 +166,13 @@ def identify(
     """
     from rig.analysis.identify import identify as run
 
-    found = run(the_scene(scene, changes(p)))
-    if as_json:
-        printing.report(found.to_json() | {"figure": figure})
-    else:
-        printing.line(found.text())
-    draw(found, figure)
+    identified = run(the_scene(scene, changes(p)))
+    printing.result(identified, as_json, figure=figure)
+    draw(identified, figure)
 
 
-LoopController = Annotated[str | None, loop_option("Controller of the loop. Default: the only one of the scene.")]
 Measure = Annotated[
     bool, typer.Option("--measure", help="Measure the time over the bus on this machine, as rig doctor does (1 s).")
-]
-LoopPicture = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the report (PNG, SVG, PDF).")
 ]
 
 
@@ -222,9 +180,13 @@ def loop(
     scene: SceneName,
     p: Changes = None,
     net: Net = None,
-    controller: LoopController = None,
+    controller: Annotated[
+        str | None, loop_option("Controller of the loop. Default: the only one of the scene.")
+    ] = None,
     measure: Measure = False,
-    figure: LoopPicture = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the report (PNG, SVG, PDF).")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -255,23 +217,11 @@ def loop(
 
             bus = float(np.quantile(trips, 0.99)) * 1e-9
     with printing.bar("points") as progress:
-        found = report(loaded, name, bus, progress)
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.line(found.text())
-    draw(found, figure)
+        reported = report(loaded, name, bus, progress)
+    printing.result(reported, as_json)
+    draw(reported, figure)
 
 
-XAxis = Annotated[
-    str,
-    typer.Option(
-        metavar="KEY=FROM:TO:COUNT", help='First axis, along which runs are continued: "drive.speed=1:8 rpm:36".'
-    ),
-]
-YAxis = Annotated[
-    str | None, typer.Option(metavar="KEY=FROM:TO:COUNT", help="Second axis: one row of the map for each value.")
-]
 Runs = Annotated[
     str,
     typer.Option(
@@ -279,20 +229,11 @@ Runs = Annotated[
         help="Runs: up, down (continued from point to point), near, far (start near to or far from sliding).",
     ),
 ]
-Output = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Plant output to evaluate. Default: the first output of the plant.")
-]
 Longest = Annotated[
     str | None,
     typer.Option(metavar="TIME", help="Longest simulated time for one point. Default: at least 480 slow periods."),
 ]
 Workers = Annotated[int | None, typer.Option(min=1, max=256, help="Number of processes. Default: one for each core.")]
-Eigenvalues = Annotated[
-    bool,
-    typer.Option(
-        "--eigenvalues", help="Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."
-    ),
-]
 Folder = Annotated[
     Path,
     typer.Option(
@@ -303,14 +244,29 @@ Folder = Annotated[
 
 def map_(
     scene: SceneName,
-    x: XAxis,
-    y: YAxis = None,
+    x: Annotated[
+        str,
+        typer.Option(
+            metavar="KEY=FROM:TO:COUNT", help='First axis, along which runs are continued: "drive.speed=1:8 rpm:36".'
+        ),
+    ],
+    y: Annotated[
+        str | None, typer.Option(metavar="KEY=FROM:TO:COUNT", help="Second axis: one row of the map for each value.")
+    ] = None,
     p: Changes = None,
     runs: Runs = "up,down,near,far",
-    output: Output = None,
+    output: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Plant output to evaluate. Default: the first output of the plant."),
+    ] = None,
     longest: Longest = None,
     workers: Workers = None,
-    eigenvalues: Eigenvalues = False,
+    eigenvalues: Annotated[
+        bool,
+        typer.Option(
+            "--eigenvalues", help="Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."
+        ),
+    ] = False,
     out: Folder = Path("maps"),
     force: Force = False,
     as_json: Json = False,
@@ -321,7 +277,6 @@ def map_(
     interruption the same command continues. --force draws a finished map again.
     """
     from rig.analysis.map import chart, job, store_of
-    from rig.machine.files import write_file
 
     loaded = the_scene(scene, changes(p))
     printing.warnings(loaded)
@@ -335,14 +290,18 @@ def map_(
     store = store_of(todo, out)
     refuse(store.folder, ("map.csv", "map.png"), force)
     with printing.kept(store, "parts", len(todo.units)), printing.bar("rows" if y else "parts") as progress:
-        found = chart(todo, out, workers, progress)
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.line(found.text())
-        printing.line(f"\n{store.folder}/map.png, map.csv")
-    write_file(store.folder / "map.csv", found.csv().encode())
-    draw(found, store.folder / "map.png")
+        _written(chart(todo, out, workers, progress), store.folder, "map", as_json)
+
+
+def _written(result: Any, folder: Path, name: str, as_json: bool) -> None:
+    """Print a map, and write its table and its figure."""
+    from rig.machine.files import write_file
+
+    printing.result(result, as_json, folder=str(folder))
+    if not as_json:
+        printing.line(f"\n{folder}/{name}.png, {name}.csv")
+    write_file(folder / f"{name}.csv", result.csv().encode())
+    draw(result, folder / f"{name}.png")
 
 
 def idle(scene: Scene, *axes: Axis | None) -> None:
@@ -354,7 +313,6 @@ def idle(scene: Scene, *axes: Axis | None) -> None:
 def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, force: bool, as_json: bool) -> None:
     from rig.analysis.axis import axes
     from rig.analysis.map import store_of, survey, surveyed
-    from rig.machine.files import write_file
 
     if y is None:
         raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
@@ -364,14 +322,8 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
     store = store_of(todo, out)
     refuse(store.folder, ("regions.csv", "regions.png"), force)
     with printing.kept(store, "parts", len(todo.units)), printing.bar("rows") as progress:
-        found, folder = survey(scene, across, along, out, workers, progress)
-    if as_json:
-        printing.report(found.to_json() | {"folder": str(folder)})
-    else:
-        printing.line(found.text())
-        printing.line(f"\n{folder}/regions.png, regions.csv")
-    write_file(folder / "regions.csv", found.csv().encode())
-    draw(found, folder / "regions.png")
+        regions, folder = survey(scene, across, along, out, workers, progress)
+    _written(regions, folder, "regions", as_json)
 
 
 COMMANDS = {

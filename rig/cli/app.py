@@ -39,35 +39,29 @@ def _program(
 ) -> None: ...
 
 
-PANELS: Mapping[str, Mapping[str, tuple[Any, str]]] = {
-    "Run a scene": {**runs.COMMANDS, **runs.COMMANDS, **live.COMMANDS},
-    "Look at scenes": {**scenes.COMMANDS, **scenes.COMMANDS, **scenes.COMMANDS},
-    "Learn": lesson.COMMANDS,
-    "Analyse a rig": {
-        **analysis.COMMANDS,
-        **analysis.COMMANDS,
-        **analysis.COMMANDS,
-        **study.COMMANDS,
-        **study.COMMANDS,
-        **machine.COMMANDS,
-    },
-    "Choose method and step": machine.COMMANDS,
-    "Test the methods": machine.COMMANDS,
-    "Recordings": {
-        **recordings.COMMANDS,
-        **recordings.COMMANDS,
-        **recordings.COMMANDS,
-        **recorded.COMMANDS,
-        **recordings.COMMANDS,
-    },
-    "Analyse a recording": {**recorded.COMMANDS, **recorded.COMMANDS},
-    "Use a live run": live.COMMANDS,
-    "Start processes one by one": processes.COMMANDS,
-    "Check this machine": machine.COMMANDS,
+COMMANDS: Mapping[str, tuple[Any, str]] = {
+    name: command
+    for module in (analysis, lesson, live, machine, processes, recorded, recordings, runs, scenes, study)
+    for name, command in module.COMMANDS.items()
 }
-"""Panels of the help text -> their commands: name -> function, example."""
+"""Name -> function, example."""
+PANELS = {
+    "Run a scene": "demo run simulate web bridge",
+    "Look at scenes": "list new migrate explain fmu",
+    "Learn": "lesson",
+    "Analyse a rig": "modes cycle identify loop map study optimise reproduce",
+    "Choose method and step": "cost",
+    "Test the methods": "torture",
+    "Recordings": "runs note report replay verify recover diff export",
+    "Analyse a recording": "amplitude sound spectrum pressure hysteresis response portrait",
+    "Use a live run": "tune disconnect connect knock pause step resume stop",
+    "Start processes one by one": "plant control record view",
+    "Check this machine": "doctor warmup clean",
+}
+"""Panels of the help text -> their commands."""
 for panel, commands in PANELS.items():
-    for name, (function, example) in commands.items():
+    for name in commands.split():
+        function, example = COMMANDS[name]
         cls = live.CLASSES.get(name, Command)
         _app.command(name, cls=cls, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
 _app.add_typer(live.topic, name="topic", rich_help_panel="Use a live run")

@@ -98,22 +98,18 @@ def _offer(command: Command, one: Lesson) -> int:
     printing.line(f"\n    {command.text}\n")
     if _ask("Enter: run it, s: skip it, q: quit", "sq") == "s":
         _print(command)
-        rows = [(expected.quantity, expected.text) for expected in command.expected]
-        if rows:
+        if rows := [(expected.quantity, expected.text) for expected in command.expected]:
             printing.table("", ("quantity", "expected"), rows)
             printing.line()
         return 0
     folder = RESULTS / str(one.number)
     folder.mkdir(parents=True, exist_ok=True)
-    status = printing.Status()
-    status.show("running ... (Ctrl-C stops it)")
     try:
-        outcome = attempt(command, folder)
+        with printing.status("running ... (Ctrl-C stops it)"):
+            outcome = attempt(command, folder)
     except KeyboardInterrupt:
-        status.done()
         printing.note(f"interrupted; what the command has written is in {folder}")
         raise
-    status.done()
     if outcome.notes:
         printing.note(outcome.notes.rstrip())
     _print(command)
@@ -121,23 +117,15 @@ def _offer(command: Command, one: Lesson) -> int:
     compared = [(each.expected.quantity, each.expected.text, each.text, each.agrees) for each in found]
     printing.table("", ("quantity", "expected", "found", "agrees"), compared)
     printing.line()
-    if figure := _figure(command):
-        printing.line(f"figure: {folder / figure}\n")
+    if "--figure" in (words := [*command.words]):
+        printing.line(f"figure: {folder / words[words.index('--figure') + 1]}\n")
     return sum(not each.agrees for each in found)
 
 
 def _print(command: Command) -> None:
     """The lines of its output that the page shows."""
     if command.printed:
-        printing.line("It prints, among other lines (as on the page):\n")
-        for text in (*command.printed, ""):
-            printing.line(text)
-
-
-def _figure(command: Command) -> str | None:
-    """The file that the command draws."""
-    words = list(command.words)
-    return words[words.index("--figure") + 1] if "--figure" in words else None
+        printing.line("\n".join(["It prints, among other lines (as on the page):\n", *command.printed, ""]))
 
 
 def _ask(text: str, answers: str, free: bool = False) -> str:
@@ -145,16 +133,14 @@ def _ask(text: str, answers: str, free: bool = False) -> str:
     from rig.scenes.faults import shortened
 
     while True:
-        sys.stdout.write(f"{text} > ")
-        sys.stdout.flush()
         try:
-            line = sys.stdin.readline()
+            answer = input(f"{text} > ").strip()
         except UnicodeDecodeError:
-            line = "?\n"
-        answer = line.strip()
-        if not line:
+            answer = "?"
+        except EOFError:
             printing.line()
-        if not line or answer.lower() in ("q", "quit"):
+            raise _Left from None
+        if answer.lower() in ("q", "quit"):
             raise _Left
         if free:
             return answer

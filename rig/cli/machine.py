@@ -1,13 +1,4 @@
-"""Commands that measure this machine, the methods and the figures of the papers.
-
-The command `rig cost`: error against compute time.
-
-The command `rig torture`: hard cases.
-
-Commands about this machine.
-
-The command `rig reproduce`: figures of papers made again, with their numbers compared.
-"""
+"""Commands that measure methods (cost, torture), this machine (doctor, warmup, clean) and the figures of papers."""
 
 from __future__ import annotations
 
@@ -22,7 +13,7 @@ import typer
 from rig.cli import printing
 from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share, the_scene
 from rig.cli.printing import draw, new, new_folder, refuse
-from rig.errors import ExitCode, UsageError
+from rig.errors import UsageError
 from rig.machine.files import write_file
 
 if TYPE_CHECKING:
@@ -33,35 +24,34 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 
-Metric = Annotated[
-    str,
-    typer.Option(
-        metavar="MEASURE", help="Error measure for the recommendation. Default: worst, the largest of all measures."
-    ),
-]
 Target = Annotated[float, typer.Option(metavar="ERROR", help="Target relative error.")]
-CostFolder = Annotated[
-    Path,
-    typer.Option(
-        metavar="FOLDER", callback=new_folder, help="Folder for the results; each scene has a folder of its own in it."
-    ),
-]
-Peers = Annotated[
-    bool,
-    typer.Option(
-        "--peers", help="Compare with scipy, SUNDIALS, diffrax, PathSim and MuJoCo instead, as far as installed."
-    ),
-]
 
 
 def cost(
     scene: SceneName,
     p: Changes = None,
-    metric: Metric = "worst",
+    metric: Annotated[
+        str,
+        typer.Option(
+            metavar="MEASURE", help="Error measure for the recommendation. Default: worst, the largest of all measures."
+        ),
+    ] = "worst",
     target: Target = 1e-3,
     budget: Budget = None,
-    peers: Peers = False,
-    out: CostFolder = Path("cost"),
+    peers: Annotated[
+        bool,
+        typer.Option(
+            "--peers", help="Compare with scipy, SUNDIALS, diffrax, PathSim and MuJoCo instead, as far as installed."
+        ),
+    ] = False,
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FOLDER",
+            callback=new_folder,
+            help="Folder for the results; each scene has a folder of its own in it.",
+        ),
+    ] = Path("cost"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -72,7 +62,6 @@ def cost(
     uses the table.
     """
     wanted, most = accuracy(target, "--target"), share(budget)
-    from rig.errors import UsageError
     from rig.qualify.cost import cost as measure
     from rig.qualify.cost import folder_of, recommended
     from rig.qualify.cost.effects import text
@@ -113,8 +102,7 @@ def cost(
     _draw(found, loops, parts, folder)
     if not as_json:
         printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
-    if pick is None:
-        raise typer.Exit(ExitCode.FAILED)
+    printing.passed(pick is not None)
 
 
 def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
@@ -172,28 +160,24 @@ def _draw(found: Table, loops: list[Delayed], parts: list[Paired], folder: Path)
         draw(parts, found, folder / "effects.png")
 
 
-CaseName = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--case",
-        metavar="ID",
-        help="Run only this case (a name as in the table that is printed), or the case in this file. Repeatable.",
-    ),
-]
-TortureFolder = Annotated[
-    Path, typer.Option(metavar="FOLDER", callback=new_folder, help="Folder for the figure, JSON and JUnit files.")
-]
-
-
 def torture(
     quick: Annotated[bool, typer.Option("--quick", help="Short runs, about a minute. The default.")] = False,
     full: Annotated[bool, typer.Option("--full", help="Every step and every case, over the whole duration.")] = False,
-    case: CaseName = None,
+    case: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--case",
+            metavar="ID",
+            help="Run only this case (a name as in the table that is printed), or the case in this file. Repeatable.",
+        ),
+    ] = None,
     search: Annotated[
         bool,
         typer.Option("--search", help="Search random values within the bounds of each case; keep values that fail."),
     ] = False,
-    out: TortureFolder = Path("torture"),
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", callback=new_folder, help="Folder for the figure, JSON and JUnit files.")
+    ] = Path("torture"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -214,25 +198,23 @@ def torture(
         _search(wanted, as_json)
         return
     refuse(out, ("matrix.png", "matrix.svg", "matrix.json", "junit.xml"), force)
-    status = printing.Status()
-    with contextlib.ExitStack() as stack:
+    with printing.status() as show, contextlib.ExitStack() as stack:
         shown: list[Callable[[int, int], object]] = []
 
         def progress(done: int, total: int) -> None:
             if not shown:  # the kernels are compiled
-                status.done()
+                show("")
                 shown.append(stack.enter_context(printing.bar("cases")))
             shown[0](done, total)
 
-        cells = hard_cases.matrix(wanted, not full, status.show, progress)
+        cells = hard_cases.matrix(wanted, not full, show, progress)
     report.keep(cells, out, not full)
     if as_json:
         printing.report([cell.to_json() for cell in cells])
     else:
         _table(cells)
         printing.line(f"\n{out}/matrix.png, matrix.svg, matrix.json, junit.xml")
-    if not all(cell.good for cell in cells):
-        raise typer.Exit(ExitCode.FAILED)
+    printing.passed(all(cell.good for cell in cells))
 
 
 def _table(cells: list[Cell]) -> None:
@@ -265,8 +247,7 @@ def _search(wanted: list[str], as_json: bool) -> None:
             printing.line(f"{name}: {what}")
     if as_json:
         printing.report(found)
-    if any(found.values()):
-        raise typer.Exit(ExitCode.FAILED)
+    printing.passed(not any(found.values()))
 
 
 def doctor(
@@ -288,19 +269,14 @@ def doctor(
     from rig.qualify.doctor import doctor as examine
 
     found = examine(report=printing.note, names=scene or ())
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.line(found.text())
+    printing.result(found, as_json)
     if bundle is not None:
-        from rig.machine.files import write_file
         from rig.qualify.bug_report import bundle as packed
 
         content, names = packed(found)
         write_file(bundle, content)
         printing.note(f"{bundle}: {', '.join(names)}; look into it before you send it")
-    if not found.ok:
-        raise typer.Exit(ExitCode.FAILED)
+    printing.passed(found.ok)
 
 
 def warmup(
@@ -382,8 +358,7 @@ def reproduce(
             ]  # fmt: skip
             columns = ("number", "ours", "expected", "", "source", "bound", "")
             printing.table(f"{result.entry.name}: {result.entry.title} ({result.picture})", columns, numbers)
-    if not all(result.agrees for result in results):
-        raise typer.Exit(ExitCode.FAILED)
+    printing.passed(all(result.agrees for result in results))
 
 
 COMMANDS = {

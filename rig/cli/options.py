@@ -30,17 +30,17 @@ class _Flags:
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters, flags with an empty type."""
-        found: list[Any] = super().get_params(ctx)  # type: ignore[misc]
-        for one in found:
-            if getattr(one, "is_flag", False):
-                one.metavar = ""
-        return found
+        parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for parameter in parameters:
+            if getattr(parameter, "is_flag", False):
+                parameter.metavar = ""
+        return parameters
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments. Raises typer.BadParameter, which states what was given and what is allowed."""
         self._refuse_twice(ctx, args)
         try:
-            found: list[str] = super().parse_args(ctx, args)  # type: ignore[misc]
+            return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
         except BadParameter as error:
             from pydantic import ValidationError  # only where something is wrong: start-up counts
 
@@ -49,16 +49,15 @@ class _Flags:
             if isinstance(cause := error.__cause__, ValidationError):
                 error.message = "; ".join(f"{fault} (given: {given})" for _, fault, given in faults_of(cause))
             raise
-        return found
 
     def _refuse_twice(self, ctx: Any, args: list[str]) -> None:
         """Raise typer.BadParameter for an option with one value that is given twice: the first would be ignored."""
         if self.params and not ctx.resilient_parsing:  # type: ignore[attr-defined]
             order = self.make_parser(ctx).parse_args(args=[*args])[2]  # type: ignore[attr-defined]
-            for one in order:
-                single = one.param_type_name == "option" and not (one.multiple or one.is_flag or one.count)
-                if single and order.count(one) > 1:
-                    raise BadParameter("is given twice, and takes one value", ctx=ctx, param=one)
+            for given in order:
+                single = given.param_type_name == "option" and not (given.multiple or given.is_flag or given.count)
+                if single and order.count(given) > 1:
+                    raise BadParameter("is given twice, and takes one value", ctx=ctx, param=given)
 
 
 class Command(_Flags, TyperCommand):
@@ -95,12 +94,11 @@ SceneName = Annotated[
 ]
 
 
-def paired(context: typer.Context, given: list[str] | None) -> list[str] | None:
+def paired(given: list[str] | None) -> list[str] | None:
     """Check that each `-p` has a key and a value; before the arguments are counted, where -p KEY VALUE has one more."""
     for text in given or []:
         key, equals, _ = text.partition("=")
         if not equals or not key.strip():
-            context.close()  # see `rig.cli.printing.new`
             raise UsageError(f'-p {text}: expected KEY=VALUE with "=" between them, e.g. -p drive.speed="2 rpm"')
     return given
 
@@ -209,20 +207,6 @@ Accuracy = Annotated[
 ]
 
 
-def renamed(former: str, given: str, name: str, value: str) -> str:
-    """The value of option `name`; if it was `given` under its `former` name, that is reported with the new one.
-
-    Raises UsageError if both are given.
-    """
-    if given and value:
-        raise UsageError(
-            f"{former} {given} and {name} {value}: {former} is the former name of {name}; give one of them"
-        )
-    if given:
-        printing.note(f"{former} is now called {name}")
-    return given or value
-
-
 def changes(given: list[str] | None) -> dict[str, str]:
     """Dotted key -> value as text, of all `-p`."""
     pairs = (text.partition("=") for text in given or [])
@@ -235,25 +219,25 @@ def loop_option(help_text: str) -> Any:
     return typer.Option("--controller", metavar="NAME|[NAME=]FILE", help=text)
 
 
-def named(given: Iterable[str]) -> dict[str, str]:
+def named(given: Iterable[str] | None) -> dict[str, str]:
     """Name -> file of all `--controller`; "" for one that is named without a file. Raises UsageError."""
-    found: dict[str, str] = {}
-    for one in given:
-        name, equals, file = one.partition("=")
+    files: dict[str, str] = {}
+    for text in given or ():
+        name, equals, file = text.partition("=")
         if not equals or "/" in name:
-            name, file = (one, "") if one.isidentifier() else (Path(one).stem, one)
+            name, file = (text, "") if text.isidentifier() else (Path(text).stem, text)
         if not name.isidentifier() or (equals and not file):
-            raise UsageError(f"--controller {one}: expected FILE, or NAME=FILE with a name of letters, digits and _, "
+            raise UsageError(f"--controller {text}: expected FILE, or NAME=FILE with a name of letters, digits and _, "
                              "or the NAME of a controller of the scene")  # fmt: skip
-        if name in found:
-            raise UsageError(f"--controller {one}: {name} is given twice")
-        found[name] = file
-    return found
+        if name in files:
+            raise UsageError(f"--controller {text}: {name} is given twice")
+        files[name] = file
+    return files
 
 
 def added(given: Iterable[str] | None) -> dict[str, object]:
     """The changes of a scene by all `--controller` with a file. Raises UsageError for what names no file."""
-    files = {name: file for name, file in named(given or ()).items() if file}
+    files = {name: file for name, file in named(given).items() if file}
     if not files:
         return {}
     from rig.scenes.sections import changes as with_files
@@ -263,7 +247,7 @@ def added(given: Iterable[str] | None) -> dict[str, object]:
 
 def there(given: Iterable[str] | None, scene: Scene) -> None:
     """Raise UsageError for a --controller that `scene` does not have."""
-    for name in named(given or ()):
+    for name in named(given):
         if name not in scene.controllers:
             known = ", ".join(scene.controllers) or "none"
             raise UsageError(f"--controller {name}: {scene.name} has no controller {name}; there are: {known}. "
@@ -322,16 +306,13 @@ def number(given: str, option: str, unit: str, low: float, high: float, also: st
 
     given = with_point(given, option)
     try:
-        found = float(given)
-    except ValueError:
-        try:
-            found = si(given, unit)
-        except ValueError as error:
-            raise UsageError(f"{option} {error}{also}") from None
-    if not low <= found <= high:
+        value = si(plain(given), unit)
+    except ValueError as error:
+        raise UsageError(f"{option} {error}{also}") from None
+    if not low <= value <= high:
         allowed = f"{low:g} to {high:g}" + ("" if unit == "1" else f" {unit}")
         raise UsageError(f"{option} {brief(given)[1:-1]}: must be {allowed}{also}")
-    return found
+    return value
 
 
 def seconds(given: str | None, option: str = "--duration", low: float = SHORTEST) -> float | None:
@@ -348,13 +329,8 @@ def trigger(when: str | None, before: str | None, after: str | None, most: int |
         return None
     from rig.record.trigger import Trigger, condition
 
-    earlier, later = seconds(before, "--before", low=0.0), seconds(after, "--after", low=0.0)
-    return Trigger(
-        condition(when),
-        before=2.0 if earlier is None else earlier,
-        after=5.0 if later is None else later,
-        most=most or 100,
-    )
+    earlier, later = seconds(before or "2", "--before", 0.0), seconds(after or "5", "--after", 0.0)
+    return Trigger(condition(when), earlier or 0.0, later or 0.0, most or 100)
 
 
 def pace(given: str | None, lockstep: bool = False) -> float | None:
@@ -364,19 +340,17 @@ def pace(given: str | None, lockstep: bool = False) -> float | None:
     return None if given == "max" else number(given, "--pace", "1", *PACES, ', or "max"')
 
 
-def share(given: str | None, option: str = "--budget") -> float | None:
-    """A share: "40%" or "0.4"."""
-    if given is None:
-        return None
-    text = given.strip()
-    plain = f"{text[:-1]} %" if text.endswith("%") else text
-    return number(plain, option, "1", 1e-6, 1.0, ", a share of a frame such as 40%")
+def share(given: str | None) -> float | None:
+    """A share of a frame: "40%" or "0.4"."""
+    return (
+        None if given is None else number(given.strip(), "--budget", "1", 1e-6, 1.0, ", a share of a frame such as 40%")
+    )
 
 
 def at(folder: Path) -> Path:
     """A folder that exists or can be made, and be written to."""
     try:
-        there = next(one for one in (folder, *folder.parents) if one.exists())
+        there = next(path for path in (folder, *folder.parents) if path.exists())
     except OSError as fault:  # a name that is too long
         raise UsageError(f"--out {folder} cannot be written: {fault.strerror}") from None
     if not there.is_dir():

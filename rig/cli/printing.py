@@ -7,21 +7,20 @@ What the command reads is never overwritten.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from rig.errors import UsageError
+from rig.errors import ExitCode, UsageError
 from rig.machine.files import FIGURES, figure_format, recording_name, takes, unused
-from rig.printable import printable
+from rig.printable import columns, printable
 from rig.results import Result
 
 if TYPE_CHECKING:
@@ -65,37 +64,57 @@ def run_warnings(scene: Scene, duration: float | None) -> None:
         note(f"warning: {found}")
 
 
-def report(found: Any) -> None:
+def report(values: Any) -> None:
     """Print a report as JSON; NaN and infinity become null."""
-    line(json.dumps(_plain(found), indent=2, ensure_ascii=False))
+    line(json.dumps(_plain(values), indent=2, ensure_ascii=False))
 
 
-def _plain(found: Any) -> Any:
-    if isinstance(found, dict):
-        return {str(key): _plain(value) for key, value in found.items()}
-    if isinstance(found, list | tuple):
-        return [_plain(value) for value in found]
-    if isinstance(found, float):
-        return found if math.isfinite(found) else None
-    if hasattr(found, "tolist"):
-        return _plain(found.tolist())
-    return found if found is None or isinstance(found, str | int | bool) else str(found)
+def result(found: Any, as_json: bool, **more: object) -> None:
+    """Print a result: its text, or as JSON, with `more`."""
+    if as_json:
+        report(found.to_json() | more)
+    else:
+        line(found.text())
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+def passed(good: bool) -> None:
+    """Leave with the exit code of a check that failed, unless it is `good`."""
+    if not good:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    return value if value is None or isinstance(value, str | int | bool) else str(value)
+
+
+def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table in the width of the terminal; 160 columns without a terminal."""
     from rich.console import Console
     from rich.table import Table
 
-    made = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
-    for column in columns:
-        made.add_column(column, overflow="fold")
+    made = Table(title=name, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+    for title in titles:
+        made.add_column(title, overflow="fold")
     for row in rows:
         made.add_row(*(printable(cell if isinstance(cell, str) else number(cell)) for cell in row))
     console = Console()
     if not console.is_terminal:
         console = Console(width=160)
     console.print(made, markup=False, highlight=False)
+
+
+def pairs(rows: Iterable[tuple[str, str]]) -> None:
+    """Print labelled lines."""
+    for text in columns(rows, "<<"):
+        line(text)
 
 
 def number(value: object) -> str:
@@ -105,29 +124,28 @@ def number(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-class Status:
-    """A progress line on a terminal; nothing is written without a terminal."""
+@contextmanager
+def status(text: str = "") -> Iterator[Callable[[str], None]]:
+    """A line of progress on a terminal, replaced by each text that it gets; nothing is written without a terminal."""
+    terminal, width = sys.stderr.isatty(), 0
 
-    def __init__(self) -> None:
-        self._terminal = sys.stderr.isatty()
-        self._width = 0
-
-    def show(self, text: str) -> None:
-        """Replace the line by `text`."""
-        if self._terminal:
-            text = printable(text)
-            sys.stderr.write(f"\r{text.ljust(self._width)}")
-            self._width = len(text)
+    def show(text: str) -> None:
+        nonlocal width
+        if terminal:
+            sys.stderr.write(f"\r{printable(text).ljust(width)}")
             sys.stderr.flush()
+            width = len(printable(text))
 
-    def done(self) -> None:
-        """Clear the line."""
-        if self._terminal and self._width:
-            sys.stderr.write(f"\r{' ' * self._width}\r")
-            sys.stderr.flush()
+    show(text)
+    try:
+        yield show
+    finally:
+        if width:
+            show("")
+            sys.stderr.write("\r")
 
 
-@contextlib.contextmanager
+@contextmanager
 def bar(what: str) -> Iterator[Callable[[int, int], object]]:
     """A progress bar with rate and remaining time, on standard error; without a terminal a line now and then."""
     if not sys.stderr.isatty():
@@ -145,8 +163,9 @@ def bar(what: str) -> Iterator[Callable[[int, int], object]]:
 
     estimate = TimeRemainingColumn(elapsed_when_finished=True)
     counts = (MofNCompleteColumn(), TextColumn("{task.fields[rate]}"), TimeElapsedColumn(), estimate)
-    columns = (TextColumn("{task.description}"), BarColumn(), *counts)
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), *counts, console=Console(stderr=True), transient=True
+    ) as bar:
         task = bar.add_task(what, total=None, rate="")
         rate = Rate()
 
@@ -158,7 +177,7 @@ def bar(what: str) -> Iterator[Callable[[int, int], object]]:
         yield show
 
 
-@contextlib.contextmanager
+@contextmanager
 def kept(store: Store, what: str, total: int = 0) -> Iterator[None]:
     """Print on Ctrl-C how many results of a work are kept, of `total` if that is known; `what` they are."""
     try:
@@ -226,25 +245,17 @@ def named(what: str, path: Path) -> None:
 
 
 def new(context: typer.Context, option: typer.CallbackParam, path: Path | None) -> Path | None:
-    """Hold the file that an option names while its command runs, from before the command computes anything."""
+    """Check the file that an option names before its command computes anything."""
     if path is not None:
-        try:
-            hold(context, option.opts[0], path)
-        except UsageError:
-            context.close()  # what the options before it made goes again: nobody enters a context that is not complete
-            raise
+        name = option.opts[0]
+        writable(context, name, path, figure_format if name == "--figure" else None)
     return path
 
 
 def new_recording(context: typer.Context, option: typer.CallbackParam, path: Path | None) -> Path | None:
     """Like `new`, for a recording."""
-    new(context, option, path)
-    try:
-        if path is not None:
-            recording_name(path)
-    except UsageError as fault:
-        context.close()
-        raise UsageError(f"{option.opts[0]} {fault}") from None
+    if path is not None:
+        writable(context, option.opts[0], path, recording_name)
     return path
 
 
@@ -259,91 +270,59 @@ def new_folder(option: typer.CallbackParam, path: Path) -> Path:
 
 def reads(context: typer.Context, path: Path) -> None:
     """Note that the command reads `path`. Raises UsageError where an option has named it as a file to write."""
-    try:
-        _claim(context, _READ, path)
-    except UsageError:
-        context.close()
-        raise
+    _claim(context, _READ, path)
 
 
 def _claim(context: typer.Context, what: str, path: Path) -> None:
-    """Note what a file is for. Raises UsageError if it is for something else too; what is written is there: it is held.
+    """Note what a file is for. Raises UsageError if it is for something else too.
 
     An option may come before or after the argument that names what is read.
     """
-    taken: dict[str, Path] = context.meta.setdefault(_TAKEN, {})
-    for other, file in taken.items():
-        if what == other or not _same(path, file):
-            continue
-        if _READ in (what, other):
-            option, written = (other, file) if what == _READ else (what, path)
-            raise UsageError(f"{option} {written}: is also the input file; name another one")
-        raise UsageError(f"{what} {path}: is also the file of {other}; name another one")
-    taken[what] = path
+    taken: list[tuple[str, Path]] = context.meta.setdefault(_TAKEN, [])
+    for other, file in taken:
+        if what != other and _same(path, file):
+            if _READ in (what, other):
+                option, written = (other, file) if what == _READ else (what, path)
+                raise UsageError(f"{option} {written}: is also the input file; name another one")
+            raise UsageError(f"{what} {path}: is also the file of {other}; name another one")
+    taken.append((what, path))
 
 
-def _same(one: Path, other: Path) -> bool:
+def _same(path: Path, other: Path) -> bool:
     try:
-        return one.is_file() and one.samefile(other)
-    except OSError:  # a name that is too long
+        return path.resolve() == other.resolve() or path.samefile(other)
+    except OSError:  # no such file, or a name that is too long
         return False
 
 
-def hold(context: typer.Context, option: str, path: Path) -> None:
-    """Hold the file of an option until the command ends. Raises UsageError, as `held` does, for an input file too."""
-    named(option, path)
-    if option == "--figure":
-        try:
-            figure_format(path)
-        except UsageError as fault:
-            raise UsageError(f"{option} {fault}") from None
-    _claim(context, option, path)
-    context.with_resource(held(option, path, bool(context.params.get("force"))))
+def writable(context: typer.Context, option: str, path: Path, check: Callable[[Path], object] | None = None) -> None:
+    """Raise UsageError unless the command can write the file of an option; `check`: of its name.
 
-
-@contextmanager
-def held(option: str, path: Path, force: bool) -> Iterator[None]:
-    """Make an empty file at `path`; it goes again if nothing has been written to it in the end.
-
-    Raises UsageError for a file with something in it, unless `force`, for a file that another process is writing, for
-    a folder that does not exist (it may be a slip of the keyboard), and for a place that cannot be written.
+    It cannot if the file has something in it, unless --force is given, if another process is writing it, if it is an
+    input file, if its folder does not exist (it may be a slip of the keyboard), or if the place cannot be written.
     """
-    made = False
+    named(option, path)
+    _claim(context, option, path)
     try:
         if path.is_dir():
             raise UsageError(f"{option} {path} is a folder; name a file")
         takes(path)
-        if path.exists() and path.stat().st_size and not force:
-            raise UsageError(f"{option} {path} exists; name another file, or add --force to replace it")
         if not path.parent.exists():
             raise UsageError(f"{option} {path}: there is no folder {path.parent}; make it, or name another one")
-        with suppress(FileExistsError):
-            path.open("xb").close()
-            made = True
-        unused(path)
+        if not path.exists():
+            path.open("xb").close()  # nothing else tells whether the place can be written
+            path.unlink()
+        elif path.stat().st_size and not context.params.get("force"):
+            raise UsageError(f"{option} {path} exists; name another file, or add --force to replace it")
+        else:
+            unused(path)
     except OSError as fault:
         raise UsageError(f"{option} {path} cannot be written: {fault.strerror}") from None
     try:
-        yield
-    finally:
-        with suppress(OSError):
-            if made and not path.stat().st_size:
-                path.unlink()
-
-
-@contextmanager
-def parents(path: Path) -> Iterator[None]:
-    """Take away the folders above `path` that are not there yet, if they are there and empty in the end."""
-    try:
-        new = [folder for folder in path.parents if not folder.exists()]
-    except OSError:  # a name that is too long: nothing can be made
-        new = []
-    try:
-        yield
-    finally:
-        for folder in new:
-            with suppress(OSError):  # something is in it
-                folder.rmdir()
+        if check:
+            check(path)
+    except UsageError as fault:
+        raise UsageError(f"{option} {fault}") from None
 
 
 def refuse(folder: Path, names: Iterable[str], force: bool) -> None:
@@ -353,9 +332,9 @@ def refuse(folder: Path, names: Iterable[str], force: bool) -> None:
         raise UsageError(f"{folder}: has {', '.join(there)}; name another folder, or add --force to replace them")
 
 
-def draw(found: Result, figure: Path | None, *how: object) -> None:
+def draw(result: Result, figure: Path | None, *how: object) -> None:
     """Write the figure of a result to a file, if one is given; `how`: arguments of its `plot`."""
     if figure is not None:
         from rig.view.palette import put
 
-        put(found.plot(*how), figure)
+        put(result.plot(*how), figure)

@@ -1,24 +1,17 @@
-"""Commands for recordings.
-
-Commands that find recordings and note what they are.
-
-The command that writes a recording as a page to read.
-
-The command that writes a recording for other programs.
-"""
+"""Commands for recordings: play, check, recover, list, note, write as a page or for other programs."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paired, plain, renamed, seconds
-from rig.cli.printing import draw, hold, named, new, parents, reads, refuse
-from rig.errors import ExitCode, LogError, UsageError
+from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paired, plain
+from rig.cli.printing import named, reads, refuse, writable
+from rig.errors import UsageError
 from rig.machine.files import RUNS
 from rig.printable import printable
 
@@ -32,21 +25,15 @@ def recording(context: typer.Context, path: Path | None) -> Path | None:
     """Check the path of a recording: no folder, pipe or device. Whoever reads it reports a file that does not exist."""
     from rig.machine.files import regular
 
-    if path is None:
-        return None
-
-    try:
+    if path is not None:
         named("recording", path)
-        regular(path)
-    except FileNotFoundError:
-        pass
-    except UsageError:
-        context.close()  # see `new`
-        raise
-    except OSError as error:
-        context.close()
-        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
-    reads(context, path)
+        try:
+            regular(path)
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+        reads(context, path)
     return path
 
 
@@ -67,12 +54,8 @@ def opened(log: Path, trust: bool = False) -> Run:
     from rig.record.reader import open as read
 
     allow(log, trust)
-    status = printing.Status()
-    status.show(f"reading {log}")
-    try:
+    with printing.status(f"reading {log}"):
         run = read(log)
-    finally:
-        status.done()
     for note in run.notes:
         printing.note(f"{log}: {note}")
     return run
@@ -121,18 +104,13 @@ def replay(
     from rig.bench.again.replay import replay as play
 
     allow(log, trust)
-    status = printing.Status()
     values = {key: plain(value) for key, value in changes(p).items()}
-    found = play(log, into or (), pace(speed), values, status.show)
-    status.done()
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.line(found.text())
-    if found.fault:
-        printing.note(f"{log}: {found.fault}")
-    if not found.passed:
-        raise typer.Exit(ExitCode.FAILED)
+    with printing.status() as show:
+        replayed = play(log, into or (), pace(speed), values, show)
+    printing.result(replayed, as_json)
+    if replayed.fault:
+        printing.note(f"{log}: {replayed.fault}")
+    printing.passed(replayed.passed)
 
 
 def verify(log: Log, trust: Trust = False, as_json: Json = False) -> None:
@@ -141,13 +119,9 @@ def verify(log: Log, trust: Trust = False, as_json: Json = False) -> None:
 
     allow(log, trust)
     with printing.bar("seconds simulated again") as progress:
-        found = check(log, progress)
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.line(found.text())
-    if not found.passed:
-        raise typer.Exit(ExitCode.FAILED)
+        verified = check(log, progress)
+    printing.result(verified, as_json)
+    printing.passed(verified.passed)
 
 
 def recover(
@@ -169,89 +143,15 @@ def recover(
     if out is not None:
         named("--out", out)
         recording_name(out)
-    found = save(log, out, force)
+    saved = save(log, out, force)
     if as_json:
-        printing.report({**vars(found), "complete": found.complete})
+        printing.report({**vars(saved), "complete": saved.complete})
     else:
-        printing.line(f"{found.path}: {found.messages} messages, {found.seconds:.3f} s; the original: {found.fault}")
-        for place in found.skipped:
+        printing.line(f"{saved.path}: {saved.messages} messages, {saved.seconds:.3f} s; the original: {saved.fault}")
+        for place in saved.skipped:
             printing.line(f"  skipped {place}")
-        printing.line(f"  {found.losses()}")
-    if not found.complete:
-        raise typer.Exit(ExitCode.FAILED)
-
-
-def sound(
-    log: Log,
-    signal: Annotated[
-        str, typer.Option("--signal", metavar="SENSOR", help="Sensor whose sound is analysed. Default: the microphone.")
-    ] = "",
-    channel: Annotated[str, typer.Option("--channel", hidden=True)] = "",
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Write the sound to a WAV file.")
-    ] = None,
-    figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Draw sound, spectrum and level (PNG, SVG, PDF).")
-    ] = None,
-    trust: Trust = False,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
-    """Find squeals in the sound of a recording: level, frequency, times. Write a WAV file."""
-    from rig.analysis.recorded.sound import hear
-    from rig.machine.files import draft_of
-    from rig.record.wav import write
-
-    sensor = renamed("--channel", channel, "--signal", signal)
-    run = opened(log, trust)
-    heard = hear(run, sensor)
-    full = None
-    if out is not None:
-        with draft_of(out) as draft:
-            full = write(heard.v, heard.rate, draft)
-    if as_json:
-        printing.report(heard.to_json() | {"wav": out, "full_scale": full, "figure": figure})
-    else:
-        printing.line(heard.text())
-        if full is not None:
-            printing.line(f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}")
-    draw(heard, figure)
-
-
-def amplitude(
-    log: Log,
-    first: Annotated[
-        str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")
-    ] = None,
-    last: Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")] = None,
-    figure: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", callback=new, help="Draw the amplitude of each sensor in each stage (PNG, SVG, PDF)."
-        ),
-    ] = None,
-    trust: Trust = False,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
-    """Compute amplitude and frequency of each measurement, stage by stage, and the speeds of first and last stick."""
-    from rig.analysis.recorded import amplitudes
-
-    begin, end = seconds(first, "--from", low=0.0) or 0.0, seconds(last, "--to") or float("inf")
-    run = opened(log, trust)
-    if nothing := without_outputs(run, log):
-        raise LogError(nothing)
-    if begin >= min(end, float(run.time[-1])):
-        raise UsageError(f"--from {begin:g} s to {min(end, float(run.time[-1])):g} s: the time span is empty; "
-                         f"the recording has {run.time[0]:g} to {run.time[-1]:g} s")  # fmt: skip
-    found = amplitudes(run, begin, end)
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.table(found.TITLE, found.COLUMNS, found.table())
-        if found.sticks:
-            printing.line(found.sticks.text())
-    draw(found, figure)
+        printing.line(f"  {saved.losses()}")
+    printing.passed(saved.complete)
 
 
 _SHOWN = 60
@@ -279,54 +179,40 @@ def runs(
         raise UsageError(f"{folder}: no such folder or recording")
     if folder.is_dir():
         with printing.bar("reading") as progress:
-            found = run_list.runs(folder, rebuild, progress)
+            listed = run_list.runs(folder, rebuild, progress)
     else:
-        found, folder = [run_list.one(folder)], folder.parent
-    wanted = [one for one in found if _wanted(one, tag or [], scene)]
-    for one in wanted:
-        _warn(one.notes)
+        listed, folder = [run_list.one(folder)], folder.parent
+    wanted = [
+        recording
+        for recording in listed
+        if {*(tag or ())} <= {*recording.notes.tags}
+        and scene in (None, recording.contents and recording.contents.scene)
+    ]
+    for recording in wanted:
+        _warn(recording.notes)
     if as_json:
-        printing.report([_plain(one) for one in wanted])
-        return
-    if not wanted:
-        printing.line(f"{folder}: {f'none of {len(found)} recordings fits' if found else 'no recordings'}")
-        return
-    columns = ("recording", "scene", "date", "length", "timing", "notes")
-    printing.table(f"recordings in {folder}", columns, [_row(one, folder) for one in wanted])
-
-
-def _wanted(one: Listed, tags: list[str], scene: str | None) -> bool:
-    here = one.contents.scene if one.contents else ""
-    return set(tags) <= set(one.notes.tags) and scene in (None, here)
+        printing.report([
+            {"path": one.path, "size": one.size, **(vars(one.contents) if one.contents else {}), "fault": one.fault,
+             "notes": [vars(note) for note in one.notes.found], "tags": one.notes.tags}
+            for one in wanted
+        ])  # fmt: skip
+    elif wanted:
+        columns = ("recording", "scene", "date", "length", "timing", "notes")
+        printing.table(f"recordings in {folder}", columns, [_row(one, folder) for one in wanted])
+    else:
+        printing.line(f"{folder}: {f'none of {len(listed)} recordings fits' if listed else 'no recordings'}")
 
 
 def _row(one: Listed, folder: Path) -> tuple[str, ...]:
-    name = str(one.path.relative_to(folder))
-    notes = one.notes.found
-    last = next((note.text for note in reversed(notes) if note.text), "")
+    last = next((note.text for note in reversed(one.notes.found) if note.text), "")
     short = last if len(last) <= _SHOWN else f"{last[: _SHOWN - 1]}…"
     noted = " ".join(filter(None, (short, *(f"#{tag}" for tag in one.notes.tags))))
-    said = "; ".join(filter(None, (one.fault, noted)))
+    name, said = str(one.path.relative_to(folder)), "; ".join(filter(None, (one.fault, noted)))
     if (contents := one.contents) is None:
         return name, "", "", "", "", said
-    return (
-        name,
-        contents.scene or "unknown",
-        _date(contents.began_ns),
-        f"{contents.seconds:.3f} s" if contents.seconds is not None else "unknown",
-        contents.timing or "unknown",
-        said,
-    )
-
-
-def _date(began_ns: int) -> str:
-    return datetime.fromtimestamp(began_ns * 1e-9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
-
-
-def _plain(one: Listed) -> dict[str, Any]:
-    contents = vars(one.contents) if one.contents else {}
-    notes = [vars(note) for note in one.notes.found]
-    return {"path": one.path, "size": one.size, **contents, "fault": one.fault, "notes": notes, "tags": one.notes.tags}
+    began = datetime.fromtimestamp(contents.began_ns * 1e-9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+    length = "unknown" if contents.seconds is None else f"{contents.seconds:.3f} s"
+    return name, contents.scene or "unknown", began, length, contents.timing or "unknown", said
 
 
 def note(
@@ -344,16 +230,14 @@ def note(
         user_notes.add(log, text or "", tag or ())
     elif not log.exists():
         raise UsageError(f"{log}: no such file")
-    found = user_notes.read(log)
+    notes = user_notes.read(log)
     if as_json:
-        printing.report({"path": found.path, "notes": [vars(one) for one in found.found],
-                         "other": [vars(one) for one in found.other], "unreadable": found.unreadable})  # fmt: skip
+        printing.report({"path": notes.path, "notes": [vars(note) for note in notes.found],
+                         "other": [vars(note) for note in notes.other], "unreadable": notes.unreadable})  # fmt: skip
         return
-    for one in found.found:
-        printing.line(str(one))
-    if not found.found:
-        printing.line(f"{log}: no notes")
-    _warn(found)
+    for line in map(str, notes.found or [f"{log}: no notes"]):
+        printing.line(line)
+    _warn(notes)
 
 
 def _warn(notes: Notes) -> None:
@@ -379,19 +263,14 @@ def report(
     The page is one file and loads no other files.
     """
     path = out or log.with_suffix(".html")
-    named("--out", path)
+    writable(context, "--out", path)
     if path.suffix.lower() not in (".html", ".htm"):
         raise UsageError(f"--out {path}: the name of a page ends in .html")
-    hold(context, "--out", path)
     run = opened(log, trust)
     from rig.analysis.report import write
 
-    status = printing.Status()
-    status.show(f"writing {path}")
-    try:
+    with printing.status(f"writing {path}"):
         size = write(run, log, path)
-    finally:
-        status.done()
     if as_json:
         printing.report({"path": path, "bytes": size, "damage": run.notes})
     else:
@@ -443,7 +322,7 @@ def export(
     if to not in NAMES:
         raise UsageError(f"--to {to}: expected {_LIST}")
     hertz = None if rate is None else number(rate, "--rate", "Hz", *RATES)
-    names = None if only is None else [one.strip() for one in only.split(",") if one.strip()]
+    names = None if only is None else [name.strip() for name in only.split(",") if name.strip()]
     if names == []:
         raise UsageError("--only: expected names of outputs, sensors or controllers, separated by commas")
     from rig.record.export import FORMATS, tables
@@ -454,34 +333,29 @@ def export(
     path = out or log.with_name(f"{log.stem}-{to}" if chosen.folder else f"{log.stem}{chosen.suffix}")
     named("--out", path)
     if chosen.folder:
-        context.with_resource(parents(at(path)))
+        at(path)
     else:
-        hold(context, "--out", path)
+        writable(context, "--out", path)
     run = opened(log)
-    found = tables(run, names or (), hertz)
+    exported = tables(run, names or (), hertz)
     if chosen.folder:
-        refuse(path, files(found, to), force)
-    status = printing.Status()
-    try:
-        written = write(found, to, path, description(run) | {"recording": printable(log.name)}, status.show)
-    finally:
-        status.done()
-    for note in found.notes:
+        refuse(path, files(exported, to), force)
+    with printing.status() as show:
+        written = write(exported, to, path, description(run) | {"recording": printable(log.name)}, show)
+    for note in exported.notes:
         printing.note(note)
     if as_json:
-        contents = [vars(one) for one in written]
-        printing.report({"path": path, "tables": contents, "notes": found.notes, "damage": run.notes})
+        contents = [vars(table) for table in written]
+        printing.report({"path": path, "tables": contents, "notes": exported.notes, "damage": run.notes})
         return
     printing.line(f"{path}:")
-    for one in written:
-        printing.line(f"  {one}")
+    for table in written:
+        printing.line(f"  {table}")
 
 
 COMMANDS = {
     "replay": (replay, "rig replay recordings/golden/pendulum.mcap --into nf --pace max"),
     "verify": (verify, "rig verify recordings/golden/pendulum.mcap"),
-    "amplitude": (amplitude, "rig amplitude recordings/runs/lever-20260101-120000.mcap --from '4 s'"),
-    "sound": (sound, "rig sound recordings/runs/brake-20260101-120000.mcap --out squeal.wav --figure squeal.png"),
     "recover": (recover, "rig recover recordings/runs/pendulum-20260101-120000.mcap"),
     "runs": (runs, "rig runs recordings/runs --tag squeal"),
     "note": (note, 'rig note recordings/runs/mine.mcap "new pad, second day" --tag squeal'),

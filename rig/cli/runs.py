@@ -1,7 +1,4 @@
-"""Commands that run a scene.
-
-The command that simulates a scene, or continues a recording, in this process.
-"""
+"""Commands that run a scene as processes (demo, run), or in this process (simulate)."""
 
 from __future__ import annotations
 
@@ -158,10 +155,7 @@ def run(
         name=name,
         trigger=windows.options() if windows is not None else (),
     )
-    if as_json:
-        printing.report(outcome.to_json())
-    else:
-        printing.line(outcome.text())
+    printing.result(outcome, as_json)
     if figure is not None and outcome.log:
         _draw(outcome.log, figure, names)
     raise typer.Exit(outcome.exit_code)
@@ -179,11 +173,9 @@ def listed(only: str | None, figure: Path | None) -> list[str]:
 
 def drawable(names: Collection[str], scene: Scene) -> None:
     """Raise UsageError for a name that a run of the scene will not have."""
-    if not names:
-        return
     from rig.record.run_data import listing, unknown
 
-    outputs = {name: output.unit for name, output in scene.assemble().outputs.items()}
+    outputs = {name: output.unit for name, output in scene.assemble().outputs.items()} if names else {}
     known = listing({name: sensor.delivers for name, sensor in scene.sensors.items()}, outputs)
     for name in names:
         if name not in known and name not in outputs:
@@ -218,23 +210,10 @@ def _draw(log: str, figure: Path, only: Collection[str] = ()) -> None:
 def _start(context: typer.Context, text: str | None) -> str | None:
     """The recording and instant to continue from; the recording is not to be overwritten."""
     if text is not None:
-        try:
-            log, _ = instant_of(text)
-        except UsageError:
-            context.close()
-            raise
-        recording(context, log)
+        recording(context, instant_of(text)[0])
     return text
 
 
-Written = Annotated[
-    Path | None,
-    typer.Option("--out", metavar="FILE", callback=new_recording, help="Recording to write (MCAP). Default: none."),
-]
-Repeat = Annotated[
-    int | None,
-    typer.Option(min=2, max=10_000, metavar="N", help="Simulate with N seeds on all cores and report the spread."),
-]
 Start = Annotated[
     str | None,
     typer.Option(
@@ -280,13 +259,19 @@ def simulate(
             help="Integration method, as clock.method: auto (default), exact, dopri5, rk4, kick, smooth.",
         ),
     ] = None,
-    out: Written = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", callback=new_recording, help="Recording to write (MCAP). Default: none."),
+    ] = None,
     figure: Figure = None,
     only: Only = None,
     force: Force = False,
     budget: Budget = None,
     precision: Accuracy = None,
-    repeat: Repeat = None,
+    repeat: Annotated[
+        int | None,
+        typer.Option(min=2, max=10_000, metavar="N", help="Simulate with N seeds on all cores and report the spread."),
+    ] = None,
     trust: Trust = False,
     as_json: Json = False,
 ) -> None:
@@ -339,11 +324,9 @@ def simulate(
             _repeated(loaded, repeat, length, figure, as_json)
             return
     begin, failed = time.perf_counter(), False
-    with _asked_to_stop() as asked:
+    with _asked_to_stop() as stop:
         try:
-            found = _simulated(
-                loaded, start, overrides, length, trust, lambda: f"interrupted by {asked[0]}" if asked else ""
-            )
+            found = _simulated(loaded, start, overrides, length, trust, stop)
         except ControllerFailed as error:  # what was computed is kept
             if error.run is None:  # it could not start
                 raise
@@ -356,22 +339,18 @@ def simulate(
     if as_json:
         printing.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
     else:
-        from rig.printable import columns
         from rig.scenes.scene import Scene
 
-        for line in columns(_summary(found, loaded or Scene.from_json(found.scene), wall, out, figure), "<<"):
-            printing.line(line)
+        printing.pairs(_summary(found, loaded or Scene.from_json(found.scene), wall, out, figure))
     for text in _notes(found):
         printing.note(text)
-    lost = any(event["kind"] == "lost" for event in found.plant_events)
     draw(found, figure, names)
-    if failed:
-        raise typer.Exit(ExitCode.FAILED)
-    if found.fault or any(event["kind"] == "limit" for event in found.plant_events):
+    kinds = {event["kind"] for event in found.plant_events}
+    printing.passed(not failed)
+    if found.fault or "limit" in kinds:
         raise typer.Exit(ExitCode.STOPPED)
-    if lost:
-        raise typer.Exit(ExitCode.FAILED)
-    if asked:
+    printing.passed("lost" not in kinds)
+    if stop():
         raise typer.Exit(ExitCode.INTERRUPTED)
 
 
@@ -397,8 +376,8 @@ def _simulated(
 
 
 @contextmanager
-def _asked_to_stop() -> Iterator[list[str]]:
-    """Signals that asked this process to end; the second one ends it at once."""
+def _asked_to_stop() -> Iterator[Callable[[], str]]:
+    """Which signal has asked this process to end, in words; the second one ends it at once."""
     asked: list[str] = []
 
     def heard(name: str) -> None:
@@ -408,25 +387,20 @@ def _asked_to_stop() -> Iterator[list[str]]:
         printing.note("ending the run; press Ctrl-C again to end at once")
 
     with told_to_stop(heard):
-        yield asked
+        yield lambda: f"interrupted by {asked[0]}" if asked else ""
 
 
 def _repeated(scene: Scene, count: int, length: float | None, figure: Path | None, as_json: bool) -> None:
     from rig.analysis.repeat import repeat
 
-    with _asked_to_stop() as asked, printing.bar("runs") as progress:
-        found = repeat(
-            scene, count, length, progress=progress, stop=lambda: f"interrupted by {asked[0]}" if asked else ""
-        )
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.line(found.text())
-    if found.seen:
-        draw(found, figure)
-    if asked:
+    with _asked_to_stop() as stop, printing.bar("runs") as progress:
+        repeats = repeat(scene, count, length, progress=progress, stop=stop)
+    printing.result(repeats, as_json)
+    if repeats.seen:
+        draw(repeats, figure)
+    if stop():
         raise typer.Exit(ExitCode.INTERRUPTED)
-    if any(one.fault for one in found.seen):
+    if any(run.fault for run in repeats.seen):
         raise typer.Exit(ExitCode.STOPPED)
 
 
@@ -435,16 +409,12 @@ def _notes(run: Run) -> Iterator[str]:
     from rig.bus.topics import LEVELS
 
     branched = max((event["t_ns"] for event in run.plant_events if event["kind"] == "branch"), default=-1)
+    told = LEVELS.keys() - {"overruled", "fault"}
     for event in run.plant_events:
         kind, t, text = event["kind"], event["t_ns"], event["text"]
         if kind == "warning" or (kind == "overruled" and t == branched):
             yield f"warning: {text}"
-        elif (
-            t >= branched
-            and kind in LEVELS
-            and kind not in ("overruled", "fault")
-            and text.partition("\n")[0] not in run.fault
-        ):
+        elif t >= branched and kind in told and text.partition("\n")[0] not in run.fault:
             yield f"{t * 1e-9:.3f} s  {kind}: {text}"
     if run.fault:
         yield run.fault
@@ -459,9 +429,7 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
 
     plant, length = run.summary["plant"], float(run.time[-1])
     yield "run", f"{length:g} s simulated in {wall:.2f} s, compiling included; ended: {run.summary['ended']}"
-    for event in run.plant_events:
-        if event["kind"] == "branch":
-            yield "branch", event["text"]
+    yield from (("branch", event["text"]) for event in run.plant_events if event["kind"] == "branch")
     yield "plant", status.plant(plant, plant["energy_error"])
     for name in portrait(scene.assemble().outputs) or ():
         v = run.signals[name]
@@ -470,14 +438,9 @@ def _summary(run: Run, scene: Scene, wall: float, out: Path | None, figure: Path
         yield "contact", text
     for name, counts in run.summary["controllers"].items():
         yield name, ", ".join([counted(counts["updates"], "update"), *status.unanswered(counts)])
-    for topic, counts in run.summary.get("network", {}).items():
-        yield "network", status.link(topic, counts)
-    for one in run.summary["audit"]:
-        if one["noted"]:
-            yield "audit", one["text"]
-    for label, path in (("log", out), ("figure", figure)):
-        if path is not None:
-            yield label, str(path)
+    yield from (("network", status.link(topic, n)) for topic, n in run.summary.get("network", {}).items())
+    yield from (("audit", effect["text"]) for effect in run.summary["audit"] if effect["noted"])
+    yield from ((label, str(path)) for label, path in (("log", out), ("figure", figure)) if path is not None)
     if out:
         log = shlex.quote(str(out))
         yield "next", f"rig report {log} | rig verify {log} | rig replay {log} | rig simulate --from {log}"

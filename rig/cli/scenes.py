@@ -1,9 +1,4 @@
-"""Commands that list, write and rewrite scene files.
-
-The command that shows what a scene contains, or what its effects did in a recording.
-
-The command that writes a scene as an FMU.
-"""
+"""Commands for scenes: list, write and rewrite files, explain what a scene contains, write it as an FMU."""
 
 from __future__ import annotations
 
@@ -17,23 +12,23 @@ import typer
 
 from rig.cli import printing
 from rig.cli.options import Changes, Force, Json, SceneName, changes, the_scene
-from rig.cli.printing import held, named, new
+from rig.cli.printing import new, writable
 from rig.errors import SceneError, UsageError
 from rig.machine.files import write_file
+from rig.printable import counted
 
 if TYPE_CHECKING:
-    pass
     from rig.qualify.effects_measured import Part, Rate
     from rig.scenes.explain import Value
     from rig.scenes.scene import Scene
 
 
-Folder = Annotated[
-    Path | None, typer.Argument(metavar="FOLDER", help="A folder with scene files. Default: the shipped scenes.")
-]
-
-
-def list_scenes(folder: Folder = None, as_json: Json = False) -> None:
+def list_scenes(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="FOLDER", help="A folder with scene files. Default: the shipped scenes.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
     """List the shipped scenes, or those in a folder; and parts that other packages have installed."""
     from rig.scenes import names
     from rig.scenes.shipped import card
@@ -80,6 +75,7 @@ def _list_installed() -> None:
 
 
 def new_scene(
+    context: typer.Context,
     name: Annotated[str, typer.Argument(metavar="NAME", help="File to write, with or without .toml.")],
     based_on: Annotated[
         str, typer.Option(metavar="SCENE", help="Shipped scene, or TOML file, on which the new one is based.")
@@ -95,7 +91,6 @@ def new_scene(
     from rig.scenes.draft import draft
     from rig.scenes.shipped import names
 
-    named("NAME", Path(name))
     file = Path(name) if name.endswith(".toml") else Path(f"{name}.toml")
     if file.suffix != ".toml":
         raise UsageError(f"{name}: names no file; expected NAME or NAME.toml")
@@ -105,8 +100,8 @@ def new_scene(
     if file.exists() and any(base.exists() and file.samefile(base) for base in bases):
         raise UsageError(f"{name}: is a scene that the new one would be based on; name another file")
     base = based_on if shipped else os.path.relpath(based_on, file.parent)
-    with held("NAME", file, force):
-        write_file(file, draft(scene, base, str(file)).encode())
+    writable(context, "NAME", file)
+    write_file(file, draft(scene, base, str(file)).encode())
     if as_json:
         printing.report({"file": str(file), "based_on": base})
         return
@@ -146,11 +141,6 @@ def migrate(
         printing.line(f"  {line}")
 
 
-Figure = Annotated[
-    Path | None, typer.Option(metavar="FILE", callback=new, help="Draw the result of --measure (PNG, SVG, PDF).")
-]
-
-
 def explain(
     scene: SceneName,
     p: Changes = None,
@@ -159,7 +149,9 @@ def explain(
         bool,
         typer.Option("--measure", help="Measure each effect: compute time per step in ns, and change of the motion."),
     ] = False,
-    figure: Figure = None,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="FILE", callback=new, help="Draw the result of --measure (PNG, SVG, PDF).")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -177,68 +169,65 @@ def explain(
         _audited(scene, as_json)
         return
     explanation = take_apart(the_scene(scene, changes(p)))
+    loaded = explanation.scene
     if measure:
-        _measured(explanation.scene, figure, as_json)
+        _measured(loaded, figure, as_json)
         return
-    values = [v for v in explanation.values if everything or as_json or v.place or v.key in explanation.scene.origins]
+    values = [v for v in explanation.values if everything or as_json or v.place or v.key in loaded.origins]
     if as_json:
         printing.report(
             {
-                "scene": explanation.scene.name,
-                "title": explanation.scene.title,
-                "about": explanation.scene.about,
-                "based_on": explanation.scene.bases,
-                "notes": explanation.scene.notes,
-                "plant": explanation.scene.plant,
+                "scene": loaded.name,
+                "title": loaded.title,
+                "about": loaded.about,
+                "based_on": loaded.bases,
+                "notes": loaded.notes,
+                "plant": loaded.plant,
                 "states": explanation.states,
-                "frame_s": explanation.scene.frame_ns / 1e9,
-                "step_s": explanation.scene.step_ns / 1e9,
-                "slow": explanation.scene.slow,
-                "duration_s": None if explanation.scene.duration_ns is None else explanation.scene.duration_ns / 1e9,
+                "frame_s": loaded.frame_ns / 1e9,
+                "step_s": loaded.step_ns / 1e9,
+                "slow": loaded.slow,
+                "duration_s": None if loaded.duration_ns is None else loaded.duration_ns / 1e9,
                 "effects": [vars(effect) for effect in explanation.effects],
                 "actuators": [vars(actuator) for actuator in explanation.actuators],
-                "faults": {name: dump(fault) for name, fault in explanation.scene.faults.items()},
-                "network": {topic: dump(link) for topic, link in explanation.scene.network.links.items()},
+                "faults": {name: dump(fault) for name, fault in loaded.faults.items()},
+                "network": {topic: dump(link) for topic, link in loaded.network.links.items()},
                 "values": [_value(v) for v in values],
             }
         )
         return
-    printing.line(f"{explanation.scene.title} ({explanation.scene.name})\n")
-    if explanation.scene.about:
-        printing.line(f"{explanation.scene.about}\n")
-    if explanation.scene.bases:
-        printing.line(f"Based on {', which is based on '.join(explanation.scene.bases)}\n")
-    if explanation.scene.slow:
-        printing.line(f"Paced, {explanation.scene.slow}\n")
-    if explanation.scene.assemble().film is not None:
-        printing.line("After the first opening of a contact point the motion is chaotic: only statistics count. "
-                  f"Their spread: rig simulate {shlex.quote(scene)} --repeat 8 -p noise.force=1e-6\n")  # fmt: skip
-    rows = [(e.name, "on" if e.on else "absent", len(e.states), e.states_text, e.about) for e in explanation.effects]
-    printing.table(
-        f"effects: {explanation.states} state{'s' * (explanation.states != 1)}",
-        ("effect", "", "states", "", "about"),
-        rows,
+    chaotic = ("After the first opening of a contact point the motion is chaotic: only statistics count. "
+               f"Their spread: rig simulate {shlex.quote(scene)} --repeat 8 -p noise.force=1e-6")  # fmt: skip
+    paragraphs = (
+        f"{loaded.title} ({loaded.name})",
+        loaded.about,
+        loaded.bases and f"Based on {', which is based on '.join(loaded.bases)}",
+        loaded.slow and f"Paced, {loaded.slow}",
+        loaded.assemble().film is not None and chaotic,
     )
+    for text in filter(None, paragraphs):
+        printing.line(f"{text}\n")
+    rows = [(e.name, "on" if e.on else "absent", len(e.states), e.states_text, e.about) for e in explanation.effects]
+    printing.table(f"effects: {counted(explanation.states, 'state')}", ("effect", "", "states", "", "about"), rows)
     printing.line()
-    actuators = [
-        (a.name, f"{a.low:g} .. {a.high:g}", a.unit if a.unit != "1" else "", f"{a.start:g}", f"{a.safe:g}")
-        for a in explanation.actuators
-    ]
+    actuators = [(a.name, f"{a.low:g} .. {a.high:g}", _unit(a.unit), f"{a.start:g}", f"{a.safe:g}")
+                 for a in explanation.actuators]  # fmt: skip
     printing.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
     printing.line()
-    if explanation.scene.network:
-        _print_network(explanation.scene)
-    if explanation.scene.faults:
-        _print_faults(explanation.scene)
-    shown = [
-        (v.key, _text(v.value), v.unit if v.unit != "1" else "", v.origin.origin, v.origin.note, str(v.place or ""))
-        for v in values
-    ]
+    if loaded.network:
+        _print_network(loaded)
+    if loaded.faults:
+        _print_faults(loaded)
+    shown = [(v.key, ", ".join(map(printing.number, v.value if isinstance(v.value, list) else [v.value])),
+              _unit(v.unit), v.origin.origin, v.origin.note, str(v.place or "")) for v in values]  # fmt: skip
     printing.table("values", ("key", "value", "unit", "origin", "note", "file"), shown)
     left = len(explanation.values) - len(values)
-    printing.line(
-        f"\n{left} more values have defaults; to list them: rig explain {shlex.quote(scene)} --all" if left else ""
-    )
+    more = f"{left} more values have defaults; to list them: rig explain {shlex.quote(scene)} --all"
+    printing.line(f"\n{more}" if left else "")
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
 
 
 def _print_network(scene: Scene) -> None:
@@ -246,11 +235,12 @@ def _print_network(scene: Scene) -> None:
     from rig.scenes.network import described
     from rig.scenes.sections import dump
 
-    rows = []
-    for topic, link in scene.network.links.items():
-        least, most = link.ticks(scene.frame_ns)
-        frames = f"{least} .. {most}" if most > least else f"{most}"
-        rows.append((topic, described(dump(link)), f"{frames} frame{'s' * (most != 1)}"))
+    ticks = {topic: link.ticks(scene.frame_ns) for topic, link in scene.network.links.items()}
+    rows = [
+        (topic, described(dump(scene.network.links[topic])),
+         f"{least} .. {most} frames" if most > least else counted(most, "frame"))
+        for topic, (least, most) in ticks.items()
+    ]  # fmt: skip
     seed = scene.seed if scene.network.seed is None else scene.network.seed
     printing.table(f"impaired links, seed {seed}", ("link", "", "time under way"), rows)
     printing.line("a message arrives at a frame: its transmission time is rounded up to whole frames\n")
@@ -298,8 +288,8 @@ def _audited(log: str, as_json: bool) -> None:
     )
     if network:
         printing.line()
-        counted = [(topic, *counts.values()) for topic, counts in network.items()]
-        printing.table("impaired links, number of messages", ("link", *next(iter(network.values()))), counted)
+        messages = [(topic, *counts.values()) for topic, counts in network.items()]
+        printing.table("impaired links, number of messages", ("link", *next(iter(network.values()))), messages)
     if faults:
         printing.line()
         printing.table("faults of sensors and actuators", ("t", ""), [(f"{t:g} s", text) for t, text in faults])
@@ -315,32 +305,28 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
 
     with printing.bar("effects") as progress:
         parts = effects_measured.parts(scene, report=progress)
-    methods, signals, topics = (
-        effects_measured.methods(scene),
-        [*effects_measured.signals(scene)],
-        [*effects_measured.topics(scene)],
-    )
+    methods = effects_measured.methods(scene)
+    rates = {"outputs": [*effects_measured.signals(scene)], "topics of rig run": [*effects_measured.topics(scene)]}
     if as_json:
-        measured = {"signals": [vars(one) for one in signals], "topics": [vars(one) for one in topics]}
-        effects = [one.to_json() for one in parts]
-        printing.report({"scene": scene.name, "states": scene.assemble().system().n - 1, "effects": effects,
-                     "methods": methods, **measured})  # fmt: skip
+        signals, topics = ([vars(rate) for rate in of] for of in rates.values())
+        report = {"scene": scene.name, "states": scene.assemble().system().n - 1}
+        report |= {"effects": [part.to_json() for part in parts], "methods": methods}
+        printing.report({**report, "signals": signals, "topics": topics})
     else:
-        _print_measured(scene, parts, methods, signals, topics)
+        _print_measured(scene, parts, methods, rates)
     if figure is not None:
-        from rig.qualify.effects_measured import draw
-
-        draw(parts, scene, figure)
+        effects_measured.draw(parts, scene, figure)
 
 
 def _print_measured(
-    scene: Scene, parts: Sequence[Part], methods: Mapping[str, str], signals: Sequence[Rate], topics: Sequence[Rate]
+    scene: Scene, parts: Sequence[Part], methods: Mapping[str, str], rates: Mapping[str, Sequence[Rate]]
 ) -> None:
     """What was measured, for a reader."""
-    rows = []
-    for one in parts:
-        cost = "" if one.paired.fault else one.paired.cost()
-        rows.append((one.name, "on" if one.on else "absent", one.paired.states, cost, one.paired.change(), one.why))
+    rows = [
+        (one.name, "on" if one.on else "absent", one.paired.states, "" if one.paired.fault else one.paired.cost(),
+         one.paired.change(), one.why)
+        for one in parts
+    ]  # fmt: skip
     columns = ("effect", "", "states", "cost per sample step", "largest change without it", "remark")
     printing.table(f"{scene.name}: effects, measured with and without each in turns", columns, rows)
     if any(one.paired.measurable and one.paired.tick.value < -one.paired.noise for one in parts):
@@ -350,19 +336,12 @@ def _print_measured(
     printing.line(
         "change: difference of the two values over the larger one; < x ns: below the noise floor of this machine"
     )
-    from rig.printable import columns as columns_of
-
     printing.line("\nmethods")
-    for line in columns_of(methods.items(), "<<"):
-        printing.line(line)
-    for title, computed in (("outputs", signals), ("topics of rig run", topics)):
+    printing.pairs(methods.items())
+    for title, computed in rates.items():
         printing.line()
-        rates = [(one.name, f"{one.rate:g}" if one.rate else "", one.asked) for one in computed]
-        printing.table(title, ("", "per s", "used by"), rates)
-
-
-def _text(value: Any) -> str:
-    return ", ".join(map(printing.number, value)) if isinstance(value, list) else printing.number(value)
+        lines = [(one.name, f"{one.rate:g}" if one.rate else "", one.asked) for one in computed]
+        printing.table(title, ("", "per s", "used by"), lines)
 
 
 def fmu(

@@ -1,7 +1,4 @@
-"""The command `rig study`: a scene over parameters, with measures.
-
-The command `rig optimise`: a global search for the smallest or largest value of a measure.
-"""
+"""Commands over many parameters: measures of a scene (study), and a search for the best value of one (optimise)."""
 
 from __future__ import annotations
 
@@ -27,50 +24,20 @@ from rig.cli.options import (
     the_scene,
     with_option,
 )
-from rig.cli.printing import draw, hold, named, new_folder, refuse
-from rig.errors import ExitCode, UsageError
+from rig.cli.printing import draw, named, new_folder, refuse, writable
+from rig.errors import UsageError
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 
-What = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE", help="Name of a shipped scene, a scene file, or a study file (TOML).", callback=scene_file
-    ),
-]
-Over = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--over",
-        metavar="KEY=VALUES",
-        help='Vary a parameter: "load.force=10 N:30 N:5", "load.force=10, 20 N", '
-        '"friction.mu_static=normal(0.4, 0.02)". Repeatable.',
-    ),
-]
-MeasureNames = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--measure",
-        metavar="NAME",
-        help="Measure: cycle.amplitude, motion.period, run.rms, ..., or FILE.py:FUNCTION of a Run. Repeatable.",
-    ),
-]
 Samples = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Samples of the distributions. Default: 64.", show_default=False)
 ]
-Sampling = Annotated[
-    str | None, typer.Option(metavar="HOW", help="random (default), latin, sobol; saltelli for Sobol indices.")
-]
-RepeatPoints = Annotated[int | None, typer.Option(min=1, metavar="N", help="Runs of each point, with different seeds.")]
 Seed = Annotated[int | None, typer.Option(min=0, metavar="N", help="Seed of samples and runs. Default: the scene's.")]
 Keep = Annotated[
     str | None,
     typer.Option(metavar="CONDITION", help='Keep recordings of the runs for which it holds: "cycle.amplitude > 5 mm".'),
-]
-To = Annotated[
-    Path | None, typer.Option("--to", metavar="FILE", help="Write the results as NetCDF (.nc) or Zarr (.zarr) as well.")
 ]
 ClusterName = Annotated[
     str,
@@ -92,17 +59,44 @@ Folder = Annotated[
 
 def study(
     context: typer.Context,
-    scene: What,
-    over: Over = None,
-    measure: MeasureNames = None,
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE", help="Name of a shipped scene, a scene file, or a study file (TOML).", callback=scene_file
+        ),
+    ],
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--over",
+            metavar="KEY=VALUES",
+            help='Vary a parameter: "load.force=10 N:30 N:5", "load.force=10, 20 N", '
+            '"friction.mu_static=normal(0.4, 0.02)". Repeatable.',
+        ),
+    ] = None,
+    measure: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--measure",
+            metavar="NAME",
+            help="Measure: cycle.amplitude, motion.period, run.rms, ..., or FILE.py:FUNCTION of a Run. Repeatable.",
+        ),
+    ] = None,
     p: Changes = None,
     samples: Samples = None,
-    sampling: Sampling = None,
-    repeat: RepeatPoints = None,
+    sampling: Annotated[
+        str | None, typer.Option(metavar="HOW", help="random (default), latin, sobol; saltelli for Sobol indices.")
+    ] = None,
+    repeat: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Runs of each point, with different seeds.")
+    ] = None,
     seed: Seed = None,
     duration: Duration = None,
     keep: Keep = None,
-    to: To = None,
+    to: Annotated[
+        Path | None,
+        typer.Option("--to", metavar="FILE", help="Write the results as NetCDF (.nc) or Zarr (.zarr) as well."),
+    ] = None,
     workers: Workers = None,
     cluster: ClusterName = "",
     dry_run: DryRun = False,
@@ -142,10 +136,7 @@ def study(
     refuse(store.folder, ("study.csv",), force)
     with printing.kept(store, "points", len(work.items)), printing.bar("points") as progress:
         found = carry_out(work, out, workers, progress, given.get("keep"), cluster)
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.line(found.text())
+    printing.result(found, as_json)
     figures = found.draw(store.folder)
     write_file(store.folder / "study.csv", found.csv().encode())
     if to is not None:
@@ -156,35 +147,34 @@ def study(
             printing.line(f"{len(found.recordings)} recordings in {store.folder / 'runs'}")
         if to is not None:
             printing.line(str(to))
-    if np.isnan(found.values).all():
-        raise typer.Exit(ExitCode.FAILED)
+    printing.passed(not np.isnan(found.values).all())
 
 
 def _asked(name: str, overrides: dict[str, str]) -> tuple[Scene, dict[str, Any]]:
     """The scene, and what a study file says about the study."""
-    if not name.endswith(".toml"):
-        return the_scene(name, overrides), {}
-    from rig.analysis.studies.file import is_study, read
+    if name.endswith(".toml"):
+        from rig.analysis.studies.file import is_study, read
 
-    if not is_study(Path(name)):
-        return the_scene(name, overrides), {}
-    found = read(Path(name))
-    return noted(found.scene, {**found.changes, **overrides}, found.places | with_option("-p", overrides)), found.given
+        if is_study(Path(name)):
+            file = read(Path(name))
+            places = file.places | with_option("-p", overrides)
+            return noted(file.scene, {**file.changes, **overrides}, places), file.given
+    return the_scene(name, overrides), {}
 
 
 def values(given: list[str] | None, option: str, changed: Mapping[str, object]) -> dict[str, str]:
     """Dotted key -> values as text, of all options of this name; `changed`: keys of -p, which cannot be varied too."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for one in given or []:
-        key, equals, text = one.partition("=")
-        if not equals or not key.strip() or not text.strip():
+        key, _, text = (part.strip() for part in one.partition("="))
+        if not key or not text:
             raise UsageError(f'{option} {one}: expected KEY=VALUES, such as {option} "load.force=10 N:30 N:5"')
-        if key.strip() in found:
-            raise UsageError(f"{option} {one}: {key.strip()} is given twice")
-        if key.strip() in changed:
-            raise UsageError(f"{option} {one}: {key.strip()} is set with -p; leave one of the two out")
-        found[key.strip()] = text.strip()
-    return found
+        if key in texts:
+            raise UsageError(f"{option} {one}: {key} is given twice")
+        if key in changed:
+            raise UsageError(f"{option} {one}: {key} is set with -p; leave one of the two out")
+        texts[key] = text
+    return texts
 
 
 def scripted(cluster: str, dry_run: bool, workers: int | None) -> bool:
@@ -202,52 +192,47 @@ def scripted(cluster: str, dry_run: bool, workers: int | None) -> bool:
 
 def _target(context: typer.Context, to: Path | None) -> None:
     """Refuse a file of the results that could not be written in the end."""
-    if to is None:
-        return
-    from rig.analysis.studies.result import check_path
+    if to is not None:
+        from rig.analysis.studies.result import check_path
 
-    check_path(to)
-    named("--to", to)
-    if to.suffix == ".nc":
-        hold(context, "--to", to)
-    elif to.exists():
-        refuse(to.parent, (to.name,), bool(context.params.get("force")))
-
-
-Ranges = Annotated[
-    list[str] | None,
-    typer.Option("--over", metavar="KEY=FROM:TO", help='Range of a parameter: "load.force=10 N:30 N". Repeatable.'),
-]
-Minimise = Annotated[
-    str | None,
-    typer.Option(metavar="MEASURE", help="Measure to minimise: a name as for rig study, or FILE.py:FUNCTION."),
-]
-Maximise = Annotated[str | None, typer.Option(metavar="MEASURE", help="Measure to maximise instead.")]
-Evaluations = Annotated[int, typer.Option(min=1, max=1_000_000, metavar="N", help="Largest number of points.")]
-SearchSeed = Annotated[
-    int | None, typer.Option(min=0, metavar="N", help="Seed of search and runs. Default: the scene's.")
-]
-SearchFolder = Annotated[
-    Path,
-    typer.Option(
-        metavar="FOLDER", callback=new_folder, help="Folder for the results; each search has a folder of its own in it."
-    ),
-]
+        check_path(to)
+        named("--to", to)
+        if to.suffix == ".nc":
+            writable(context, "--to", to)
+        elif to.exists():
+            refuse(to.parent, (to.name,), bool(context.params.get("force")))
 
 
 def optimise(
     scene: SceneName,
-    over: Ranges = None,
-    minimise: Minimise = None,
-    maximise: Maximise = None,
+    over: Annotated[
+        list[str] | None,
+        typer.Option("--over", metavar="KEY=FROM:TO", help='Range of a parameter: "load.force=10 N:30 N". Repeatable.'),
+    ] = None,
+    minimise: Annotated[
+        str | None,
+        typer.Option(metavar="MEASURE", help="Measure to minimise: a name as for rig study, or FILE.py:FUNCTION."),
+    ] = None,
+    maximise: Annotated[str | None, typer.Option(metavar="MEASURE", help="Measure to maximise instead.")] = None,
     p: Changes = None,
-    evaluations: Evaluations = 600,
-    seed: SearchSeed = None,
+    evaluations: Annotated[
+        int, typer.Option(min=1, max=1_000_000, metavar="N", help="Largest number of points.")
+    ] = 600,
+    seed: Annotated[
+        int | None, typer.Option(min=0, metavar="N", help="Seed of search and runs. Default: the scene's.")
+    ] = None,
     duration: Duration = None,
     workers: Workers = None,
     cluster: ClusterName = "",
     dry_run: DryRun = False,
-    out: SearchFolder = Path("searches"),
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FOLDER",
+            callback=new_folder,
+            help="Folder for the results; each search has a folder of its own in it.",
+        ),
+    ] = Path("searches"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -275,15 +260,12 @@ def optimise(
     refuse(store.folder, ("search.csv",), force)
     with printing.kept(store, "points"), printing.bar("points") as progress:
         found = search(work, out, workers, progress, cluster)
-    if as_json:
-        printing.report(found.to_json())
-    else:
-        printing.line(found.text())
+    printing.result(found, as_json)
+    if not as_json:
         printing.line(f"\n{store.folder}/search.csv, search.png")
     draw(found, store.folder / "search.png")
     write_file(store.folder / "search.csv", found.csv().encode())
-    if found.best is None:
-        raise typer.Exit(ExitCode.FAILED)
+    printing.passed(found.best is not None)
 
 
 COMMANDS = {

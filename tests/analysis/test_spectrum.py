@@ -9,7 +9,6 @@ import pytest
 
 import rig as lab
 from rig.analysis.recorded import orders, spectrum
-from rig.analysis.recorded.figures import spectrum_figure
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
@@ -187,6 +186,6 @@ def test_the_command(tmp_path, rig):
 
 def test_a_picture(tmp_path):
     run = run_of(2.0 * np.sin(7.0 * TURN))
-    put(spectrum_figure(spectrum(run), orders(run)), tmp_path / "orders.png")
+    put(spectrum(run, over="drive").plot(), tmp_path / "orders.png")
     put(spectrum(run).plot(), tmp_path / "spectrum.png")
     assert (tmp_path / "orders.png").stat().st_size > (tmp_path / "spectrum.png").stat().st_size > 30_000

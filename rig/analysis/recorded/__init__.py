@@ -3,8 +3,7 @@
 series       one channel of a recording, on an even grid, missing samples as NaN; several channels on one grid
 amplitudes   amplitude and frequency of every sensor in each stage of a run
 hysteresis   moving RMS of a vibration over the drive speed, up and down
-spectrum     power spectral density and spectrogram
-orders       the same over the angle of a disc or the travel of a belt
+spectrum     power spectral density and spectrogram; the same over the angle of a disc or the travel of a belt
 pressure     maps of the pressure of a film at chosen instants
 response     frequency response and coherence between two channels, averaged or from pulses; its resonances
 portrait     phase portrait and Poincare section
@@ -18,12 +17,11 @@ from __future__ import annotations
 from rig.analysis.recorded.amplitudes import Amplitudes, amplitudes
 from rig.analysis.recorded.comparison import Compared, compare
 from rig.analysis.recorded.hysteresis import Hysteresis, hysteresis
-from rig.analysis.recorded.orders import Orders, orders
 from rig.analysis.recorded.portrait import Portrait, Section, portrait
 from rig.analysis.recorded.pressure import Pressure, pressure
 from rig.analysis.recorded.response import Resonance, Response, response
 from rig.analysis.recorded.series import Series, series
-from rig.analysis.recorded.spectrum import Spectrum, spectrum
+from rig.analysis.recorded.spectrum import Orders, Spectrum, orders, spectrum
 
 __all__ = [
     "Amplitudes",

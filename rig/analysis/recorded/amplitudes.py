@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from rig.analysis import stick_speeds
 from rig.analysis.amplitude import Row, measured
 from rig.analysis.recorded.series import scene_name
+from rig.errors import UsageError
 from rig.printable import columns
 from rig.record.run import Run
 from rig.results import Result
@@ -50,5 +51,11 @@ class Amplitudes(Result):
 
 
 def amplitudes(run: Run, first: float = 0.0, last: float = float("inf")) -> Amplitudes:
-    """Compute the amplitude index of every sensor from `first` to `last` [s], for each stage of the run."""
+    """Compute the amplitude index of every sensor from `first` to `last` [s], for each stage of the run.
+
+    Raises UsageError for a time span outside of the run.
+    """
+    if run.time.size and first >= min(last, run.time[-1]):
+        raise UsageError(f"--from {first:g} s to {min(last, run.time[-1]):g} s: the time span is empty; the recording "
+                         f"has {run.time[0]:g} to {run.time[-1]:g} s")  # fmt: skip
     return Amplitudes(scene_name(run), tuple(measured(run, first, last)), stick_speeds.stages(run))

@@ -12,21 +12,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.analysis.recorded.comparison import Compared
 from rig.analysis.recorded.hysteresis import Hysteresis
-from rig.analysis.recorded.orders import Orders
 from rig.analysis.recorded.portrait import Portrait, Section
 from rig.analysis.recorded.pressure import Pressure
 from rig.analysis.recorded.response import Response
-from rig.analysis.recorded.series import scene_name, squared
+from rig.analysis.recorded.series import scene_name
 from rig.analysis.recorded.sound import Sound
-from rig.analysis.recorded.spectrum import Density, Line, Map, Spectrum
+from rig.analysis.recorded.spectrum import Density, Line, Map, Orders, Spectrum
 from rig.printable import counted
 from rig.record.compare import series_of
+from rig.record.run import Reals
 from rig.record.statistics import whole_signals
 from rig.view import curves
 from rig.view.curves import plain, thinned
@@ -38,7 +39,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_UP, _DOWN, _LINE = BLUE, AMBER, GREY
+_NAMED_PEAKS = 6
+"""Resonances that a picture labels, the largest ones."""
+_DRAWN_SAMPLES, _DRAWN_CHANNELS, _COLUMNS = 40_000, 5, 2400
+"""Samples of a portrait, channels of a comparison (those that differ first), columns of a sound."""
+Floats = NDArray[np.floating[Any]]
 _RANGE = 70.0
 """Range of a map [dB below its maximum]."""
 _NAMED, _APART = 3, 0.35
@@ -61,14 +66,10 @@ def hysteresis_figure(found: Hysteresis) -> Figure:
     with sheet(f"{found.scene}: {name} over {over}", (12.0, 8.0)) as figure:
         loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
         rms.sharex(speed)
-        labelled = set()
         for curve in found.curves:
-            way, colour, dashes = ("rising", _UP, "-") if curve.branch.rises else ("falling", _DOWN, "--")
-            label = f"{over} {way}"
-            loop.plot(
-                *thinned(curve.speed, curve.rms), color=colour, ls=dashes, label=None if label in labelled else label
-            )
-            labelled.add(label)
+            way, colour, dashes = ("rising", BLUE, "-") if curve.branch.rises else ("falling", AMBER, "--")
+            label = f"{over} {way}" if f"{over} {way}" not in loop.get_legend_handles_labels()[1] else None
+            loop.plot(*thinned(curve.speed, curve.rms), color=colour, ls=dashes, label=label)
             for axes, values in ((rms, curve.rms), (speed, curve.speed)):
                 axes.plot(*thinned(curve.t, values), color=colour)
             if math.isfinite(curve.stick):
@@ -76,8 +77,7 @@ def hysteresis_figure(found: Hysteresis) -> Figure:
                 loop.axvline(
                     curve.stick, color=colour, lw=0.9, ls=":", label=f"{what}: {curve.stick:.4g} {found.over_unit}"
                 )
-        window = f"centred window of {found.window:.4g} s"
-        loop.set_title(f"RMS about the mean, {window}")
+        loop.set_title(f"RMS about the mean, centred window of {found.window:.4g} s")
         loop.set(xlabel=f"{over} [{found.over_unit}]", ylabel=f"RMS of {name} [{found.unit}]")
         loop.set_ylim(0.0, None)
         loop.legend(loc="best")
@@ -89,59 +89,49 @@ def hysteresis_figure(found: Hysteresis) -> Figure:
     return figure
 
 
-def spectrum_figure(found: Spectrum, order: Orders | None = None) -> Figure:
-    """Draw density and spectrogram, and those over orders."""
-    size = (12.0, 7.6) if order is None else (15.0, 8.0)
-    with sheet(f"{found.scene}: spectrum of {plain(found.name)}", size) as figure:
-        (density, *beside), (spectrogram, *below) = figure.subplots(2, 1 if order is None else 2, squeeze=False)
-        _density(density, found.density, found.lines, f"{squared(found.unit)}/Hz", "Hz")
-        density.set(
-            title=f"mean of {counted(found.density.windows, 'Hann window')} of {found.window:.4g} s",
-            xlabel="frequency [Hz]",
-        )
-        _map(spectrogram, found.map, found.density, f"level [dB re 1 {squared(found.unit)}/Hz]")
-        spectrogram.set(title=f"windows of {found.map_window:.4g} s", xlabel="time [s]", ylabel="frequency [Hz]")
-        if order is not None:
-            _orders(beside[0], below[0], order)
+def spectrum_figure(spectrum: Spectrum) -> Figure:
+    """Draw density and spectrogram, and those over orders if there are any."""
+    both: list[Spectrum | Orders] = [spectrum, spectrum.orders] if spectrum.orders else [spectrum]
+    size = (15.0, 8.0) if spectrum.orders else (12.0, 7.6)
+    with sheet(f"{spectrum.scene}: spectrum of {plain(spectrum.name)}", size) as figure:
+        for axes, averaged in zip(figure.subplots(2, len(both), squeeze=False).T, both):
+            _averaged(axes[0], axes[1], averaged)
     return figure
 
 
-def orders_figure(found: Orders) -> Figure:
+def orders_figure(orders: Orders) -> Figure:
     """Draw density and map over orders."""
-    with sheet(f"{found.scene}: orders of {plain(found.name)}", (12.0, 7.6)) as figure:
+    with sheet(f"{orders.scene}: orders of {plain(orders.name)}", (12.0, 7.6)) as figure:
         density, over_time = figure.subplots(2, 1)
-        _orders(density, over_time, found)
+        _averaged(density, over_time, orders)
     return figure
 
 
-def _orders(density: Axes, over_time: Axes, found: Orders) -> None:
-    per = found.per
-    unit = f"{squared(found.unit)}*{per}"
-    _density(density, found.density, found.lines, unit, f"1/{per}")
-    density.set(
-        title=f"mean of {counted(found.density.windows, 'Hann window')} of {found.window:.4g} {per}, "
-        f"over {plain(found.over)}",
-        xlabel=f"order [1/{per}]",
-    )
-    _map(over_time, found.map, found.density, f"level [dB re 1 {unit}]")
-    over_time.set(title=f"windows of {found.map_window:.4g} {per}", xlabel="time [s]", ylabel=f"order [1/{per}]")
+def _averaged(density: Axes, over_time: Axes, averaged: Spectrum | Orders) -> None:
+    """Draw a density above its course over time."""
+    axis, per, unit = f"{averaged.AXIS} [{averaged.axis_unit}]", averaged.per, averaged.density_unit
+    over = f", over {plain(averaged.over)}" if isinstance(averaged, Orders) else ""
+    _density(density, averaged.density, averaged.lines, unit, averaged.axis_unit)
+    windows = counted(averaged.density.windows, "Hann window")
+    density.set(title=f"mean of {windows} of {averaged.window:.4g} {per}{over}", xlabel=axis)
+    _map(over_time, averaged.map, averaged.density, f"level [dB re 1 {unit}]")
+    over_time.set(title=f"windows of {averaged.map_window:.4g} {per}", xlabel="time [s]", ylabel=axis)
 
 
 def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, axis: str) -> None:
-    axes.loglog(density.f[1:], density.s[1:], color=_UP)
+    axes.loglog(density.f[1:], density.s[1:], color=BLUE)
     low, high = axes.get_ylim()
     top = float(density.s[1:].max(initial=0.0))
     axes.set_ylim(max(low, 1e-12 * top) if top else low, 8.0 * high)
     axes.set_ylabel(f"power spectral density\n[{unit}]")
     named: list[float] = []
     for line in lines:
-        if len(named) == _NAMED or any(abs(math.log10(line.at / other)) < _APART for other in named):
-            continue
-        named.append(line.at)
-        digits = max(0, 3 - math.floor(math.log10(line.at)))  # at least four, without an exponent
-        axes.annotate(f"{line.at:.{digits}f} {axis}", (line.at, line.density), (0, 5), textcoords="offset points",
-                      ha="center", fontsize=9, color=_LINE,
-                      bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
+        if len(named) < _NAMED and all(abs(math.log10(line.at / other)) >= _APART for other in named):
+            named.append(line.at)
+            digits = max(0, 3 - math.floor(math.log10(line.at)))  # at least four, without an exponent
+            axes.annotate(f"{line.at:.{digits}f} {axis}", (line.at, line.density), (0, 5), textcoords="offset points",
+                          ha="center", fontsize=9, color=GREY,
+                          bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
 
 
 def _map(axes: Axes, found: Map, density: Density, unit: str) -> None:
@@ -150,7 +140,12 @@ def _map(axes: Axes, found: Map, density: Density, unit: str) -> None:
     shown = found.f <= max(1.3 * top, found.f[min(20, found.f.size - 1)])
     s = 10.0 * np.log10(np.maximum(found.s[shown], 1e-30))
     best = float(np.nanmax(s, initial=-300.0))
-    mesh = axes.pcolormesh(found.t, found.f[shown], s, vmin=best - _RANGE, vmax=best, cmap="magma", shading="nearest")
+    _levels(axes, found.t, found.f[shown], s, best, unit)
+
+
+def _levels(axes: Axes, t: Reals, f: Reals, levels: Floats, best: float, unit: str) -> None:
+    """Draw `levels` [f, t] over time and frequency, with a bar of colours; `best` is the brightest."""
+    mesh = axes.pcolormesh(t, f, levels, vmin=best - _RANGE, vmax=best, cmap="magma", shading="nearest")
     mesh.set_rasterized(True)
     axes.grid(visible=False)
     bar = axes.figure.colorbar(mesh, ax=axes, label=unit, pad=0.01)
@@ -181,40 +176,34 @@ def pressure_figure(found: Pressure) -> Figure:
     return figure
 
 
-_CURVE, _POINT, _AXIS = BLUE, ALARM, GREY
-_NAMED_PEAKS = 6
-"""Resonances that a picture labels, the largest ones."""
-_DRAWN_SAMPLES = 40_000  # samples of a portrait
-
-
 def response_figure(found: Response) -> Figure:
     """Draw magnitude with its random error, phase and coherence over frequency."""
     title = f"{found.scene}: response of {plain(found.output)} to {plain(found.input)}"
     with sheet(title, (12.0, 8.4)) as figure:
         size, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.2, 0.9))
         h = np.abs(found.h)
-        size.loglog(found.f, h, color=_CURVE)
+        size.loglog(found.f, h, color=BLUE)
         band = np.isfinite(h * found.error) & (found.error < 1.0)
         edges = h * (1.0 - found.error), h * (1.0 + found.error)
-        size.fill_between(found.f, *edges, where=band, color=_CURVE, alpha=0.2, lw=0, label="random error (68 %)")
+        size.fill_between(found.f, *edges, where=band, color=BLUE, alpha=0.2, lw=0, label="random error (68 %)")
         size.set_ylabel(f"magnitude [{found.unit}]")
         if band.any():
             size.legend(loc="best")
         for one in sorted(found.resonances, key=lambda one: -one.magnitude)[:_NAMED_PEAKS]:
             text = f"{one.frequency:.5g} Hz\n{100.0 * one.damping:.3g} %"
             size.annotate(text, (one.at, one.magnitude), (0, 4), textcoords="offset points", ha="center", fontsize=9,
-                          color=_AXIS)  # fmt: skip
+                          color=GREY)  # fmt: skip
         low, high = size.get_ylim()
         size.set_ylim(low, 4.0 * high)
         kind = "Hann windows" if found.tapered else "windows from pulse to pulse"
         size.set_title(f"H1, mean of {found.windows} {kind} of {found.window:.4g} s")
         angle = np.degrees(np.angle(found.h))
         angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan  # a step of a turn is no line
-        phase.semilogx(found.f, angle, color=_CURVE)
+        phase.semilogx(found.f, angle, color=BLUE)
         phase.set(ylabel="phase [degree]", ylim=(-190.0, 190.0), yticks=(-180, -90, 0, 90, 180))
-        coherence.semilogx(found.f, found.coherence, color=_CURVE)
+        coherence.semilogx(found.f, found.coherence, color=BLUE)
         if np.isfinite(found.certain):
-            coherence.axhline(found.certain, color=_AXIS, lw=0.9, ls="--", label="unrelated channels (95 %)")
+            coherence.axhline(found.certain, color=GREY, lw=0.9, ls="--", label="unrelated channels (95 %)")
             coherence.legend(loc="best")
         else:
             coherence.set_title("unknown from a single window")
@@ -230,7 +219,7 @@ def portrait_figure(found: Portrait) -> Figure:
     with sheet(title, (7.6, 6.6) if section is None else (14.0, 6.6)) as figure:
         curve, *beside = figure.subplots(1, 1 if section is None else 2, squeeze=False)[0]
         every = max(found.t.size // _DRAWN_SAMPLES, 1)
-        curve.plot(found.x[::every], found.y[::every], color=_CURVE, lw=0.8)
+        curve.plot(found.x[::every], found.y[::every], color=BLUE, lw=0.8)
         curve.set(xlabel=f"{plain(found.x_name)} [{found.x_unit}]", ylabel=f"{plain(found.y_name)} [{found.y_unit}]")
         curve.set_title("phase portrait")
         if section is not None:
@@ -241,11 +230,11 @@ def portrait_figure(found: Portrait) -> Figure:
 
 def _cut(axes: Axes, found: Portrait, section: Section) -> None:
     at = f"{plain(section.name)} rises through {section.value:.4g} {section.unit}"
-    axes.plot(section.x, section.y, "o", ms=4, color=_POINT, label=at, zorder=3)
+    axes.plot(section.x, section.y, "o", ms=4, color=ALARM, label=at, zorder=3)
     if section.name == found.x_name:
-        axes.axvline(section.value, color=_AXIS, lw=0.9, ls="--")
+        axes.axvline(section.value, color=GREY, lw=0.9, ls="--")
     elif section.name == found.y_name:
-        axes.axhline(section.value, color=_AXIS, lw=0.9, ls="--")
+        axes.axhline(section.value, color=GREY, lw=0.9, ls="--")
     axes.legend(loc="best")
 
 
@@ -253,18 +242,13 @@ def _points(axes: Axes, found: Portrait, section: Section) -> None:
     name, unit, values, whole = found.x_name, found.x_unit, section.x, found.x
     if section.name == found.x_name:
         name, unit, values, whole = found.y_name, found.y_unit, section.y, found.y
-    axes.plot(section.t, values, "o", ms=3, color=_POINT)
+    axes.plot(section.t, values, "o", ms=3, color=ALARM)
     title = f"{section.t.size} points"
     if section.returns:
         title += f", repeat after {section.returns}: period {section.period:.6g} s"
     axes.set(title=f"Poincare section, {title}", xlabel="time [s]", ylabel=f"{plain(name)} [{unit}]")
     low, high = float(np.nanmin(whole)), float(np.nanmax(whole))
     axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))  # as in the portrait: what repeats is a line
-
-
-_A, _B, _DIFFERENCE = BLUE, AMBER, GREY
-_DRAWN_CHANNELS = 5
-"""Most channels in a figure: those that differ first."""
 
 
 def comparison_figure(found: Compared) -> Figure:
@@ -281,13 +265,16 @@ def comparison_figure(found: Compared) -> Figure:
         rows = figure.subplots(max(len(names), 1), 2, squeeze=False, sharex=True, width_ratios=(1.5, 1.0))
         for (over, apart), name in zip(rows, names):
             unit = first.units.get(name, "")
-            for which, series, style in (("A", one[name], {"color": _A}), ("B", two[name], {"color": _B, "ls": "--"})):
+            for which, series, style in (
+                ("A", one[name], {"color": BLUE}),
+                ("B", two[name], {"color": AMBER, "ls": "--"}),
+            ):
                 t = np.multiply(series.t_ns, 1e-9, dtype=np.float64)
                 over.plot(*thinned(t, series.values), lw=1.0, label=which, **style)
             over.set_ylabel(f"{plain(name.removeprefix('meas/'))}\n[{unit}]")
             shared, at_one, at_two = np.intersect1d(one[name].t_ns, two[name].t_ns, return_indices=True)
             away = two[name].values[at_two] - one[name].values[at_one]
-            apart.plot(*thinned(np.multiply(shared, 1e-9, dtype=np.float64), away), lw=0.9, color=_DIFFERENCE)
+            apart.plot(*thinned(np.multiply(shared, 1e-9, dtype=np.float64), away), lw=0.9, color=GREY)
             apart.set_ylabel(f"difference B - A\n[{unit}]")
             signal = known[name]
             apart.set_title(
@@ -303,39 +290,30 @@ def comparison_figure(found: Compared) -> Figure:
     return figure
 
 
-_SIGNAL, _TONE, _WORK = BLUE, VERMILION, GREEN
-_COLUMNS = 2400
-
-
 def sound_figure(sound: Sound) -> Figure:
     """Return the figure of `sound`."""
-    with page(12.0, 7.6, layout="constrained") as figure:
+    with sheet(f"{sound.scene}: {plain(sound.channel)}", (12.0, 7.6)) as figure:
         signal, spectrum, level = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.5, 1.0))
         every = -(-sound.v.size // _COLUMNS)
         edges = np.arange(0, sound.v.size, every)
         t = sound.start + edges / sound.rate
         low, high = np.minimum.reduceat(sound.v, edges), np.maximum.reduceat(sound.v, edges)
-        signal.fill_between(t, low, high, color=_SIGNAL, lw=0.5)
+        signal.fill_between(t, low, high, color=BLUE, lw=0.5)
         signal.set_ylabel(f"{plain(sound.channel)} [{sound.unit}]")
         for span in curves.controlled(sound.run):
             if span.begin > 0.0 or span.end < curves.end_of(sound.run):  # one that works throughout needs no mark
                 for axes in (signal, level):
-                    axes.axvspan(span.begin, span.end, color=_WORK, alpha=0.12, lw=0)
-                signal.annotate(span.text, (span.begin, 1.01), xycoords=("data", "axes fraction"), color=_WORK)
+                    axes.axvspan(span.begin, span.end, color=GREEN, alpha=0.12, lw=0)
+                signal.annotate(span.text, (span.begin, 1.01), xycoords=("data", "axes fraction"), color=GREEN)
         shown = sound.frequencies <= max(6e3, 1.5 * max((one.highest for one in sound.squeals), default=0.0))
         top = float(sound.spectrum.max())
-        mesh = spectrum.pcolormesh(sound.times, 1e-3 * sound.frequencies[shown], sound.spectrum[:, shown].T,
-                                   vmin=top - _RANGE, vmax=top, cmap="magma", shading="nearest")  # fmt: skip
-        mesh.set_rasterized(True)
-        spectrum.grid(visible=False)
+        khz, levels = 1e-3 * sound.frequencies[shown], sound.spectrum[:, shown].T
+        _levels(spectrum, sound.times, khz, levels, top, f"level [{sound.reference}]")
         spectrum.set_ylabel("frequency [kHz]")
-        bar = figure.colorbar(mesh, ax=spectrum, label=f"level [{sound.reference}]", pad=0.01)
-        bar.outline.set_visible(False)  # type: ignore[operator]
-        level.plot(sound.times, sound.level, color=_SIGNAL, label="total")
-        level.plot(sound.times, sound.tone, color=_TONE, label="loudest tone above 1 kHz")
+        level.plot(sound.times, sound.level, color=BLUE, label="total")
+        level.plot(sound.times, sound.tone, color=VERMILION, label="loudest tone above 1 kHz")
         level.axhline(sound.threshold, color=GREY, lw=0.8, ls=":", label="squeal above")
         level.set(ylabel=f"level [{sound.reference}]", xlabel="time [s]", xlim=(sound.times[0], sound.times[-1]))
         level.set_ylim(max(float(np.percentile(sound.tone, 1.0)) - 5.0, float(sound.level.max()) - 120.0), None)
         level.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
-        figure.suptitle(f"{sound.scene}: {plain(sound.channel)}", x=0.01, ha="left", fontsize=13, fontweight="bold")
     return figure

@@ -12,8 +12,6 @@ Centred moving windows over the samples of a recording with gaps, and the longes
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,12 +19,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rig.analysis.recorded.series import Series, drive, scene_name, series, vibration
+from rig.analysis.recorded.series import Series, channels, drive, scene_name, vibration
 from rig.analysis.stick_speeds import short, stuck
-from rig.errors import UsageError
+from rig.errors import Faults, UsageError
 from rig.printable import columns
 from rig.record.run import Reals, Run
-from rig.results import Result
+from rig.results import Result, csv_text
 
 _TURN = 0.05
 """Share of the whole range: a smaller reversal does not end a branch."""
@@ -229,12 +227,12 @@ class Hysteresis(Result):
     @property
     def up(self) -> float:
         """The highest speed with stick as the speed rose; NaN without stick."""
-        return _most([curve.stick for curve in self.curves if curve.branch.rises], max)
+        return max((c.stick for c in self.curves if c.branch.rises and math.isfinite(c.stick)), default=math.nan)
 
     @property
     def down(self) -> float:
         """The highest speed at which the contact stuck again as the speed fell; NaN without stick."""
-        return _most([curve.stick for curve in self.curves if not curve.branch.rises], max)
+        return max((c.stick for c in self.curves if not c.branch.rises and math.isfinite(c.stick)), default=math.nan)
 
     def rows(self) -> list[Row]:
         """Return the RMS over the speed, in even steps of the speed."""
@@ -313,16 +311,20 @@ class Hysteresis(Result):
         }  # fmt: skip
 
     def csv(self) -> str:
-        """Return every window as a line: branch, direction, time, speed, RMS."""
-        made = io.StringIO()
-        writer = csv.writer(made, lineterminator="\n")
-        writer.writerow(["branch", "direction", "time [s]", f"{self.over} [{self.over_unit}]",
-                         f"rms of {self.name} [{self.unit}]"])  # fmt: skip
-        for number, curve in enumerate(self.curves, 1):
-            way = "rising" if curve.branch.rises else "falling"
-            for t, speed, rms in zip(curve.t.tolist(), curve.speed.tolist(), curve.rms.tolist()):
-                writer.writerow([number, way, f"{t:.9g}", f"{speed:.9g}", "" if math.isnan(rms) else f"{rms:.9g}"])
-        return made.getvalue()
+        """Return every window as a line: branch, direction, time, speed, RMS; empty where it is not known."""
+        head = (
+            "branch",
+            "direction",
+            "time [s]",
+            f"{self.over} [{self.over_unit}]",
+            f"rms of {self.name} [{self.unit}]",
+        )
+        rows = (
+            (number, "rising" if curve.branch.rises else "falling", t, speed, "" if math.isnan(rms) else rms)
+            for number, curve in enumerate(self.curves, 1)
+            for t, speed, rms in zip(curve.t.tolist(), curve.speed.tolist(), curve.rms.tolist())
+        )
+        return csv_text(head, rows)
 
 
 def hysteresis(
@@ -339,23 +341,19 @@ def hysteresis(
     strong vibration, at most 5 % of the shortest branch or one period. Raises UsageError with every fault: unknown
     names, a speed that does not change, a window that is too short or too long.
     """
-    faults: list[str] = []
-    found: dict[str, Series] = {}
-    for what, given, usual in (("signal", name, vibration), ("over", over, drive)):
-        try:
-            found[what] = series(run, given or usual(run), first, last)
-        except UsageError as error:
-            faults.append(f"{what}: {error}")
-    turned = _branches(found["over"]) if "over" in found else []
-    if "over" in found and not turned:
-        v, unit = found["over"].v, found["over"].unit
-        faults.append(
-            f"over: {found['over'].name} does not rise or fall: it stays at {np.nanmin(v):.5g} to {np.nanmax(v):.5g} "
-            f"{unit}; a run-up and a run-down are two ramps of drive.speed in the protocol of the scene"
+    faults = Faults()
+    known = channels(run, {"signal": name or vibration, "over": over or drive}, first, last, faults)
+    speed = known.get("over")
+    every = max(-(-speed.v.size // _POINTS), 1) if speed else 1
+    turned = branches(speed.t[::every], speed.v[::every]) if speed else []
+    if speed and not turned:
+        faults.found.append(
+            f"over: {speed.name} does not rise or fall: it stays at {np.nanmin(speed.v):.5g} to "
+            f"{np.nanmax(speed.v):.5g} {speed.unit}; a run-up and a run-down are two ramps of drive.speed in the "
+            "protocol of the scene"
         )
-    if faults:
-        raise UsageError("\n".join(faults))
-    signal, shortest = found["signal"], min(branch.end - branch.begin for branch in turned)
+    faults.raise_found()
+    signal, shortest = known["signal"], min(branch.end - branch.begin for branch in turned)
     hertz = slowest(signal)
     length = window
     if length is None:
@@ -367,10 +365,12 @@ def hysteresis(
             f"window {length:g} s: must be {FEWEST / signal.rate:g} s ({FEWEST} samples of {signal.name} at "
             f"{signal.rate:g} Hz) to {_LONGEST * shortest:g} s (a quarter of the shortest ramp, {shortest:g} s)"
         )
-    return _found(run, signal, found["over"], turned, length, hertz)
+    return _over_branches(run, signal, known["over"], turned, length, hertz)
 
 
-def _found(run: Run, signal: Series, speed: Series, turned: list[Branch], length: float, hertz: float) -> Hysteresis:
+def _over_branches(
+    run: Run, signal: Series, speed: Series, turned: list[Branch], length: float, hertz: float
+) -> Hysteresis:
     t, rms, window = moving_rms(signal, length)
     known = np.isfinite(speed.v)
     fine_t, fine_v = speed.t[known], speed.v[known]
@@ -394,18 +394,8 @@ def _found(run: Run, signal: Series, speed: Series, turned: list[Branch], length
     )  # fmt: skip
 
 
-def _branches(speed: Series) -> list[Branch]:
-    every = max(-(-speed.v.size // _POINTS), 1)
-    return branches(speed.t[::every], speed.v[::every])
-
-
 def _stick(times: Reals, branch: Branch, t: Reals, v: Reals) -> float:
     """The speed v at t of the last of `times` in a run-up and of the first one in a run-down; NaN without any."""
     here = times[(times >= branch.begin) & (times <= branch.end)]
     here = here[np.interp(here, t, v) != 0.0]  # before the drive moves everything sticks
     return float(np.interp(here.max() if branch.rises else here.min(), t, v)) if here.size else math.nan
-
-
-def _most(values: list[float], choose: Any) -> float:
-    known = [value for value in values if math.isfinite(value)]
-    return float(choose(known)) if known else math.nan

@@ -15,13 +15,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rig.analysis.recorded.series import Series, aligned, same, scene_name, series
-from rig.errors import UsageError
+from rig.analysis.recorded.series import Series, aligned, channels, same, scene_name
+from rig.errors import Faults, UsageError
 from rig.printable import counted
 from rig.record.run import Reals, Run
 from rig.record.run_data import TRUE
 from rig.record.run_list import portrait_pair
-from rig.results import Result
+from rig.results import Result, csv_text
 
 SAME = 1e-3
 """Share of the range of a channel: points of a section that are this close count as one."""
@@ -120,10 +120,10 @@ class Portrait(Result):
             "section": section,
         }
 
-    def csv(self) -> Iterator[tuple[float, float, float]]:
-        """Yield a row for each point of the section, or without one for each sample: time [s], x, y."""
-        of = self.section or self
-        yield from zip(of.t.tolist(), of.x.tolist(), of.y.tolist())
+    def csv(self) -> str:
+        """Return a line for each point of the section, or without one for each sample: time [s], x, y."""
+        of, head = self.section or self, [f"{self.x_name} [{self.x_unit}]", f"{self.y_name} [{self.y_unit}]"]
+        return csv_text(["time [s]", *head], zip(of.t.tolist(), of.x.tolist(), of.y.tolist()))
 
 
 def portrait(
@@ -149,19 +149,14 @@ def portrait(
         names = {"x": x or TRUE + usual[0], "y": y or TRUE + usual[1]}
     if section is not None:
         names["section"] = section[0]
-    faults, found = list[str](), list[Series]()
-    for what, name in names.items():
-        try:
-            found.append(series(run, name, first, last))
-        except UsageError as error:
-            faults.append(f"{what}: {error}")
-    if not faults and same(run, names["x"], names["y"]):
-        faults.append(f"x and y are both {found[0].name}; name two channels (--x, --y)")
-    if section is not None and not faults and not np.nanmin(found[2].v) < section[1] <= np.nanmax(found[2].v):
-        faults.append(f"section: {found[2].name} never crosses {section[1]:g} {found[2].unit}; it stays from "
+    faults = Faults()
+    found = [*channels(run, names, first, last, faults).values()]
+    if not faults.found and same(run, names["x"], names["y"]):
+        faults.found.append(f"x and y are both {found[0].name}; name two channels (--x, --y)")
+    if section is not None and not faults.found and not np.nanmin(found[2].v) < section[1] <= np.nanmax(found[2].v):
+        faults.found.append(f"section: {found[2].name} never crosses {section[1]:g} {found[2].unit}; it stays from "
                       f"{np.nanmin(found[2].v):.6g} to {np.nanmax(found[2].v):.6g} {found[2].unit}")  # fmt: skip
-    if faults:
-        raise UsageError("\n".join(faults))
+    faults.raise_found()
     (one, other, *across), _ = aligned(found)
     crossed = None if section is None else _crossed(one, other, across[0], section[1])
     gaps = tuple(dict.fromkeys(filter(None, (channel.notes() for channel in found))))

@@ -6,7 +6,7 @@ recording 200 per second. The vibration is faster, so that a map shows one insta
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -18,7 +18,7 @@ from rig.printable import columns
 from rig.record.film_points import Points, points_of
 from rig.record.run import Reals, Run
 from rig.record.statistics import Instant, characteristic
-from rig.results import Result
+from rig.results import Result, csv_text
 
 MOST = 20
 """Largest number of maps in a figure."""
@@ -82,12 +82,11 @@ class Pressure(Result):
         size = {"length": p.length, "width": p.width, "x": p.x.tolist(), "y": p.y.tolist()}
         return {"scene": self.scene, **size, "spacing": self.spacing, "maps": maps}
 
-    def csv(self) -> Iterator[tuple[float, float, float, float]]:
-        """Yield rows: time [s], x, y [m], pressure [Pa]."""
-        for one in self.maps:
-            for i, x in enumerate(self.points.x.tolist()):
-                for j, y in enumerate(self.points.y.tolist()):
-                    yield one.time, x, y, float(one.pressures[i, j])
+    def csv(self) -> str:
+        """Return a line for each point of each map: time [s], x, y [m], pressure [Pa]."""
+        places = [(x, y) for x in self.points.x.tolist() for y in self.points.y.tolist()]
+        rows = ((m.time, x, y, p) for m in self.maps for (x, y), p in zip(places, m.pressures.ravel().tolist()))
+        return csv_text(("time [s]", "x [m]", "y [m]", "pressure [Pa]"), rows)
 
 
 def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:

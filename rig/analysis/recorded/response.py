@@ -44,13 +44,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.recorded.series import Series, aligned, same, scene_name, series
+from rig.analysis.recorded.series import Series, aligned, channels, same, scene_name
 from rig.analysis.recorded.spectrum import FEWEST
-from rig.errors import UsageError
+from rig.errors import Faults, UsageError
 from rig.printable import columns
 from rig.record.run import Integers, Reals, Run
 from rig.record.run_data import bridge
-from rig.results import Result
+from rig.results import Result, csv_text
 
 _CHUNK = 1 << 22  # samples that are transformed at once
 
@@ -401,10 +401,11 @@ class Response(Result):
             "resonances": [one._asdict() for one in self.resonances],
         }
 
-    def csv(self) -> Iterator[tuple[float, ...]]:
-        """Yield rows: frequency [Hz], magnitude, phase [degrees], coherence, random error of the magnitude."""
-        phase = np.degrees(np.angle(self.h))
-        yield from zip(*(v.tolist() for v in (self.f, np.abs(self.h), phase, self.coherence, self.error)))
+    def csv(self) -> str:
+        """Return the lines: frequency [Hz], magnitude, phase [degrees], coherence, random error of the magnitude."""
+        head = ("frequency [Hz]", f"magnitude [{self.unit}]", "phase [degree]", "coherence", "random error")
+        lines = (self.f, np.abs(self.h), np.degrees(np.angle(self.h)), self.coherence, self.error)
+        return csv_text(head, zip(*(v.tolist() for v in lines)))
 
 
 def response(
@@ -420,27 +421,20 @@ def response(
     Raises UsageError with every fault: unknown names, one channel twice, an input that is constant, a window that is
     too short, too long, or has a gap everywhere.
     """
-    faults: list[str] = []
-    found: list[Series] = []
-    for what, name in (("input", source), ("output", answer)):
-        try:
-            found.append(series(run, name, first, last))
-        except UsageError as fault:
-            faults.append(f"{what}: {fault}")
-    if faults:
-        raise UsageError("\n".join(faults))
+    faults = Faults()
+    found = [*channels(run, {"input": source, "output": answer}, first, last, faults).values()]
+    faults.raise_found()
     if same(run, source, answer):
         raise UsageError(f"input and output are both {found[0].name}: its response to itself is 1; name two channels")
     gaps = tuple(filter(None, (one.notes() for one in found)))
     whole = [bridge(one.v) for one in found]
     (x, y), highest = aligned([Series(one.name, one.unit, one.rate, one.start, v) for one, (v, _) in zip(found, whole)])
-    still = [
+    faults.found += [
         f"{what}: {one.name} {why}; {remedy}"
         for what, one, remedy in (("input", x, _EXCITE), ("output", y, "choose another channel or range of time"))
         if (why := _still(one))
     ]
-    if still:
-        raise UsageError("\n".join(still))
+    faults.raise_found()
     blows = pulses(x.v)
     begins = np.empty(0, np.int64) if blows is None else blows.begins
     span = "the time span"

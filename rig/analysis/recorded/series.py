@@ -13,12 +13,12 @@ hold up to 0.4 r. Channels that are sampled at the same instants stay as they ar
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig.errors import Untrusted, UsageError
+from rig.errors import Faults, Untrusted, UsageError
 from rig.plants import plate
 from rig.printable import counted
 from rig.record.contents import commanded, held, unit_of
@@ -150,6 +150,22 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     else:
         note = _folded(run, plain, output, rate)
     return Series(plain, unit, rate, float(t_ns[0] * 1e-9), grid, note)
+
+
+def channels(
+    run: Run, wanted: Mapping[str, str | Callable[[Run], str]], first: float, last: float, faults: Faults
+) -> dict[str, Series]:
+    """Return channels of `run` by their role, from `first` to `last` [s], without those that are among the `faults`.
+
+    `wanted`: role -> name, or the function that chooses one.
+    """
+    known: dict[str, Series] = {}
+    for role, name in wanted.items():
+        try:
+            known[role] = series(run, name if isinstance(name, str) else name(run), first, last)
+        except UsageError as error:
+            faults.found.append(f"{role}: {error}")
+    return known
 
 
 def same(run: Run, one: str, other: str) -> bool:
