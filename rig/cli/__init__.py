@@ -2,15 +2,15 @@
 
 app         the program: commands, errors, exit codes
 options     what several commands take, and how the help shows a command
-printing    tables, JSON, progress; files that a command writes: refused if they exist
+printing    results, tables, JSON, progress; files that a command writes: refused if they exist
 scenes      list, new, migrate, explain, fmu
 analysis    modes, cycle, identify, loop, map
 study       study, optimise
 runs        demo, run, simulate
 processes   plant, control, record, view: the same processes one by one
 live        commands for a run that goes on; web, bridge
-recordings  replay, verify, amplitude, sound, recover, runs, note, report, export
-recorded    spectrum, pressure, hysteresis, response, portrait, diff
+recordings  replay, verify, recover, runs, note, report, export
+recorded    spectrum, pressure, hysteresis, response, portrait, amplitude, sound, diff
 machine     cost, torture, reproduce, doctor, warmup, clean
 lesson      lesson
 
