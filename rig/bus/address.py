@@ -36,8 +36,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.bus import topics
-from rig.bus.inbound import is_guest
+from rig.bus import inbound, topics
 from rig.bus.messages import FINGERPRINT
 from rig.errors import BusError
 from rig.machine import files
@@ -74,7 +73,7 @@ def folder(run: str) -> Path:
 
 
 def _reserved(users: Iterable[str]) -> frozenset[str]:
-    return frozenset({"plant", *(user for user in users if not is_guest(user))})
+    return frozenset({"plant", *(user for user in users if not inbound.is_guest(user))})
 
 
 def invite(run: str, names: Iterable[str]) -> BusUser:
@@ -83,7 +82,7 @@ def invite(run: str, names: Iterable[str]) -> BusUser:
     Raises BusError for a name that is malformed or taken.
     """
     names = list(names)
-    wrong = [n for n in names if not topics.is_name(n) or is_guest(n) or n in ("plant", *COMMON)]
+    wrong = [n for n in names if not topics.is_name(n) or inbound.is_guest(n) or n in ("plant", *COMMON)]
     if wrong:
         taken = f"plant, {', '.join(COMMON)} and guest-... are taken"
         raise BusError(
@@ -122,7 +121,7 @@ def take_user(run: str, role: str, name: str) -> BusUser:
                 raise BusError(
                     f"a controller {name} is already connected to run {run}: end its process first, if it has its own"
                 )
-        for guest in filter(is_guest, users):
+        for guest in filter(inbound.is_guest, users):
             given = f"{name}-{guest.partition('-')[2]}" if name in reserved else name
             if (user := _sit(here, guest, given, reserved)) is not None:
                 return user
@@ -166,7 +165,7 @@ def rules(run: str) -> dict[str, Any]:
     ]
     policies: list[dict[str, Any]] = [{"rules": ["receive", "look"], "subjects": users}]
     for user in users:
-        whom = "**" if user == "operator" else "plant/**" if is_guest(user) else "plant/scene"
+        whom = "**" if user == "operator" else "plant/**" if inbound.is_guest(user) else "plant/scene"
         made.append(_allow(f"ask-{user}", ["query"], "ingress", [f"{prefix}{whom}/{user}"]))
         policies.append({"rules": [f"ask-{user}"], "subjects": [user]})
         if user != "operator":
@@ -174,7 +173,9 @@ def rules(run: str) -> dict[str, Any]:
             made.append(_allow(f"own-{user}", own, "ingress", [f"{prefix}{user}/**"]))
             made.append(_allow(f"loop-{user}", ["put"], "ingress", [f"{loop}{user}/**"]))
             policies[-1]["rules"] += [f"own-{user}", f"loop-{user}"]
-        if is_guest(user):  # a refusal uses the key of the query, which does not contain the user name of the guest
+        if inbound.is_guest(
+            user
+        ):  # a refusal uses the key of the query, which does not contain the user name of the guest
             policies[-1]["rules"].append("refuse")
     subjects = [{"id": user, "usernames": [user]} for user in users]
     return {"enabled": True, "default_permission": "deny", "rules": made, "subjects": subjects, "policies": policies}
@@ -219,7 +220,7 @@ class RunAddress:
     started: float
     """Seconds since 1970."""
     speaks: str = ""
-    """Fingerprint of its message types: `rig.bus.messages.FINGERPRINT`."""
+    """Fingerprint of its message types: `rig.bus.FINGERPRINT`."""
     home: str = ""
     """The home directory of who started it."""
 

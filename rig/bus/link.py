@@ -16,10 +16,8 @@ from typing import Any
 
 import zenoh
 
-from rig.bus import messages
+from rig.bus import messages, port, session
 from rig.bus.address import Reservation, RunAddress, bounds, dictionary, invite, login, take_user
-from rig.bus.port import Session
-from rig.bus.session import ZenohSession
 from rig.errors import BusError
 
 _PRIORITIES = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
@@ -58,7 +56,7 @@ def configuration(mode: str, listen: str | None, connect: str | None, **more: An
     return config
 
 
-def open_hub(reservation: Reservation, controllers: Iterable[str] = ()) -> Session:
+def open_hub(reservation: Reservation, controllers: Iterable[str] = ()) -> port.Session:
     """Open the plant's session. Raises BusError if another process listens at its address."""
     address = reservation.address
     try:
@@ -73,10 +71,10 @@ def open_hub(reservation: Reservation, controllers: Iterable[str] = ()) -> Sessi
         reservation.release()
         raise
     reservation.open()
-    return ZenohSession(address.run, "plant", bus_user, opened, reservation)
+    return session.ZenohSession(address.run, "plant", bus_user, opened, reservation)
 
 
-def open_leaf(address: RunAddress, role: str, name: str) -> Session:
+def open_leaf(address: RunAddress, role: str, name: str) -> port.Session:
     """Open the session of another process.
 
     Raises BusError if no process listens at the address, if the run is of another installation, or if no user is
@@ -96,7 +94,7 @@ def open_leaf(address: RunAddress, role: str, name: str) -> Session:
     except zenoh.ZError as fault:
         bus_user.release()
         raise BusError(f"run {address.run} does not answer at {address.endpoint}: {_cause(fault)}") from None
-    return ZenohSession(address.run, role, bus_user, opened, None)
+    return session.ZenohSession(address.run, role, bus_user, opened, None)
 
 
 def _probe(path: Path, run: str) -> None:

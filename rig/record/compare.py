@@ -110,7 +110,7 @@ class Series(NamedTuple):
 def compare(first: Run | Path, second: Run | Path, begin: float = 0.0, end: float = math.inf) -> Comparison:
     """Compare two runs, or recordings of runs, channel by channel, from `begin` to `end` [s]."""
     first_series, second_series = (
-        dict(_series(run if isinstance(run, Run) else read(run), begin, end)) for run in (first, second)
+        series_of(run if isinstance(run, Run) else read(run), begin, end) for run in (first, second)
     )
     differences = tuple(
         _first(topic, first_series[topic], second_series[topic]) for topic in first_series if topic in second_series
@@ -124,26 +124,19 @@ def compare(first: Run | Path, second: Run | Path, begin: float = 0.0, end: floa
 
 def series_of(run: Run, begin: float, end: float) -> dict[str, Series]:
     """Every channel of a run from `begin` to `end` [s]: outputs, meas/SENSOR, applied/CONTROLLER[actuator]."""
-    return dict(_series(run, begin, end))
-
-
-def _series(run: Run, begin: float, end: float) -> Iterator[tuple[str, Series]]:
+    channels: dict[str, Series] = {}
     for topic, series in _whole(run):
         here = (series.t_ns >= begin * 1e9 - 0.5) & (series.t_ns <= end * 1e9 + 0.5)
-        yield topic, series if here.all() else Series(series.t_ns[here], series.values[here])
+        channels[topic] = series if here.all() else Series(series.t_ns[here], series.values[here])
+    return channels
 
 
 def _whole(run: Run) -> Iterator[tuple[str, Series]]:
-    for name in run.signals:
-        yield name, Series(*run.recorded(name))
-    for name, (t_ns, v) in run.measurements.items():
-        yield f"meas/{name}", Series(t_ns, v)
+    yield from ((name, Series(*run.recorded(name))) for name in run.signals)
+    yield from ((f"meas/{name}", Series(*samples)) for name, samples in run.measurements.items())
     for name, commands in run.commands.items():
-        for drive in range(commands.values.shape[1]):
-            yield (
-                f"applied/{name}[{drive}]",
-                Series(commands.tick * run.frame_ns, np.ascontiguousarray(commands.values[:, drive])),
-            )
+        for drive, values in enumerate(commands.values.T):
+            yield f"applied/{name}[{drive}]", Series(commands.tick * run.frame_ns, np.ascontiguousarray(values))
 
 
 def _first(topic: str, of_first: Series, of_second: Series) -> Difference:

@@ -19,8 +19,7 @@ from mcap.reader import SeekingReader
 from rig.controllers import controller_drives
 from rig.errors import LogError
 from rig.machine.files import regular
-from rig.record.film_points import read
-from rig.record.mcap_file import DIGEST, MAGIC, PROFILE, refuse_newer
+from rig.record import film_points, mcap_file
 from rig.record.run_data import Integers, Reals, RunData, Samples
 from rig.scenes.rooms import assembled
 
@@ -34,7 +33,7 @@ def commanded(run: RunData) -> tuple[str, ...]:
 
 def unit_of(run: RunData, actuator: str) -> str:
     """Return the unit of an actuator of the run's scene; "" if the scene has no such actuator."""
-    scene = read(run.scene)
+    scene = film_points.read(run.scene)
     inputs = assembled(scene.parameters, scene.frame_ns, random=False).inputs if scene else {}
     return inputs[actuator].unit if actuator in inputs else ""
 
@@ -65,7 +64,7 @@ def actuators(run: RunData) -> dict[str, tuple[str, ...]]:
 
     None if the recording lost its scene, or its code is not trusted.
     """
-    scene = read(run.scene)
+    scene = film_points.read(run.scene)
     if scene is None:
         return {}
     drives = {name: controller_drives(section) for name, section in scene.controllers.items()}
@@ -104,8 +103,13 @@ def contents(path: Path) -> Contents:
     Raises LogError for a file that cannot be read, is no recording of this project, or was cut off: such a file has no
     index, and `rig.open` reads what it has. The messages are not read, and no damage to them is found.
     """
-    with _opened(path) as file:
-        return _contents(path, file)
+    try:
+        size = regular(path)
+        file = path.open("rb")
+    except OSError as fault:
+        raise LogError(f"{path} cannot be read: {fault.strerror}") from None
+    with file:
+        return _contents(path, file, size)
 
 
 def digest(path: Path) -> str:
@@ -118,32 +122,19 @@ def digest(path: Path) -> str:
         return ""
 
 
-def _opened(path: Path) -> BinaryIO:
+def _contents(path: Path, file: BinaryIO, size: int) -> Contents:
+    magic = mcap_file.MAGIC
     try:
-        regular(path)
-        file = path.open("rb")
-    except OSError as fault:
-        raise LogError(f"{path} cannot be read: {fault.strerror}") from None
-    try:
-        if file.read(len(MAGIC)) != MAGIC:
+        if file.read(len(magic)) != magic:
             raise LogError(f"{path} is not an MCAP file")
-    except BaseException:
-        file.close()
-        raise
-    return file
-
-
-def _contents(path: Path, file: BinaryIO) -> Contents:
-    try:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - len(MAGIC)))
-        if size < 2 * len(MAGIC) or file.read() != MAGIC:
+        file.seek(max(0, size - len(magic)))
+        if size < 2 * len(magic) or file.read() != magic:
             raise LogError(f"{path} was cut off, or a run is writing it: it has no index yet")
         file.seek(0)
         log = SeekingReader(file, record_size_limit=size)
         profile = log.get_header().profile
         summary = log.get_summary()
-        if profile != PROFILE:
+        if profile != mcap_file.PROFILE:
             raise LogError(f"{path} is an MCAP file of another program (profile {profile!r}), not of friction-rig")
         if summary is None or summary.statistics is None:
             raise LogError(f"{path} has no index; rig recover writes one")
@@ -153,22 +144,22 @@ def _contents(path: Path, file: BinaryIO) -> Contents:
         )
     except (McapError, OSError, ValueError, EOFError, MemoryError, struct.error) as fault:
         raise LogError(f"{path} is cut off or damaged: {fault or type(fault).__name__}") from None
-    refuse_newer(path, noted.get("log", {}))
+    mcap_file.refuse_newer(path, noted.get("log", {}))
     described = _json(scene.decode(errors="replace"), {})
-    stored_summary = noted.get("summary", {})
+    described = described if isinstance(described, dict) else {}
     seconds = _json(noted.get("recording", {}).get("seconds", "null"), None)
     began = _json(noted.get("recording", {}).get("began", "null"), None)
     begin = _json(noted.get("trigger", {}).get("begin", "0"), 0.0)
     simulated = noted.get("log", {}).get("made") == "saved"
     return Contents(
-        scene=str(described.get("name", "")) if isinstance(described, dict) else "",
-        title=str(described.get("title", "")) if isinstance(described, dict) else "",
+        scene=str(described.get("name", "")),
+        title=str(described.get("title", "")),
         began_ns=began if isinstance(began, int) else summary.statistics.message_start_time,  # as in format 1
         seconds=seconds - begin if isinstance(seconds, float) and isinstance(begin, int | float) else None,
-        timing="simulated" if simulated else str(_json(stored_summary.get("verdict", '""'), "")),
+        timing="simulated" if simulated else str(_json(noted.get("summary", {}).get("verdict", '""'), "")),
         messages=summary.statistics.message_count,
         run=noted.get("log", {}).get("run", ""),
-        digest=noted.get(DIGEST, {}).get("sha256", ""),
+        digest=noted.get(mcap_file.DIGEST, {}).get("sha256", ""),
     )
 
 

@@ -125,16 +125,6 @@ class Hole(NamedTuple):
     cut: bool = False
 
 
-class Message(NamedTuple):
-    """A message as stored in a chunk."""
-
-    channel_id: int
-    sequence: int
-    log_time: int
-    publish_time: int
-    data: bytes
-
-
 class Messages(NamedTuple):
     """Messages in the content of one chunk: `head` has a row of the type `HEAD` for each, `begin` its first byte."""
 

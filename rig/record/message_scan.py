@@ -16,6 +16,7 @@ import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,7 +37,6 @@ from rig.record.mcap_file import (
     Data,
     Found,
     Hole,
-    Message,
     Messages,
     checksum,
     inside,
@@ -71,13 +71,9 @@ def why(
         if data[: len(MAGIC)] == MAGIC:
             return "it breaks off before the description of its run, and nothing of it can be read"
         return f"it is not an MCAP file: it begins with the bytes {data[:4].hex(' ')}, not {MAGIC[:4].hex(' ')}"
-    profile, library = (header.profile, header.library) if header is not None else ("", "")
-    made = " and ".join(
-        [
-            *([f"profile {profile[:40]!r}"] if profile else ["no profile"]),
-            *([f"library {library[:40]!r}"] * bool(library)),
-        ]
-    )
+    made = f"profile {header.profile[:40]!r}" if header is not None and header.profile else "no profile"
+    if header is not None and header.library:
+        made += f" and library {header.library[:40]!r}"
     more = ", ..." if len(topics) > _SHOWN else ""
     channel = f"; its channels: {', '.join(topic[:40] for topic in topics[:_SHOWN])}{more}" if topics else ""
     return f"it is an MCAP file of another program ({made}{channel}); read it with that program"
@@ -129,10 +125,7 @@ def _slices(data: Data, begin: int, end: int) -> Iterator[bytes]:
 
 def crc_of(data: Data, begin: int, end: int) -> int:
     """CRC-32 of the bytes from `begin` to `end`."""
-    crc = 0
-    for part in _slices(data, begin, end):
-        crc = zlib.crc32(part, crc)
-    return crc
+    return reduce(lambda crc, part: zlib.crc32(part, crc), _slices(data, begin, end), 0)
 
 
 def sha256_of(data: Data, end: int) -> str:
@@ -235,13 +228,6 @@ class Scan:
             for channel, sequence, t_ns, wall_ns, payload in zip(*columns, chunk.payloads()):
                 yield Record(self.channels[channel].topic, payload, t_ns, sequence, wall_ns)
 
-    def messages(self) -> Iterator[Message]:
-        """Yield the messages as stored, in the order of the file. Raises LogError for a file of another kind."""
-        for chunk in self._chunks():
-            columns = (chunk.head[name].tolist() for name in ("channel", "sequence", "log", "published"))
-            for channel, sequence, log_ns, published_ns, payload in zip(*columns, chunk.payloads()):
-                yield Message(channel, sequence, log_ns, published_ns, payload)
-
     def payloads(self, topics: tuple[str, ...]) -> dict[str, list[bytes]]:
         """Read the whole file: topic -> payloads in its order, for topics that begin with one of `topics`.
 
@@ -263,21 +249,20 @@ class Scan:
             for part in walk(data):
                 if isinstance(part, Hole):
                     self._skip(part)
-                elif part.opcode == Opcode.CHUNK and self._is_copy(part.body):
-                    self._skip(Hole(part.begin, part.end, _COPY))
-                elif part.opcode == Opcode.CHUNK:
-                    yield self._described(part.body)
-                else:
+                elif part.opcode != Opcode.CHUNK:
                     self._note(part)
+                elif (content := hash(part.body)) in self._contents:
+                    self._skip(Hole(part.begin, part.end, _COPY))
+                else:
+                    self._contents.add(content)
+                    yield self._described(part.body)
             self._conclude(data)
 
     def _look_up(self, data: Data) -> None:
         """Read schemas, channels and statistics from the summary, if its checksum proves it."""
         start = summary_start(data)
-        if start is None:
-            return
-        self._indexed = True
-        for part in walk(data, start):
+        self._indexed = start is not None
+        for part in walk(data, start) if start is not None else ():
             body = part.body if isinstance(part, Found) else None
             if isinstance(body, Statistics):
                 self._statistics = body
@@ -294,12 +279,6 @@ class Scan:
                     self._of_blocks.add(record.id)
         elif isinstance(record, Schema):
             self.schemas[record.id] = record
-
-    def _is_copy(self, content: bytes) -> bool:
-        """Whether this chunk was read before."""
-        known = len(self._contents)
-        self._contents.add(hash(content))
-        return len(self._contents) == known
 
     def _described(self, content: bytes) -> Messages:
         """The messages of a chunk, counted; those whose channel was described in damaged chunks are left out."""
@@ -343,11 +322,8 @@ class Scan:
                 self._blocks[channel] = chunk, last[channel]
 
     def _skip(self, hole: Hole) -> None:
-        if self._footer:
-            hole = Hole(hole.begin, hole.end, "its last bytes")
-        elif self._end is not None:
-            hole = Hole(hole.begin, hole.end, "the index at its end")
-        self.skipped.append(Skipped(hole.begin, hole.end, hole.what, self.last_ns))
+        what = "its last bytes" if self._footer else "the index at its end" if self._end is not None else hole.what
+        self.skipped.append(Skipped(hole.begin, hole.end, what, self.last_ns))
 
     def _note(self, part: Found) -> None:
         body = part.body

@@ -6,21 +6,18 @@ import json
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from rig.bus import messages
-from rig.bus.messages import Columns
-from rig.bus.run_setup import Setup
+from rig.bus import messages, run_setup
 from rig.errors import BusError
 from rig.plants.structures import model_store
-from rig.record.curves import derived
+from rig.record import curves, recorded_setup, run
 from rig.record.message_scan import Scan
-from rig.record.recorded_setup import setup_of
-from rig.record.run import Commands, Integers, Reals, Run, Samples
 
 _KEPT = ("truth/", "meas/", "applied/", "event/", "state", "checkpoint")
 """Topics that a Run contains."""
@@ -31,14 +28,14 @@ _LEAST_NS = 100_000_000
 class Decoder:
     """A decoder of the messages of a recording. Messages that cannot be decoded are counted in `refused`."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: run_setup.Setup) -> None:
         self.refused: Counter[str] = Counter()
         self._outputs = list(setup.outputs)
         self._decode = messages.decoder(self._outputs)
 
     def __call__(self, topic: str, payload: bytes) -> Any:
         """Return the decoded message, or None. Channels derived by the recorder are not messages of the bus."""
-        if derived(topic):
+        if curves.derived(topic):
             return payload
         try:
             content = self._decode(topic, payload)
@@ -51,7 +48,7 @@ class Decoder:
             self.refused[topic] += 1
             return None
 
-    def columns(self, topic: str, payloads: Iterable[bytes]) -> Iterator[Columns]:
+    def columns(self, topic: str, payloads: Iterable[bytes]) -> Iterator[messages.Columns]:
         """Yield the columns of messages without text, in order; messages in a row with the same layout together."""
         for _, row in groupby(payloads, len):
             together = list(row)
@@ -69,7 +66,7 @@ class Decoder:
         return f"messages that cannot be decoded: {counts}" if counts else ""
 
 
-def _consistent(columns: Columns) -> bool:
+def _consistent(columns: messages.Columns) -> bool:
     """Whether the commands in each Applied have one entry in every column, as `rig.bus.messages.commands` demands."""
     if "ticks" not in columns or not (count := columns["ticks"].shape[1]):
         return True
@@ -79,20 +76,20 @@ def _consistent(columns: Columns) -> bool:
     )
 
 
-def open(path: Path | str) -> Run:
+def open(path: Path | str) -> run.Run:
     """Read a recording as a Run; `Run.damage` states what is missing if the file is cut off or damaged.
 
     Raises rig.errors.LogError for a file that cannot be read or is not a recording of a run.
     """
     scan = Scan(Path(path))
     gathered = scan.payloads(_KEPT)
-    setup = setup_of(scan)
+    setup = recorded_setup.setup_of(scan)
     absent = _absent(scan, gathered.keys(), setup)
     for model in setup.models:  # offered to whoever assembles the rig of this run
         model_store.offer(model)
     decode = Decoder(setup)
 
-    def read(topic: str) -> list[Columns]:
+    def read(topic: str) -> list[messages.Columns]:
         return list(decode.columns(topic, gathered.pop(topic, ())))  # the bytes go: two copies of a long run are large
 
     time_ns, signals, mode = _truth([topic for topic in gathered if topic.startswith("truth/")], read, setup)
@@ -102,14 +99,16 @@ def open(path: Path | str) -> Run:
         if topic.startswith("event/")
         for event in _events(topic[6:], (decode(topic, payload) for payload in payloads))
     ]
-    events.sort(key=_when)
+    events.sort(key=itemgetter("t_ns"))
     measurements = {name: _samples(read(f"meas/{name}")) for name in setup.sensors}
     checkpoints = (decode("checkpoint", payload) for payload in gathered.get("checkpoint", ()))
     applied = {topic[8:]: read(topic) for topic in list(gathered) if topic.startswith("applied/")}
     summary = _summary(scan.metadata.get("summary", {}), events)
     stopped = summary.pop("fault", "")
+    recovery = scan.metadata.get("recovered", {})
+    lost = recovery.get("lost") or recovery["fault"] if "fault" in recovery else ""
     damage = "; ".join(filter(None, (scan.fault, decode.refused_text(), absent)))
-    return Run(
+    return run.Run(
         scene=setup.scene,
         step_ns=setup.step_ns,
         frame_ns=setup.frame_ns or _frame(applied),
@@ -127,7 +126,7 @@ def open(path: Path | str) -> Run:
         models=setup.models,
         fault=stopped or damage,
         damage=damage,
-        recovered=_recovered(scan),
+        recovered=f"recovered from a damaged recording; {lost}" if lost else "",
         began_ns=scan.began_ns,
         untold=_untold(scan),
         on_bus=scan.metadata.get("log", {}).get("made") == "recorded",
@@ -137,7 +136,7 @@ def open(path: Path | str) -> Run:
     )
 
 
-def _absent(scan: Scan, topics: Collection[str], setup: Setup) -> str:
+def _absent(scan: Scan, topics: Collection[str], setup: run_setup.Setup) -> str:
     """The channels that the run had and of which no message is in the file, in words; "" if there are none."""
     outputs = [f"truth/{name}" for name in setup.outputs]
     if scan.metadata.get("log", {}).get("made") != "saved" and not any(topic.startswith("truth/") for topic in topics):
@@ -160,11 +159,6 @@ def _summary(entries: dict[str, str], events: list[dict[str, Any]]) -> dict[str,
     return next((dict(event["data"]) for event in spoken), {})
 
 
-def _recovered(scan: Scan) -> str:
-    entry = scan.metadata.get("recovered", {})
-    return f"recovered from a damaged recording; {entry.get('lost') or entry['fault']}" if "fault" in entry else ""
-
-
 def _untold(scan: Scan) -> str:
     try:
         names = json.loads(scan.metadata.get("recording", {}).get("untold", "[]"))
@@ -180,7 +174,7 @@ def _window(scan: Scan) -> dict[str, Any]:
     return {"window": about.get("text", ""), "begin_ns": round(float(about.get("begin", "0")) * 1e9)}
 
 
-def _frame(applied: dict[str, list[Columns]]) -> int:
+def _frame(applied: dict[str, list[messages.Columns]]) -> int:
     """The length of a frame [ns], for a recording without its description."""
     for block in (block for blocks in applied.values() for block in blocks):
         for t_ns, tick in zip(block["t_ns"].tolist(), block["tick"].tolist()):
@@ -189,21 +183,17 @@ def _frame(applied: dict[str, list[Columns]]) -> int:
     return 0
 
 
-def _when(event: dict[str, Any]) -> int:
-    return int(event["t_ns"])
-
-
-def _samples(blocks: list[Columns]) -> Samples:
+def _samples(blocks: list[messages.Columns]) -> run.Samples:
     times, values = [np.empty(0, np.int64)], [np.empty(0)]
     for block in blocks:
         values.append(block["v"].ravel())
         times.append(_times(block).ravel())
-    samples = Samples(np.concatenate(times), np.concatenate(values))
+    samples = run.Samples(np.concatenate(times), np.concatenate(values))
     rows = _in_order(samples.t_ns)
-    return samples if rows is None else Samples(samples.t_ns[rows], samples.v[rows])
+    return samples if rows is None else run.Samples(samples.t_ns[rows], samples.v[rows])
 
 
-def _in_order(t_ns: Integers) -> Integers | None:
+def _in_order(t_ns: run.Integers) -> run.Integers | None:
     """Rows of `t_ns` in order of time; None if they are. Another program may have sorted the file.
 
     What is recorded twice stays so: `rig verify` finds it.
@@ -213,7 +203,7 @@ def _in_order(t_ns: Integers) -> Integers | None:
     return np.argsort(t_ns, kind="stable")
 
 
-def _times(block: Columns) -> Integers:
+def _times(block: messages.Columns) -> run.Integers:
     """Times [ns] at which the samples of Blocks were published, as `rig.bus.messages.times` says of one."""
     if block["t_ns"].size:
         return block["t_ns"]
@@ -222,8 +212,8 @@ def _times(block: Columns) -> Integers:
 
 
 def _truth(
-    topics: list[str], read: Callable[[str], list[Columns]], setup: Setup
-) -> tuple[Integers, dict[str, Reals], Integers]:
+    topics: list[str], read: Callable[[str], list[messages.Columns]], setup: run_setup.Setup
+) -> tuple[run.Integers, dict[str, run.Reals], run.Integers]:
     """Plant outputs at the rate of the steps if recorded so, else at each State message."""
     samples_of = {topic[6:]: _samples(read(topic)) for topic in topics}
     if samples_of:
@@ -232,7 +222,7 @@ def _truth(
         mode = signals.pop("mode", np.empty(0))
         return time_ns, signals, np.nan_to_num(mode, nan=-1.0).astype(np.int64)
     states = read("state")
-    rows: Integers | None = None
+    rows: run.Integers | None = None
 
     def column(field: str, number: type[np.generic]) -> Any:
         numbers = np.concatenate([np.empty(0, number), *(state[field] for state in states)])
@@ -243,7 +233,7 @@ def _truth(
     return time_ns if rows is None else time_ns[rows], signals, column("mode", np.int64)
 
 
-def _common(times: list[Integers]) -> Integers:
+def _common(times: list[run.Integers]) -> run.Integers:
     """All times in order, each once: of outputs without losses the times of any of them."""
     first = times[0]
     if np.all(np.diff(first) > 0) and all(np.array_equal(first, other) for other in times[1:]):
@@ -251,7 +241,7 @@ def _common(times: list[Integers]) -> Integers:
     return np.unique(np.concatenate(times))
 
 
-def _placed(samples: Samples, time_ns: Integers) -> Reals:
+def _placed(samples: run.Samples, time_ns: run.Integers) -> run.Reals:
     """The samples at all times; NaN for lost blocks."""
     if samples.v.size == time_ns.size and np.array_equal(samples.t_ns, time_ns):
         return samples.v
@@ -260,21 +250,21 @@ def _placed(samples: Samples, time_ns: Integers) -> Reals:
     return placed
 
 
-def _commands(blocks: list[Columns]) -> Commands:
-    rows, widths = list[Commands](), Counter[int]()
+def _commands(blocks: list[messages.Columns]) -> run.Commands:
+    rows, widths = list[run.Commands](), Counter[int]()
     for applied in blocks:
         names = ("ticks", "answers", "statuses") if applied["ticks"].size else ("tick", "answered", "status")
         tick, answered, status = (applied[name].ravel() for name in names)
-        rows.append(Commands(tick, answered, status, applied["values"].reshape(tick.size, -1)))
+        rows.append(run.Commands(tick, answered, status, applied["values"].reshape(tick.size, -1)))
         widths[rows[-1].values.shape[1]] += len(applied["tick"])
     width = max(widths, key=widths.__getitem__, default=0)
     fitting = [row for row in rows if row.values.shape[1] == width]  # an unknown sender may send other numbers
     none = np.empty(0, np.int64)
-    whole = Commands(*map(np.concatenate, zip(Commands(none, none, none, np.empty((0, width))), *fitting)))
+    whole = run.Commands(*map(np.concatenate, zip(run.Commands(none, none, none, np.empty((0, width))), *fitting)))
     if np.all(np.diff(whole.tick) >= 0):
         return whole
     order = np.argsort(whole.tick, kind="stable")
-    return Commands(whole.tick[order], whole.answered[order], whole.status[order], whole.values[order])
+    return run.Commands(whole.tick[order], whole.answered[order], whole.status[order], whole.values[order])
 
 
 def _events(source: str, events: Iterable[Any]) -> Iterator[dict[str, Any]]:

@@ -24,15 +24,11 @@ from pathlib import Path
 from typing import Any
 
 from rig import bus
-from rig.bus import messages, run_setup, topics
+from rig.bus import messages, port, run_setup, topics
 from rig.bus.messages import WAITING
-from rig.bus.port import Receiver, Session, Watch
-from rig.bus.run_setup import Setup
-from rig.bus.topics import Count, Message
 from rig.errors import BusError, OutputError
+from rig.machine import process, scheduling
 from rig.machine.files import RUNS
-from rig.machine.process import stopping, tell
-from rig.machine.scheduling import receive_first, stand_back
 from rig.record.trigger import Trigger
 from rig.record.windows import Windows, path_of
 from rig.record.writer import Writer
@@ -49,7 +45,7 @@ class _Life:
 
     def tail(self) -> dict[str, int]:
         """Return topic -> messages missing after the last one received."""
-        return {topic: Count(last=self.last.get(topic, -1)).tail(sent) for topic, sent in self.stated.items()}
+        return {topic: topics.Count(last=self.last.get(topic, -1)).tail(sent) for topic, sent in self.stated.items()}
 
 
 class SenderLives:
@@ -63,7 +59,7 @@ class SenderLives:
         self.untold: set[str] = set()
         """Senders with a life that ended before they stated their totals."""
 
-    def follow(self, message: Message) -> None:
+    def follow(self, message: topics.Message) -> None:
         """Note the number of a message; a number not above the last one on its topic belongs to a new life."""
         owner = topics.owner(message.topic)
         life = self._lives.get(owner)
@@ -81,7 +77,7 @@ class SenderLives:
         self._lives[owner] = life
         return life
 
-    def compare(self, message: Message) -> None:
+    def compare(self, message: topics.Message) -> None:
         """Compare what a sender states to have sent, its Totals `message`, with what was received from it."""
         owner = topics.owner(message.topic)
         life, stated = self._lives[owner], dict(zip(message.said.sent_topic, message.said.sent))
@@ -184,10 +180,10 @@ def record(
     Waits at most `wait` seconds for the run. A file that cannot be written, or that exists and may not be `replace`d,
     raises OutputError; the run continues without a recording.
     """
-    stand_back(0)
+    scheduling.stand_back(0)
     with bus.join(run, role="recorder", name=name, wait=wait) as session:
-        receive_first()
-        stand_back(_NICE)  # this thread only: it writes, which may wait
+        scheduling.receive_first()
+        scheduling.stand_back(_NICE)  # this thread only: it writes, which may wait
         described = run_setup.fetch(session, wait)
         heard = session.subscribe(
             *topics.RECORDED, depth=WAITING, polled=True
@@ -201,10 +197,10 @@ def record(
             writer = Writer(base, described, "recorded", replace)
         else:
             writer = Windows(base, described, trigger, replace, say)
-        tell("file", str(base))
+        process.tell("file", str(base))
         try:
             session.announce()
-            with stopping() as stop:
+            with process.stopping() as stop:
                 recording = RunRecorder(session, described, heard, plant, writer).run(stop)
         except OutputError as fault:  # the run's summary will name the reason
             event = messages.event(writer.last_ns, 0, session.name, "fault", str(fault))
@@ -213,7 +209,9 @@ def record(
         finally:
             writer.abandon()
     files = [str(file) for file in (writer.paths if isinstance(writer, Windows) else [base])]
-    tell("recording", {**asdict(recording), "complete": recording.complete, "text": recording.text(), "files": files})
+    process.tell(
+        "recording", {**asdict(recording), "complete": recording.complete, "text": recording.text(), "files": files}
+    )
     report(recording)
     return recording
 
@@ -222,7 +220,12 @@ class RunRecorder:
     """Records what `heard` receives of one run until its end."""
 
     def __init__(
-        self, session: Session, described: Setup, heard: Receiver, plant: Watch, writer: Writer | Windows
+        self,
+        session: port.Session,
+        described: run_setup.Setup,
+        heard: port.Receiver,
+        plant: port.Watch,
+        writer: Writer | Windows,
     ) -> None:
         self._session, self._heard, self._plant, self._writer = session, heard, plant, writer
         self._lives = SenderLives()
@@ -274,13 +277,13 @@ class RunRecorder:
         self._told_s, self._news = time.monotonic(), False
         self._session.publisher(f"total/{self._session.name}").put(self._session.totals(), t_ns)
 
-    def _compare(self, message: Message) -> None:
+    def _compare(self, message: topics.Message) -> None:
         self._lives.compare(message)
         if message.topic == "total/plant":  # answer at once: the plant waits for the account before its timing verdict
             self._totals = True
             self._tell(message.t_ns)
 
-    def _look(self, message: Message) -> None:
+    def _look(self, message: topics.Message) -> None:
         event = message.said
         if message.topic != "event/plant":
             return

@@ -14,16 +14,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from mcap.reader import make_reader
-from mcap.records import Channel
 
 from rig.errors import LogError, OutputError, UsageError
 from rig.machine.files import regular, unused
-from rig.record.mcap_file import COPY
-from rig.record.mcap_file import Writer as Mcap
-from rig.record.message_scan import Scan
-from rig.record.reader import Decoder
-from rig.record.recorded_setup import setup_of
-from rig.record.writer import CHUNK, opened_new, synced
+from rig.record import mcap_file, message_scan, reader, recorded_setup, writer
 
 
 @dataclass(frozen=True)
@@ -63,7 +57,7 @@ def recover(source: Path, target: Path | None = None, replace: bool = False) -> 
     with suppress(OSError):  # a missing or impossible path is reported by the function that opens it
         if target.samefile(source):
             raise UsageError(f"--out {target}: is the damaged file itself; name another one")
-    scan = Scan(source)
+    scan = message_scan.Scan(source)
     decode = _surveyed(scan)
     if scan.whole and not decode.refused:
         state = "is whole" if scan.sealed else "has no digest (an older version recorded it) and shows no damage"
@@ -82,17 +76,17 @@ def recover(source: Path, target: Path | None = None, replace: bool = False) -> 
     return recovered
 
 
-def _surveyed(scan: Scan) -> Decoder:
+def _surveyed(scan: message_scan.Scan) -> reader.Decoder:
     """Scan the whole of `scan`; return a decoder that has counted undecodable messages."""
     for _ in scan:
         pass
-    decode = Decoder(setup_of(scan))
+    decode = reader.Decoder(recorded_setup.setup_of(scan))
     for record in scan:
         decode(record.topic, record.payload)
     return decode
 
 
-def _put(recovered: Recovered, scan: Scan, target: Path, replace: bool) -> None:
+def _put(recovered: Recovered, scan: message_scan.Scan, target: Path, replace: bool) -> None:
     """Write the copy beside the target, check it, and move it into place: the target is the complete copy or
     unchanged.
     """
@@ -103,7 +97,7 @@ def _put(recovered: Recovered, scan: Scan, target: Path, replace: bool) -> None:
             regular(place)  # otherwise the copy would replace a device or a pipe
             unused(place)
         if fresh or not replace:
-            opened_new(place, replace=False).close()
+            writer.opened_new(place, replace=False).close()
         draft: Path | None = None
         try:
             number, name = tempfile.mkstemp(".mcap", ".recover-", place.parent)  # short, whatever the target's length
@@ -127,14 +121,14 @@ def _put(recovered: Recovered, scan: Scan, target: Path, replace: bool) -> None:
         raise kind(f"{target} cannot be written: {fault.strerror}") from None
 
 
-def _copy(recovered: Recovered, scan: Scan, file: BinaryIO) -> None:
-    decode = Decoder(setup_of(scan))
+def _copy(recovered: Recovered, scan: message_scan.Scan, file: BinaryIO) -> None:
+    decode = reader.Decoder(recorded_setup.setup_of(scan))
     attachments, metadata, known = dict(scan.attachments), dict(scan.metadata), dict(scan.schemas)
     metadata["recovered"] = {"from": scan.path.name, "fault": recovered.fault, "lost": recovered.losses()}
     metadata["recording"] = {"began": str(scan.began_ns), **metadata.get("recording", {})}
-    out = Mcap(file, CHUNK)
+    out = mcap_file.Writer(file, writer.CHUNK)
     schemas: dict[int, int] = {}
-    channels: dict[int, int] = {}
+    channels: dict[str, int] = {}
 
     def describe(copy: str) -> None:
         for name, attachment in attachments.items():
@@ -142,31 +136,31 @@ def _copy(recovered: Recovered, scan: Scan, file: BinaryIO) -> None:
         for name, values in metadata.items():
             out.note(copy + name, values)
 
-    def number(channel: Channel) -> int:
-        if channel.id not in channels:
+    def number(topic: str) -> int:
+        if topic not in channels:
+            channel = next(channel for channel in scan.channels.values() if channel.topic == topic)
             if channel.schema_id not in schemas and channel.schema_id in known:
                 schema = known[channel.schema_id]
                 schemas[schema.id] = out.schema(schema.name, schema.encoding, schema.data)
             described = schemas.get(channel.schema_id, 0)
-            channels[channel.id] = out.channel(channel.topic, channel.message_encoding, described, channel.metadata)
-        return channels[channel.id]
+            channels[topic] = out.channel(topic, channel.message_encoding, described, channel.metadata)
+        return channels[topic]
 
     try:
         describe("")
-        for message in scan.messages():
-            channel = scan.channels[message.channel_id]
-            if decode(channel.topic, message.data) is not None:
-                out.add(number(channel), message.log_time, message.data, message.publish_time, message.sequence)
-        describe(COPY)
+        for topic, payload, t_ns, seq, wall_ns in scan:
+            if decode(topic, payload) is not None:
+                out.add(number(topic), t_ns, payload, wall_ns, seq)
+        describe(mcap_file.COPY)
         out.finish()
-        synced(file)
+        writer.synced(file)
     finally:
         out.discard()
 
 
 def _readable(path: Path) -> int:
     """Number of messages that an ordinary reader finds by the index; 0 if our own reader finds damage."""
-    scan = Scan(path)
+    scan = message_scan.Scan(path)
     for _ in scan:
         pass
     if not scan.sealed:

@@ -28,20 +28,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from rig import controllers
-from rig.bus import encode, messages, topics
-from rig.bus.impaired_link import HeardSensor, ImpairedLink
-from rig.bus.port import Receiver, Session, param_request
-from rig.bus.run_setup import Setup
-from rig.bus.topics import BLOCK_NS, STATE_NS
+from rig.bus import encode, impaired_link, messages, port, run_setup, topics
 from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.errors import BusError, LogError
 from rig.machine.scheduling import ANY
-from rig.record.curves import derived
+from rig.record import curves, reader, recorded_setup, replay_report
 from rig.record.message_scan import Record, Scan
-from rig.record.reader import Decoder
-from rig.record.reader import open as read
-from rig.record.recorded_setup import head, setup_of
-from rig.record.replay_report import Divergence, Replayed, TimingError
 from rig.record.run import Commands, Integers, Run
 from rig.scenes.scene import Scene
 
@@ -58,7 +50,7 @@ class RebuiltTraffic:
     """The outputs of the plant, in the order of its states."""
     heard: frozenset[str]
     """Sensors of which a controller needs every sample."""
-    links: Callable[[], Mapping[str, ImpairedLink]] = dict
+    links: Callable[[], Mapping[str, impaired_link.ImpairedLink]] = dict
     """Makes the impaired links as they were at the start of the run: sensor -> link over which it was heard."""
 
     def __iter__(self) -> Iterator[Record]:
@@ -67,7 +59,9 @@ class RebuiltTraffic:
         last = max((int(t_ns[-1]) for t_ns, _ in series if t_ns.size), default=-1) // frame
         edges = np.arange(-1, last + 1) * frame  # frame k has the samples published in (t_{k-1}, t_k]
         cuts = [np.searchsorted(t_ns, edges, "right") for t_ns, _ in series]
-        over = {name: HeardSensor(link) for name, link in self.links().items() if name in run.measurements}
+        over = {
+            name: impaired_link.HeardSensor(link) for name, link in self.links().items() if name in run.measurements
+        }
         acts = {name: sent(commands) for name, commands in run.commands.items()}
         applied = {name: deque(zip(*(column.tolist() for column in rows))) for name, rows in run.commands.items()}
         events = deque(event for event in run.events if event["kind"] != _SAVED_ONLY)
@@ -95,14 +89,14 @@ class RebuiltTraffic:
 
     def _blocks(self, tick: int, last: int, cuts: list[Integers]) -> Iterator[Record]:
         """The blocks of measurements that are full at this tick."""
-        now, frames = tick * self.run.frame_ns, max(BLOCK_NS // self.run.frame_ns, 1)
+        now, frames = tick * self.run.frame_ns, max(topics.BLOCK_NS // self.run.frame_ns, 1)
         if tick % frames == frames - 1 or tick == last:
             for (name, (t_ns, v)), cut in zip(self.run.measurements.items(), cuts):
                 low, high = cut[tick - tick % frames], cut[tick + 1]
                 if high > low:
                     yield Record(f"meas/{name}", encode.samples(tick, t_ns[low:high], v[low:high]), now, 0, now)
 
-    def _step(self, tick: int, cuts: list[Integers], over: Mapping[str, HeardSensor]) -> bytes:
+    def _step(self, tick: int, cuts: list[Integers], over: Mapping[str, impaired_link.HeardSensor]) -> bytes:
         series = list(self.run.measurements.items())
         latest, fresh, new = np.full(len(series), np.nan), np.zeros(len(series), np.int64), {}
         for i, ((name, (_, v)), cut) in enumerate(zip(series, cuts)):
@@ -123,7 +117,7 @@ class RebuiltTraffic:
         run, frame = self.run, self.run.frame_ns
         if not all(name in run.signals for name in self.outputs):
             return
-        pack, every = encode.StateEncoder(len(self.outputs)), max(-(-STATE_NS // frame), 1) * frame
+        pack, every = encode.StateEncoder(len(self.outputs)), max(-(-topics.STATE_NS // frame), 1) * frame
         time_ns = np.rint(run.time * 1e9).astype(np.int64)
         for i in np.flatnonzero(time_ns % every == 0).tolist():
             now = int(time_ns[i])
@@ -226,18 +220,8 @@ class Processes(Protocol):
         """How processes ended that should still run, a sentence each."""
 
 
-class _Started:
-    """Processes that somebody else starts."""
-
-    def start(self, name: str) -> None:
-        pass
-
-    def ended(self) -> list[str]:
-        return []
-
-
 def replay(
-    session: Session,
+    session: port.Session,
     path: Path,
     into: Mapping[str, Controller] | None = None,
     pace: float | None = None,
@@ -247,7 +231,7 @@ def replay(
     processes: Processes | None = None,
     described: Mapping[str, Any] | None = None,
     initial: Mapping[str, Mapping[str, object]] | None = None,
-) -> Replayed:
+) -> replay_report.Replayed:
     """Replay `path` as the hub `session` (`bus.host(scene="replay")`).
 
     `into`: the controllers that take part, by name: those of the recording, changed ones or others. Each has `wait`
@@ -258,8 +242,8 @@ def replay(
     Raises LogError if the recording has lost the description of its run, BusError if a controller does not join,
     leaves, does not answer a step within 5 s, or refuses a change of its parameters.
     """
-    start, into = head(path), into or {}
-    setup = setup_of(start)
+    start, into = recorded_setup.head(path), into or {}
+    setup = recorded_setup.setup_of(start)
     if not setup.frame_ns:
         raise LogError(f"{path} has lost the description of its run: it can be read, but not replayed")
     saved = start.metadata.get("log", {}).get("made") == "saved"
@@ -268,15 +252,15 @@ def replay(
         sensor for controller in into.values() if gets_every_sample(controller) for sensor in controller.reads
     )
     heard = _heard(setup) if saved or in_plant or every else frozenset()  # needs the code of all controllers
-    run = read(path) if saved or in_plant or every - heard else None
+    run = reader.open(path) if saved or in_plant or every - heard else None
     scan, rebuilt = Scan(path), None
     if run is not None:
         links = partial(Scene.from_json(setup.scene).links, "meas") if _impaired(setup.scene) else dict
         rebuilt = RebuiltTraffic(run, list(setup.outputs), heard | every, links)
     recorded = {name: RecordedController(name, saved) for name in into}
-    decode = Decoder(setup)
+    decode = reader.Decoder(setup)
     for record in rebuilt if saved and rebuilt else scan:
-        if not derived(record.topic) and (content := decode(record.topic, record.payload)) is not None:
+        if not curves.derived(record.topic) and (content := decode(record.topic, record.payload)) is not None:
             for recorded_controller in recorded.values():
                 recorded_controller.note(record, content)
     if run is not None:
@@ -285,7 +269,7 @@ def replay(
     refused = decode.refused_text()
     traffic = rebuilt or (r for r in scan if not decode.refused or decode(r.topic, r.payload) is not None)
     shown = replace(setup, run=session.run, core=ANY, controllers={**setup.controllers, **(described or {})})
-    player = _Replay(session, shown, into, recorded, processes or _Started(), initial or {}, pace, wait, progress)
+    player = _Replay(session, shown, into, recorded, processes, initial or {}, pace, wait, progress)
     result = player.carry_out(traffic)
     result.fault = "; ".join(filter(None, (run.damage,) if run is not None else (scan.fault, refused)))
     return result
@@ -299,12 +283,12 @@ def _impaired(scene: str) -> bool:
         return False
 
 
-def _in_plant(setup: Setup, name: str) -> bool:
+def _in_plant(setup: run_setup.Setup, name: str) -> bool:
     """Whether a controller of the run worked in the plant's process."""
     return bool(setup.controllers.get(name, {}).get("section", {}).get("where") == "plant")
 
 
-def _heard(setup: Setup) -> frozenset[str]:
+def _heard(setup: run_setup.Setup) -> frozenset[str]:
     known = [controllers.restored(description) for description in setup.controllers.values() if description]
     return frozenset(sensor for controller in known if gets_every_sample(controller) for sensor in controller.reads)
 
@@ -312,11 +296,11 @@ def _heard(setup: Setup) -> frozenset[str]:
 class _Replay:
     def __init__(
         self,
-        session: Session,
-        setup: Setup,
+        session: port.Session,
+        setup: run_setup.Setup,
         into: Mapping[str, Controller],
         recorded: Mapping[str, RecordedController],
-        processes: Processes,
+        processes: Processes | None,
         initial: Mapping[str, Mapping[str, object]],
         pace: float | None,
         wait: float,
@@ -329,9 +313,9 @@ class _Replay:
         self._scene = session.serve("scene", lambda body: setup.to_json())
         self._doors = session.serve("cmd/plant", self._admit), session.serve("param/plant", self._fixed)
         self._watch = session.watch("controller/*")
-        self._acts: Receiver = session.subscribe("act/*")
+        self._acts: port.Receiver = session.subscribe("act/*")
         self._events = [session.subscribe(f"event/{name}") for name in into]
-        self._result = Replayed(compared=dict.fromkeys(into, 0), silent=dict.fromkeys(into, 0))
+        self._result = replay_report.Replayed(compared=dict.fromkeys(into, 0), silent=dict.fromkeys(into, 0))
         self._begins = {name: list(recorded_controller.begins) for name, recorded_controller in recorded.items()}
         self._changes = {
             name: sorted(recorded_controller.tuned.items()) for name, recorded_controller in recorded.items()
@@ -352,7 +336,7 @@ class _Replay:
 
     def _fixed(self, body: dict[str, Any]) -> dict[str, Any]:
         """The parameters of a plant that is recorded: none."""
-        asked = param_request(body)
+        asked = port.param_request(body)
         if keys := [*asked.changes, *asked.keys]:
             taking_part = ", ".join(self._into) or "none: rig replay LOG --into NAME starts one"
             raise BusError(
@@ -361,12 +345,12 @@ class _Replay:
             )
         return {"values": {}, "units": {}}
 
-    def carry_out(self, traffic: Iterable[Record]) -> Replayed:
+    def carry_out(self, traffic: Iterable[Record]) -> replay_report.Replayed:
         self._session.announce()
         result, shown, last = self._result, 0.0, -1
         for record in traffic:
             kind, _, name = record.topic.partition("/")
-            if derived(record.topic) or kind == "total" or (name in self._into and kind in ("act", "event")):
+            if curves.derived(record.topic) or kind == "total" or (name in self._into and kind in ("act", "event")):
                 continue
             tick = messages.decode("step", record.payload).tick if kind == "step" else -1
             if kind == "step":
@@ -397,7 +381,7 @@ class _Replay:
             len(recorded_controller.answers) for recorded_controller in self._recorded.values()
         ) - sum(result.compared.values())
         if self._pace is not None and self._late:
-            result.timing = TimingError.of(self._late)
+            result.timing = replay_report.TimingError.of(self._late)
         return result
 
     def _not_finite(self) -> tuple[str, ...]:
@@ -429,10 +413,10 @@ class _Replay:
         for name in names:
             self._begins[name].pop(0)
             self._starts[name] += 1
-            self._processes.start(name)
+            if self._processes is not None:
+                self._processes.start(name)
         while missing := [name for name in names if self._arrivals[name] < self._starts[name]]:
-            ended = self._processes.ended()
-            if ended or time.monotonic() > begun + self._wait:
+            if (self._processes is not None and self._processes.ended()) or time.monotonic() > begun + self._wait:
                 raise BusError(
                     f"{', '.join(missing)} did not join the replay {self._session.run} within {self._wait:g} s"
                 )
@@ -505,4 +489,4 @@ class _Replay:
         result.compared[name] += 1
         if result.divergence is None and np.array(recorded).tobytes() != np.array(answered).tobytes():
             time_s = tick * self._frame_ns * 1e-9
-            result.divergence = Divergence(f"act/{name}", tick, time_s, recorded, answered)
+            result.divergence = replay_report.Divergence(f"act/{name}", tick, time_s, recorded, answered)

@@ -13,19 +13,18 @@ import os
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
 
 from rig.errors import LogError, SceneError
-from rig.machine.files import DATA
-from rig.machine.files import contents as read_file
+from rig.machine import files
 from rig.model.assembly import Output, portrait
-from rig.record import user_notes
+from rig.record import recorded_setup, user_notes
 from rig.record.contents import SUFFIX, Contents, contents
-from rig.record.recorded_setup import head, setup_of
 from rig.record.run import Run
-from rig.record.user_notes import Notes
 from rig.scenes.scene import Scene
 
 
@@ -50,9 +49,24 @@ def _outputs(run: Run) -> dict[str, Output]:
 
 
 INDEX = ".runs.json"
-_FORMAT = 2
-_KINDS: dict[str, Any] = {"str": str, "int": int, "float | None": float | None, "int | None": int | None}
-"""Types of the fields of `Contents`, as it declares them."""
+
+
+class _Entry(BaseModel):
+    """What the index says of a file as it was then."""
+
+    size: int
+    mtime_ns: int
+    contents: Contents | None
+    fault: str
+
+
+class _Index(BaseModel):
+    """The index of a folder: its files by path."""
+
+    model_config = ConfigDict(strict=True)
+
+    format: Literal[2] = 2
+    files: dict[str, _Entry] = {}
 
 
 @dataclass(frozen=True)
@@ -66,7 +80,7 @@ class Listed:
     """None if it states nothing of itself; of a file with a `fault`, what stands at its begin."""
     fault: str
     """Damage; empty if there is none."""
-    notes: Notes
+    notes: user_notes.Notes
 
 
 def runs(
@@ -77,9 +91,9 @@ def runs(
     What is read is kept in the file `INDEX` of the folder, if the folder can be written; `rebuild` reads all again.
     Raises LogError if the folder cannot be read.
     """
-    listed, entries = list[Listed](), dict[str, Any]()
+    listed = list[Listed]()
     paths = sorted(_recordings(folder, listed))
-    known = {} if rebuild else _index(folder)
+    known, index = _Index() if rebuild else _index(folder), _Index()
     for done, path in enumerate(paths):
         progress(done, len(paths))
         try:
@@ -92,14 +106,13 @@ def runs(
         if not stat.S_ISREG(state.st_mode):
             continue
         name = path.relative_to(folder).as_posix()
-        entry = known.get(name)
-        if entry is None or (entry["size"], entry["mtime_ns"]) != (state.st_size, state.st_mtime_ns):
-            entry = {"size": state.st_size, "mtime_ns": state.st_mtime_ns, **_read(path)}
-        entries[name] = entry
-        read = Contents(**entry["contents"]) if entry["contents"] else None
-        listed.append(Listed(path, state.st_size, read, entry["fault"], _notes(path)))
-    if entries != known:
-        _keep(folder, entries)
+        entry = known.files.get(name)
+        if entry is None or (entry.size, entry.mtime_ns) != (state.st_size, state.st_mtime_ns):
+            entry = _read(path, state)
+        index.files[name] = entry
+        listed.append(_listed(path, entry))
+    if index != known:
+        _keep(folder, index)
     return sorted(listed, key=_age)
 
 
@@ -107,15 +120,16 @@ def one(path: Path) -> Listed:
     """The recording `path` as it would be in a list; it is read, and no index is made. Raises LogError if it is no
     recording; one that was cut off is.
     """
-    setup_of(head(path))
-    read = _read(path)
-    return Listed(
-        path,
-        path.stat().st_size,
-        Contents(**read["contents"]) if read["contents"] else None,
-        read["fault"],
-        _notes(path),
-    )
+    recorded_setup.setup_of(recorded_setup.head(path))
+    return _listed(path, _read(path, path.stat()))
+
+
+def _listed(path: Path, entry: _Entry) -> Listed:
+    try:
+        notes = user_notes.read(path)
+    except LogError:
+        notes = user_notes.Notes(user_notes.path_of(path), unreadable=1)
+    return Listed(path, entry.size, entry.contents, entry.fault, notes)
 
 
 def _recordings(folder: Path, refused: list[Listed]) -> Iterator[Path]:
@@ -133,22 +147,23 @@ def _recordings(folder: Path, refused: list[Listed]) -> Iterator[Path]:
 
 
 def _unreadable(path: Path, fault: OSError) -> Listed:
-    return Listed(path, 0, None, f"cannot be read: {fault.strerror}", Notes(user_notes.path_of(path)))
+    return Listed(path, 0, None, f"cannot be read: {fault.strerror}", user_notes.Notes(user_notes.path_of(path)))
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path, state: os.stat_result) -> _Entry:
+    entry = _Entry(size=state.st_size, mtime_ns=state.st_mtime_ns, contents=None, fault="")
     try:
-        return {"contents": asdict(contents(path)), "fault": ""}
+        entry.contents = contents(path)
     except LogError as fault:
-        begun = _begun(path)
-        return {"contents": asdict(begun) if begun else None, "fault": str(fault).removeprefix(f"{path} ")}
+        entry.contents, entry.fault = _begun(path), str(fault).removeprefix(f"{path} ")
+    return entry
 
 
 def _begun(path: Path) -> Contents | None:
     """What a recording without an index says at its begin; None if that is damaged too, or if it is no recording."""
     try:
-        scan = head(path)
-        setup = setup_of(scan)
+        scan = recorded_setup.head(path)
+        setup = recorded_setup.setup_of(scan)
         scene = json.loads(setup.scene)
         name, title = str(scene["name"]), str(scene.get("title", ""))
     except (LogError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -156,47 +171,24 @@ def _begun(path: Path) -> Contents | None:
     return Contents(name, title, scan.began_ns, None, "", None, setup.run, "")
 
 
-def _notes(path: Path) -> Notes:
-    try:
-        return user_notes.read(path)
-    except LogError:
-        return Notes(user_notes.path_of(path), unreadable=1)
-
-
 def _age(recording: Listed) -> tuple[bool, int, Path]:
     return recording.contents is None, recording.contents.began_ns if recording.contents else 0, recording.path
 
 
-def _index(folder: Path) -> dict[str, Any]:
-    """What the index of a folder says of each file; nothing if it is missing, damaged or of another version."""
+def _index(folder: Path) -> _Index:
+    """The index of a folder; an empty one if it is missing, damaged or of another version."""
     try:
-        index = json.loads(read_file(folder / INDEX, DATA))
-        if index["format"] != _FORMAT:
-            return {}
-        return {name: entry for name, entry in index["files"].items() if _complete(entry)}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return {}
+        return _Index.model_validate_json(files.contents(folder / INDEX, files.DATA))
+    except (OSError, ValueError):
+        return _Index()
 
 
-def _complete(entry: Any) -> bool:
-    kinds = {field.name: _KINDS[str(field.type)] for field in fields(Contents)}
-    contents = entry["contents"]
-    return (
-        {"size", "mtime_ns", "contents", "fault"} == entry.keys()
-        and isinstance(entry["fault"], str)
-        and (
-            contents is None
-            or (kinds.keys() == contents.keys() and all(isinstance(contents[name], kinds[name]) for name in kinds))
-        )
-    )
-
-
-def _keep(folder: Path, entries: dict[str, Any]) -> None:
+def _keep(folder: Path, index: _Index) -> None:
     """Write the index, completely or not at all. A folder that cannot be written gets none: the list is the same."""
     draft = folder / f"{INDEX}.{os.getpid()}"
     with suppress(OSError):
         try:
-            draft.write_text(json.dumps({"format": _FORMAT, "files": entries}))
+            draft.write_text(index.model_dump_json())
             draft.replace(folder / INDEX)
         finally:
             draft.unlink(missing_ok=True)

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rig.bus import encode, messages
-from rig.bus.run_setup import Setup
-from rig.record.run_data import Integers, Reals, RunData
+from rig.bus import encode, messages, run_setup
+from rig.record import run_data
 from rig.record.writer import Writer
 
 _SLICE_NS = 250_000_000
@@ -21,7 +20,7 @@ Stamped = tuple[int, str, bytes]
 
 
 def save(
-    run: RunData,
+    run: run_data.RunData,
     path: Path,
     name: str = "simulate",
     replace: bool = True,
@@ -30,7 +29,7 @@ def save(
 
     An existing file is overwritten only with `replace`, else OutputError is raised.
     """
-    setup = Setup(
+    setup = run_setup.Setup(
         run=name,
         scene=run.scene,
         frame_ns=run.frame_ns,
@@ -57,7 +56,7 @@ def save(
         writer.abandon()
 
 
-def _end_ns(run: RunData) -> int:
+def _end_ns(run: run_data.RunData) -> int:
     """Simulated time of the last sample or command."""
     ends = [round(float(run.time[-1]) * 1e9)] if run.time.size else []
     ends += [int(t_ns[-1]) for t_ns, _ in run.measurements.values() if t_ns.size]
@@ -65,11 +64,11 @@ def _end_ns(run: RunData) -> int:
     return max(ends, default=0)
 
 
-def _period(t_ns: Integers) -> int:
+def _period(t_ns: run_data.Integers) -> int:
     return round(float(np.median(np.diff(t_ns)))) if t_ns.size > 1 else 0
 
 
-def _slices(run: RunData) -> Iterator[tuple[int, list[Stamped]]]:
+def _slices(run: run_data.RunData) -> Iterator[tuple[int, list[Stamped]]]:
     """End of a slice of the run [ns], and all messages in it in order of time."""
     time_ns = np.rint(run.time * 1e9).astype(np.int64)
     series = {f"truth/{name}": (time_ns, v) for name, v in run.signals.items()}
@@ -101,7 +100,9 @@ def _slices(run: RunData) -> Iterator[tuple[int, list[Stamped]]]:
         yield stop, sorted(stamped, key=lambda message: message[0])
 
 
-def _blocks(topic: str, t_ns: Integers, v: Reals, frame_ns: int, begin: int, stop: int) -> Iterator[Stamped]:
+def _blocks(
+    topic: str, t_ns: run_data.Integers, v: run_data.Reals, frame_ns: int, begin: int, stop: int
+) -> Iterator[Stamped]:
     first, last = np.searchsorted(t_ns, (begin, stop))
     if first == last:
         return

@@ -18,8 +18,8 @@ from pathlib import Path
 from rig.errors import LogError, OutputError, UsageError
 from rig.machine.files import contents, takes
 from rig.printable import unprintable
+from rig.record import recorded_setup
 from rig.record.contents import digest
-from rig.record.recorded_setup import head, setup_of
 
 LONGEST = 10_000
 """Most characters of one note."""
@@ -97,7 +97,7 @@ def add(log: Path, text: str, tags: Sequence[str] = ()) -> Note:
         raise UsageError(f"the note has {len(text)} characters; at most {LONGEST} are allowed")
     if wrong := unprintable(text):
         raise UsageError(f"the note contains {', '.join(map(repr, wrong))}; control characters are not allowed")
-    setup_of(head(log))  # a note is on a recording, whole or damaged
+    recorded_setup.setup_of(recorded_setup.head(log))  # a note is on a recording, whole or damaged
     note = Note(datetime.now(UTC).isoformat(timespec="seconds"), text, tags, digest(log))
     path = path_of(log)
     line = json.dumps({key: value for key, value in asdict(note).items() if value}, ensure_ascii=False) + "\n"

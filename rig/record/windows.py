@@ -20,11 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from google.protobuf.message import DecodeError
 
-from rig.bus import messages, topics
-from rig.bus.run_setup import Setup
+from rig.bus import messages, run_setup, topics
 from rig.errors import BusError, LogError, OutputError, UsageError
 from rig.machine.files import unused
-from rig.record.message_scan import Scan
+from rig.record import message_scan
 from rig.record.trigger import Trigger, bound
 from rig.record.writer import Writer
 
@@ -82,7 +81,7 @@ def replaceable(base: Path, replace: bool) -> list[Path]:
 
 def _is_window(path: Path) -> bool:
     try:
-        scan = Scan(path)
+        scan = message_scan.Scan(path)
         next(iter(scan), None)
     except LogError:
         return False
@@ -98,7 +97,12 @@ class Windows:
     """
 
     def __init__(
-        self, base: Path, setup: Setup, trigger: Trigger, replace: bool = False, say: Callable[[str], object] = str
+        self,
+        base: Path,
+        setup: run_setup.Setup,
+        trigger: Trigger,
+        replace: bool = False,
+        say: Callable[[str], object] = str,
     ) -> None:
         self.path, self.setup, self.trigger = base, setup, trigger
         self.messages = 0

@@ -30,14 +30,11 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from rig.bus import messages, topics
-from rig.bus.run_setup import Setup
+from rig.bus import messages, run_setup, topics
 from rig.errors import BusError, OutputError
 from rig.machine import files
-from rig.machine.files import WRITTEN, takes
-from rig.record import curves, recorded_setup
+from rig.record import curves, mcap_file, recorded_setup
 from rig.record.mcap_file import COPY, FORMAT
-from rig.record.mcap_file import Writer as Mcap
 
 CHUNK = 256 * 1024
 _Waiting = tuple[int, str, bytes, int, int]
@@ -53,11 +50,11 @@ def opened_new(path: Path, replace: bool) -> BinaryIO:
 
     Raises OSError if that fails, with the reason in `strerror`.
     """
-    takes(path)
+    files.takes(path)
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | _OWN, 0o666)  # what is cut leaves no hole
     try:
         if not files.free(file):
-            raise OSError(errno.EBUSY, WRITTEN)
+            raise OSError(errno.EBUSY, files.WRITTEN)
         if os.fstat(file).st_size:
             if not replace:
                 raise OSError(errno.EEXIST, "it exists; name another file, or add --force to replace it")
@@ -86,7 +83,12 @@ class Writer:
     """
 
     def __init__(
-        self, path: Path, setup: Setup, made: str, replace: bool = True, trigger: Mapping[str, str] | None = None
+        self,
+        path: Path,
+        setup: run_setup.Setup,
+        made: str,
+        replace: bool = True,
+        trigger: Mapping[str, str] | None = None,
     ) -> None:
         self.path, self.setup, self._made, self._trigger = path, setup, made, trigger
         self.messages = 0
@@ -118,7 +120,7 @@ class Writer:
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = opened_new(path, replace)
-        self._mcap = Mcap(self._file, CHUNK)
+        self._mcap = mcap_file.Writer(self._file, CHUNK)
         try:
             with self._guarded():
                 self._describe()

@@ -18,20 +18,18 @@ from pydantic import BaseModel
 from pydantic_core import PydanticSerializationError
 
 from rig.controllers import controller_class, controller_drives, controller_reads
-from rig.controllers.blocks.base import gets_every_sample
-from rig.controllers.blocks.compiled import CompiledSection
+from rig.controllers.blocks import base, compiled
 from rig.errors import PartError
 from rig.parts import calling, file_of
 from rig.quantities import LONGEST
+from rig.scenes import sections, source
 from rig.scenes.faults import near, shown, unit_of
 from rig.scenes.protocol import Clock, Connect, Disconnect, Load, Ramp, Repeat, Set, flat
-from rig.scenes.sections import longest_ns
-from rig.scenes.source import Fault
 from rig.sensors.chain.front_end import FrontEnd
 from rig.units import brief, same_unit, unit_fault
 
 
-def faults(section: CompiledSection) -> Iterator[str]:
+def faults(section: compiled.CompiledSection) -> Iterator[str]:
     """A compiled controller has the right numbers of sensors and actuators, and answers: the faults, one line each."""
     from rig.controllers.runtime.file import section_faults  # where a scene names a file
 
@@ -41,10 +39,12 @@ def faults(section: CompiledSection) -> Iterator[str]:
     yield from lines
 
 
-def units(controllers: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Mapping[str, str]) -> Iterator[Fault]:
+def units(
+    controllers: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Mapping[str, str]
+) -> Iterator[source.Fault]:
     """The inputs and outputs of compiled controllers have the units of the sensors and actuators (name -> unit)."""
     for name, section in controllers.items():
-        if not isinstance(section, CompiledSection):
+        if not isinstance(section, compiled.CompiledSection):
             continue
         heard = {sensor: instrument.unit for sensor, instrument in sensors.items()}
         both = (("reads", section.connected_sensors, section.used_inputs, heard, "sensor"),
@@ -59,14 +59,14 @@ def units(controllers: Mapping[str, Any], sensors: Mapping[str, Any], inputs: Ma
 
 def algebraic_loops(
     controllers: Mapping[str, Any], sensors: Mapping[str, Any], outputs: Mapping[str, Any], inputs: Mapping[str, Any]
-) -> Iterator[Fault]:
+) -> Iterator[source.Fault]:
     """No command of an FMU depends on a measurement that depends on this command at the same instant.
 
     `outputs`, `inputs`: those of the rig with all actuators of controllers moved.
     """
     follows: dict[str, list[tuple[str, str, str]]] = {}  # actuator -> controller, sensor, actuator that follows at once
     for name, section in controllers.items():
-        if not isinstance(section, CompiledSection) or section.delay:
+        if not isinstance(section, compiled.CompiledSection) or section.delay:
             continue
         heard = {signal.name: sensor for signal, sensor in zip(section.used_inputs, section.connected_sensors)}
         for signal, driven in zip(section.used_outputs, section.connected_actuators):
@@ -108,7 +108,7 @@ def _at_once(actuator: Any, sensor: Any, outputs: Mapping[str, Any]) -> bool:
 TIMES = ("over", "time", "duration", "timeout", "window")
 
 
-def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Fault]:
+def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[source.Fault]:
     """Periods and delays of controllers are whole numbers of frames."""
     for name, section in controllers.items():
         for field in ("period", "delay"):
@@ -119,7 +119,7 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
                 continue
             given = _raw(raw, "controllers", name, field, default=f"{value / 1e9:g} s")
             yield from whole_frames(f"controllers.{name}.{field}", given, value, clock.frame, field == "delay")
-        if section.period != clock.frame and gets_every_sample(controller_class(section)):
+        if section.period != clock.frame and base.gets_every_sample(controller_class(section)):
             key = f"controllers.{name}.period"
             yield (
                 key,
@@ -127,7 +127,7 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
             )
 
 
-def foreign(key: str, section: Any) -> Iterator[Fault]:
+def foreign(key: str, section: Any) -> Iterator[source.Fault]:
     """A foreign sensor or controller declares what it must, and works."""
     lines: list[str] = []
     if hasattr(section, "front_end"):
@@ -148,7 +148,7 @@ def foreign(key: str, section: Any) -> Iterator[Fault]:
         from rig.controllers.runtime.file import section_faults  # where a scene names a file
 
         made = controller_class(section)
-        if isinstance(section, CompiledSection):
+        if isinstance(section, compiled.CompiledSection):
             yield from ((f"{key}.{line.partition(':')[0]}", f"{key}.{line}") for line in faults(section))
             return
         if not hasattr(made, "design"):  # one with a design step needs numbers: rig.design tries it
@@ -163,7 +163,7 @@ def foreign(key: str, section: Any) -> Iterator[Fault]:
     yield from ((key, f"{key}.kind: {line}") for line in lines)
 
 
-def misdeclared(section: BaseModel, key: str) -> Iterator[Fault]:
+def misdeclared(section: BaseModel, key: str) -> Iterator[source.Fault]:
     """Defaults of quantities that are texts, in sections of foreign parts. Only what a scene gives is converted."""
     for name, info in type(section).model_fields.items():
         value, inner = getattr(section, name), f"{key}.{name}" if key else name
@@ -175,7 +175,7 @@ def misdeclared(section: BaseModel, key: str) -> Iterator[Fault]:
             yield inner, f"{inner}: {what}; expected a number in {unit}"
 
 
-def unwritable(section: BaseModel, key: str) -> Iterator[Fault]:
+def unwritable(section: BaseModel, key: str) -> Iterator[source.Fault]:
     """Values that JSON, and so a recording, cannot hold: only sections of foreign parts have such fields."""
     try:
         section.model_dump(mode="json")
@@ -193,7 +193,7 @@ def unwritable(section: BaseModel, key: str) -> Iterator[Fault]:
                 yield f"{before}{name}", f"{before}{name}: {line}; use numbers, texts, and tuples or dicts of them"
 
 
-def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]:
+def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[source.Fault]:
     """The fixed step of rk4 and kick divides the sample step."""
     if clock.method in ("rk4", "kick") and step_ns % clock.rk4_step:
         parts = max(1, round(step_ns / clock.rk4_step))
@@ -207,7 +207,7 @@ def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]
         )
 
 
-def lengths(clock: Clock, protocol: Iterable[Any], raw: Any, prefix: str = "protocol") -> Iterator[Fault]:
+def lengths(clock: Clock, protocol: Iterable[Any], raw: Any, prefix: str = "protocol") -> Iterator[source.Fault]:
     """Every time in the protocol is a whole number of frames."""
     for i, step in enumerate(protocol):
         table = raw[i] if isinstance(raw, list) and i < len(raw) and isinstance(raw[i], Mapping) else {}
@@ -219,14 +219,14 @@ def lengths(clock: Clock, protocol: Iterable[Any], raw: Any, prefix: str = "prot
             yield from lengths(clock, step.steps, table.get("steps", []), f"{prefix}[{i + 1}].steps")
 
 
-def whole(protocol: Sequence[Any]) -> Iterator[Fault]:
+def whole(protocol: Sequence[Any]) -> Iterator[source.Fault]:
     """The protocol ends within the longest time that can be counted, or never."""
-    length = longest_ns(protocol)
+    length = sections.longest_ns(protocol)
     if length is not None and length > LONGEST:
         yield "protocol", f"protocol: takes up to {length / 1e9:.3g} s; at most {LONGEST / 1e9:g} s are possible"
 
 
-def whole_frames(key: str, given: str, value: int, frame: int, zero: bool) -> Iterator[Fault]:
+def whole_frames(key: str, given: str, value: int, frame: int, zero: bool) -> Iterator[source.Fault]:
     """(key, line) if a time is not a whole number of frames [ns]; `zero`: whether 0 is allowed."""
     if value % frame:
         near = sorted({n * frame for n in (value // frame, value // frame + 1) if n or zero})
@@ -237,7 +237,7 @@ def whole_frames(key: str, given: str, value: int, frame: int, zero: bool) -> It
         )
 
 
-def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str) -> Iterator[Fault]:
+def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str) -> Iterator[source.Fault]:
     """Each sensor reads an output of the rig, in the unit that it accepts."""
     for name, section in sensors.items():
         key = f"sensors.{name}.reads"
@@ -254,7 +254,7 @@ def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str)
 
 def wiring(
     controllers: Mapping[str, Any], sensors: Iterable[str], inputs: Iterable[str], plant: str
-) -> Iterator[Fault]:
+) -> Iterator[source.Fault]:
     """Controllers read existing sensors and drive existing actuators, and each actuator has one driver."""
     sensors, inputs = set(sensors), set(inputs)
     owners: dict[str, str] = {}
@@ -273,7 +273,7 @@ def wiring(
                 owners[actuator] = name
 
 
-def hands_off(protocol: Iterable[Any], controllers: Mapping[str, Any]) -> Iterator[Fault]:
+def hands_off(protocol: Iterable[Any], controllers: Mapping[str, Any]) -> Iterator[source.Fault]:
     """The protocol does not set an actuator while a controller drives it."""
     owners = {actuator: name for name, section in controllers.items() for actuator in controller_drives(section)}
     connected = set(controllers) - {s.controller for s in flat(protocol) if isinstance(s, Connect)}
@@ -288,7 +288,7 @@ def hands_off(protocol: Iterable[Any], controllers: Mapping[str, Any]) -> Iterat
                 yield key, f"{key}: {inner.target} is driven by controllers.{owners[inner.target]} at this point"
 
 
-def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[Fault]:
+def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[source.Fault]:
     """The protocol sets values within the range of the actuator, and ramps only actuators that can move linearly."""
     for i, step in enumerate(protocol, 1):
         for inner in flat([step]):

@@ -6,10 +6,7 @@ import json
 import shlex
 from collections.abc import Iterator
 
-from rig.scenes import migration
-from rig.scenes.explain import UNSTATED
-from rig.scenes.scene import Scene
-from rig.scenes.sections import range_of
+from rig.scenes import explain, migration, scene, sections
 
 FIRST = ("drive", "load", "friction")
 """Tables that come first, because experiments vary them."""
@@ -29,7 +26,7 @@ title = {title}
 """
 
 
-def draft(base: Scene, based_on: str, file: str) -> str:
+def draft(base: scene.Scene, based_on: str, file: str) -> str:
     """The text of a scene file called `file`; `based_on`: the value of this key for its base, `base`."""
     name, title = _text(based_on), _text(f"{base.title}, changed")
     head = _HEAD.format(
@@ -38,16 +35,16 @@ def draft(base: Scene, based_on: str, file: str) -> str:
     return "\n".join([head, *(line for table in _tables(base) for line in table)])
 
 
-def _tables(base: Scene) -> Iterator[list[str]]:
+def _tables(base: scene.Scene) -> Iterator[list[str]]:
     """The lines of each table."""
     tables: dict[str, list[str]] = {}
     values = base.values()
     inputs = base.assemble().inputs
     for key in dict.fromkeys((*base.origins, *filter(base.place, values))):
-        origin = base.origins.get(key, UNSTATED)
+        origin = base.origins.get(key, explain.UNSTATED)
         table, _, field = key.rpartition(".")
         value, unit = values.get(key, (None, ""))
-        within = range_of(base.parameters, key)
+        within = sections.range_of(base.parameters, key)
         allowed = None if within is None else str(within)
         if allowed is None or isinstance(value, bool) or not isinstance(value, int | float):
             continue  # of no parameter of the plant, a choice, or a list

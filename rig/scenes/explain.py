@@ -15,14 +15,12 @@ from rig.about import Bound
 from rig.model.assembly import add_film_states
 from rig.parts import Binary
 from rig.quantities import ORIGINS, Section
-from rig.scenes.part_faults import per_second
-from rig.scenes.places import Origin, Place
+from rig.scenes import part_faults, places, sections
 from rig.scenes.scene import Scene
-from rig.scenes.sections import known, values_of
 from rig.scenes.variants import about, optional
 
-DEFAULT = Origin("default")
-UNSTATED = Origin("not stated")
+DEFAULT = places.Origin("default")
+UNSTATED = places.Origin("not stated")
 _ROW = 5  # largest number of numbered states that are listed one by one
 _NUMBER = re.compile(r"\d+")
 
@@ -68,8 +66,8 @@ class Value:
     key: str
     value: Any
     unit: str
-    origin: Origin
-    place: Place | None = None
+    origin: places.Origin
+    place: places.Place | None = None
 
 
 @dataclass(frozen=True)
@@ -162,13 +160,14 @@ def _values(scene: Scene) -> Iterator[Value]:
     rooms |= {"network": scene.network}
     rooms |= {f"faults.{name}": fault for name, fault in scene.faults.items()}
     assembly = scene.assemble()
-    names = known(assembly, scene.parameters, scene.sensors, scene.controllers)
+    names = sections.known(assembly, scene.parameters, scene.sensors, scene.controllers)
     rates = {
-        f"faults.{name}.rate": per_second(names.sensors.get(fault.part, "")) for name, fault in scene.faults.items()
+        f"faults.{name}.rate": part_faults.per_second(names.sensors.get(fault.part, ""))
+        for name, fault in scene.faults.items()
     }
     heights = {f"faults.{name}.height": names.sensors.get(fault.part, "") for name, fault in scene.faults.items()}
     for prefix, section in [("", scene.parameters), *rooms.items()]:
-        for key, (value, unit) in values_of(section, prefix):
+        for key, (value, unit) in sections.values_of(section, prefix):
             name = key.rpartition(".")[2]
             if name not in ("law", "kind", "effect", "on", "ideal", "enable"):
                 origin = scene.origins.get(key) or (_documented(type(section), name) if prefix else None)
@@ -177,7 +176,7 @@ def _values(scene: Scene) -> Iterator[Value]:
     units = {**names.settable, **names.inputs, **names.sensors}
     for key, step in _steps(scene.protocol, "protocol"):
         named = units.get(getattr(step, "target", getattr(step, "sensor", "")), "")
-        for inner, (value, unit) in values_of(step, key):
+        for inner, (value, unit) in sections.values_of(step, key):
             if inner in scene.origins:
                 yield Value(inner, value, unit or named, scene.origins[inner])
     for name, limit in scene.limits.items():
@@ -194,7 +193,7 @@ def _steps(steps: Sequence[Any], prefix: str) -> Iterator[tuple[str, Any]]:
 
 
 @cache
-def _documented(section: type[BaseModel], field: str) -> Origin | None:
+def _documented(section: type[BaseModel], field: str) -> places.Origin | None:
     """Origin of a default, from the docstring that describes it: the last tag, e.g. `[public: source]`.
 
     Where a value rests on a source and on a choice, the choice stands last.
@@ -202,7 +201,7 @@ def _documented(section: type[BaseModel], field: str) -> Origin | None:
     for text in descriptions(section, field):
         tags = TAG.findall(text)
         if tags:
-            return Origin(tags[-1], text)
+            return places.Origin(tags[-1], text)
     return None
 
 

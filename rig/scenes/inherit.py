@@ -21,7 +21,6 @@ from typing import Any
 from rig.errors import SceneError
 from rig.scenes import migration, places, shipped, source
 from rig.scenes.faults import close, shown
-from rig.scenes.places import Origin, Place
 
 OWN = ("title", "about")
 """Keys that a scene does not inherit."""
@@ -47,9 +46,9 @@ class Layer:
         """Dotted key -> its line in the file."""
         return {migration.called(key, self.format): line for key, line in places.lines(self.text).items()}
 
-    def place(self, key: str) -> Place:
+    def place(self, key: str) -> places.Place:
         """The place in the file."""
-        return Place(self.name, self.lines.get(key, 1))
+        return places.Place(self.name, self.lines.get(key, 1))
 
     @property
     def note(self) -> str:
@@ -66,11 +65,11 @@ class Layer:
 class Places:
     """The places of the values of a scene: its files, the base first, and `changes` by the caller."""
 
-    def __init__(self, layers: Sequence[Layer], changes: Mapping[str, Place], raw: Mapping[str, Any]) -> None:
+    def __init__(self, layers: Sequence[Layer], changes: Mapping[str, places.Place], raw: Mapping[str, Any]) -> None:
         self.files = tuple(layer.name for layer in layers)
         self._layers, self._changes, self._raw = layers, changes, raw
 
-    def of(self, key: str) -> Place | None:
+    def of(self, key: str) -> places.Place | None:
         """The place that gave the value `key`; None for a default."""
         if key in self._changes:
             return self._changes[key]
@@ -82,7 +81,7 @@ class Places:
                 return next((layer.place(stated) for stated in (key, f"{key}[1]") if stated in layer.lines), None)
         return None
 
-    def near(self, key: str) -> Place | None:
+    def near(self, key: str) -> places.Place | None:
         """The place that gave or removed the value `key`, or else the table that should contain it.
 
         For a table of the scene that is nowhere: the place of its plant, which needs the table.
@@ -95,11 +94,11 @@ class Places:
             inside = inside[: max(inside.rfind("."), inside.rfind("["), 0)]
         return None if "." in key else self.of("plant")
 
-    def _made(self, table: str) -> Place | None:
+    def _made(self, table: str) -> places.Place | None:
         """The place of a change in a table that no file has."""
         return next((place for change, place in self._changes.items() if change.startswith(f"{table}.")), None)
 
-    def _taken(self, key: str) -> Place | None:
+    def _taken(self, key: str) -> places.Place | None:
         """The place of the "none" that removed the value `key`."""
         names = _NAME.findall(key)
         for layer in reversed(self._layers):
@@ -193,8 +192,8 @@ def _same(path: Path) -> str:
 def lay(
     over: Mapping[str, Any],
     raw: dict[str, Any],
-    origins: dict[str, Origin],
-    own: dict[str, Origin],
+    origins: dict[str, places.Origin],
+    own: dict[str, places.Origin],
     recast: dict[str, tuple[str, Any]],
     key: str = "",
 ) -> Iterator[tuple[str, str]]:

@@ -16,18 +16,14 @@ from rig.errors import PartError, SceneError
 from rig.parts import Code, calling, code_of
 from rig.plants import PLANTS
 from rig.quantities import Section
-from rig.scenes import checks, faults, inherit, rooms, sections
-from rig.scenes.merged import MOST, OWN, Merged
+from rig.scenes import checks, faults, inherit, merged, places, rooms, sections, shipped
 from rig.scenes.network import Network
 from rig.scenes.network import checks as network_checks
 from rig.scenes.part_faults import checks as part_faults_checks
 from rig.scenes.part_faults import faults_of
-from rig.scenes.places import Place
 from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Clock, Known, Load, Mark, Ramp, Step, flat, knock_durations
-from rig.scenes.rooms import CONTROLLERS, SENSORS, assembled
 from rig.scenes.scene import Scene
 from rig.scenes.sections import known
-from rig.scenes.shipped import path as path_of
 from rig.sensors.chain.instants import common_step
 
 S = TypeVar("S", bound=Section)
@@ -40,19 +36,19 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 def load(
     name_or_path: str | Path,
     overrides: Mapping[str, object] | None = None,
-    given: Mapping[str, Place] | None = None,
+    given: Mapping[str, places.Place] | None = None,
 ) -> Scene:
     """The scene of a shipped name or of a file, with `overrides` (dotted key -> value, text with unit or number).
 
     `given`: dotted key -> place of an override, for messages; those without one are given in the call. Raises
     SceneError with every fault: dotted key, what was given, what is allowed, file and line that gave it.
     """
-    path = path_of(name_or_path)
-    tables = Merged(inherit.layers(path), overrides or {}, given or {})
+    path = shipped.path(name_or_path)
+    tables = merged.Merged(inherit.layers(path), overrides or {}, given or {})
     scene = _Reading(tables).scene(path.stem)
     if scene is None:
-        listed = tables.faults[:MOST]
-        more = ["and more"] if len(tables.faults) > MOST else []
+        listed = tables.faults[: merged.MOST]
+        more = ["and more"] if len(tables.faults) > merged.MOST else []
         raise SceneError(str(name_or_path), [*listed, *more, *tables.notes])
     return scene
 
@@ -60,7 +56,7 @@ def load(
 class _Reading:
     """One pass that makes a scene of its merged tables, and adds every fault to those of the tables."""
 
-    def __init__(self, tables: Merged) -> None:
+    def __init__(self, tables: merged.Merged) -> None:
         self._tables = tables
         self._codes: dict[tuple[str, str], Code] = {}
 
@@ -70,8 +66,8 @@ class _Reading:
         clock = self._section(Clock, "clock", raw.get("clock", {}))
         seed = sections.seed(self._tables)
         plant, parameters = self._plant()
-        sensors = self._named("sensors", SENSORS)
-        controllers = self._named("controllers", CONTROLLERS)
+        sensors = self._named("sensors", rooms.SENSORS)
+        controllers = self._named("controllers", rooms.CONTROLLERS)
         frame_ns = int(clock.frame) if clock is not None else 1_000_000
         assembly = self._assembled(parameters, frame_ns) if parameters is not None else None
         names = UNKNOWN
@@ -104,10 +100,10 @@ class _Reading:
             self._tables.report(checks.hands_off(protocol, controllers))
             ramped = {step.target: "ramped" for step in flat(protocol) if isinstance(step, Load | Ramp)}
             if parameters is not None and assembly is not None:
-                inputs = assembled(parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
+                inputs = rooms.assembled(parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
                 self._tables.report(checks.commanded(protocol, inputs))
                 held = {fault.part: "held" for fault in part_faults.values() if fault.part in assembly.inputs}
-                inputs = assembled(parameters, frame_ns, held).inputs if held else assembly.inputs
+                inputs = rooms.assembled(parameters, frame_ns, held).inputs if held else assembly.inputs
                 given = raw.get("faults")
                 self._tables.report(part_faults_checks(part_faults, sensors, inputs, plant, frame_ns, given))
         title, about = sections.text(self._tables, "title", name), sections.text(self._tables, "about", "").strip()
@@ -140,7 +136,7 @@ class _Reading:
         if not compiled or parameters is None or self._tables.faults:
             return
         moved = {actuator: "held" for section in compiled.values() for actuator in section.connected_actuators}
-        made = assembled(parameters, frame_ns, moved)
+        made = rooms.assembled(parameters, frame_ns, moved)
         inputs = {name: drive for name, drive in made.inputs.items() if name in moved}
         self._tables.report(checks.algebraic_loops(compiled, sensors, made.outputs, inputs))
 
@@ -168,7 +164,7 @@ class _Reading:
             for table, values in self._tables.raw.items():
                 for key in {"plant", "based_on"} & values.keys() if isinstance(values, dict) else ():
                     self._fault(f"{table}.{key}", f"{table}.{key}: put {key} above the first table of the file")
-                if not isinstance(values, dict) and table not in OWN:
+                if not isinstance(values, dict) and table not in merged.OWN:
                     self._fault(table, _unknown(table, Section))
             self._effects(Section)
             return "", None
@@ -182,11 +178,11 @@ class _Reading:
             self._fault("plant", f"plant: {error}")
             self._effects(Section)
             return plant, None
-        if taken := sorted(model.model_fields.keys() & {*OWN}):
+        if taken := sorted(model.model_fields.keys() & {*merged.OWN}):
             self._fault("plant", f"plant: {rooms.name_of(plant)}: Parameters declares {', '.join(taken)}, which every "
                         "scene has already; rename it")  # fmt: skip
             return plant, None
-        tables = {key: value for key, value in self._tables.raw.items() if key not in OWN}
+        tables = {key: value for key, value in self._tables.raw.items() if key not in merged.OWN}
         effects = self._effects(model)
         known = {key: effect for key, effect in effects.items() if effect is not None}
         for key in known:
@@ -201,7 +197,7 @@ class _Reading:
 
     def _effects(self, model: type[Section]) -> dict[str, Any]:
         """Table -> section of each effect that the plant, with parameters `model`, does not know."""
-        tables = {key: value for key, value in self._tables.raw.items() if key not in OWN}
+        tables = {key: value for key, value in self._tables.raw.items() if key not in merged.OWN}
         return {key: self._effect(key, name) for key, name in rooms.effects_in(tables, model).items()}
 
     def _effect(self, key: str, name: Any) -> Any:
@@ -232,7 +228,7 @@ class _Reading:
     def _assembled(self, parameters: Section, frame_ns: int) -> Any:
         """The rig; None after reporting that a plant or an effect from a file failed."""
         try:
-            return assembled(parameters, frame_ns)
+            return rooms.assembled(parameters, frame_ns)
         except PartError as error:
             self._tables.faults.append(str(error))
         return None
@@ -306,7 +302,7 @@ def _unknown(key: str, model: type[Section]) -> str:
     """The line for a key or table that a scene with these parameters does not know."""
     if "." in key:
         return f'"{key}": a name in quotes is one key; write {key} without quotes'
-    return faults.unknown_key(key, [*OWN, *model.model_fields])
+    return faults.unknown_key(key, [*merged.OWN, *model.model_fields])
 
 
 def _unknown_part(key: str, name: Any, known: Iterable[str]) -> str:

@@ -13,10 +13,7 @@ from typing import Any
 from rig.effects import EFFECTS
 from rig.errors import PartError
 from rig.plants import PLANTS
-from rig.scenes import faults, inherit, rooms, source
-from rig.scenes.places import IN_THE_CALL, Origin, Place
-from rig.scenes.protocol import Known
-from rig.scenes.rooms import CONTROLLERS, SENSORS
+from rig.scenes import faults, inherit, places, protocol, rooms, source
 
 MOST = 100
 """Largest number of faults that an error lists."""
@@ -32,13 +29,13 @@ class Merged:
     """
 
     def __init__(
-        self, layers: Sequence[inherit.Layer], overrides: Mapping[str, object], given: Mapping[str, Place]
+        self, layers: Sequence[inherit.Layer], overrides: Mapping[str, object], given: Mapping[str, places.Place]
     ) -> None:
         self.faults: list[str] = []
-        self.origins: dict[str, Origin] = {}
+        self.origins: dict[str, places.Origin] = {}
         self.raw: dict[str, Any] = {}
         self.notes = [note for layer in layers if (note := layer.note)]
-        self.places = inherit.Places(layers, {**dict.fromkeys(overrides, IN_THE_CALL), **given}, self.raw)
+        self.places = inherit.Places(layers, {**dict.fromkeys(overrides, places.IN_THE_CALL), **given}, self.raw)
         self.recast: dict[str, tuple[str, Any]] = {}
         """Tables whose kind changed after the protocol was written -> key of the kind, former kind."""
         for layer in layers:
@@ -53,7 +50,7 @@ class Merged:
     def _lay(self, layer: inherit.Layer) -> None:
         """Merge a file into those that it is based on."""
         new_faults: list[source.Fault] = []
-        own: dict[str, Origin] = {}
+        own: dict[str, places.Origin] = {}
         tables = source.stripped(layer.raw, own, new_faults)
         rooms.anchor(tables, layer.path.parent)
         self.report(new_faults, layer)
@@ -121,9 +118,9 @@ class Merged:
         """The kinds that a table may have, by name."""
         room, *path = table.split(".")
         if room == "sensors":
-            return SENSORS
+            return rooms.SENSORS
         if room == "controllers":
-            return CONTROLLERS
+            return rooms.CONTROLLERS
         if tag == rooms.EFFECT:
             return EFFECTS
         plant = self.raw.get("plant")
@@ -133,7 +130,7 @@ class Merged:
             return {}  # a fault that the loader reports
         return faults.members(faults.inner(model, (room, *path)), tag)
 
-    def leave_out(self, names: Known) -> None:
+    def leave_out(self, names: protocol.Known) -> None:
         """Replace steps of the protocol that set a value which a change of kind dropped by marks that say so."""
         if not names.whole or not self.recast:
             return

@@ -29,11 +29,9 @@ from annotated_types import Ge, Le
 from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_validator
 
 from rig.quantities import Nanoseconds, Section, quantity
+from rig.scenes import merged, protocol, source
 from rig.scenes.checks import whole_frames
 from rig.scenes.faults import lines, near, shown
-from rig.scenes.merged import Merged
-from rig.scenes.protocol import Known, Length, read_in_unit_of
-from rig.scenes.source import Fault as Line
 
 Factor: Any = quantity("1", Ge(0.0), Le(1.0))
 
@@ -41,7 +39,7 @@ Factor: Any = quantity("1", Ge(0.0), Le(1.0))
 class _Timed(Section):
     """What all faults have: the time at which they begin, and how long they last (None: to the end)."""
 
-    at: Length
+    at: protocol.Length
     duration: Nanoseconds | None = None
 
     @property
@@ -77,7 +75,7 @@ class Drift(_OfSensor):
     @field_validator("rate", mode="before")
     @classmethod
     def _in_unit(cls, rate: Any, info: ValidationInfo) -> Any:
-        return read_in_unit_of(rate, "sensor", info, per_second, "sensors")
+        return protocol.read_in_unit_of(rate, "sensor", info, per_second, "sensors")
 
 
 class Spike(_OfSensor):
@@ -90,7 +88,7 @@ class Spike(_OfSensor):
     @field_validator("height", mode="before")
     @classmethod
     def _in_unit(cls, height: Any, info: ValidationInfo) -> Any:
-        return read_in_unit_of(height, "sensor", info, str, "sensors")
+        return protocol.read_in_unit_of(height, "sensor", info, str, "sensors")
 
 
 class Dropout(_OfSensor):
@@ -128,7 +126,7 @@ PartFault = Annotated[SensorFault | ActuatorFault, Field(discriminator="kind")]
 PART_FAULTS: TypeAdapter[dict[str, PartFault]] = TypeAdapter(dict[str, PartFault])
 
 
-def faults_of(tables: Merged, names: Known) -> dict[str, PartFault]:
+def faults_of(tables: merged.Merged, names: protocol.Known) -> dict[str, PartFault]:
     """The faults of sensors and actuators by name; those that are right if others are not."""
     raw = tables.raw.get("faults", {})
     faults: dict[str, PartFault] = {}
@@ -170,7 +168,7 @@ def checks(
     plant: str,
     frame_ns: int,
     raw: Any,
-) -> Iterator[Line]:
+) -> Iterator[source.Fault]:
     """(dotted key, line) for unknown parts, times between frames, actuators without a state, contradictions.
 
     `inputs`: the actuators of the rig with the states that faulty ones need. `raw`: the table as it was given.

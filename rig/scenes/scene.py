@@ -19,13 +19,11 @@ from rig.parts import Parts, trust_scene
 from rig.plants.structures import model_store
 from rig.quantities import Section, faults_of
 from rig.results import Result
-from rig.scenes import migration, rooms
+from rig.scenes import migration, part_faults, rooms, sections
 from rig.scenes.faults import shown
 from rig.scenes.network import Link, Network
-from rig.scenes.part_faults import PART_FAULTS, ActuatorFault, PartFault
 from rig.scenes.places import Origin, Place
 from rig.scenes.protocol import STEPS, Clock, Load, Ramp, Set, Step, flat, knock_durations
-from rig.scenes.sections import dump, longest_ns, values_of
 from rig.sensors.chain.instants import common_step
 
 if TYPE_CHECKING:
@@ -60,7 +58,7 @@ class Scene(Result):
     models: dict[str, str] = field(default_factory=dict, compare=False)
     """Of a scene that a run was made with: the reduced models of its structures, what they are of -> digest."""
     network: Network = field(default_factory=Network)
-    faults: dict[str, PartFault] = field(default_factory=dict)
+    faults: dict[str, part_faults.PartFault] = field(default_factory=dict)
     driven: frozenset[str] = frozenset()
     """Actuators that somebody else drives: an operator, or a controller that the scene does not know. Not recorded with
     the scene: the events of the run tell it."""
@@ -78,14 +76,14 @@ class Scene(Result):
     @cached_property
     def duration_ns(self) -> int | None:
         """Longest time the protocol takes [ns]; None without a protocol, or with one that never ends."""
-        return longest_ns(self.protocol) if self.protocol else None
+        return sections.longest_ns(self.protocol) if self.protocol else None
 
     @cached_property
     def moved(self) -> dict[str, str]:
         """Actuators that are moved: "held" commands (steps from tick to tick), or "ramped" as well."""
         held = set(self.driven)
         held |= {actuator for section in self.controllers.values() for actuator in controller_drives(section)}
-        held |= {fault.actuator for fault in self.faults.values() if isinstance(fault, ActuatorFault)}
+        held |= {fault.actuator for fault in self.faults.values() if isinstance(fault, part_faults.ActuatorFault)}
         steps = tuple(flat(self.protocol))
         held |= {s.target for s in steps if isinstance(s, Load | Ramp | Set)}
         ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}
@@ -142,15 +140,15 @@ class Scene(Result):
 
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
-        values_in_si = dict(values_of(self.parameters))
-        values_in_si |= values_of(self.clock, "clock")
+        values_in_si = dict(sections.values_of(self.parameters))
+        values_in_si |= sections.values_of(self.clock, "clock")
         for name, section in self.sensors.items():
-            values_in_si |= values_of(section, f"sensors.{name}")
+            values_in_si |= sections.values_of(section, f"sensors.{name}")
         for name, section in self.controllers.items():
-            values_in_si |= values_of(section, f"controllers.{name}")
-        values_in_si |= values_of(self.network, "network")
+            values_in_si |= sections.values_of(section, f"controllers.{name}")
+        values_in_si |= sections.values_of(self.network, "network")
         for name, fault in self.faults.items():
-            values_in_si |= values_of(fault, f"faults.{name}")
+            values_in_si |= sections.values_of(fault, f"faults.{name}")
         return values_in_si
 
     def text(self) -> str:
@@ -168,8 +166,8 @@ class Scene(Result):
         made: dict[str, Any] = {"models": self.models} if self.models else {}
         parts = rooms.foreign(self.plant, self.parameters, self.sensors.values(), self.controllers.values())
         made |= {"parts": parts} if parts else {}
-        made |= {"network": dump(self.network)} if self.network else {}
-        made |= {"faults": {name: dump(fault) for name, fault in self.faults.items()}} if self.faults else {}
+        made |= {"network": sections.dump(self.network)} if self.network else {}
+        made |= {"faults": {name: sections.dump(fault) for name, fault in self.faults.items()}} if self.faults else {}
         return json.dumps(
             {
                 "format": 1 + migration.newest(),
@@ -178,11 +176,11 @@ class Scene(Result):
                 "about": self.about,
                 "plant": self.plant,
                 "seed": self.seed,
-                "clock": dump(self.clock),
-                "parameters": dump(self.parameters),
-                "sensors": {name: dump(section) for name, section in self.sensors.items()},
-                "controllers": {name: dump(section) for name, section in self.controllers.items()},
-                "protocol": [dump(step) for step in self.protocol],
+                "clock": sections.dump(self.clock),
+                "parameters": sections.dump(self.parameters),
+                "sensors": {name: sections.dump(section) for name, section in self.sensors.items()},
+                "controllers": {name: sections.dump(section) for name, section in self.controllers.items()},
+                "protocol": [sections.dump(step) for step in self.protocol],
                 "limits": self.limits,
                 "origins": {key: list(origin) for key, origin in self.origins.items()},
                 **made,
@@ -233,7 +231,7 @@ class Scene(Result):
             controllers={n: _controller(s, parts) for n, s in raw["controllers"].items()},
             protocol=STEPS.validate_python(raw["protocol"]),
             network=Network.model_validate(raw.get("network", {})),
-            faults=PART_FAULTS.validate_python(raw.get("faults", {})),
+            faults=part_faults.PART_FAULTS.validate_python(raw.get("faults", {})),
             limits={name: float(value) for name, value in raw["limits"].items()},
             seed=raw["seed"],
             origins={key: Origin(*origin) for key, origin in raw["origins"].items()},

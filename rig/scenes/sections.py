@@ -24,10 +24,7 @@ from rig.controllers.blocks.base import gets_every_sample
 from rig.errors import UsageError
 from rig.parts import is_file
 from rig.quantities import Range, Section, Unit, finite
-from rig.scenes import faults
-from rig.scenes.faults import unit_of
-from rig.scenes.merged import Merged
-from rig.scenes.protocol import Known, Repeat, duration_ns
+from rig.scenes import faults, merged, protocol
 
 
 def dump(section: Section) -> dict[str, Any]:
@@ -48,9 +45,9 @@ def values_of(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple
                 if isinstance(part, BaseModel):
                     yield from values_of(part, f"{key}.{entry}")
                 else:
-                    yield f"{key}.{entry}", (plain[name][entry], unit_of(info))
+                    yield f"{key}.{entry}", (plain[name][entry], faults.unit_of(info))
         elif value is not None and name in plain:  # not a flaw that an ideal instrument is free of
-            yield key, (value if isinstance(value, str) else plain[name], unit_of(info))  # of a file its name
+            yield key, (value if isinstance(value, str) else plain[name], faults.unit_of(info))  # of a file its name
 
 
 def field_of(section: Any, key: str) -> FieldInfo | None:
@@ -87,14 +84,16 @@ def sensors_in_full(controllers: Mapping[str, Any]) -> set[str]:
     return {sensor for section in hearing for sensor in controller_reads(section).values()}
 
 
-def known(assembly: Any, parameters: Section, sensors: Mapping[str, Any], controllers: Mapping[str, Any]) -> Known:
+def known(
+    assembly: Any, parameters: Section, sensors: Mapping[str, Any], controllers: Mapping[str, Any]
+) -> protocol.Known:
     """The names that a protocol of this rig may use."""
     settable = {k: unit for k, (v, unit) in values_of(parameters) if unit and not k.startswith("start.")}
     for name, section in controllers.items():
         fixed: frozenset[str] = getattr(section, "fixed", frozenset())
         values = values_of(section, f"controllers.{name}")
         settable |= {key: unit for key, (_, unit) in values if unit and key.rpartition(".")[2] not in fixed}
-    return Known(
+    return protocol.Known(
         inputs={name: i.unit for name, i in assembly.inputs.items()},
         settable=settable,
         sensors={name: s.unit for name, s in sensors.items()},
@@ -102,7 +101,7 @@ def known(assembly: Any, parameters: Section, sensors: Mapping[str, Any], contro
     )
 
 
-def text(tables: Merged, key: str, default: str) -> str:
+def text(tables: merged.Merged, key: str, default: str) -> str:
     """The title, or the description."""
     value = tables.raw.get(key, default)
     if not isinstance(value, str):
@@ -111,7 +110,7 @@ def text(tables: Merged, key: str, default: str) -> str:
     return value
 
 
-def seed(tables: Merged) -> int:
+def seed(tables: merged.Merged) -> int:
     """The seed of noise; 0 by default."""
     value = tables.raw.get("seed", 0)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
@@ -120,7 +119,7 @@ def seed(tables: Merged) -> int:
     return value
 
 
-def limits(tables: Merged, assembly: Any) -> dict[str, float]:
+def limits(tables: merged.Merged, assembly: Any) -> dict[str, float]:
     """The limits of outputs beyond which a run goes to its safe state: name -> largest absolute value [SI]."""
     raw = tables.raw.get("limits", {})
     if not isinstance(raw, dict):
@@ -142,14 +141,14 @@ def limits(tables: Merged, assembly: Any) -> dict[str, float]:
     return limits
 
 
-def _fault(tables: Merged, key: str, line: str) -> None:
+def _fault(tables: merged.Merged, key: str, line: str) -> None:
     tables.report([(key, line)])
 
 
 def unrolled(steps: Iterable[Any]) -> Iterator[Any]:
     """The steps in order, with repeats unrolled; endless if a step repeats for ever."""
     for step in steps:
-        if isinstance(step, Repeat):
+        if isinstance(step, protocol.Repeat):
             for _ in count() if step.times == "forever" else range(step.times):
                 yield from unrolled(step.steps)
         else:
@@ -163,19 +162,19 @@ def number(steps: Iterable[Any]) -> int | None:
 
 def least_ns(steps: Iterable[Any]) -> int | None:
     """Least duration of the steps [ns], waits without any time; None if they never end."""
-    return _total(steps, duration_ns)
+    return _total(steps, protocol.duration_ns)
 
 
 def longest_ns(steps: Iterable[Any]) -> int | None:
     """Longest duration of the steps [ns], waits with their timeout; None if they never end."""
-    return _total(steps, partial(duration_ns, waits=True))
+    return _total(steps, partial(protocol.duration_ns, waits=True))
 
 
 def _total(steps: Iterable[Any], of: Callable[[Any], int]) -> int | None:
     """The sum of `of` over the steps with repeats unrolled; None if they never end."""
     total = 0
     for step in steps:
-        if not isinstance(step, Repeat):
+        if not isinstance(step, protocol.Repeat):
             total += of(step)
             continue
         inner = _total(step.steps, of)

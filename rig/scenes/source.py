@@ -12,8 +12,8 @@ from typing import Any
 from rig.errors import SceneError
 from rig.machine.files import contents
 from rig.quantities import ORIGINS
+from rig.scenes import places
 from rig.scenes.faults import TAGS, shown, unknown_choice
-from rig.scenes.places import Origin
 from rig.units import brief
 
 FIXED = ("format", "based_on", "title", "plant", "about", "protocol")
@@ -121,7 +121,7 @@ def dotted(raw: Mapping[str, Any], key: str = "") -> Iterator[tuple[str, Any]]:
             yield here, value
 
 
-def stripped(raw: Any, origins: dict[str, Origin], faults: list[Fault], key: str = "") -> Any:
+def stripped(raw: Any, origins: dict[str, places.Origin], faults: list[Fault], key: str = "") -> Any:
     """`raw` without its origins, which are added to `origins` by dotted key. Faults are added to `faults`."""
     if isinstance(raw, Mapping):
         return {name: stripped(value, origins, faults, f"{key}.{name}" if key else name) for name, value in raw.items()}
@@ -130,7 +130,7 @@ def stripped(raw: Any, origins: dict[str, Origin], faults: list[Fault], key: str
     if _has_origin(raw):
         if raw[1] not in ORIGINS:
             faults.append((key, unknown_choice(f"{key}: origin", raw[1], ORIGINS)))
-        origins[key] = Origin(raw[1], raw[2] if len(raw) == 3 else "")
+        origins[key] = places.Origin(raw[1], raw[2] if len(raw) == 3 else "")
         return raw[0]
     return [stripped(value, origins, faults, f"{key}[{i}]") for i, value in enumerate(raw, 1)]
 
@@ -146,7 +146,7 @@ def _has_origin(raw: list[Any]) -> bool:
 
 
 def change(
-    raw: dict[str, Any], overrides: Mapping[str, object], origins: dict[str, Origin], faults: list[Fault]
+    raw: dict[str, Any], overrides: Mapping[str, object], origins: dict[str, places.Origin], faults: list[Fault]
 ) -> dict[str, tuple[str, Any]]:
     """Apply `overrides` to `raw`. Return the tables whose kind changed -> key of the kind, former kind.
 
@@ -182,7 +182,7 @@ def change(
         if isinstance(value, list) and _has_origin(value):
             value = stripped(value, origins, faults, key)
         elif isinstance(value, int | float | str) and last not in KIND:
-            origins[key] = Origin("user")
+            origins[key] = places.Origin("user")
         table[last] = value
     return recast
 
@@ -211,7 +211,7 @@ def at(raw: dict[str, Any], parents: list[str]) -> dict[str, Any] | None:
     return table  # type: ignore[no-any-return]
 
 
-def forget(origins: dict[str, Origin], key: str) -> None:
+def forget(origins: dict[str, places.Origin], key: str) -> None:
     """Remove the origins of a value or of a whole table."""
     for old in [o for o in origins if o == key or o.startswith((f"{key}.", f"{key}["))]:
         del origins[old]

@@ -18,8 +18,7 @@ from rig.about import About, Bound
 from rig.controllers import controller_drives
 from rig.errors import RigError, SceneError
 from rig.quantities import Section, faults_of
-from rig.scenes.loader import load
-from rig.scenes.protocol import Set, flat
+from rig.scenes import loader, protocol
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import names, plant
 
@@ -130,7 +129,10 @@ def opened(scene: Scene) -> dict[str, str]:
 
 def _closes(scene: Scene, key: str) -> str:
     who = [f"controller {name}" for name, section in scene.controllers.items() if key in controller_drives(section)]
-    if any(isinstance(step, Set) and step.target == key and step.to >= SWITCHED for step in flat(scene.protocol)):
+    if any(
+        isinstance(step, protocol.Set) and step.target == key and step.to >= SWITCHED
+        for step in protocol.flat(scene.protocol)
+    ):
         who.insert(0, "the protocol")
     return f"is closed by {' and '.join(who)}" if who else f"nothing in the scene closes it (rig tune {key}=1 does)"
 
@@ -174,7 +176,7 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
         yield {key: bounds[key].sign * 2.0 * abs(_at(raw, limited[key]) or 0.0) for key in keys}, ""
 
 
-_loaded = cache(load)
+_loaded = cache(loader.load)
 _plant = cache(plant)
 
 

@@ -44,7 +44,8 @@ def other(path, profile, library, topic, schema):
 def rewritten(path, without="nothing", form="1", log=BELT, ordered=list, scene=None):
     """A recording without a topic, in another format or order, or with another scene; its checksums are right."""
     scan = Scan(log)
-    messages = ordered((scan.channels[one.channel_id], one) for one in scan.messages())
+    messages = ordered(scan)
+    described = {channel.topic: channel for channel in scan.channels.values()}
     with path.open("wb") as file:
         out, channels = Writer(file, 1 << 18), {}
         for one in scan.attachments.values():
@@ -52,14 +53,15 @@ def rewritten(path, without="nothing", form="1", log=BELT, ordered=list, scene=N
             out.attach(one.name, one.media_type, data, one.log_time)
         for name, values in scan.metadata.items():
             out.note(name, {**values, "format": form} if name == "log" else values)
-        for made, one in messages:
-            if made.topic.startswith(without):
+        for topic, payload, t_ns, seq, wall_ns in messages:
+            if topic.startswith(without):
                 continue
-            if made.topic not in channels:
+            if topic not in channels:
+                made = described[topic]
                 schema = scan.schemas[made.schema_id]
-                described = out.schema(schema.name, schema.encoding, schema.data)
-                channels[made.topic] = out.channel(made.topic, made.message_encoding, described, made.metadata)
-            out.add(channels[made.topic], one.log_time, one.data, one.publish_time, one.sequence)
+                number = out.schema(schema.name, schema.encoding, schema.data)
+                channels[topic] = out.channel(topic, made.message_encoding, number, made.metadata)
+            out.add(channels[topic], t_ns, payload, wall_ns, seq)
         out.finish()
 
 

@@ -139,13 +139,13 @@ def test_a_recording_of_an_older_version_has_no_digest_and_is_not_called_whole(l
         out = PlainWriter(file)
         out.start("friction-rig", "friction-rig")
         channels = {}
-        for message in scan.messages():
+        for topic, payload, t_ns, _, wall_ns in scan:
             for one in scan.attachments.values() if not channels else ():
                 out.add_attachment(0, 0, one.name, one.media_type, one.data)
-            if message.channel_id not in channels:
-                made = scan.channels[message.channel_id]
-                channels[made.id] = out.register_channel(made.topic, made.message_encoding, 0, made.metadata)
-            out.add_message(channels[message.channel_id], message.log_time, message.data, message.publish_time)
+            if topic not in channels:
+                made = next(channel for channel in scan.channels.values() if channel.topic == topic)
+                channels[topic] = out.register_channel(topic, made.message_encoding, 0, made.metadata)
+            out.add_message(channels[topic], t_ns, payload, wall_ns)
         out.finish()
     assert (walked(old)[0].whole, walked(old)[0].sealed) == (True, False)
     assert not reader.open(old).damage

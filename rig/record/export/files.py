@@ -101,11 +101,7 @@ def description(run: RunData) -> dict[str, str]:
         "step_ns": run.step_ns,
         "frame_ns": run.frame_ns,
     }
-    return {name: _text(value) for name, value in facts.items() if value}
-
-
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
+    return {name: value if isinstance(value, str) else json.dumps(value) for name, value in facts.items() if value}
 
 
 _ROWS = 1 << 16
@@ -253,12 +249,11 @@ class Hdf5Disk(io.RawIOBase):
 
     def write(self, content: bytes | memoryview) -> int:  # type: ignore[override]
         """See `io.RawIOBase`."""
-        self._attempt(lambda: self._write(memoryview(content).cast("B")), None)
-        return memoryview(content).nbytes
-
-    def _write(self, rest: memoryview) -> None:
+        rest = memoryview(content).cast("B")
+        size = rest.nbytes
         while rest:
-            rest = rest[self._file.write(rest) :]
+            rest = rest[self._attempt(partial(self._file.write, rest), len(rest)) :]
+        return size
 
     def truncate(self, size: int | None = None) -> int:
         """See `io.RawIOBase`."""
@@ -383,25 +378,20 @@ def _place(draft: Path, path: Path, folder: bool) -> None:
     """Move what is complete to its place: a new folder at once, files one by one."""
     target = Path(os.path.realpath(path))
     drafts = sorted(draft.iterdir()) if folder else [draft]
-    for file in drafts:
-        _sync(file)
+    for complete in drafts:
+        with complete.open("rb") as file:
+            os.fsync(file.fileno())  # some systems report a full disk only then
     if folder and not target.exists():
         draft.rename(target)
         return
-    former = package_files(target) - {file.name for file in drafts} if folder else set()
-    for file in drafts:
-        there = target / file.name if folder else target
+    former = package_files(target) - {complete.name for complete in drafts} if folder else set()
+    for complete in drafts:
+        there = target / complete.name if folder else target
         if there.exists():
-            file.chmod(there.stat().st_mode)
-        file.replace(there)
+            complete.chmod(there.stat().st_mode)
+        complete.replace(there)
     for name in former:  # a table of another recording beside these would be taken for one of them
         (target / name).unlink(missing_ok=True)
-
-
-def _sync(path: Path) -> None:
-    """Make the system write a file to the disk: some systems report a full disk only then."""
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
 
 
 def _each(to: str, tables: Tables, folder: Path, facts: Facts, report: Report) -> list[Written]:

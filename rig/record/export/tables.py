@@ -44,7 +44,6 @@ from rig.record.run_data import (
     BRIDGED,
     MEASURED,
     TRUE,
-    Commands,
     Grid,
     Integers,
     Reals,
@@ -313,14 +312,11 @@ def _chosen(run: RunData, only: Sequence[str]) -> _Chosen:
         elif name == EVENTS:
             chosen.events = True
         else:
-            faults.append(str(unknown(name, _known(run))))
+            known = signals(run) | dict.fromkeys([*run.commands, *[MODE] * bool(run.mode.size), EVENTS], "")
+            faults.append(str(unknown(name, known)))
     if faults:
         raise UsageError("\n".join(faults))
     return chosen
-
-
-def _known(run: RunData) -> dict[str, str]:
-    return signals(run) | dict.fromkeys([*run.commands, *[MODE] * bool(run.mode.size), EVENTS], "")
 
 
 def _outputs(run: RunData, times: Integers, signals: dict[str, Samples], mode: bool) -> Iterator[Table]:
@@ -354,7 +350,12 @@ def _sensors(run: RunData, sensors: dict[str, Samples]) -> Iterator[Table]:
             groups.append((step, t_ns, [name]))
     for step, times, names in groups:
         title = f"sensors_{shown(1e9 / step)}_Hz" if step else "sensors_unknown_rate"
-        yield Table(title, times, tuple(_sensor(run, name, times, sensors[name]) for name in names), channels=True)
+        columns = []
+        for name in names:
+            values = np.full(times.size, np.nan)
+            values[np.searchsorted(times, sensors[name].t_ns)] = sensors[name].v
+            columns.append(Column(name, run.units.get(MEASURED + name, ""), values))
+        yield Table(title, times, tuple(columns), channels=True)
 
 
 def _union(times: Integers, other: Integers) -> Integers:
@@ -363,12 +364,6 @@ def _union(times: Integers, other: Integers) -> Integers:
         return times
     both = np.sort(np.concatenate((times, other)))
     return both[np.concatenate(([True], np.diff(both) > 0))] if both.size else both
-
-
-def _sensor(run: RunData, name: str, times: Integers, samples: Samples) -> Column:
-    values = np.full(times.size, np.nan)
-    values[np.searchsorted(times, samples.t_ns)] = samples.v
-    return Column(name, run.units.get(MEASURED + name, ""), values)
 
 
 def shown(rate: float) -> str:
@@ -383,18 +378,10 @@ def _commands(run: RunData, name: str) -> Table:
         Column("answered", "", commands.answered, "frame whose measurements it answers"),
         Column("status", "", commands.status, "0 as sent, 1 clamped or completed, 2 safe values because none came"),
     ]
-    columns += [
-        Column(drive, unit, commands.values[:, i]) for i, (drive, unit) in enumerate(_drives(run, name, commands))
-    ]
+    width = commands.values.shape[1]
+    drives = actuators(run).get(name) or [f"command_{i + 1}" for i in range(width)]  # the recording may not name them
+    columns += [Column(drive, unit_of(run, drive), v) for drive, v in zip(drives, commands.values.T)]
     return Table(f"commands_{name}", commands.tick * run.frame_ns, tuple(columns))
-
-
-def _drives(run: RunData, name: str, commands: Commands) -> list[tuple[str, str]]:
-    """Actuators of a controller with their units; command_1, command_2, ... if the recording does not name them."""
-    driven = actuators(run).get(name, ())
-    return [(drive, unit_of(run, drive)) for drive in driven] or [
-        (f"command_{i + 1}", "") for i in range(commands.values.shape[1])
-    ]
 
 
 def _events(run: RunData) -> Table:
