@@ -104,36 +104,24 @@ class Setting:
 def of(scene: Scene, system: System) -> Setting:
     """Return the setting of a scene."""
     method = chosen(scene.clock.method, system)
-    return _with_dial(method, scene.clock.tolerance, int(scene.clock.rk4_step))
-
-
-def _with_dial(method: str, tolerance: float, step_ns: int) -> Setting:
-    return Setting(
-        method, *{"dopri5": (tolerance, 0), "rk4": (0.0, step_ns), "kick": (0.0, step_ns)}.get(method, (0.0, 0))
-    )
+    if method == "dopri5":
+        return Setting(method, scene.clock.tolerance)
+    return Setting(method, step_ns=int(scene.clock.rk4_step) if method in ("rk4", "kick") else 0)
 
 
 def eligible(system: System) -> dict[str, str]:
     """Return for every method of the rig why it cannot be used for this system, "" if it can."""
-    found = {}
-    for method in METHODS:
-        if method == "smooth":
-            found[method] = "never sticks: for comparison only, rig torture shows its errors"
-        elif method == "kick":
-            found[method] = kick_tables.refusal(system)
-        else:
-            found[method] = _refused(system, method)
-    if system.linear and not found.get("exact", "exact"):
-        found["dopri5"] = "every mode set is linear: dopri5 would use the exact propagator"
-    return found
-
-
-def _refused(system: System, method: str) -> str:
-    try:
-        as_integrated(system, method, 0.0)
-    except ValueError as error:
-        return str(error)
-    return ""
+    reasons = dict.fromkeys(METHODS, "")
+    for method in ("exact", "dopri5", "rk4"):
+        try:
+            as_integrated(system, method, 0.0)
+        except ValueError as error:
+            reasons[method] = str(error)
+    reasons["smooth"] = "never sticks: for comparison only, rig torture shows its errors"
+    reasons["kick"] = kick_tables.refusal(system)
+    if system.linear and not reasons["exact"]:
+        reasons["dopri5"] = "every mode set is linear: dopri5 would use the exact propagator"
+    return reasons
 
 
 def fastest(system: System) -> float:

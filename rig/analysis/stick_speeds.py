@@ -109,11 +109,12 @@ def stuck(run: Run) -> NDArray[np.bool_] | None:
         return None
     keys, where = np.unique(run.mode, return_inverse=True)
     system = Scene.from_json(run.scene_text()).assemble().system()
-    stick = np.array([key >= 0 and _sticks(system, int(key)) for key in keys], np.bool_)
+    stick = np.array([key >= 0 and sticks(system, int(key)) for key in keys], np.bool_)
     return np.asarray(stick[where.ravel()])
 
 
-def _sticks(system: System, key: int) -> bool:
+def sticks(system: System, key: int) -> bool:
+    """Return whether a loaded contact sticks in a mode set."""
     patches, normals, *_ = system.modes(key)
     loaded = {k.patch for k, mode in zip(system.normals, normals) if mode == CLOSED}
     return any(mode == STICK and p in loaded for p, mode in enumerate(patches))

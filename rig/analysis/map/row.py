@@ -51,6 +51,7 @@ from rig.analysis.map.steady_state import (
 )
 from rig.analysis.pool import Arrays, Work
 from rig.analysis.regions import along
+from rig.analysis.stick_speeds import sticks
 from rig.errors import NumericsError, SceneError, Singular, WorkerError
 from rig.model.assembly import Assembly
 from rig.model.method import chosen
@@ -59,7 +60,7 @@ from rig.motion.motion import Motion, Saved
 from rig.quantities import Section
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
-from rig.solve.records import CLOSED, EVENTS, KEY, STICK
+from rig.solve.records import EVENTS, KEY
 from rig.stability.linearisation import Steady, sliding_key, steady
 
 Array = NDArray[np.float64]
@@ -325,10 +326,7 @@ class Track:
     def _sticks(self, key: int) -> bool:
         """Whether a loaded contact sticks in a mode set."""
         if key not in self._held:
-            system = self._motion.system
-            patches, normals, *_ = system.modes(key)
-            loaded = {k.patch for k, mode in zip(system.normals, normals) if mode == CLOSED}
-            self._held[key] = any(mode == STICK and p in loaded for p, mode in enumerate(patches))
+            self._held[key] = sticks(self._motion.system, key)
         return self._held[key]
 
 

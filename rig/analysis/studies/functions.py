@@ -170,11 +170,10 @@ def _module(file: str, text: str) -> ModuleType:
     try:
         with redirect_stdout(sys.stderr):  # standard output may be a report in JSON
             exec(compile(text, file, "exec"), module.__dict__)
-    except UsageError:
+    except BaseException as fault:
         del sys.modules[name]
-        raise
-    except (Exception, SystemExit) as fault:
-        del sys.modules[name]
+        if isinstance(fault, UsageError) or not isinstance(fault, Exception | SystemExit):
+            raise
         raise UsageError(f"{file}: {type(fault).__name__}: {fault}") from None
     finally:
         _LOADING.pop()

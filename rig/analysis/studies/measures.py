@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 from rig.analysis.amplitude import index
 from rig.analysis.cycle import limit_cycle
 from rig.analysis.motion_measures import observe, of, problem
+from rig.analysis.pool import Arrays
 from rig.analysis.studies.functions import Function, function_of
 from rig.bench.run.simulate import simulate
 from rig.errors import NumericsError, RigError, SceneError
@@ -130,39 +132,32 @@ def _known(scene: Scene) -> Iterator[Measure]:
     yield Measure("run.first_opening", "run", "first_opening", unit="s")
 
 
-@dataclass(frozen=True)
-class Measured:
-    """The values of a point in the order of its measures, with units; the reason of those that are missing (nan)."""
-
-    values: tuple[float, ...]
-    units: tuple[str, ...]
-    reason: str
-
-
-def evaluate(scene: Scene, wanted: Sequence[Measure], duration: float | None) -> Measured:
-    """Compute the measures of one point; a fault of its simulation becomes the reason of missing values.
+def evaluate(scene: Scene, wanted: Sequence[Measure], duration: float | None) -> Arrays:
+    """Compute the measures of one point: `values` in their order, with `units`, and the `reason` of those that are
+    missing (nan), such as a fault of its simulation.
 
     `duration` [s] of the run; None: as long as its protocol.
     """
-    sources: dict[str, Callable[[Sequence[Measure]], Iterator[tuple[float, str, str]]]] = {
-        "cycle": lambda some: _of_cycle(scene, some),
-        "motion": lambda some: _of_motion(scene, some),
-        "run": lambda some: _of_run(scene, duration, some),
-    }
-    found: dict[str, tuple[float, str, str]] = {}
+    rows: dict[str, tuple[float, str, str]] = {}
+    sources: dict[str, Callable[[Scene, Sequence[Measure]], Iterator[tuple[float, str, str]]]]
+    sources = {"cycle": _of_cycle, "motion": _of_motion, "run": partial(_of_run, duration)}
     for source, compute in sources.items():
-        some = [one for one in wanted if (one.source or "run") == source]
-        if not some:
-            continue
+        some = [measure for measure in wanted if (measure.source or "run") == source]
         try:
-            found |= {one.name: value for one, value in zip(some, compute(some))}
+            rows |= {measure.name: row for measure, row in zip(some, compute(scene, some))} if some else {}
         except RigError as fault:
             why = fault.what if isinstance(fault, NumericsError) else " ".join(str(fault).split())
-            found |= {one.name: (math.nan, one.unit, why) for one in some}
-    rows = [found[one.name] for one in wanted]
-    reasons = dict.fromkeys(why or f"{one.name} is {value}" for one, (value, _, why) in zip(wanted, rows)
+            rows |= {measure.name: (math.nan, measure.unit, why) for measure in some}
+    values, units, _ = zip(*(rows[measure.name] for measure in wanted))
+    reasons = dict.fromkeys(why or f"{name} is {value}" for name, (value, _, why) in
+                            ((measure.name, rows[measure.name]) for measure in wanted)
                             if not math.isfinite(value))  # fmt: skip
-    return Measured(tuple(r[0] for r in rows), tuple(r[1] for r in rows), "; ".join(reasons)[:_LONG])
+    return as_point(values, units, "; ".join(reasons)[:_LONG])
+
+
+def as_point(values: Sequence[float], units: Sequence[str], reason: str) -> Arrays:
+    """Return the values of a point with units and the reason of missing ones as the result of a unit of work."""
+    return {"values": np.array(values), "units": np.array(units), "reason": np.array(reason)}
 
 
 def one_unit(values: Sequence[float], units: Sequence[str]) -> tuple[NDArray[np.float64], str]:
@@ -171,16 +166,16 @@ def one_unit(values: Sequence[float], units: Sequence[str]) -> tuple[NDArray[np.
     nan where the unit does not convert to it.
     """
     unit = next((text for text, value in zip(units, values) if text and math.isfinite(value)), "1")
-    return np.array([_in_unit(value, text or "1", unit) for value, text in zip(values, units)]), unit
 
+    def converted(value: float, text: str) -> float:
+        if text == unit or not math.isfinite(value):
+            return value
+        try:
+            return si(f"{value!r} {text}", unit)
+        except ValueError:
+            return math.nan
 
-def _in_unit(value: float, unit: str, to: str) -> float:
-    if unit == to or not math.isfinite(value):
-        return value
-    try:
-        return si(f"{value!r} {unit}", to)
-    except ValueError:
-        return math.nan
+    return np.array([converted(value, text or "1") for value, text in zip(values, units)]), unit
 
 
 def _of_cycle(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
@@ -202,14 +197,11 @@ def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, s
     seen = observe(asked, of(asked.scene, asked.system))
     for one in some:
         value = seen.values.get(f"{one.kind} {one.of}".strip(), math.nan)
-        yield (
-            value,
-            one.unit,
-            seen.fault or ("" if math.isfinite(value) else f"a motion of kind {asked.kind} has no {one.name}"),
-        )
+        missing = "" if math.isfinite(value) else f"a motion of kind {asked.kind} has no {one.name}"
+        yield value, one.unit, seen.fault or missing
 
 
-def _of_run(scene: Scene, duration: float | None, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
+def _of_run(duration: float | None, scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
     own = any(one.function is not None for one in some)  # it may read the summary
     run = simulate(scene, duration_ns=run_length_ns(duration), audited=own)
     stopped = run.fault.partition("\n")[0]

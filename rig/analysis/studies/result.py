@@ -12,6 +12,7 @@ import shutil
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -29,7 +30,7 @@ from rig.extras import needed
 from rig.machine.files import csv_table, write_file
 from rig.printable import columns
 from rig.results import Result
-from rig.view.palette import STYLE, page, put
+from rig.view.palette import page, put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,7 +122,7 @@ def measure_in_words(measure: str, unit: str) -> str:
 def study_figure(found: StudyResult) -> Figure:
     """Return the first of the figures that suit the plan. Raises UsageError if there is none."""
     for make in _suiting(found).values():
-        return _styled(make, found)
+        return make(found)
     values = "one point" if np.isfinite(found.values).any() else "no point has a value"
     raise UsageError(f"nothing to draw: {values}")
 
@@ -130,8 +131,7 @@ def search_figure(found: SearchResult) -> Figure:
     """Return the value over each parameter and over the course of the search."""
     count = len(found.factors) + 1
     title = measure_in_words(found.measure, found.unit)
-    with page(9.6, 2.6 * count, layout="constrained") as figure:
-        figure.suptitle(f"{found.scene.title}: search", x=0.01, ha="left", fontweight="bold")
+    with page(9.6, 2.6 * count, f"{found.scene.title}: search", layout="constrained") as figure:
         top, *rest = figure.subplots(count, 1, squeeze=False)[:, 0]
         worst = -np.inf if found.largest else np.inf
         course = np.where(np.isfinite(found.values), found.values, worst)
@@ -150,18 +150,11 @@ def search_figure(found: SearchResult) -> Figure:
     return figure
 
 
-def _styled(make: Callable[[StudyResult], Figure], found: StudyResult) -> Figure:
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
-        return make(found)
-
-
-def _figure(found: StudyResult, width: float, height: float, what: str) -> Figure:
-    count = len(found.values)
-    with page(width, height, layout="constrained") as figure:
-        figure.suptitle(f"{found.work.scene.title}: {what}, {count} points", x=0.01, ha="left", fontweight="bold")
-    return figure
+@contextmanager
+def _page(found: StudyResult, width: float, height: float, what: str) -> Iterator[Figure]:
+    title = f"{found.work.scene.title}: {what}, {len(found.values)} points"
+    with page(width, height, title, layout="constrained") as figure:
+        yield figure
 
 
 def _over(found: StudyResult, measure: str, kept: list[Factor]) -> NDArray[np.float64]:
@@ -185,24 +178,24 @@ def _title(found: StudyResult, number: int) -> str:
 
 def _curves(found: StudyResult, factor: Factor) -> Figure:
     count = len(found.names)
-    figure = _figure(found, 9.6, 1.4 + 2.4 * count, f"over {factor.axis.words}")
-    x = factor.axis.shown_values
-    order = np.argsort(x)
-    for number, axes in enumerate(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]):
-        values = _over(found, found.names[number], [factor])[order]
-        if values.shape[1] > 1:
-            here = np.isfinite(values)
-            low = np.where(here, values, np.inf).min(axis=1)
-            high = np.where(here, values, -np.inf).max(axis=1)
-            some = here.any(axis=1)
-            axes.fill_between(x[order][some], low[some], high[some], color=_BAND, lw=0, label="range")
-        label = "median" if values.shape[1] > 1 else None
-        axes.plot(x[order], _median(values), "o-", ms=3.5, color=_COLOUR, label=label)
-        axes.set_ylabel(_title(found, number).replace(" [", "\n["))
-        if number == 0 and label:
-            axes.legend(loc="best")
-    axes.set_xlabel(factor.axis.title)
-    figure.align_ylabels()
+    with _page(found, 9.6, 1.4 + 2.4 * count, f"over {factor.axis.words}") as figure:
+        x = factor.axis.shown_values
+        order = np.argsort(x)
+        for number, axes in enumerate(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]):
+            values = _over(found, found.names[number], [factor])[order]
+            if values.shape[1] > 1:
+                here = np.isfinite(values)
+                low = np.where(here, values, np.inf).min(axis=1)
+                high = np.where(here, values, -np.inf).max(axis=1)
+                some = here.any(axis=1)
+                axes.fill_between(x[order][some], low[some], high[some], color=_BAND, lw=0, label="range")
+            label = "median" if values.shape[1] > 1 else None
+            axes.plot(x[order], _median(values), "o-", ms=3.5, color=_COLOUR, label=label)
+            axes.set_ylabel(_title(found, number).replace(" [", "\n["))
+            if number == 0 and label:
+                axes.legend(loc="best")
+        axes.set_xlabel(factor.axis.title)
+        figure.align_ylabels()
     return figure
 
 
@@ -213,30 +206,32 @@ def _heat_map(found: StudyResult, x: Factor, y: Factor) -> Figure:
     hidden = len(found.values) > len(x.axis.values) * len(y.axis.values)
     what = "median over the others" if hidden else "grid"
     what += "" if np.isfinite(found.values[:, :count]).all() else " (white: no value)"
-    figure = _figure(found, 5.6 * columns, 0.6 + 4.2 * rows, what)
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    for number, axes in enumerate(panels):
-        if number >= count:
-            axes.set_axis_off()
-            continue
-        axes.grid(visible=False)
-        values = _median(_over(found, found.names[number], [x, y]))
-        order = np.argsort(x.axis.shown_values), np.argsort(y.axis.shown_values)
-        shown = values[np.ix_(*order)].T
-        mesh = axes.pcolormesh(x.axis.shown_values[order[0]], y.axis.shown_values[order[1]], shown, shading="nearest")
-        mesh.set_rasterized(True)
-        for ticks, factor in ((axes.set_xticks, x), (axes.set_yticks, y)):
-            at = np.sort(factor.axis.shown_values)
-            if len(at) <= _TICKS and np.diff(at).min() > _APART * np.ptp(at):
-                ticks(at)
-        bar = figure.colorbar(mesh, ax=axes, label=_title(found, number))
-        bar.outline.set_visible(False)  # type: ignore[operator]
-        axes.label_outer()
-        if number + columns >= count:
-            axes.set_xlabel(x.axis.title)
-            axes.tick_params(labelbottom=True)
-        if number % columns == 0:
-            axes.set_ylabel(y.axis.title)
+    with _page(found, 5.6 * columns, 0.6 + 4.2 * rows, what) as figure:
+        panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+        for number, axes in enumerate(panels):
+            if number >= count:
+                axes.set_axis_off()
+                continue
+            axes.grid(visible=False)
+            values = _median(_over(found, found.names[number], [x, y]))
+            order = np.argsort(x.axis.shown_values), np.argsort(y.axis.shown_values)
+            shown = values[np.ix_(*order)].T
+            mesh = axes.pcolormesh(
+                x.axis.shown_values[order[0]], y.axis.shown_values[order[1]], shown, shading="nearest"
+            )
+            mesh.set_rasterized(True)
+            for ticks, factor in ((axes.set_xticks, x), (axes.set_yticks, y)):
+                at = np.sort(factor.axis.shown_values)
+                if len(at) <= _TICKS and np.diff(at).min() > _APART * np.ptp(at):
+                    ticks(at)
+            bar = figure.colorbar(mesh, ax=axes, label=_title(found, number))
+            bar.outline.set_visible(False)  # type: ignore[operator]
+            axes.label_outer()
+            if number + columns >= count:
+                axes.set_xlabel(x.axis.title)
+                axes.tick_params(labelbottom=True)
+            if number % columns == 0:
+                axes.set_ylabel(y.axis.title)
     return figure
 
 
@@ -251,19 +246,19 @@ def _scatter(found: StudyResult) -> Figure:
     named = named[: max(_MOST, len(plan.drawn) + 1)]
     count = len(named)
     size = max(_PANEL * count / (1.0 + 0.12 * count), 5.0)
-    figure = _figure(found, size, size, "samples")
-    panels = figure.subplots(count, count, squeeze=False)
-    for row, column in np.ndindex(count, count):
-        axes: Any = panels[row, column]
-        _panel(axes, named[column][1], named[row][1], row, column)
-        if column > row:
-            continue
-        outer = row == count - 1, column == 0 and (row > 0 or count == 1)
-        axes.set_xlabel(_folded(named[column][0]) if outer[0] else "")
-        axes.set_ylabel(_folded(named[row][0]) if outer[1] else "")
-        axes.tick_params(labelbottom=outer[0], labelleft=outer[1], labelsize=8)
-        axes.locator_params(nbins=4)
-    figure.align_labels()
+    with _page(found, size, size, "samples") as figure:
+        panels = figure.subplots(count, count, squeeze=False)
+        for row, column in np.ndindex(count, count):
+            axes: Any = panels[row, column]
+            _panel(axes, named[column][1], named[row][1], row, column)
+            if column > row:
+                continue
+            outer = row == count - 1, column == 0 and (row > 0 or count == 1)
+            axes.set_xlabel(_folded(named[column][0]) if outer[0] else "")
+            axes.set_ylabel(_folded(named[row][0]) if outer[1] else "")
+            axes.tick_params(labelbottom=outer[0], labelleft=outer[1], labelsize=8)
+            axes.locator_params(nbins=4)
+        figure.align_labels()
     return figure
 
 
@@ -289,17 +284,17 @@ def _tornado(found: StudyResult, indices: Indices) -> Figure:
     drawn = {one.key: one for one in found.work.plan.drawn}
     shown = [m for m in range(len(found.names)) if np.isfinite(indices.whole[m]).all()]
     count = len(indices.keys)
-    figure = _figure(found, 9.6, 1.0 + len(shown) * (0.9 + 0.45 * count), "Sobol indices")
-    for m, axes in zip(shown, figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]):
-        order = np.argsort(indices.whole[m])
-        axes.barh(range(count), indices.whole[m][order], height=0.7, color=_BAND, label="with all interactions")
-        axes.barh(range(count), indices.first[m][order], height=0.35, color=_COLOUR, label="alone")
-        axes.set_yticks(range(count), [drawn[indices.keys[i]].axis.words for i in order])
-        axes.set_title(_title(found, m))
-        axes.grid(visible=False, axis="y")
-        axes.axvline(0.0, color="black", lw=0.8)
-    axes.set_xlabel("share of the variance")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=2)
+    with _page(found, 9.6, 1.0 + len(shown) * (0.9 + 0.45 * count), "Sobol indices") as figure:
+        for m, axes in zip(shown, figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]):
+            order = np.argsort(indices.whole[m])
+            axes.barh(range(count), indices.whole[m][order], height=0.7, color=_BAND, label="with all interactions")
+            axes.barh(range(count), indices.first[m][order], height=0.35, color=_COLOUR, label="alone")
+            axes.set_yticks(range(count), [drawn[indices.keys[i]].axis.words for i in order])
+            axes.set_title(_title(found, m))
+            axes.grid(visible=False, axis="y")
+            axes.axvline(0.0, color="black", lw=0.8)
+        axes.set_xlabel("share of the variance")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=2)
     return figure
 
 
@@ -502,7 +497,7 @@ class StudyResult(Result):
         paths = []
         for name, make in _suiting(self).items():
             paths.append(Path(folder) / name)
-            put(_styled(make, self), paths[-1])
+            put(make(self), paths[-1])
         return paths
 
     def __repr__(self) -> str:

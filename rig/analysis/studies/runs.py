@@ -30,7 +30,7 @@ from rig.analysis.kernel_shapes import prepare
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, digest, temporary
 from rig.analysis.pool.cluster import check as check_cluster
 from rig.analysis.studies.factors import Factor, factors
-from rig.analysis.studies.measures import Measure, evaluate
+from rig.analysis.studies.measures import Measure, as_point, evaluate
 from rig.bench.run.simulate import simulate
 from rig.errors import Faults, OutputError, RigError, SceneError, UsageError, WorkerError
 from rig.machine.files import draft_of
@@ -249,15 +249,14 @@ class StudyRuns:
     def compute(self, unit: int, *given: float) -> Arrays:
         """Compute the measures of a point; a fault of it becomes the reason of missing values."""
         try:
-            point = evaluate(self.scene_of(unit, *given), self.measures, self.duration)
+            return evaluate(self.scene_of(unit, *given), self.measures, self.duration)
         except SceneError as fault:
             return self.failed(unit, "; ".join(fault.faults))
-        return {"values": np.array(point.values), "units": np.array(point.units), "reason": np.array(point.reason)}
 
     def failed(self, unit: int, why: str) -> Arrays:
         """Return a point without values."""
         units = [measure.unit for measure in self.measures]
-        return {"values": np.full(len(units), np.nan), "units": np.array(units), "reason": np.array(why)}
+        return as_point([math.nan] * len(units), units, why)
 
     def usable_workers(self, workers: int | None, cluster: str) -> int | None:
         """Return the number of `workers` that compute it. Raises UsageError for a cluster, and for a measure that they
