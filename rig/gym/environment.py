@@ -25,8 +25,7 @@ from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 LARGEST_SEED = 2**63 - 1
-SEEDS = 1 << 31
-"""Seeds that an environment draws for itself are below this number."""
+SEEDS = 1 << 31  # seeds that an environment draws for itself are below this number
 
 
 def box(ranges: list[tuple[float, float]]) -> Any:
@@ -76,8 +75,8 @@ def make(
     )
 
 
+# Largest number of rigs in one environment. # chosen
 MOST_RIGS = 10_000
-"""Largest number of rigs in one environment. # chosen"""
 
 
 class RigVectorEnv(VectorEnv[Array, Array, Any]):

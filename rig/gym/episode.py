@@ -25,8 +25,8 @@ from rig.units import brief
 Ranges = Mapping[str, tuple[Any, Any]]
 """Sensor or actuator -> its least and largest value: numbers in SI, or texts with a unit."""
 AGENT = "agent"
+# Largest number of frames in a step. # chosen
 MOST_FRAMES = 1_000_000
-"""Largest number of frames in a step. # chosen"""
 
 
 class Now(NamedTuple):

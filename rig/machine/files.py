@@ -36,8 +36,7 @@ except ImportError:
 """Whether this system has file locks. Without them `take` always succeeds."""
 
 _log = logging.getLogger("rig")
-_warned: set[Path] = set()
-"""Folders for which this process has warned."""
+_warned: set[Path] = set()  # folders for which this process has warned
 _OTHERS = 0o022
 """The bits of a mode that let others write."""
 
@@ -131,8 +130,8 @@ RUNS = Path("recordings/runs")
 """Where runs are recorded unless their user names a file."""
 TEXT = 1 << 20
 """Largest file that counts as written by hand [bytes]."""
+# Most files in a zip file. # chosen
 FILES = 10_000
-"""Most files in a zip file. # chosen"""
 DATA = 1 << 28
 """Largest file of data that a program wrote for later [bytes]."""
 FIGURES = (".png", ".svg", ".pdf")

@@ -33,8 +33,7 @@ from typing import IO, Any, NoReturn
 
 from rig.errors import ExitCode
 
-PARENT = "RIG_PARENT"
-"""Environment variable with the number of the pipe to the process that started this one."""
+PARENT = "RIG_PARENT"  # environment variable with the number of the pipe to the process that started this one
 _parent: list[IO[str]] = []
 _GARBAGE = 100_000  # new objects
 _COPY = b"os.fork() has made a copy of this process, which was ended; use subprocess, or end the copy with os._exit()\n"

@@ -25,8 +25,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _THREADS = Path("/proc/self/task")
-_BUS = ("rx-", "tx-", "app-", "acc-", "net-")
-"""Prefixes of the names of Zenoh's threads."""
+_BUS = ("rx-", "tx-", "app-", "acc-", "net-")  # prefixes of the names of Zenoh's threads
 _LOOK_S = 0.1
 ALLOWED: set[int] = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 ANY = -1
@@ -114,10 +113,9 @@ PLANT, CONTROLLER = 19, 18
 Bus threads have one more than their process. So answers leave while a controller computes further, and not in one
 burst when it pauses, of which the plant would lose the part for which it has no space.
 """
+# Real-time priority of the bus threads of a recorder: behind plant and controllers, ahead of all other programs.
 _RECEIVER = 1
-"""Real-time priority of the bus threads of a recorder: behind plant and controllers, ahead of all other programs."""
-AGAIN_S = 1.0
-"""Time after which a process that fell back asks for real-time scheduling again [s]; doubled each time."""
+AGAIN_S = 1.0  # time after which a process that fell back asks for real-time scheduling again [s]; doubled each time
 
 
 def come_first() -> bool:
@@ -127,8 +125,7 @@ def come_first() -> bool:
     processes per core 4 to 8 % of the frames with 0.15 ms of work were late, instead of 19 % (measured). Threads that
     start afterwards inherit the setting.
     """
-    number = _SETATTR.get(platform.machine()) if sys.platform == "linux" else None
-    if number is None:
+    if sys.platform != "linux" or (number := _SETATTR.get(platform.machine())) is None:
         return False
     # struct sched_attr: size, policy (other), flags, nice, priority, runtime (here: time slice), deadline, period
     asked = struct.pack("=IIQiIQQQ", 48, 0, 0, os.getpriority(os.PRIO_PROCESS, 0), 0, _TURN_NS, 0, 0)

@@ -171,8 +171,8 @@ RMS, BAND = 1.5, 2.0
 """Largest factor between the RMS of accelerations, and between their RMS in one band. # chosen"""
 MEAN, LEAST = 0.1, 0.15
 """Largest difference between the means, and between the least values, of the contact fraction. # chosen"""
+# Largest difference between ranges of the pressure centre, as a share of the longest range. # chosen
 RANGE = 0.5
-"""Largest difference between ranges of the pressure centre, as a share of the longest range. # chosen"""
 
 
 class Compared(NamedTuple):

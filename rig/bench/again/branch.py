@@ -40,11 +40,11 @@ from rig.scenes.faults import near, shortened
 from rig.scenes.merged import OWN
 from rig.scenes.scene import Scene
 
+# Key of the provenance: the instant up to which the samples of a branch are those of its ancestor.
 CHECKPOINT = "checkpoint_ns"
-"""Key of the provenance: the instant up to which the samples of a branch are those of its ancestor."""
 
+# Kinds of events after which the run goes to the safe state, without further checkpoints.
 _ABORTED = ("limit", EMERGENCY)
-"""Kinds of events after which the run goes to the safe state, without further checkpoints."""
 
 
 def recorded_scene(log: Path, run: Run) -> Scene:

@@ -21,8 +21,7 @@ from rig.scenes.scene import Scene
 
 JOIN_S = 30.0
 LEAVE_S = 3.0
-ENDING_S = 0.3
-"""Longest wait for the exit code of a process that has left the bus."""
+ENDING_S = 0.3  # longest wait for the exit code of a process that has left the bus
 
 
 def replay(

@@ -63,8 +63,7 @@ _REPEATED = frozenset(
     | {EMERGENCY, FAULT}
 )
 """Kinds of events that depend on ticks and commands only; others tell how processes and the clock behaved."""
-_CONTACT = "contact"
-"""Kind of event that a run on the bus does not publish."""
+_CONTACT = "contact"  # kind of event that a run on the bus does not publish
 
 Event = Mapping[str, Any]
 

@@ -151,12 +151,9 @@ class Lockstep:
         self._commands, self._exchange = hub.commands, hub.experiment.exchange
         self._evicted: set[str] = set()
         self._partners: dict[str, Partner] = {}
-        self._tick = -1
-        """Tick of the last step."""
-        self._due: set[str] = set()
-        """Controllers that have not answered it."""
-        self._found: dict[str, Values] = {}
-        """The answers to it."""
+        self._tick = -1  # tick of the last step
+        self._due: set[str] = set()  # controllers that have not answered it
+        self._found: dict[str, Values] = {}  # the answers to it
         self._again, self._looked = AGAIN, 0
         self.again = 0
         """Number of repeated steps."""

@@ -24,8 +24,7 @@ from rig.bus.topics import Message
 
 ATTEND_NS = 20_000_000
 HEALTH_NS = 200_000_000
-MOST_WAITING = WAITING // 2
-"""Most batches that a recorder may be behind."""
+MOST_WAITING = WAITING // 2  # most batches that a recorder may be behind
 PATIENCE_S = 30.0
 """Longest wait for a recorder that does not get on [s]; from then on it loses messages, which are counted."""
 _LOOK_S, _EVERY_NS = 0.1, 20_000_000
@@ -49,10 +48,10 @@ class Housekeeper:
         self._marked = (0, 0)
         self._given_up = 0
         self._passed_ns: list[int] = []
+        # Processes that were expected, or present at the first frame.
         self._known: set[tuple[str, str]] = set(job.expect)
-        """Processes that were expected, or present at the first frame."""
+        # Processes that have left and not come back -> the entry in `faults`.
         self._left: dict[tuple[str, str], str] = {}
-        """Processes that have left and not come back -> the entry in `faults`."""
         self._asleep = pace.asleep_ns()
         self._begun, self._stolen = 0, 0
         self._counted = False
@@ -225,12 +224,10 @@ class RecorderLag:
         say: Callable[[str], object],
     ) -> None:
         self._hub, self._names, self._serve, self._stopped, self._say = hub, names, serve, stopped, say
+        # Simulated times [ns], and the number of batches sent before each; from the last written one on.
         self._sent: deque[tuple[int, int]] = deque()
-        """Simulated times [ns], and the number of batches sent before each; from the last written one on."""
-        self._reached: dict[str, int] = {}
-        """Recorder -> simulated time up to which it has written [ns]."""
-        self._given_up: dict[str, int] = {}
-        """Recorder that did not get on -> the time that it had reached."""
+        self._reached: dict[str, int] = {}  # recorder -> simulated time up to which it has written [ns]
+        self._given_up: dict[str, int] = {}  # recorder that did not get on -> the time that it had reached
         self._said, self._due = False, 0
 
     def look(self, now: int) -> None:

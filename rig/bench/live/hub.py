@@ -15,9 +15,10 @@ Commands of controllers from the bus: whose commands count, how long answers tak
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Collection, Mapping
 from heapq import heapify, heapreplace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -33,17 +34,8 @@ from rig.bus.run_setup import Setup
 from rig.bus.topics import BLOCK_NS, STATE_NS, Count, Presence, Refused
 from rig.errors import UsageError
 from rig.scenes.sections import sensors_in_full
+from rig.sensors.chain.bank import Bank
 from rig.sensors.chain.instants import Instants
-
-
-class Instruments(Protocol):
-    """What is needed of a `rig.sensors.chain.bank.Bank`."""
-
-    names: tuple[str, ...]
-    instants: tuple[Instants, ...]
-
-    def memory(self, i: int, number: int, most: int) -> memoryview:
-        """At most `most` samples of instrument i from sample `number` on: a view, valid until they are dropped."""
 
 
 class Lent:
@@ -72,15 +64,15 @@ class Lent:
 class AllSamples:
     """The samples of all `instruments`, published in blocks on `session`."""
 
-    def __init__(self, session: Session, instruments: Instruments) -> None:
+    def __init__(self, session: Session, instruments: Bank) -> None:
         count = len(instruments.names)
         self._lent: list[Lent] = []
         self._blocks = [
             SampleBlocks(instruments, i, session.publisher(f"meas/{name}"), self._lent, (i + 1) / count)
             for i, name in enumerate(instruments.names)
         ]
+        # Heap of the times at which blocks are full [ns], with their instruments.
         self._full = [(blocks.full_ns(), i) for i, blocks in enumerate(self._blocks)] or [(TIMES_NS, -1)]
-        """Heap of the times at which blocks are full [ns], with their instruments."""
         heapify(self._full)
 
     @property
@@ -118,17 +110,15 @@ class SampleBlocks:
     different shares the blocks of many instruments are not full in the same frame.
     """
 
-    def __init__(
-        self, instruments: Instruments, i: int, publisher: Publisher, lent: list[Lent], share: float = 1.0
-    ) -> None:
+    def __init__(self, instruments: Bank, i: int, publisher: Publisher, lent: list[Lent], share: float = 1.0) -> None:
         self._i, self._memory, self._publisher, self._lent = i, instruments.memory, publisher, lent
         self._instants = instants = instruments.instants[i]
         self._even, self._period_ns = instants.even, round(instants.period_ns)
         self._whole = max(BLOCK_NS // self._period_ns, 1)
         self._size = max(round(share * self._whole), 1)
         self._kept: list[Lent] = []
+        # Numbers of the first sample of the present block, and of the first that is not collected yet.
         self._first = self._next = 0
-        """Numbers of the first sample of the present block, and of the first that is not collected yet."""
 
     def full_ns(self) -> int:
         """Time at which the last sample of the present block is published [ns]."""
@@ -163,13 +153,12 @@ def _encoded(tick: int, instants: Instants, period_ns: int, first: int, kept: li
 
 
 _REMEMBERED = 1 << 10
-_ACTS = 1 << 10
-"""Most commands that wait, and most that one frame reads."""
+_ACTS = 1 << 10  # most commands that wait, and most that one frame reads
+# Time after its admission for which the name of a controller stays reserved until it is present [s]. # chosen
 ANNOUNCED_S = 5.0
-"""Time after its admission for which the name of a controller stays reserved until it is present [s]. # chosen"""
+# Commands between two checks (0.2 s) that count as a flood, beyond four for each step and one for each older step
+# without an answer. # chosen
 _TOO_MANY = 1000
-"""Commands between two checks (0.2 s) that count as a flood, beyond four for each step and one for each older step
-without an answer. # chosen"""
 
 
 class CommandInbox:
@@ -182,20 +171,19 @@ class CommandInbox:
     def __init__(self, session: Session, exchange: Exchange, steps: Publisher, stamped: bool) -> None:
         self._inbound, self._exchange, self.steps = session.inbound, exchange, steps
         self.acts = session.subscribe("act/*", depth=_ACTS, stamped=stamped)
+        # Admitted controller -> user whose commands count. A controller of the scene is the user of its name.
         self._voices: dict[str, str] = {}
-        """Admitted controller -> user whose commands count. A controller of the scene is the user of its name."""
+        # Admitted controller that is not present yet -> time of its admission [s of the monotonic clock].
         self._admitted: dict[str, float] = {}
-        """Admitted controller that is not present yet -> time of its admission [s of the monotonic clock]."""
-        self._accepted: dict[str, Count] = {}
-        """Topic -> counts of the accepted commands: what a refused sender claims to have sent says nothing."""
+        # Topic -> counts of the accepted commands: what a refused sender claims to have sent says nothing.
+        self._accepted: defaultdict[str, Count] = defaultdict(Count)
+        # Topic -> number of commands up to the last check, and of steps that were then not answered yet.
         self._counted: dict[str, tuple[int, int]] = {}
-        """Topic -> number of commands up to the last check, and of steps that were then not answered yet."""
         self._steps, self._ticks = 0, -1
         self.round_trip = Spread()
         """Distribution of the time from sending a step to the arrival of an answer."""
         self._trips: list[int] = []
-        self._put_at = [(-1, 0)] * _REMEMBERED
-        """Tick and time [ns] of the steps sent last."""
+        self._put_at = [(-1, 0)] * _REMEMBERED  # tick and time [ns] of the steps sent last
         self.last_step, self.put_ns = -1, 0
         """Tick of the last step sent, and time at which it was sent for the first time [ns, monotonic clock]."""
 
@@ -230,9 +218,7 @@ class CommandInbox:
         return None
 
     def _count(self, topic: str, seq: int) -> None:
-        count = self._accepted.get(topic)
-        if count is None:
-            count = self._accepted[topic] = Count()
+        count = self._accepted[topic]
         if seq == count.last + 1:
             count.next(seq)
         else:
@@ -325,9 +311,8 @@ class Hub:
         runner.keep_samples = self.collect
         self.due = 0
         """The first tick at which `gather` has something to publish."""
+        # Last tick of `gather`: within a piece of the compiled loop the plant is at it, and the runner not yet.
         self._reached = 0
-        """Last tick of `gather`: within a piece of the compiled loop the plant is at it, and the runner not yet."""
-        self._applied: dict[str, Publisher] = {}
         session.before_batches(self._complete)
         self.single = True
         """Whether each piece is one frame."""
@@ -337,10 +322,6 @@ class Hub:
         self.watch = session.watch("*/*")
         text = setup.to_text().encode()
         self._scene = session.serve("scene", lambda _: text)
-
-    def drives(self, name: str) -> bool:
-        """Whether a controller of this name drives an actuator."""
-        return name in self.experiment.exchange.queues
 
     def look(self, timeout: float = 0.0) -> list[Presence]:
         """Processes that joined or left since the last call."""
@@ -406,12 +387,9 @@ class Hub:
                 runner.bands.put()
             self._state.put_later(t_ns, self._encode_state, t_ns, tick, runner.motion.key, values)
             if tick % self._checkpoint_ticks == 0 and tick and not self.experiment.aborted:
-                self._put_checkpoint()
-
-    def _put_checkpoint(self) -> None:
-        self.runner.motion.terms()  # collected sums need no room in the message
-        if state := self.runner.checkpoint():
-            self._checkpoint.put(messages.checkpoint(self.runner.frame_ns, self.runner.tick, state), self.runner.t_ns)
+                runner.motion.terms()  # collected sums need no room in the message
+                if kept := runner.checkpoint():
+                    self._checkpoint.put(messages.checkpoint(runner.frame_ns, tick, kept), t_ns)
 
     @property
     def state_due(self) -> int:
@@ -430,7 +408,7 @@ class Hub:
         for name, queue in self.experiment.exchange.all_queues.items():
             if (taken := queue.taken()) is None:
                 continue
-            publisher = self._applied_of(name)
+            publisher = self.session.publisher(f"applied/{name}")
             if not self.single:
                 publisher.put(encode.commands(frame_ns, *taken), now)
                 continue
@@ -450,12 +428,6 @@ class Hub:
         """
         if self.single:
             self.put_applied()
-
-    def _applied_of(self, name: str) -> Publisher:
-        publisher = self._applied.get(name)
-        if publisher is None:
-            publisher = self._applied[name] = self.session.publisher(f"applied/{name}")
-        return publisher
 
     def put_rest(self) -> None:
         """Send the blocks that are not full and the last extremes, at the end of the run."""

@@ -33,10 +33,9 @@ from rig.errors import RigError, UsageError
 from rig.quantities import faults_of
 from rig.units import si
 
+# Commands that a run in its safe state refuses, as it refuses changes of actuators and parameters.
 MOVES = frozenset({"knock", "connect", "disconnect", "admit"})
-"""Commands that a run in its safe state refuses, as it refuses changes of actuators and parameters."""
-MOST_STEPS = 10_000
-"""Most single steps of one request."""
+MOST_STEPS = 10_000  # most single steps of one request
 
 
 class Admission(BaseModel):

@@ -40,8 +40,8 @@ from rig.bench.live.timing import Timing
 from rig.bench.run.experiment import Experiment
 from rig.scenes.scene import Scene
 
+# Share of the processors' time from which on the machine counts as busy. # chosen: one core of six
 BUSY = 0.15
-"""Share of the processors' time from which on the machine counts as busy. # chosen: one core of six"""
 
 
 class MachineLoad:
@@ -118,8 +118,7 @@ class FrameBatches:
     def __init__(self, experiment: Experiment, pace: float | None) -> None:
         self._runner, self._queues = experiment.runner, experiment.exchange.queues
         self._scene, self._pace = experiment.scene, pace
-        self._short = length(self._scene, pace, ()) == 1
-        """Whether every piece is one frame."""
+        self._short = length(self._scene, pace, ()) == 1  # whether every piece is one frame
 
     @property
     def length(self) -> int:

@@ -35,6 +35,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
+from functools import partial
 from typing import Any
 
 from rig import design
@@ -63,16 +64,14 @@ from rig.quantities import run_length_ns
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
 
+# Longest wait for the totals of the other processes, and for a sign that a recorder still catches up [s].
 ANSWERS_S = 5.0
-"""Longest wait for the totals of the other processes, and for a sign that a recorder still catches up [s]."""
+# Longest wait for a recorder that catches up [s]. # chosen: what waits for it fits into 160 MB
 CATCH_UP_S = 300.0
-"""Longest wait for a recorder that catches up [s]. # chosen: what waits for it fits into 160 MB"""
 TELL_S = 2.0
 """Time between two lines about a recorder that catches up [s]."""
-COUNTERS_S = 1.0
-"""Longest wait for the counters of a controller [s]; it looks for questions ten times per second."""
-LAST_ANSWER_S = 0.1
-"""Longest wait for the answers to the last steps [s]."""
+COUNTERS_S = 1.0  # longest wait for the counters of a controller [s]; it looks for questions ten times per second
+LAST_ANSWER_S = 0.1  # longest wait for the answers to the last steps [s]
 
 
 def finalise(plant: Plant) -> dict[str, Any]:
@@ -102,14 +101,18 @@ def finalise(plant: Plant) -> dict[str, Any]:
     hub.commands.receive()
     lost |= hub.commands.lost()
     verdict = timing_verdict(plant, lost, unknown)
-    statistics = runner.statistics()
-    t = runner.t_ns / 1e9
+    code = verdict.exit_code or (ExitCode.INTERRUPTED if plant.interrupted else ExitCode.DONE)
+    if plant.fault or experiment.aborted:
+        code = ExitCode.STOPPED
+    elif ended == "failed":
+        code = ExitCode.FAILED
+    statistics, t = runner.statistics(), runner.t_ns / 1e9
     summary: dict[str, Any] = {
         "run": plant.session.run,
         "scene": plant.scene.name,
         "verdict": verdict.word,
         "reasons": list(verdict.reasons),
-        "exit_code": _exit_code(plant, ended, verdict),
+        "exit_code": code,
         "ended": ended,
         "fault": plant.fault or experiment.aborted,
         "mode": ("lockstep" if plant.job.in_lockstep else "paced") if plant.job.pace else "lockstep, not paced",
@@ -144,14 +147,6 @@ def finalise(plant: Plant) -> dict[str, Any]:
     return summary
 
 
-def _exit_code(plant: Plant, ended: str, verdict: TimingVerdict) -> ExitCode:
-    if plant.fault or plant.experiment.aborted:
-        return ExitCode.STOPPED
-    if ended == "failed":
-        return ExitCode.FAILED
-    return verdict.exit_code or (ExitCode.INTERRUPTED if plant.interrupted else ExitCode.DONE)
-
-
 def timing_verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
     """The timing verdict of a run. `lost`: messages by topic; `unknown`: processes whose losses are unknown."""
     faults = list(plant.housekeeper.faults)
@@ -163,8 +158,9 @@ def timing_verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> Ti
     if plant.fault:
         faults.append(plant.fault.partition("\n")[0])
     clock, pacer = plant.scene.clock, plant.housekeeper.pacer
-    broken = pacer is not None and pacer.stopped
-    return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults, broken, unknown)
+    return plant.timing.verdict(
+        clock.late_share_valid, clock.late_share_degraded, lost, faults, pacer is not None and pacer.stopped, unknown
+    )
 
 
 def _counters(plant: Plant) -> dict[str, dict[str, int]]:
@@ -200,15 +196,15 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
     Only the recorder of the run and controllers that drive an actuator count: a viewer may drop what it cannot draw,
     and a guest may use any name.
     """
-    hub, session = plant.hub, plant.session
+    hub, session, queues = plant.hub, plant.session, plant.experiment.exchange.queues
     hub.totals.drain()
     hub.put_totals()
     own = messages.decode("total/plant", session.totals())
     sent = {topic: n for topic, n in zip(own.sent_topic, own.sent) if topic != "total/plant"}
     roles = dict.fromkeys(plant.recorders(), "recorder")
     asked = set(roles)
-    roles |= {name: role for role, name in hub.watch.present if role == "controller" and hub.drives(name)}
-    found: dict[str, int] = {}
+    roles |= {name: role for role, name in hub.watch.present if role == "controller" and name in queues}
+    missed: dict[str, int] = {}
     t, deadline = plant.runner.t_ns / 1e9, time.monotonic() + ANSWERS_S
     last, tell = time.monotonic() + CATCH_UP_S, time.monotonic() + TELL_S
     while asked and (left := min(deadline, last) - time.monotonic()) > 0.0:
@@ -228,18 +224,17 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
         wanted = sent if roles[name] == "recorder" else {"step": sent["step"]}
         whole = (roles[name], name) in plant.from_start
         for topic, count in missing(wanted, message.said, whole).items():
-            found[f"{topic} to {name}"] = count
-    for name in sorted(asked):
-        plant.housekeeper.faults.append(f"{roles[name]} {name} did not report what it received")
+            missed[f"{topic} to {name}"] = count
+    plant.housekeeper.faults += [f"{roles[name]} {name} did not report what it received" for name in sorted(asked)]
     away = plant.from_start - hub.watch.present
     gone = {name for role, name in away if role == "recorder" and plant.is_recorder(name)}
-    return found, [f"recorder {name}" for name in sorted(asked | gone)]
+    return missed, [f"recorder {name}" for name in sorted(asked | gone)]
 
 
 Say = Callable[[str], object]
 Show = Callable[[dict[str, Any]], object]
+# Longest time [ns of the wall clock] between two looks at operators in lockstep. # chosen: nobody notices it
 LOOK_NS = 10_000_000
-"""Longest time [ns of the wall clock] between two looks at operators in lockstep. # chosen: nobody notices it"""
 
 
 class Plant:
@@ -313,17 +308,18 @@ class Plant:
         if controller in self.scene.in_plant:
             self.in_plant.retune(controller, changes)
             return
-        if self.job.in_lockstep:
-            self.session.ask(f"param/{controller}", {"set": changes}, timeout=2.0)
-            return
+        ask = partial(self.session.ask, f"param/{controller}", {"set": changes}, timeout=2.0)
 
-        def ask() -> None:
+        def ask_later() -> None:
             try:
-                self.session.ask(f"param/{controller}", {"set": changes}, timeout=2.0)
+                ask()
             except RigError as fault:
                 self.refusals.put(f"{controller}: {fault}")
 
-        threading.Thread(target=ask, name=f"retune-{controller}", daemon=True).start()
+        if self.job.in_lockstep:
+            ask()
+        else:
+            threading.Thread(target=ask_later, name=f"retune-{controller}", daemon=True).start()
 
     def gather(self, say: Say) -> None:
         """Wait for the expected processes; `say` gets their names, and later lines of the run."""
@@ -446,9 +442,14 @@ class Plant:
     def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
         hub, operator, experiment = self.hub, self.operator, self.experiment
         housekeeper, rows = self.housekeeper, self.timing
+
+        def serve() -> None:
+            if housekeeper.look(time.perf_counter_ns()):
+                self._report(show)
+
         lockstep, runner = Lockstep(hub, housekeeper, lambda: bool(self._stopping())), self.runner
         events, ahead = experiment.journal.events, 1
-        lag = self._lag(show) if pacer is None else None
+        lag = RecorderLag(hub, self.recorders, serve, lambda: bool(self._why()), self.say) if pacer is None else None
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
             frames = self.frame_batches.next(rows)
@@ -463,7 +464,8 @@ class Plant:
             self.in_plant.poll()
             self.in_plant.partners = lockstep.look()
             first, begun, noted = runner.tick, clock(), len(events)
-            quiet = self._quiet(pacer)
+            # neither a clock nor an operator nor a controller in the plant process has to act at each tick
+            quiet = pacer is None and not operator.paused and not self.in_plant.at_work
             until = min(experiment.until(), hub.checkpoint_due, first + ahead) if quiet else first + frames
             goes_on = True
             try:
@@ -485,8 +487,7 @@ class Plant:
                 hub.put_applied()
             hub.put_events()
             looked = clock()
-            if housekeeper.look(looked):
-                self._report(show)
+            serve()
             if lag is not None:
                 lag.look(looked)
             if pacer is not None:
@@ -495,40 +496,23 @@ class Plant:
             if not goes_on:
                 return
 
-    def _quiet(self, pacer: pace.Pacer | None) -> bool:
-        """Whether neither a clock nor an operator nor a controller in the plant process has to act at each tick."""
-        return pacer is None and not self.operator.paused and not self.in_plant.at_work
-
     def _status(self) -> dict[str, Any]:
         """How the run goes: the timing verdict if it ended now, its reasons, the step of the protocol, pause and pace.
 
         What other processes missed is counted at the end.
         """
-        verdict = timing_verdict(self, self.hub.commands.lost(), [])
-        word, reasons = (verdict.word, list(verdict.reasons)) if self.job.pace is not None else ("", [])
+        paced, verdict = self.job.pace is not None, timing_verdict(self, self.hub.commands.lost(), [])
         return {
-            "verdict": word,
-            "reasons": reasons,
+            "verdict": verdict.word if paced else "",
+            "reasons": list(verdict.reasons) if paced else [],
             "step": self.experiment.progress().step,
             "paused": self.operator.paused,
             "pace": self.job.pace,
         }
 
-    def _lag(self, show: Show) -> RecorderLag:
-        housekeeper = self.housekeeper
-
-        def serve() -> None:
-            if housekeeper.look(time.perf_counter_ns()):
-                self._report(show)
-
-        return RecorderLag(
-            self.hub, self.recorders, serve, lambda: bool(self._stopping()) or housekeeper.gone, self.say
-        )
-
     def _fell_back(self) -> None:
         assert self.ahead is not None
-        text = f"real-time scheduling fell back: {self.ahead.why}"
-        self.experiment.journal.note("scheduling", text)
+        self.experiment.journal.note("scheduling", f"real-time scheduling fell back: {self.ahead.why}")
 
     def _report(self, show: Show) -> None:
         while not self.refusals.empty():
@@ -558,8 +542,7 @@ class Plant:
         return bool(why)
 
     def _why(self) -> str:
-        if self.housekeeper.gone:
-            return "stopped: the process that started the plant has gone"
         why = self._stopping()
         self.interrupted = bool(why) and self.experiment.ends
-        return why or self.operator.stopped
+        gone = "stopped: the process that started the plant has gone" if self.housekeeper.gone else ""
+        return gone or why or self.operator.stopped

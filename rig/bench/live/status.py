@@ -87,15 +87,19 @@ def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = 
 
 def parts(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
     """The summary of a run without its audit: label and lines of each part; a part without lines says nothing."""
+    refused = sorted(found.get("refused", {}).items(), key=lambda sender: -sender[1])
+    others = [f"{sum(count for _, count in refused[REFUSED:])} others"] if refused[REFUSED:] else []
+    lost = [f"{count} of {topic}" for topic, count in found["lost"].items()]
+    late_share, machine = found["timing"].get("late_share", 0.0), found.get("machine", {})
     return [
         ("timing", _timing(found)),
-        ("busy", _busy(found)),
+        ("busy", [pace.advice(found["verdict"], late_share, machine)]),
         ("loop", _loop(found)),
         ("network", [link(topic, counts) for topic, counts in found.get("network", {}).items()]),
-        ("lost", _lost(found)),
-        ("refused", _refused(found)),
-        ("plant", _plant(found)),
-        ("protocol", _postponed(found)),
+        ("lost", [*lost, *(f"unknown losses on the way to {who}" for who in found["unknown"])]),
+        ("refused", [*(f"{count} from {sender}" for sender, count in refused[:REFUSED]), *others]),
+        ("plant", [plant(found["plant"], found["energy"]["error"])] if found["plant"] else []),
+        ("protocol", _postponed(found.get("postponed"))),
         ("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]),
     ]
 
@@ -125,29 +129,20 @@ def _timing(found: Mapping[str, Any]) -> list[str]:
     ]
     timing = found["timing"]
     if timing:
-        late = timing["lateness"]
+        late, waiting = timing["lateness"], found["waiting"]
+        how = f"{'sleep and spin' if waiting.get('spin_ns') else 'sleep'} ({waiting.get('why', '')})"
         lines.append(f"lateness {late['p50']:.0f} / {late['p95']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us "
-                     f"(p50, p95, p99, worst); the plant waits by {_waiting(found)}")  # fmt: skip
+                     f"(p50, p95, p99, worst); the plant waits by {how}")  # fmt: skip
         spans = [f"{name} {s['mean']:.0f}/{s['p95']:.0f}/{s['max']:.0f}" for name, s in timing["spans"].items()]
         each = timing.get("each", 1)
         what = "compute time per frame" if each == 1 else f"compute time per piece of {each} frames"
         lines.append(f"{what}: {', '.join(spans)} us (mean/p95/worst)")
         lines.append(f"scheduling {found['scheduling'] or 'real-time'}; {found['memory'] or 'memory is locked'}")
-        causes = [f"{count} {cause}" for cause, count in timing["overruns"].items()]
-        if causes:
+        if causes := [f"{count} {cause}" for cause, count in timing["overruns"].items()]:
             lines.append(f"overruns by cause: {', '.join(causes)}")
         if timing["given_up"]:
             lines.append(f"{timing['given_up']} {'frames' if each == 1 else 'pieces'} of the wall clock skipped")
     return lines
-
-
-def _busy(found: Mapping[str, Any]) -> list[str]:
-    return [pace.advice(found["verdict"], found["timing"].get("late_share", 0.0), found.get("machine", {}))]
-
-
-def _waiting(found: Mapping[str, Any]) -> str:
-    waiting = found["waiting"]
-    return f"{'sleep and spin' if waiting.get('spin_ns') else 'sleep'} ({waiting.get('why', '')})"
 
 
 def _loop(found: Mapping[str, Any]) -> list[str]:
@@ -160,7 +155,12 @@ def _loop(found: Mapping[str, Any]) -> list[str]:
         if name == "refused":
             lines += [f"{sender}: {count} commands refused" for sender, count in counts.items()]
         else:
-            lines += _counted(name, counts)
+            others = (
+                (what.replace("_", " "), n) for what, n in counts.items() if n and what not in ("taken", "oldest")
+            )
+            words = [f"{counts['taken']} commands", *(f"{n} {what}" for what, n in others)]
+            words += [f"oldest {counted(counts['oldest'], 'frame')}"] if counts["oldest"] else []
+            lines.append(f"{name}: {', '.join(words)}")
     for name, counts in found.get("controllers", {}).items():
         lines += [f"{name}: {', '.join(words)}"] if (words := unanswered(counts)) else []
     return lines
@@ -175,37 +175,12 @@ def unanswered(counts: Mapping[str, int]) -> list[str]:
     ]
 
 
-def _refused(found: Mapping[str, Any]) -> list[str]:
-    """Refused messages by sender and kind, the most frequent first."""
-    known = sorted(found.get("refused", {}).items(), key=lambda one: -one[1])
-    lines = [f"{count} from {sender}" for sender, count in known[:REFUSED]]
-    return lines + ([f"{sum(n for _, n in known[REFUSED:])} others"] if known[REFUSED:] else [])
-
-
-def _counted(name: str, counts: Mapping[str, int]) -> list[str]:
-    words = [f"{counts['taken']} commands"]
-    words += [f"{n} {what.replace('_', ' ')}" for what, n in counts.items() if n and what not in ("taken", "oldest")]
-    if counts["oldest"]:
-        words.append(f"oldest {counts['oldest']} frame{'s' * (counts['oldest'] != 1)}")
-    return [f"{name}: {', '.join(words)}"]
-
-
-def _lost(found: Mapping[str, Any]) -> list[str]:
-    lines = [f"{count} of {topic}" for topic, count in found["lost"].items()]
-    return lines + [f"unknown losses on the way to {who}" for who in found["unknown"]]
-
-
-def _postponed(found: Mapping[str, Any]) -> list[str]:
-    counts = found.get("postponed")
+def _postponed(counts: Mapping[str, Any] | None) -> list[str]:
     if not counts:
         return []
-    steps = "1 step" if counts["waited"] == 1 else f"{counts['waited']} steps"
     never = f"; {counts['never']} never took effect" if counts["never"] else ""
-    return [f"{steps} waited for new matrices, the longest {counts['longest_s']:.3g} s{never}"]
-
-
-def _plant(found: Mapping[str, Any]) -> list[str]:
-    return [plant(found["plant"], found["energy"]["error"])] if found["plant"] else []
+    waited, longest = counted(counts["waited"], "step"), f"{counts['longest_s']:.3g} s"
+    return [f"{waited} waited for new matrices, the longest {longest}{never}"]
 
 
 def plant(values: Mapping[str, Any], energy_error: float) -> str:

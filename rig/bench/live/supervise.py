@@ -46,8 +46,7 @@ _LINE = 400
 """Longest text of an event that is shown."""
 ELSEWHERE = frozenset({"step", "overrun", "end", "verdict"})
 """Kinds of events that the live line or the summary shows; all others are shown as lines."""
-MOST_SHOWN = 20
-"""Most lines of one call."""
+MOST_SHOWN = 20  # most lines of one call
 
 
 class EventLines:
@@ -115,14 +114,13 @@ JOIN_S = 30.0
 VIEWER, RECORDER = ("viewer", "viewer"), ("recorder", "recorder")
 LEAVE_S = 3.0
 """Time [s] in which all processes but the recorder must leave after the plant."""
+# Time [s] in which the recorder must finish its file. # chosen: a slow disk takes 100 MB in it
 WRITE_S = 120.0
-"""Time [s] in which the recorder must finish its file. # chosen: a slow disk takes 100 MB in it"""
 TELL_S = 2.0
 """Time [s] after which it is told that the recorder is waited for."""
+# Time [s] after which it is told that the rehearsal waits for a controller. # chosen
 SILENT_S = 5.0
-"""Time [s] after which it is told that the rehearsal waits for a controller. # chosen"""
-PRINTED = 5
-"""Most lines that a process prints which are shown at a time, ten times a second; others are counted."""
+PRINTED = 5  # most lines that a process prints which are shown at a time, ten times a second; others are counted
 
 
 def run(
@@ -217,10 +215,8 @@ class RunProcesses:
         self.died: list[str] = []
         self.name = ""
         self._recorder: Child | None = None
-        self._file = ""
-        """The file in which the recorder said that it records."""
-        self._recording: dict[str, Any] = {}
-        """What the recorder told of its finished recording (rig.record.recorder)."""
+        self._file = ""  # the file in which the recorder said that it records
+        self._recording: dict[str, Any] = {}  # what the recorder told of its finished recording (rig.record.recorder)
         self._asked = 0
         self._events = EventLines(say)
         self._health: dict[str, Any] = {}
@@ -242,7 +238,9 @@ class RunProcesses:
                 told = True
                 self._say(f"the plant rehearses the run; {silent}. Ctrl-C ends it")
         if self.name:
-            self._start()
+            for who in self.job.expect:
+                self.others[who] = Child(called(*who), self.arguments(*who))
+            self._recorder = self.others.get(RECORDER)
         session = self._join()
         if session is not None:
             with session:
@@ -276,11 +274,6 @@ class RunProcesses:
                 self._say("waiting for the recorder, which finishes its file")
             self._interrupt(interrupts)
 
-    def _start(self) -> None:
-        for role, name in self.job.expect:
-            self.others[role, name] = Child(called(role, name), self.arguments(role, name))
-        self._recorder = self.others.get(RECORDER)
-
     def arguments(self, role: str, name: str) -> list[str]:
         """Module and arguments of the process of this role and name."""
         joining = ["--run", self.name, "--wait", str(JOIN_S)]
@@ -294,10 +287,8 @@ class RunProcesses:
     def _join(self) -> Session | None:
         """Join the run on the bus; None if the plant has already ended."""
         while not self.plant.wait(0.0):
-            try:
+            with suppress(BusError):
                 return bus.join(self.name, role="operator", name="supervisor", wait=0.5)
-            except BusError:
-                continue
         return None
 
     def _hear(self) -> None:
@@ -327,10 +318,8 @@ class RunProcesses:
             del self.others[who]
             self.died.append(child.ending)
             self._say(f"{child.ending}; the plant continues")
-            try:
+            with suppress(RigError):  # the plant is ending or busy; it waits for a bounded time only
                 session.ask("cmd/plant", {"do": "begin", "without": called(*who)}, timeout=1.0)
-            except RigError:
-                pass  # the plant is ending or busy; it waits for a bounded time only
 
     def _show(self, health: Receiver, live: Live) -> None:
         for message in health.drain():
@@ -358,11 +347,9 @@ class RunProcesses:
 
     def _published(self) -> dict[str, Any]:
         """The summary that the plant wrote, or why there was no run; empty if the plant died."""
-        try:
-            found: dict[str, Any] = json.loads(self._summary.read_text())
-        except (OSError, ValueError):
-            return {}
-        return found
+        with suppress(OSError, ValueError):
+            return dict(json.loads(self._summary.read_text()))
+        return {}
 
     def _outcome(self, summary: dict[str, Any]) -> Outcome:
         if not summary:
@@ -402,23 +389,21 @@ class RunProcesses:
     def _silent(self) -> str:
         """Which controller has not answered the rehearsal for `SILENT_S`; "" if none."""
         name, since = self._calling()
-        silent = name and time.time() - since > SILENT_S
-        return f"the controller {name} has not answered for {SILENT_S:g} s" if silent else ""
+        silent = f"the controller {name} has not answered for {SILENT_S:g} s"
+        return silent if name and time.time() - since > SILENT_S else ""
 
     def _calling(self) -> tuple[str, float]:
         """The controller that the rehearsal is calling, "" if none, and since when (time.time)."""
         file = self._summary.with_name(CALLING)
-        try:
+        with suppress(OSError):
             return file.read_text().partition("\n")[0], file.stat().st_mtime
-        except OSError:
-            return "", 0.0
+        return "", 0.0
 
     def _owns(self, path: Path) -> bool:
         """Whether a file is a recording of this run, and not of another run."""
-        try:
+        with suppress(LogError):
             return path.is_file() and setup_of(head(path)).run == self.name
-        except LogError:
-            return False
+        return False
 
     def _obituary(self) -> dict[str, Any]:
         """The summary for a plant that died without publishing one."""

@@ -57,12 +57,10 @@ class Builds:
         self.apart = False
         """Whether rigs are built in another thread; otherwise they are built at once and nobody waits."""
         self._variants = runner.variants
-        self._order: dict[object, None] = {}
-        """Requesters that wait, in order of arrival."""
+        self._order: dict[object, None] = {}  # requesters that wait, in order of arrival
+        # For whom a rig is being built, and what becomes of it.
         self._build: tuple[object, Future[list[RigVariant]]] | None = None
-        """For whom a rig is being built, and what becomes of it."""
-        self._due = 0.0
-        """Earliest time of the next build in spare time [s on the monotonic clock]."""
+        self._due = 0.0  # earliest time of the next build in spare time [s on the monotonic clock]
 
     @property
     def awaited(self) -> bool:
@@ -141,8 +139,7 @@ class CommandedRigs:
 
     def __init__(self, runner: PlantRunner, journal: Journal, builds: Builds) -> None:
         self._runner, self._journal, self._builds = runner, journal, builds
-        self._asked: dict[str, float] = {}
-        """Actuator -> the value whose rig was begun last."""
+        self._asked: dict[str, float] = {}  # actuator -> the value whose rig was begun last
         self._faulty: dict[str, float] = {}
 
     def possible(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
@@ -201,10 +198,9 @@ class PostponedSteps:
         self._runner, self._journal, self._wants, self._builds = runner, journal, wants, builds
         self._number = 0
         self._waiting: deque[Waiting] = deque()
-        self._count = self._longest = 0
-        """Number of actions that have waited, and the longest wait [ticks]."""
+        self._count = self._longest = 0  # number of actions that have waited, and the longest wait [ticks]
+        # Number of an action that waited in the recording -> the tick at which it took effect.
         self._until: dict[int, float] = {}
-        """Number of an action that waited in the recording -> the tick at which it took effect."""
         for event in events:
             if event["kind"] in (WAITS, GOES_ON):
                 self._until[event["data"]["action"]] = event["tick"] if event["kind"] == GOES_ON else math.inf
@@ -303,8 +299,7 @@ class PreparedRigs:
     def _begin(self) -> None:
         """Start with the present rig."""
         self._rigs = self._needed()
-        self._known = [self._runner.scene]
-        """Scenes of the initial rig and of those that are built."""
+        self._known = [self._runner.scene]  # scenes of the initial rig and of those that are built
         self._due = time.monotonic() + 2.0 * PAUSE_S  # while the rig is changed again and again, nothing is built
 
     def look(self) -> None:

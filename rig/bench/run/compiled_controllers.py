@@ -19,8 +19,8 @@ from rig.bench.run.local_controllers import ControllerInProcess
 from rig.controllers.runtime.native import Native
 from rig.solve.control_loop import ANSWERED, AS, COUNT, DUE, NOW, ROWS, UNUSUAL
 
+# A callback that uses only the first argument of the compiled call.
 _Answer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
-"""A callback that uses only the first argument of the compiled call."""
 _NEVER = 1 << 62  # frames
 
 

@@ -57,8 +57,8 @@ class ProtocolValues:
     def __init__(self, runner: PlantRunner) -> None:
         self._runner = runner
         self._values = {name: one.value for name, one in runner.inputs.items()}
+        # Actuator -> first and last value of its move, first tick, number of ticks.
         self._moves: dict[str, tuple[float, float, int, int]] = {}
-        """Actuator -> first and last value of its move, first tick, number of ticks."""
 
     def set(self, name: str, value: float) -> float:
         """Set a value; a move ends. Returns the value clamped to the range of the actuator."""
@@ -125,8 +125,8 @@ class Exchange:
         self.journal = journal
         self._owner: dict[str, str] = {}
         self._protocol = ProtocolValues(runner)
+        # Actuators on the move -> the tick from which on they are written: the last, or the next without a slope.
         self._steps: dict[str, int] = {}
-        """Actuators on the move -> the tick from which on they are written: the last, or the next without a slope."""
         self.in_force: dict[str, float] = {}
         """The value that each actuator was set to last."""
         self._order: list[CommandQueue] = []

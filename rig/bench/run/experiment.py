@@ -42,8 +42,8 @@ from rig.scenes.scene import Scene
 from rig.scenes.sections import values_of
 from rig.units import si
 
+# Time in which the drive stops after a limit has ended the experiment. # chosen
 RUN_DOWN_NS = 500_000_000
-"""Time in which the drive stops after a limit has ended the experiment. # chosen"""
 BEGIN, BRANCH, PLANT, EMERGENCY = "begin", "branch", "plant", "emergency"
 FAULT = "fault"
 """Kind of event that says that a fault begins or is over."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,36 +20,15 @@ ROOM = 1 << 10
 """Largest number of ticks between two calls of `advance`. # chosen: a bank keeps as many samples"""
 
 
-class Hearing(Protocol):
-    """What a controller is told: by a bank of instruments directly, or over impaired links."""
-
-    @property
-    def latest(self) -> NDArray[np.float64]:
-        """The last sample received from each sensor."""
-
-    @property
-    def fresh(self) -> NDArray[np.int64]:
-        """The number of samples of each sensor received at this tick."""
-
-    def samples(self, i: int) -> NDArray[np.float64]:
-        """The samples of sensor i received at this tick."""
-
-    def shown(self, i: int, t_ns: Sequence[int]) -> list[float]:
-        """The values that `latest[i]` had at instants [ns]."""
-
-    def published(self, i: int, t_ns: Sequence[int]) -> list[list[float]]:
-        """The values that `samples(i)` had at instants [ns]."""
-
-
 class HeardOverLinks:
-    """See `Hearing`. `links`: sensor -> link; other sensors of `bank` are not changed."""
+    """What arrives over `links` (sensor -> link), to be read like `bank`; other sensors of it are not changed."""
 
     def __init__(self, bank: Bank, links: Mapping[str, ImpairedLink], frame_ns: int) -> None:
         self._bank, self._frame = bank, frame_ns
         self._tick = -1
         self._heard = {bank.names.index(name): HeardSensor(link) for name, link in links.items()}
+        # What was heard of each sensor with a link at the last ticks: latest sample, samples of the tick.
         self._past: deque[dict[int, tuple[float, list[float]]]] = deque(maxlen=ROOM + 1)
-        """What was heard of each sensor with a link at the last ticks: latest sample, samples of the tick."""
 
     def advance(self, tick: int) -> None:
         """Hear what arrives up to `tick`, at which the bank is; it must hold the samples since the last call."""
@@ -68,7 +46,7 @@ class HeardOverLinks:
 
     @property
     def latest(self) -> NDArray[np.float64]:
-        """See `Hearing`."""
+        """See `Bank`."""
         found = self._bank.latest.copy()
         for i, (latest, _) in self._past[-1].items():
             found[i] = latest
@@ -76,29 +54,33 @@ class HeardOverLinks:
 
     @property
     def fresh(self) -> NDArray[np.int64]:
-        """See `Hearing`."""
+        """See `Bank`."""
         found = self._bank.fresh.copy()
         for i, (_, samples) in self._past[-1].items():
             found[i] = len(samples)
         return found
 
     def samples(self, i: int) -> NDArray[np.float64]:
-        """See `Hearing`."""
+        """See `Bank`."""
         if i not in self._heard:
             return self._bank.samples(i)
         return np.array(self._past[-1][i][1])
 
     def shown(self, i: int, t_ns: Sequence[int]) -> list[float]:
-        """See `Hearing`."""
+        """See `Bank`."""
         if i not in self._heard:
             return self._bank.shown(i, t_ns)
         return [self._at(t)[i][0] for t in t_ns]
 
     def published(self, i: int, t_ns: Sequence[int]) -> list[list[float]]:
-        """See `Hearing`."""
+        """See `Bank`."""
         if i not in self._heard:
             return self._bank.published(i, t_ns)
         return [self._at(t)[i][1] for t in t_ns]
 
     def _at(self, t_ns: int) -> dict[int, tuple[float, list[float]]]:
         return self._past[t_ns // self._frame - self._tick - 1]
+
+
+Hearing = Bank | HeardOverLinks
+"""What a controller is told: by a bank of instruments directly, or over impaired links."""

@@ -3,22 +3,8 @@
 The result depends only on the ticks at which actuators and parameters are written. Therefore a run in one process, over
 the bus in lockstep, or re-simulated from a recording gives the same bits.
 
-The random numbers of process noise (rig.effects.noise), drawn in advance.
-
-Faults of sensors while a rig runs (rig.scenes.part_faults): what they make of samples.
-
-A faulty sample depends on its number, on the true sample and on the one before it. So nothing has to be kept: a run
-that continues from a checkpoint has the same bits.
-
-A plant with its sensors that steps frame by frame: what is built for a scene, and what can be read at a tick.
-
-A plant that takes commands: actuators, parameters of the rig, knocks.
-
-A plant runner that continues a recorded run from one of its checkpoints.
-
-Up to the checkpoint nothing is integrated: the instruments publish the recorded samples, and recorded commands count as
-put into force at their ticks. So protocol, exchange and controllers do what they did and are in the state in which they
-were. At the checkpoint plant and instruments take the recorded state, and from there on they are simulated.
+`PlantRunner` steps (`frames`), takes commands (`apply`, `ramp`, `knock`, `take`), and can return to a state that was
+kept (`back`). `ResumedRunner` continues a recorded run from one of its checkpoints.
 """
 
 from __future__ import annotations
@@ -53,7 +39,7 @@ from rig.scenes.part_faults import SensorFault
 from rig.scenes.scene import Scene
 from rig.sensors.chain.bank import CHUNK, Bank
 from rig.sensors.chain.instants import Stream
-from rig.solve.control_loop import ANSWERED, AS, COUNT, DUE, FOR, STATUS, TICK, ControllerTables, controller_tables
+from rig.solve.control_loop import ANSWERED, AS, COUNT, DUE, FOR, STATUS, TICK, controller_tables
 from rig.solve.forces import DRAWN, PLACE, RandomNumbers
 from rig.solve.frames import Surroundings
 
@@ -62,7 +48,9 @@ _NAME = "process noise"  # no instrument can have this name, since it has a spac
 
 
 class Numbers:
-    """Standard normal numbers, one for each frame of a run; the compiled loop takes them from `record`.
+    """Standard normal numbers of process noise (rig.effects.noise), one for each frame of a run, drawn in advance.
+
+    The compiled loop takes them from `record`.
 
     They depend only on the seed of the scene, not on sensors or other processes.
     """
@@ -97,7 +85,11 @@ class Numbers:
 
 
 class FaultySensors:
-    """The faults of the sensors of `bank`, which `apply` puts into its latest samples after every frame."""
+    """The faults of the sensors of `bank`, which `apply` puts into its latest samples after every frame.
+
+    A faulty sample depends on its number, on the true sample and on the one before it. So nothing has to be kept: a run
+    that continues from a checkpoint has the same bits.
+    """
 
     def __init__(self, bank: Bank, faults: Mapping[str, Any], frame_ns: int) -> None:
         self._bank, self._faults = bank, []
@@ -114,8 +106,8 @@ class FaultySensors:
 
     def ahead(self, tick: int) -> int | None:
         """Number of frames from `tick` on without a faulty sample; None if there is none any more."""
-        found = [max(begins - 1 - tick, 0) for *_, begins, over in self._faults if over is None or over > tick]
-        return min(found, default=None)
+        left = (max(begins - 1 - tick, 0) for *_, begins, over in self._faults if over is None or over > tick)
+        return min(left, default=None)
 
     def apply(self) -> None:
         """Make the samples faulty that the bank published in the last frame."""
@@ -133,13 +125,9 @@ class FaultySensors:
 
 def _faulty(fault: Any, value: float, before: float, t: float) -> float:
     """What a sensor reads in place of `value`, `t` [s] after the beginning of its fault; `before`: its last sample."""
-    if fault.kind == "freeze":
-        return before
-    if fault.kind == "drift":
-        return value + float(fault.rate) * t
-    if fault.kind == "spike":
-        return value + float(fault.height)
-    return 0.0 if fault.kind == "dropout" else -value
+    if fault.kind in ("drift", "spike"):
+        return value + float(fault.rate * t if fault.kind == "drift" else fault.height)
+    return {"freeze": before, "dropout": 0.0, "wrong_sign": -value}[fault.kind]
 
 
 Array = NDArray[np.float64]
@@ -147,20 +135,11 @@ ROWS = 1 << 15
 """Most steps that a motion keeps: for `truth` before they are handed over, and in one call."""
 
 
-def _room(scene: Scene) -> ControllerTables:
-    """Return what the compiled loop needs for the controllers of a scene."""
-    sections = scene.controllers.values()
-    reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
-    return controller_tables(len(sections), reads, drives, scene.frame_ns)
-
-
 class PlantRunner:
     """Plant and sensors of a scene at tick `tick` [frames]. Raises rig.errors.NumericsError if it must stop.
 
     `truthful`: keep all outputs at every sample step (`truth`) and all measurements (`measurements`). `piece`: number
-    of frames computed at once, or of all frames of a truthful run; memory is allocated for them from the start. It
-    steps (rig.bench.run.runner), takes commands (rig.bench.run.runner), and can return to a state that was
-    kept.
+    of frames computed at once, or of all frames of a truthful run; memory is allocated for them from the start.
     """
 
     def __init__(self, scene: Scene, truthful: bool = False, piece: int = 1) -> None:
@@ -190,7 +169,9 @@ class PlantRunner:
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed, 8 * CHUNK if truthful else CHUNK)
         broken = {name: one for name, one in scene.faults.items() if isinstance(one, SensorFault)}
         self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
-        self.controllers = _room(scene)
+        sections = scene.controllers.values()
+        reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
+        self.controllers = controller_tables(len(sections), reads, drives, scene.frame_ns)
         self.random_numbers = Numbers(system, scene.seed)
         surroundings = Surroundings(self.bank.loan.content, self.controllers, self.random_numbers.record)
         self.motion = Motion(
@@ -210,8 +191,8 @@ class PlantRunner:
         )
         self._index = {name: i for i, name in enumerate(system.names)}
         driven = replace(scene, driven=frozenset(self.inputs)).assemble().inputs
+        # Actuators that have no command state even when somebody drives them: each value needs its own matrices.
         self._coefficients = frozenset(name for name, one in driven.items() if not (one.state or one.write))
-        """Actuators that have no command state even when somebody drives them: each value needs its own matrices."""
         self._look = True
         self.state_samples = StateSamples(scene, self.values)
         self._needs, self._truthful, self._piece = len(needs), truthful, piece
@@ -359,15 +340,15 @@ class PlantRunner:
 
     def apply(self, name: str, value: float) -> None:
         """Set an actuator to `value` at this tick; a ramp in progress ends."""
-        one, rebuilds = self.inputs[name], self.rebuilds(name, value)
+        actuator, rebuilds = self.inputs[name], self.rebuilds(name, value)
         self.values[name] = value
         self.state_samples.hears(name, value)
-        if one.write is not None:
-            one.write(self.motion.x, self.values, self.t_ns * 1e-9)
-        elif one.state:
-            if one.slope:
-                self.motion.write(self._index[one.slope], 0.0)
-            self.motion.write(self._index[one.state], value)
+        if actuator.write is not None:
+            actuator.write(self.motion.x, self.values, self.t_ns * 1e-9)
+        elif actuator.state:
+            if actuator.slope:
+                self.motion.write(self._index[actuator.slope], 0.0)
+            self.motion.write(self._index[actuator.state], value)
         elif rebuilds:
             self.set_parameter(name, value)
 
@@ -399,8 +380,8 @@ class PlantRunner:
 
     def lacking(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return those of these actuators that need a command state and do not have one yet."""
-        without = [name for name in names if not (self.inputs[name].state or self.inputs[name].write)]
-        return tuple(name for name in without if name not in self._coefficients and name not in self.scene.moved)
+        but = self._coefficients | self.scene.moved.keys()
+        return tuple(name for name in names if self.coefficient(name) and name not in but)
 
     def take(self, variant: RigVariant) -> None:
         """Continue with this variant of the rig from this tick on; it must have been made from the present rig."""
@@ -544,6 +525,10 @@ class Resumption(NamedTuple):
 
 class ResumedRunner(PlantRunner):
     """The plant of `scene`, which is simulated from a checkpoint on, in a run of `frames` frames.
+
+    Up to the checkpoint nothing is integrated: the instruments publish the recorded samples, and recorded commands
+    count as put into force at their ticks. So protocol, exchange and controllers do what they did and are in the state
+    in which they were. At the checkpoint plant and instruments take the recorded state.
 
     Raises ValueError or KeyError at the checkpoint if it is one of another rig, LogError if it cannot be read.
     """
