@@ -18,7 +18,7 @@ import time
 from collections import defaultdict
 from collections.abc import Collection, Mapping
 from heapq import heapify, heapreplace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -34,8 +34,17 @@ from rig.bus.run_setup import Setup
 from rig.bus.topics import BLOCK_NS, STATE_NS, Count, Presence, Refused
 from rig.errors import UsageError
 from rig.scenes.sections import sensors_in_full
-from rig.sensors.chain.bank import Bank
 from rig.sensors.chain.instants import Instants
+
+
+class Instruments(Protocol):
+    """What is needed of a `rig.sensors.chain.bank.Bank`."""
+
+    names: tuple[str, ...]
+    instants: tuple[Instants, ...]
+
+    def memory(self, i: int, number: int, most: int) -> memoryview:
+        """At most `most` samples of instrument i from sample `number` on: a view, valid until they are dropped."""
 
 
 class Lent:
@@ -64,7 +73,7 @@ class Lent:
 class AllSamples:
     """The samples of all `instruments`, published in blocks on `session`."""
 
-    def __init__(self, session: Session, instruments: Bank) -> None:
+    def __init__(self, session: Session, instruments: Instruments) -> None:
         count = len(instruments.names)
         self._lent: list[Lent] = []
         self._blocks = [
@@ -110,7 +119,9 @@ class SampleBlocks:
     different shares the blocks of many instruments are not full in the same frame.
     """
 
-    def __init__(self, instruments: Bank, i: int, publisher: Publisher, lent: list[Lent], share: float = 1.0) -> None:
+    def __init__(
+        self, instruments: Instruments, i: int, publisher: Publisher, lent: list[Lent], share: float = 1.0
+    ) -> None:
         self._i, self._memory, self._publisher, self._lent = i, instruments.memory, publisher, lent
         self._instants = instants = instruments.instants[i]
         self._even, self._period_ns = instants.even, round(instants.period_ns)

@@ -29,6 +29,7 @@ import os
 import sys
 import time
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from math import gcd
 from pathlib import Path
@@ -61,15 +62,10 @@ class MachineLoad:
 
 def _now() -> tuple[int, int, int] | None:
     """Wall time, processor time of other programs, and that taken by the host [ns]."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    times, children = spent(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    times, here = spent(), os.times()
     if times.others < 0:
         return None
-    ours = round(1e9 * (children.ru_utime + children.ru_stime))
-    return time.perf_counter_ns(), times.others - ours, stolen_ns()
+    return times.wall, times.others - round(1e9 * (here.children_user + here.children_system)), stolen_ns()
 
 
 def advice(verdict: str, late_share: float, shares: Mapping[str, float]) -> str:
@@ -222,19 +218,14 @@ class Pacer:
     def _overrun(self, late: int, wall_ns: float) -> None:
         if self.policy == "stop":
             self.stopped = True
-        elif self.policy == "slow":
-            self._give_up(late, late, wall_ns)
-        elif self.policy == "skip" or late > self.pause_ns:
-            self._give_up(late, int(late // wall_ns * wall_ns), wall_ns)
-
-    def _give_up(self, late: int, span: int, wall_ns: float) -> None:
-        self.given_up.append(GivenUp(self.frame, late, int(late // wall_ns)))
-        self._start += span
+        elif self.policy != "catch-up" or late > self.pause_ns:
+            self.given_up.append(GivenUp(self.frame, late, int(late // wall_ns)))
+            self._start += late if self.policy == "slow" else int(late // wall_ns * wall_ns)
 
     @property
     def frames_given_up(self) -> int:
         """Number of frames (pieces) of the wall clock that were skipped."""
-        return sum(one.frames for one in self.given_up)
+        return sum(skipped.frames for skipped in self.given_up)
 
 
 class Waiting(NamedTuple):
@@ -286,9 +277,7 @@ def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, core
     bad = frame_ns // 2
     if np.mean(spun > bad) > np.mean(slept > bad):
         return Waiting(0, a, "spinning has more bad frames")
-    if b > a / 2:
-        return Waiting(0, a, "spinning gains nothing")
-    return Waiting(spin_ns, a, "spinning is more exact")
+    return Waiting(0, a, "spinning gains nothing") if b > a / 2 else Waiting(spin_ns, a, "spinning is more exact")
 
 
 class ProcessorTime(NamedTuple):
@@ -301,13 +290,20 @@ class ProcessorTime(NamedTuple):
 
 def spent() -> ProcessorTime:
     """Processor time spent up to now (Linux: in steps of 10 ms)."""
-    tick = 1_000_000_000 // os.sysconf("SC_CLK_TCK") if sys.platform == "linux" else 0
-    try:
-        with Path("/proc/stat").open() as file:
-            user, nice, system, _, _, *more = map(int, file.readline().split()[1:9])
-    except (OSError, ValueError):
-        return ProcessorTime(time.perf_counter_ns(), -1)
-    return ProcessorTime(time.perf_counter_ns(), (user + nice + system + sum(more)) * tick - time.process_time_ns())
+    others = -1
+    with suppress(OSError, ValueError):
+        user, nice, system, _, _, *more = processor_times()
+        others = user + nice + system + sum(more) - time.process_time_ns()
+    return ProcessorTime(time.perf_counter_ns(), others)
+
+
+def processor_times() -> list[int]:
+    """Time of all processors [ns]: user, nice, system, idle, waiting, interrupts, soft ones, taken by the host (Linux).
+
+    Raises OSError on another system.
+    """
+    with Path("/proc/stat").open() as file:
+        return [int(ticks) * 1_000_000_000 // os.sysconf("SC_CLK_TCK") for ticks in file.readline().split()[1:9]]
 
 
 def load(before: ProcessorTime, now: ProcessorTime) -> float:
@@ -317,10 +313,9 @@ def load(before: ProcessorTime, now: ProcessorTime) -> float:
     """
     if before.others >= 0 and now.others >= 0 and now.wall > before.wall:
         return max(now.others - before.others, 0) / (now.wall - before.wall)
-    try:
+    with suppress(OSError, AttributeError):  # not on every system
         return os.getloadavg()[0]
-    except (OSError, AttributeError):  # not on every system
-        return 0.0
+    return 0.0
 
 
 def sharpen_timers() -> bool:
@@ -332,11 +327,9 @@ def sharpen_timers() -> bool:
 
 def stolen_ns() -> int:
     """Processor time [ns] that the host has taken from this virtual machine since its start (Linux); 0 if unknown."""
-    try:
-        with Path("/proc/stat").open() as file:
-            return int(file.readline().split()[8]) * 1_000_000_000 // os.sysconf("SC_CLK_TCK")
-    except (OSError, ValueError, IndexError):
-        return 0
+    with suppress(OSError, ValueError, IndexError):
+        return processor_times()[7]
+    return 0
 
 
 def asleep_ns() -> int:

@@ -203,9 +203,8 @@ class Timing:
             if self.interruptions.within(kind, begin, end) > (end - begin) / 2:
                 return kind
         longest = max(spans, key=lambda name: spans[name])
-        if row[7] - before[7] < (end - begin) / 2 and longest != "publish":
-            return "preempted"
-        return longest
+        preempted = row[7] - before[7] < (end - begin) / 2 and longest != "publish"
+        return "preempted" if preempted else longest
 
     @property
     def late_share(self) -> float:
@@ -245,13 +244,8 @@ class Timing:
         if not (missing or unknown):
             reasons.append(NOTHING_LOST)
         reasons.extend(faults)
-        if broken or share > degraded:
-            word = "INVALID"
-        elif share > valid or missing or unknown or faults:
-            word = "DEGRADED"
-        else:
-            word = "VALID"
-        return TimingVerdict(word, tuple(reasons))
+        word = "DEGRADED" if share > valid or missing or unknown or faults else "VALID"
+        return TimingVerdict("INVALID" if broken or share > degraded else word, tuple(reasons))
 
     def to_json(self) -> dict[str, Any]:
         """All counts, and durations [us]."""

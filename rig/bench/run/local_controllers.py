@@ -1,12 +1,9 @@
-"""Controllers that work in the process of the run.
+"""Controllers that work in the process of the run: each is called at its ticks, and its command is received at once.
 
-Controllers that a caller gives as objects, for a run in this process.
-
-A system of python-control becomes a table of the scene (`kind = "lti"`), so that the recording contains it. Any other
-object takes part as a guest: it is admitted before the first tick, as a controller that joins a live run, and the
-recording contains its commands. Both replace a controller of the same name, and keep the delay of its loop.
-
-A controller that works in this process: it is called at its ticks, and its command is received at once.
+A caller may give controllers as objects (`placed`). A system of python-control becomes a table of the scene
+(`kind = "lti"`), so that the recording contains it. Any other object takes part as a guest: it is admitted before the
+first tick, as a controller that joins a live run, and the recording contains its commands. Both replace a controller of
+the same name, and keep the delay of its loop.
 """
 
 from __future__ import annotations
@@ -256,18 +253,17 @@ class ControllerInProcess:
                 self._native = Native(self.loop.controller, self.loop.state)
                 self._trial = 0 if self._native.address in _TRIED else TRIALS
                 self._native.resume(self.loop.controller, self.loop.state)
-        if self._native is None or self._trial or not self._native.resume(self.loop.controller, self.loop.state):
-            return None
-        return self._native
+        native = self._native
+        usable = native is not None and not self._trial and native.resume(self.loop.controller, self.loop.state)
+        return native if usable else None
 
     def _try(self, t_ns: int, heard: Values) -> None:
         """Compare the compiled `update` with the answer just given; discard it if they differ."""
         native, loop = self._native, self.loop
         assert native is not None
         self._trial -= 1
-        if loop.last_input == (t_ns, heard) and not native.reproduces(t_ns, heard, loop.command, loop.state):
-            self._native, self._trial = None, 0
-        elif not native.resume(loop.controller, loop.state):
+        differs = loop.last_input == (t_ns, heard) and not native.reproduces(t_ns, heard, loop.command, loop.state)
+        if differs or not native.resume(loop.controller, loop.state):
             self._native, self._trial = None, 0
         elif not self._trial:
             _TRIED.add(native.address)
