@@ -252,6 +252,15 @@ def root(bracket: Bracket, growths: Growths) -> float:
     return float(brentq(growth, a, b, xtol=1e-15 * max(abs(a), abs(b)), rtol=RELATIVE, maxiter=200))
 
 
+def roots(values: Sequence[float], growths: Growths) -> list[float]:
+    """Return the values between those of a grid, ends included, at which a rate passes zero."""
+
+    def look(grid: list[float]) -> list[float]:
+        return [root(bracket, growths) for part in stretches(grid, growths) for bracket in brackets(part, growths)]
+
+    return looked(values, growths, look)
+
+
 def refined(values: Sequence[float], growths: Growths) -> list[float]:
     """Return `values` and the values between them that have to be examined, in their order."""
     grid = [values[0]]

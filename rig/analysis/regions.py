@@ -74,11 +74,10 @@ class Regions(Result):
             why = "the contact would pull, or an output exceed its limit"
             lines += ["", f"  at {share:.2g} % of the points nothing slides steadily: {why}"]
         for row, column in np.argwhere(np.isnan(self.growth))[:1]:
-            at = (
-                f"{self.x.key} = {self.x.text(self.x.values[column])}, {self.y.key} = {self.y.text(self.y.values[row])}"
-            )
+            x, y = self.x.values[column], self.y.values[row]
+            at = f"{self.x.key} = {self.x.text(x)}, {self.y.key} = {self.y.text(y)}"
             try:
-                why = missing(sliding(self.scene, {self.y.key: self.y.values[row], self.x.key: self.x.values[column]}))
+                why = missing(sliding(self.scene, {self.y.key: y, self.x.key: x}))
             except Singular as error:
                 why = error.why
             except Slow as error:
@@ -153,7 +152,8 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
             found = sliding(scene, {x.key: value})
         except (Singular, Slow):
             return None, math.nan, False
-        if not _counts(found):
+        averages = GENERATOR[0] in found.system.names and found.slides and found.inertia > 0.0
+        if not (found.counts or averages):  # with dither they are valid also where the contact would open
             return None, math.nan, found.exists
         rates = found.eigenvalues()
         return Growth(rates[:1].real, none(rates)[:1]), abs(rates[0].imag) / (2.0 * math.pi), found.exists
@@ -197,11 +197,6 @@ def wide_bands(edges: list[tuple[float, bool]], least: float) -> Iterator[tuple[
         yield edge
         if following is not None:
             yield following
-
-
-def _counts(at: Steady) -> bool:
-    """Whether the eigenvalues are valid: with dither also where the contact would open."""
-    return at.counts or (GENERATOR[0] in at.system.names and at.slides and at.inertia > 0.0)
 
 
 def sliding(scene: Scene, values: dict[str, float]) -> Steady:

@@ -107,11 +107,6 @@ class Found(NamedTuple):
     resolution: float
 
 
-def growing(spectrum: Spectrum) -> int | None:
-    """Return the number of growing eigenvalues; None where the eigenvalues are not valid."""
-    return int(np.count_nonzero(spectrum.rates.real > none(spectrum.rates))) if spectrum.counts else None
-
-
 def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
     """Find all critical values between the ends of `values`. `rates` [value, branch]: the branches of the sweep."""
 
@@ -129,13 +124,10 @@ def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
                 if not any(abs(c.value - one.value) <= span and c.kind == one.kind for c in known):
                     known.append(one)
         known.sort(key=lambda one: one.value)
-        return Found(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), _resolution(grid))
+        resolution = max(abs(b - a) for a, b in pairwise(grid))
+        return Found(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), resolution)
 
     return looked(values, growths, look)
-
-
-def _resolution(grid: Sequence[float]) -> float:
-    return max(abs(b - a) for a, b in pairwise(grid))
 
 
 def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
@@ -149,12 +141,17 @@ def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) 
 
 
 def _beside(value: float, near: float, spectra: Spectra) -> int | None:
-    """Number of growing eigenvalues half-way to the next value. Raises Hole if there is no steady sliding there."""
+    """Number of growing eigenvalues half-way to the next value; None where they are not valid.
+
+    Raises Hole if there is no steady sliding there.
+    """
     middle = 0.5 * (value + near)
-    found = growing(spectra(middle))
-    if found is None and spectra(value).counts and spectra(near).counts:
+    between = spectra(middle)
+    if between.counts:
+        return int(np.count_nonzero(between.rates.real > none(between.rates)))
+    if spectra(value).counts and spectra(near).counts:
         raise Hole(middle)
-    return found
+    return None
 
 
 def _gaps(grid: Sequence[float], spectra: Spectra) -> Iterator[Gap]:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from rig.analysis import kernel_shapes
 from rig.analysis.axis import Axis
 from rig.analysis.cycle import stuck
-from rig.analysis.eigenvalue_curves import Growth, brackets, looked, none, root, stretches
+from rig.analysis.eigenvalue_curves import Growth, none, roots
 from rig.analysis.map.dither import boundary
 from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, Unit
 from rig.analysis.map.steady_state import (
@@ -273,7 +273,8 @@ class Track:
                 spent += span * self.step
                 state = judge.take(window)
                 if state != UNDECIDED:
-                    self._fit(window)
+                    if window.sticks > _MANY or not window.share:
+                        self.window_ticks = max(self._short, self.window_ticks // 2)
                     return Point(state, window, spent)
                 if 0.0 < window.share and window.sticks < _FEW and 4 * span * self.step < longest:
                     self.window_ticks = 2 * span
@@ -289,10 +290,6 @@ class Track:
         at = self.sliding(self.value)
         rates = [abs(float(sector.row @ (at.modes.A @ at.x))) / sector.period for sector in self._system.sectors]
         return min(_ROOM, math.ceil(1.0 / (min(rates) * self.step))) if min(rates) > 0.0 else self._short
-
-    def _fit(self, window: Window) -> None:
-        if window.sticks > _MANY or not window.share:
-            self.window_ticks = max(self._short, self.window_ticks // 2)
 
     def _watch(self, ticks: int) -> Window:
         """Simulate one window and return its statistics."""
@@ -366,10 +363,9 @@ class Row:
             self.tables["frequency"] = np.array([abs(rate.imag) / (2.0 * math.pi) for rate, _ in seen])
             self.tables["onset"] = np.array(self._onsets(least), dtype=np.float64)
         numbers = range(len(self.x))
-        if "up" in asked:
-            self._carry("up", numbers, self._standing)
+        end = self._carry("up", numbers, self._standing) if "up" in asked else None
         if "down" in asked:
-            self._carry("down", numbers[::-1], None if "up" in asked else self._standing)
+            self._carry("down", numbers[::-1], lambda i: end or self._standing(i))
         for i in numbers:
             if "near" in asked:
                 self._write("near", i, *self._at_near(i))
@@ -401,10 +397,11 @@ class Row:
             return None
         return at
 
-    def _tried(self, carried: Callable[[], Point]) -> tuple[Point, Array]:
+    def _tried(self, begin: Callable[[], object], near: bool = False) -> tuple[Point, Array]:
         """The steady state of a run and its maxima; a run that has to stop records why, and the map continues."""
         try:
-            point = carried()
+            begin()
+            point = self.track.settle(near)
         except (NumericsError, Singular) as error:
             point = stopped(error)
         return point, self._none() if point.state == STOPPED else self._maxima()
@@ -413,12 +410,7 @@ class Row:
         at = self._sliding[i]
         if at is None:
             return stopped(self._singular[i]), self._none()
-
-        def start() -> Point:
-            self.track.put(self.x[i], self.track.far(at))
-            return self.track.settle()
-
-        return self._tried(start)
+        return self._tried(lambda: self.track.put(self.x[i], self.track.far(at)))
 
     def _at_near(self, i: int) -> tuple[Point, Array]:
         """The near start of a point; the rig stays in the state in which it has settled."""
@@ -432,22 +424,19 @@ class Row:
             return stopped(self._singular[i]), self._none()
         if not at.exists:
             return NOTHING, self._none()
-
-        def start() -> Point:
-            self.track.put(self.x[i], self.track.near(at))
-            return self.track.settle(near=True)
-
-        point, maxima = self._tried(start)
+        point, maxima = self._tried(lambda: self.track.put(self.x[i], self.track.near(at)), near=True)
         self._near[i] = point, None if point.state == STOPPED else self.track.here(), maxima
         return point, maxima
 
-    def _carry(self, name: str, numbers: Iterable[int], start: Callable[[int], tuple[Point, Array]] | None) -> None:
-        """One carried run over the points; `start` None: it continues from the end of the run before."""
+    def _carry(
+        self, name: str, numbers: Iterable[int], start: Callable[[int], tuple[Point, Array]]
+    ) -> tuple[Point, Array]:
+        """One carried run over the points, which begins with `start` of the first one; return where it ends."""
         point, maxima = NOTHING, np.zeros(0)
         before = -1
         for i in numbers:
             if before < 0:
-                point, maxima = start(i) if start else self._again(i)
+                point, maxima = start(i)
             elif point.state in (SLIDING, STOPPED) and (at := self._sliding[i]) is not None and at.exists:
                 point, maxima = self._at_near(i)
             elif point.state == STOPPED or self._sliding[i] is None:  # nothing is left to be carried on
@@ -456,13 +445,7 @@ class Row:
                 point, maxima = self._step(name, self.x[before], self.x[i], point.state in ALIVE)
             self._write(name, i, point, maxima)
             before = i
-
-    def _again(self, i: int) -> tuple[Point, Array]:
-        """The end of `up`: its result there holds."""
-        up, t = RUNS.index("up"), self.tables
-        low, high, rms, share, period = (float(t[name][up, i]) for name in OF_WINDOW)
-        window = BLANK._replace(low=low, high=high, rms=rms, share=share, period=period)
-        return Point(int(t["state"][up, i]), window, 0.0, str(t["why"][up, i])), t["section"][up, i]
+        return point._replace(spent=0.0), maxima
 
     def _step(self, name: str, start: float, to: float, alive: bool) -> tuple[Point, Array]:
         """Move to the next point. A vibration that is lost on the way is carried there again in ever smaller steps.
@@ -470,7 +453,7 @@ class Row:
         It may be lost because the step was too large, and not because the cycle ends.
         """
         place = self.track.here()
-        found, maxima = self._go(to)
+        found, maxima = self._tried(lambda: self.track.move(to))
         if not alive or found.state in ALIVE or found.state == STOPPED:
             return found, maxima
         lost, dead = self.track.here(), to
@@ -480,7 +463,7 @@ class Row:
             if abs(to - value) < 0.5 * least:
                 value = to
             self.track.back(place)
-            point, latest = self._go(value)
+            point, latest = self._tried(partial(self.track.move, value))
             if point.state not in ALIVE:
                 dead, gap = value, 0.5 * gap
             elif value == to:
@@ -490,13 +473,6 @@ class Row:
         self.tables["end"][RUNS.index(name)] = place.value, dead
         self.track.back(lost)
         return found, maxima
-
-    def _go(self, value: float) -> tuple[Point, Array]:
-        def on() -> Point:
-            self.track.move(value)
-            return self.track.settle()
-
-        return self._tried(on)
 
     def _none(self) -> Array:
         return np.full(self.settings.section, np.nan)
@@ -532,12 +508,7 @@ class Row:
             rate, none = known[value]
             return None if math.isnan(rate.real) else Growth(np.array([rate.real]), np.array([none]))
 
-        def look(grid: list[float]) -> list[float]:
-            return [
-                root(bracket, growths) for stretch in stretches(grid, growths) for bracket in brackets(stretch, growths)
-            ]
-
-        return [at for at in looked(self._next, growths, look) if at != self._next[-1] or at == self.x[-1]]
+        return [at for at in roots(self._next, growths) if at != self._next[-1] or at == self.x[-1]]
 
 
 def units(job: Job) -> Work:
