@@ -1,18 +1,6 @@
-"""Figures of analyses: limit cycle, sweep, identification, control loop, amplitudes, runs with different seeds.
+"""Figures of analyses: limit cycle, vibration modes, sweep, identification, control loop, amplitudes, runs with seeds.
 
-Amplitudes of a recording as a picture: one plot for each sensor, one bar for each stage of the run.
-
-A limit cycle as a picture: outputs over one period, phase portrait, Floquet multipliers.
-
-The measurements of an identification experiment as a picture, with the model that was fitted to them.
-
-Control loops as pictures: the response of the open loop with its margins; and the report of `rig loop`, with the
-delay budget as a bar and the decay over delay, jitter and loss.
-
-Eigenvalues as pictures. Of a scene: its modes in the plane of growth and frequency. Of a sweep: growth and frequency
-over the key, and the root locus.
-
-The spread of runs with different seeds as a picture: openings, every number over its median, the spectrum.
+Each function takes a result and returns its figure; a class of results names its function in `FIGURE` (rig.results).
 """
 
 from __future__ import annotations
@@ -36,7 +24,7 @@ from rig.analysis.sweep import Sweep
 from rig.errors import UsageError
 from rig.view.channels import Channels
 from rig.view.curves import Bools, apart
-from rig.view.palette import ALARM, BLUE, GREY, LINES, VERMILION, page
+from rig.view.palette import ALARM, BLUE, GREY, LINES, VERMILION, drawn, headline, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,13 +69,12 @@ _PLOTS = 3
 _STICK = "#d9dde3"
 
 
-def cycle_figure(cycle: Cycle) -> Figure:
-    """Return the figure of a limit cycle; a search that found none gives one with the reason."""
-    with page(12.8, 6.6) as figure:
-        figure.suptitle(_title(cycle), x=0.07, ha="left", wrap=True)
-        if cycle.found:
-            _compose_cycle(figure, cycle)
-    return figure
+@drawn(12.8, 6.6)
+def cycle_figure(figure: Figure, cycle: Cycle) -> None:
+    """Draw a limit cycle; a search that found none gives one with the reason."""
+    figure.suptitle(_title(cycle), x=0.07, ha="left", wrap=True)
+    if cycle.found:
+        _compose_cycle(figure, cycle)
 
 
 def _title(cycle: Cycle) -> str:
@@ -110,8 +97,7 @@ def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
             axes.plot(cycle.time, cycle.outputs[name], color=channels.colours[name], lw=1.6, label=_plain(name))
         for begin, end in cycle.sticking:
             axes.axvspan(begin, end, color=_STICK, lw=0.0, zorder=0)
-        axes.set_ylabel(panel.title)
-        axes.set_xlim(0.0, cycle.period)
+        axes.set(ylabel=panel.title, xlim=(0.0, cycle.period))
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=4, fontsize=8, frameon=False, handlelength=1.0)
         axes.tick_params(labelbottom=axes is rows[-1])
     sticks = f"; grey: {_plain(next(iter(cycle.stick_time)))} sticks" if cycle.sticking else ""
@@ -125,9 +111,11 @@ def _compose_cycle(figure: Figure, cycle: Cycle) -> None:
 def _portrait(axes: Axes, cycle: Cycle, displacement: str, velocity: str) -> None:
     style = "--" if cycle.repels else "-"
     axes.plot(cycle.outputs[displacement], cycle.outputs[velocity], style, color=BLUE, lw=1.4)
-    axes.set_xlabel(f"{_plain(displacement)} [{cycle.units[displacement]}]")
-    axes.set_ylabel(f"{_plain(velocity)} [{cycle.units[velocity]}]")
-    axes.set_title("phase portrait" + "; dashed: the cycle is unstable" * cycle.repels)
+    axes.set(
+        xlabel=f"{_plain(displacement)} [{cycle.units[displacement]}]",
+        ylabel=f"{_plain(velocity)} [{cycle.units[velocity]}]",
+        title="phase portrait" + "; dashed: the cycle is unstable" * cycle.repels,
+    )
 
 
 def _multipliers(axes: Axes, cycle: Cycle) -> None:
@@ -138,10 +126,10 @@ def _multipliers(axes: Axes, cycle: Cycle) -> None:
     axes.plot(values.real[~out], values.imag[~out], "o", color=BLUE, ms=5)
     axes.plot(values.real[out], values.imag[out], "x", color=VERMILION, ms=7, mew=1.6)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("real part")
-    axes.set_ylabel("imaginary part")
-    axes.set_title(
-        "Floquet multipliers; outside of the circle (x): unstable" if values.size else "no Floquet multipliers"
+    axes.set(
+        xlabel="real part",
+        ylabel="imaginary part",
+        title="Floquet multipliers; outside of the circle (x): unstable" if values.size else "no Floquet multipliers",
     )
 
 
@@ -152,62 +140,26 @@ def _plain(name: str) -> str:
 _MEASURED, _MODEL = BLUE, VERMILION
 
 
-def identification_figure(found: Identified) -> Figure:
-    """Return the figure of `found`; its title has the identified parameters."""
-    fit = found.fit
-    with page(7.0, 4.2, layout="constrained") as figure:
-        values = ", ".join(f"{one.key} = {one.found:.4g}{_unit(one.unit)}" for one in found.parameters)
-        figure.suptitle(f"{found.scene}: {found.experiment}\n{values}", ha="center")
-        axes = figure.add_subplot()
-        axes.plot(fit.x, fit.y, "o", color=_MEASURED, markersize=3, label="measured")
-        axes.plot(fit.model_x, fit.model_y, color=_MODEL, linewidth=1.2, label="fitted")
-        axes.set_xlabel(fit.x_name)
-        axes.set_ylabel(fit.y_name)
-        axes.legend()
-    return figure
+@drawn(7.0, 4.2, layout="constrained")
+def identification_figure(figure: Figure, identified: Identified) -> None:
+    """Draw `identified`; its title has the identified parameters."""
+    fit = identified.fit
+    values = ", ".join(f"{p.key} = {p.found:.4g}{_unit(p.unit)}" for p in identified.parameters)
+    figure.suptitle(f"{identified.scene}: {identified.experiment}\n{values}", ha="center")
+    axes = figure.add_subplot()
+    axes.plot(fit.x, fit.y, "o", color=_MEASURED, markersize=3, label="measured")
+    axes.plot(fit.model_x, fit.model_y, color=_MODEL, linewidth=1.2, label="fitted")
+    axes.set(xlabel=fit.x_name, ylabel=fit.y_name)
+    axes.legend()
 
 
 def _unit(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def loop_report_figure(report: LoopReport) -> Figure:
-    """Return the figure of `report`."""
-    with page(12.8, 6.6) as figure:
-        _compose_loop(figure, report)
-    return figure
-
-
-def loop_figure(found: Loop) -> Figure:
-    """Return gain and phase of the open loop over frequency, with the margins."""
-    omega = found.frequencies
-    hertz, response = omega / (2.0 * math.pi), found.response(omega)
-    state = f"stable, decay rate {-found.growth:.4g} 1/s" if found.growth < 0.0 else "unstable"
-    title = f"{found.scene}: loop of {found.controller}, {state}"
-    with page(8.4, 6.0, title, layout="constrained") as figure:
-        size, phase = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, 1.0))
-        size.loglog(hertz, np.abs(response), color=LINES[0])
-        size.axhline(1.0, color=GREY, lw=0.9)
-        angle = np.degrees(np.angle(response))
-        angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan  # a step of a turn is no line
-        phase.semilogx(hertz, angle, color=LINES[0])
-        margins = found.margins
-        if margins is not None and math.isfinite(margins["phase"]):
-            text = {
-                "phase": f"phase margin {math.degrees(margins['phase']):.3g} deg",
-                "delay": f"delay margin {1e3 * margins['delay']:.3g} ms",
-            }
-            for (kind, label), style in zip(text.items(), ("--", ":")):
-                for axes in (size, phase):
-                    axes.axvline(margins[f"{kind}_hertz"], color=ALARM, lw=1.0, ls=style, label=label)
-            size.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-        size.set_ylabel("gain of the open loop, ratio")
-        phase.set(ylabel="phase [degree]", ylim=(-190.0, 190.0), yticks=(-180, -90, 0, 90, 180))
-        phase.set_xlabel("frequency [Hz]")
-    return figure
-
-
-def _compose_loop(figure: Figure, report: LoopReport) -> None:
+@drawn(12.8, 6.6)
+def loop_report_figure(figure: Figure, report: LoopReport) -> None:
+    """Draw `report`."""
     grid = figure.add_gridspec(2, 3, height_ratios=(1, 1.5), left=0.07, right=0.985, top=0.86, bottom=0.09,
                                hspace=0.5, wspace=0.24)  # fmt: skip
     figure.suptitle(f"{report.scene}: loop of {report.found.controller}", x=0.07, ha="left", weight="bold")
@@ -222,23 +174,46 @@ def _compose_loop(figure: Figure, report: LoopReport) -> None:
             axes.set_ylabel("decay rate [1/s]")
 
 
+@drawn(8.4, 6.0, layout="constrained")
+def loop_figure(figure: Figure, loop: Loop) -> None:
+    """Draw gain and phase of the open loop over frequency, with the margins."""
+    omega = loop.frequencies
+    hertz, response = omega / (2.0 * math.pi), loop.response(omega)
+    state = f"stable, decay rate {-loop.growth:.4g} 1/s" if loop.growth < 0.0 else "unstable"
+    headline(figure, f"{loop.scene}: loop of {loop.controller}, {state}")
+    size, phase = figure.subplots(2, 1, sharex=True, height_ratios=(1.3, 1.0))
+    size.loglog(hertz, np.abs(response), color=LINES[0])
+    size.axhline(1.0, color=GREY, lw=0.9)
+    angle = np.degrees(np.angle(response))
+    angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan  # a step of a turn is no line
+    phase.semilogx(hertz, angle, color=LINES[0])
+    margins = loop.margins
+    if margins is not None and math.isfinite(margins["phase"]):
+        text = {
+            "phase": f"phase margin {math.degrees(margins['phase']):.3g} deg",
+            "delay": f"delay margin {1e3 * margins['delay']:.3g} ms",
+        }
+        for (kind, label), style in zip(text.items(), ("--", ":")):
+            for axes in (size, phase):
+                axes.axvline(margins[f"{kind}_hertz"], color=ALARM, lw=1.0, ls=style, label=label)
+        size.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    size.set_ylabel("gain of the open loop, ratio")
+    phase.set(ylabel="phase [degree]", ylim=(-190.0, 190.0), yticks=(-180, -90, 0, 90, 180), xlabel="frequency [Hz]")
+
+
 def _budget(axes: Axes, report: LoopReport) -> None:
-    """A bar of the delays one after the other, then the margin that is left."""
+    """A bar of the delays item after the other, then the margin that is left."""
     at = 0.0
     margin = report.found.margins
-    for i, one in enumerate([one for one in report.items if one.seconds > 0.0]):
-        axes.barh(0.0, 1e3 * one.seconds, left=at, height=0.5, color=LINES[i % len(LINES)], label=one.part)
-        at += 1e3 * one.seconds
+    for i, item in enumerate([item for item in report.items if item.seconds > 0.0]):
+        axes.barh(0.0, 1e3 * item.seconds, left=at, height=0.5, color=LINES[i % len(LINES)], label=item.part)
+        at += 1e3 * item.seconds
     if margin is not None and margin["delay"] < 1e3:
-        bus = sum(1e3 * one.seconds for one in report.items if one.part.startswith("bus"))
+        bus = sum(1e3 * item.seconds for item in report.items if item.part.startswith("bus"))
         left = max(1e3 * margin["delay"] - bus, 0.0)
         axes.barh(0.0, left, left=at, height=0.5, color="white", edgecolor=GREY, hatch="//", label="delay margin")
         at += left
-    axes.set_xlim(0.0, at or 1.0)
-    axes.set_ylim(-0.5, 0.5)
-    axes.set_yticks([])
-    axes.set_xlabel("delay [ms]")
-    axes.set_title("delay budget")
+    axes.set(xlim=(0.0, at or 1.0), ylim=(-0.5, 0.5), yticks=[], xlabel="delay [ms]", title="delay budget")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.32), ncols=5, fontsize=8.5)
 
 
@@ -249,35 +224,29 @@ _COLOURS = (*LINES, GREY)
 _MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
 
 
-def sweep_figure(sweep: Sweep) -> Figure:
-    """Return the figure of `sweep`."""
-    with page(12.8, 6.6) as figure:
-        compose(figure, sweep)
-    return figure
-
-
-def modes_figure(found: Modes) -> Figure:
-    """Return the modes in the plane of growth rate and frequency. Raises UsageError without steady sliding."""
-    groups = [(found.sliding, "o", ""), (found.dithered, "D", "forced" if found.slow else "dithered")]
+@drawn(8.4, 5.2, layout="constrained")
+def modes_figure(figure: Figure, modes: Modes) -> None:
+    """Draw the modes in the plane of growth rate and frequency. Raises UsageError without steady sliding."""
+    groups = [(modes.sliding, "o", ""), (modes.dithered, "D", "forced" if modes.slow else "dithered")]
     if not any(sliding and sliding.modes for sliding, *_ in groups):
-        raise UsageError(f"nothing to draw: no steady sliding at these values: {found.sliding.why}")
-    what = "steady sliding" if found.sliding.coefficient else "at rest"
-    with page(8.4, 5.2, f"{found.scene}: vibration modes, {what}", layout="constrained") as figure:
-        axes = figure.add_subplot()
-        for sliding, mark, how in groups:
-            for grows, colour in ((False, LINES[0]), (True, ALARM)):
-                rates = np.array([(m.growth, m.frequency) for m in (sliding.modes if sliding else ())])
-                if (shown := rates[(rates[:, 0] > 0.0) == grows] if rates.size else rates).size:
-                    label = ", ".join(filter(None, ("grows" if grows else "does not grow", how)))
-                    axes.plot(*shown.T, mark, color=colour, ms=6, mfc="none" if how else colour, label=label)
-        _zero(axes, upright=True)
-        axes.set(xlabel="growth rate [1/s]", ylabel="frequency [Hz]")
-        axes.set_ylim(-0.03 * axes.get_ylim()[1], 1.05 * axes.get_ylim()[1])
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-    return figure
+        raise UsageError(f"nothing to draw: no steady sliding at these values: {modes.sliding.why}")
+    what = "steady sliding" if modes.sliding.coefficient else "at rest"
+    headline(figure, f"{modes.scene}: vibration modes, {what}")
+    axes = figure.add_subplot()
+    for sliding, mark, how in groups:
+        for grows, colour in ((False, LINES[0]), (True, ALARM)):
+            rates = np.array([(m.growth, m.frequency) for m in (sliding.modes if sliding else ())])
+            if (shown := rates[(rates[:, 0] > 0.0) == grows] if rates.size else rates).size:
+                label = ", ".join(filter(None, ("grows" if grows else "does not grow", how)))
+                axes.plot(*shown.T, mark, color=colour, ms=6, mfc="none" if how else colour, label=label)
+    _zero(axes, upright=True)
+    axes.set(xlabel="growth rate [1/s]", ylabel="frequency [Hz]")
+    axes.set_ylim(-0.03 * axes.get_ylim()[1], 1.05 * axes.get_ylim()[1])
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
 
 
-def compose(figure: Figure, sweep: Sweep) -> None:
+@drawn(12.8, 6.6)
+def sweep_figure(figure: Figure, sweep: Sweep) -> None:
     """Draw growth, frequency and root locus of a sweep into `figure`."""
     grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1), left=0.07, right=0.985, top=0.855, bottom=0.09,
                                hspace=0.12, wspace=0.2)  # fmt: skip
@@ -304,14 +273,12 @@ def compose(figure: Figure, sweep: Sweep) -> None:
         _zero(axes, upright=axes is locus)
     growth.set_ylabel("growth [1/s]")
     growth.tick_params(labelbottom=False)
-    frequency.set_ylabel("frequency [Hz]")
-    frequency.set_xlabel(sweep.axis.title)
+    frequency.set(ylabel="frequency [Hz]", xlabel=sweep.axis.title)
     if np.any(seen):
         low, high = float(np.nanmin(hertz)), float(np.nanmax(hertz))
         margin = max(0.08 * (high - low), 0.02 * high, 1e-9)  # a nearly constant curve must look constant
         frequency.set_ylim(low - margin, high + margin)
-    locus.set_xlabel("growth [1/s]")
-    locus.set_ylabel("frequency [Hz]")
+    locus.set(xlabel="growth [1/s]", ylabel="frequency [Hz]")
     locus.set_title("root locus")
     figure.align_ylabels((growth, frequency))
     what = f"loop of {sweep.loop}" if sweep.loop else "steady sliding"
@@ -322,8 +289,8 @@ def compose(figure: Figure, sweep: Sweep) -> None:
 
 
 def _jumps(sweep: Sweep) -> Bools:
-    """Whether a rate jumps between a value and the next one [n - 1]."""
-    at = np.array([one.value for one in sweep.critical if one.kind == "jump"])
+    """Whether a rate jumps between a value and the next crossing [n - 1]."""
+    at = np.array([crossing.value for crossing in sweep.critical if crossing.kind == "jump"])
     ends = np.sort(np.stack([sweep.axis.values[:-1], sweep.axis.values[1:]]), axis=0)
     return np.asarray(np.any((ends[0, :, None] <= at) & (at <= ends[1, :, None]), axis=1))
 
@@ -338,12 +305,12 @@ def _part(rates: Array, grows: bool) -> Array:
 
 
 def _critical(sweep: Sweep, growth: Axes, frequency: Axes, locus: Axes) -> None:
-    for one in sweep.critical:
-        value, mark = one.value / sweep.axis.scale, _MARK[one.kind]
-        label = f"{one.kind} at {sweep.axis.text(one.value)}"
+    for crossing in sweep.critical:
+        value, mark = crossing.value / sweep.axis.scale, _MARK[crossing.kind]
+        label = f"{crossing.kind} at {sweep.axis.text(crossing.value)}"
         growth.plot([value], [0.0], mark, color=ALARM, ms=7, zorder=4, label=label)
-        frequency.plot([value], [one.frequency], mark, color=ALARM, ms=7, zorder=4)
-        locus.plot([0.0], [one.frequency], mark, color=ALARM, ms=7, zorder=4)
+        frequency.plot([value], [crossing.frequency], mark, color=ALARM, ms=7, zorder=4)
+        locus.plot([0.0], [crossing.frequency], mark, color=ALARM, ms=7, zorder=4)
         for axes in (growth, frequency):
             axes.axvline(value, color=ALARM, lw=0.8, ls=":", zorder=1)
     if sweep.critical:
@@ -368,43 +335,44 @@ _MOST = 24  # numbers in the picture
 _COLOUR, _BAND = BLUE, "#b9cce4"
 
 
-def repeats_figure(found: Repeats) -> Figure:
-    """Return the figure of the spread. Raises UsageError if no run was simulated."""
-    if not found.seen:
-        raise UsageError(f"nothing to draw: {found.ended or 'no run was simulated'}")
-    with page(12.0, 7.0, layout="constrained", dpi=100) as figure:
-        left, right = figure.subplots(1, 2)
-        _numbers(left, found)
-        _spectrum(right, found)
-        figure.suptitle(f"{found.scene}: {len(found.seen)} runs with seeds {found.seeds[0]} to {found.seeds[-1]}")
-    return figure
+@drawn(12.0, 7.0, layout="constrained", dpi=100)
+def repeats_figure(figure: Figure, repeats: Repeats) -> None:
+    """Draw the spread. Raises UsageError if no run was simulated."""
+    if not repeats.seen:
+        raise UsageError(f"nothing to draw: {repeats.ended or 'no run was simulated'}")
+    left, right = figure.subplots(1, 2)
+    _numbers(left, repeats)
+    _spectrum(right, repeats)
+    figure.suptitle(f"{repeats.scene}: {len(repeats.seen)} runs with seeds {repeats.seeds[0]} to {repeats.seeds[-1]}")
 
 
-def _numbers(axes: Axes, found: Repeats) -> None:
+def _numbers(axes: Axes, repeats: Repeats) -> None:
     """Every number of every run over its median."""
-    shown = [one for one in found.spreads if one.median and one.least != one.greatest][:_MOST]
-    for place, one in enumerate(shown):
-        ratio = np.array(found.values(one.name)) / one.median
+    shown = [spread for spread in repeats.spreads if spread.median and spread.least != spread.greatest][:_MOST]
+    for place, spread in enumerate(shown):
+        ratio = np.array(repeats.values(spread.name)) / spread.median
         axes.plot(ratio, np.full(len(ratio), -place), ".", color=_COLOUR, alpha=0.6)
-    labels = [f"{one.name}  {one.median:.4g} {one.unit}".rstrip(" 1") for one in shown]
+    labels = [f"{spread.name}  {spread.median:.4g} {spread.unit}".rstrip(" 1") for spread in shown]
     axes.set_yticks([-place for place in range(len(shown))], labels, fontsize=8)
     axes.set_xlabel("ratio to the median, which stands beside the name")
-    opened = found.values(ONSET)
-    axes.set_title(f"{len(opened)} of {len(found.seen)} runs open" if opened else "spread over the seeds")
+    opened = repeats.values(ONSET)
+    axes.set_title(f"{len(opened)} of {len(repeats.seen)} runs open" if opened else "spread over the seeds")
 
 
-def _spectrum(axes: Axes, found: Repeats) -> None:
+def _spectrum(axes: Axes, repeats: Repeats) -> None:
     """Median and range of the spectra, line by line."""
-    seen = [one for one in found.seen if one.s]
+    seen = [run for run in repeats.seen if run.s]
     if not seen:
         axes.set_axis_off()
         axes.text(0.5, 0.5, "no run is long enough for a spectrum", ha="center", transform=axes.transAxes)
         return
     f = np.array(seen[0].f)[1:]
-    s = np.array([one.s for one in seen if len(one.s) == len(seen[0].s)])[:, 1:]
+    s = np.array([run.s for run in seen if len(run.s) == len(seen[0].s)])[:, 1:]
     axes.fill_between(f, s.min(axis=0), s.max(axis=0), color=_BAND, label="range")
     axes.semilogy(f, np.median(s, axis=0), color=_COLOUR, label="median")
-    axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel(f"power spectral density of {seen[0].name} [({seen[0].unit})$^2$/Hz]")
-    axes.set_title(f"spectrum, {len(s)} runs")
+    axes.set(
+        xlabel="frequency [Hz]",
+        ylabel=f"power spectral density of {seen[0].name} [({seen[0].unit})$^2$/Hz]",
+        title=f"spectrum, {len(s)} runs",
+    )
     axes.legend()

@@ -28,6 +28,7 @@ from rig.controllers.blocks.base import (
     Numbers,
     OptionalHertz,
     OptionalSpeed,
+    SceneController,
     Values,
 )
 from rig.controllers.blocks.design import Rig
@@ -82,16 +83,14 @@ class Search(NamedTuple):
     speed: float = -1.0
 
 
-class DitherSearch:
+class DitherSearch(SceneController[Dither]):
     """The controller; it commands amplitude, frequency and enable of the generator."""
 
     drives = ("dither.amplitude", "dither.frequency", "dither.enable")
 
     def __init__(self, section: Dither, numbers: Numbers) -> None:
-        self.section = section
-        self.numbers = numbers
-        self.reads = (section.sensor,) if section.speed_sensor is None else (section.sensor, section.speed_sensor)
-        self.period_ns = section.period
+        super().__init__(section, numbers)
+        self.reads += () if section.speed_sensor is None else (section.speed_sensor,)
         speed = section.speed if section.speed is not None else numbers.get("nominal")
         if speed is None and section.speed_sensor is None:
             raise UsageError("speed: is neither stated nor measured, and dither below the belt speed makes it worse")
@@ -117,16 +116,15 @@ class DitherSearch:
         amplitude, frequency = rig.actuator("dither.amplitude"), rig.actuator("dither.frequency")
         if amplitude is None or frequency is None:
             raise ValueError("kind: commands a dither generator, and the scene has no [dither]")
-        found: dict[str, Any] = {"frequency": frequency.value}
-        found["read_scale"] = rig.read_scale(section.sensor)
+        numbers: dict[str, Any] = {"frequency": frequency.value, "read_scale": rig.read_scale(section.sensor)}
         if amplitude.unit == "N":
             if not rig.pushed_by("dither.sin"):
                 raise ValueError("kind: searches a tangential dither; the generator of this scene acts on the load")
-            found["force_per_hertz"] = 2.0 * math.pi * rig.inertia
-        found["nominal"] = rig.surface_speed
+            numbers["force_per_hertz"] = 2.0 * math.pi * rig.inertia
+        numbers["nominal"] = rig.surface_speed
         if section.speed_sensor is not None:
-            found["speed_scale"] = rig.speed_scale(section.speed_sensor)
-        return found
+            numbers["speed_scale"] = rig.speed_scale(section.speed_sensor)
+        return numbers
 
     def start(self) -> Search:
         """The state before the first sample: dither is off."""

@@ -15,7 +15,7 @@ from typing import Any, Literal, Self
 
 from pydantic import model_validator
 
-from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalSpeed, Values
+from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalSpeed, SceneController, Values
 from rig.controllers.blocks.design import Rig
 from rig.errors import UsageError
 from rig.quantities import Hertz, MetrePerSecond, PositiveMetrePerSecond, Second, Speed
@@ -40,16 +40,13 @@ class SampledDither(ControllerSection):
         return self
 
 
-class SampledDitherSignal:
+class SampledDitherSignal(SceneController[SampledDither]):
     """A sine of the simulated time; it has no sensor and no state."""
 
     reads = ()
 
     def __init__(self, section: SampledDither, numbers: Numbers) -> None:
-        self.section = section
-        self.numbers = numbers
-        self.drives = (section.drive,)
-        self.period_ns = section.period
+        super().__init__(section, numbers)
         nominal = section.nominal if section.nominal is not None else numbers.get("nominal")
         if nominal is None:
             raise UsageError("nominal: is not stated, and the design step gives no number for it")

@@ -48,8 +48,8 @@ class Fmu(CompiledSection):
     def keys(cls, file: Binary) -> tuple[Sequence[Signal], Sequence[Signal], Sequence[Parameter], int | None]:
         """See `CompiledSection.keys`."""
         about = file.about
-        inputs = [Signal(one["name"], one["unit"]) for one in about["inputs"]]
-        names = tuple(one.name for one in inputs)
+        inputs = [Signal(row["name"], row["unit"]) for row in about["inputs"]]
+        names = tuple(signal.name for signal in inputs)
         outputs = [
             Signal(o["name"], o["unit"], names if o["direct"] is None else (*o["direct"],)) for o in about["outputs"]
         ]
@@ -73,18 +73,16 @@ class Fmu(CompiledSection):
 
     def faults(self) -> list[str]:
         """See `CompiledSection.faults`."""
-        found = []
+        faults = []
         for key, signals in (("inputs", self.all_inputs), ("outputs", self.all_outputs)):
-            known = [one.name for one in signals]
-            unknown = [name for name in getattr(self, key) if name not in known]
-            found += [f"{key}: {self.file} has no real {key[:-1]} {name:.80}; it has {', '.join(known) or 'none'}"
-                      for name in unknown]  # fmt: skip
-        if not found:
-            found = super().faults()
+            known = [signal.name for signal in signals]
+            faults += [f"{key}: {self.file} has no real {key[:-1]} {name:.80}; it has {', '.join(known) or 'none'}"
+                       for name in getattr(self, key) if name not in known]  # fmt: skip
+        faults = faults or super().faults()
         step, period = self.file.about["step"], self.period * 1e-9
         if step is not None and (step <= 0.0 or abs(period / step - round(period / step)) > 1e-9 or period < step):
-            found.append(f"period: {period:g} s is not a multiple of {step:g} s, the fixed step of {self.file}")
-        return found
+            faults.append(f"period: {period:g} s is not a multiple of {step:g} s, the fixed step of {self.file}")
+        return faults
 
     def notes(self) -> Iterator[str]:
         """What its user must know before a run."""
@@ -101,7 +99,7 @@ def _key(name: str) -> str:
 
 
 def _chosen(signals: tuple[Signal, ...], names: tuple[str, ...]) -> tuple[Signal, ...]:
-    known = {one.name: one for one in signals}
+    known = {signal.name: signal for signal in signals}
     return tuple(known[name] for name in names if name in known) if names else signals
 
 
@@ -151,8 +149,8 @@ class FmuController:
         about = section.file.about
         self._inputs = _rows(about["inputs"], section.used_inputs)
         self._outputs = _rows(about["outputs"], section.used_outputs)
-        self._scaled = any((one["factor"], one["offset"]) != (1.0, 0.0) for one in (*self._inputs, *self._outputs))
-        self._values = [_to_fmu(one, value) for one, value in zip(about["parameters"], section.values())]
+        self._scaled = any((row["factor"], row["offset"]) != (1.0, 0.0) for row in (*self._inputs, *self._outputs))
+        self._values = [_to_fmu(row, value) for row, value in zip(about["parameters"], section.values())]
         pairs = [(p["vr"], value) for p, value in zip(about["parameters"], self._values) if p["tunable"]]
         self.tunable = [vr for vr, _ in pairs], [value for _, value in pairs]
         self._unit: Unit | None = None
@@ -160,7 +158,9 @@ class FmuController:
     def start(self) -> Moment:
         """A new instance, which is initialised at the time of its first step."""
         rows = (self._inputs, self._outputs, self.section.file.about["parameters"])
-        self._unit = unit = _Instance(self.section.file, *([one["vr"] for one in some] for some in rows), self._values)
+        self._unit = unit = _Instance(
+            self.section.file, *([row["vr"] for row in signals] for signals in rows), self._values
+        )
         return Moment(unit, 0, -1)
 
     def update(self, state: Moment, t_ns: int, values: Values) -> tuple[Moment, Values]:
@@ -178,11 +178,9 @@ class FmuController:
         while next_ns < t_ns:
             unit.step(next_ns * 1e-9, self._h, None)
             next_ns += self.period_ns
-        if self._scaled:
-            given = unit.step(t_ns * 1e-9, self._h, list(map(_to_fmu, self._inputs, values)))
-            commands = tuple(map(_from_fmu, self._outputs, given))
-        else:
-            commands = tuple(unit.step(t_ns * 1e-9, self._h, values))
+        given: Sequence[float] = list(map(_to_fmu, self._inputs, values)) if self._scaled else values
+        answer = unit.step(t_ns * 1e-9, self._h, given)
+        commands = tuple(map(_from_fmu, self._outputs, answer) if self._scaled else answer)
         unit.steps = steps + 1
         return Moment(unit, steps + 1, next_ns + self.period_ns), commands
 
@@ -192,8 +190,8 @@ class FmuController:
 
 
 def _rows(variables: Iterable[dict[str, Any]], signals: Iterable[Signal]) -> list[dict[str, Any]]:
-    by_name = {one["name"]: one for one in variables}
-    return [by_name[one.name] for one in signals]
+    by_name = {row["name"]: row for row in variables}
+    return [by_name[signal.name] for signal in signals]
 
 
 def _to_fmu(row: dict[str, Any], value: float) -> float:

@@ -17,8 +17,8 @@ import numpy as np
 from annotated_types import Gt
 from pydantic import Strict, field_validator, model_validator
 
-from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Values
-from rig.controllers.blocks.design import Linear, Rig
+from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Values, dot
+from rig.controllers.blocks.design import Actuator, Linear, Rig
 from rig.controllers.blocks.system_file import (
     DEFAULT,
     METHODS,
@@ -94,14 +94,14 @@ class LTI(ControllerSection):
     @classmethod
     def _listed(cls, given: Any) -> Any:
         """A single name, or several with commas between them, as a list."""
-        return [one.strip() for one in given.split(",")] if isinstance(given, str) else given
+        return [name.strip() for name in given.split(",")] if isinstance(given, str) else given
 
     @field_validator("nominal", "lowest", "highest", mode="before")
     @classmethod
     def _each(cls, given: Any) -> Any:
         """A single level as a list of one; a text that is a number as this number."""
         levels = given if isinstance(given, list | tuple) or given is None else [given]
-        return levels and [_number(one) for one in levels]
+        return levels and [_number(level) for level in levels]
 
     @model_validator(mode="after")
     def _fits(self) -> LTI:
@@ -160,7 +160,7 @@ def table(given: System, raw: Mapping[str, Any]) -> dict[str, Any]:
     if raw.get("file"):
         own["file"] = Path(str(raw["file"])).name
     names = {"reads": given.inputs, "drives": tuple(map(_actuator, given.outputs))}
-    return own | {key: list(one) for key, one in names.items() if one and not raw.get(key)}
+    return own | {key: list(labels) for key, labels in names.items() if labels and not raw.get(key)}
 
 
 def _actuator(name: str) -> str:
@@ -206,23 +206,23 @@ class LinearController:
         """One level for each actuator, in its unit."""
         given = getattr(self.section, key)
         levels = tuple(default) if given is None else given * (len(self.drives) if len(given) == 1 else 1)
-        found = []
+        values = []
         for level, drive, unit in zip(levels, self.drives, units):
             if isinstance(level, str) and unit is None:
                 raise UsageError(f"{key}: is {level!r}; the unit of {drive} is not known here, state a number in SI")
             try:
-                found.append(finite(level, unit or "1") if isinstance(level, str) else float(level))
+                values.append(finite(level, unit or "1") if isinstance(level, str) else float(level))
             except ValueError as fault:
                 raise UsageError(f"{key}: {fault}, the unit of {drive}") from None
-        return tuple(found)
+        return tuple(values)
 
     @staticmethod
     def design(rig: Rig, section: LTI) -> dict[str, Any]:
         """Unit, value at the start and range of each actuator."""
-        found = [(drive, rig.actuator(drive)) for drive in section.drives]
-        if missing := [drive for drive, one in found if one is None]:
+        actuators = {drive: rig.actuator(drive) for drive in section.drives}
+        if missing := [drive for drive, actuator in actuators.items() if actuator is None]:
             raise ValueError(f"drives: the rig has no actuator {', '.join(missing)}")
-        numbers = dict(zip(("unit", "value", "low", "high"), map(list, zip(*(one for _, one in found if one)))))
+        numbers = dict(zip(Actuator._fields, map(list, zip(*filter(None, actuators.values())))))
         try:
             LinearController(section, numbers)
         except UsageError as fault:
@@ -234,8 +234,8 @@ class LinearController:
 
         def step(xi: Sequence[float], y: float) -> tuple[Sequence[float], float]:
             x = tuple(xi)
-            after = [_dot(a, x) + _dot(b, (y,)) for a, b in zip(self.a, self.b)]
-            return after, self.gain * (_dot(self.c[0], x) + _dot(self.d[0], (y,)))
+            after = [dot(a, x) + dot(b, (y,)) for a, b in zip(self.a, self.b)]
+            return after, self.gain * (dot(self.c[0], x) + dot(self.d[0], (y,)))
 
         return Linear(len(self.a), step, gain="gain")
 
@@ -246,7 +246,7 @@ class LinearController:
     def update(self, state: Values, t_ns: int, values: Values) -> tuple[Values, Values]:
         """Next state, and the commands [unit of each actuator]."""
         free = tuple([
-            nominal + self.gain * (_dot(c, state) + _dot(d, values))
+            nominal + self.gain * (dot(c, state) + dot(d, values))
             for nominal, c, d in zip(self.nominal, self.c, self.d)
         ])  # fmt: skip
         given = tuple([
@@ -254,13 +254,6 @@ class LinearController:
         ])  # fmt: skip
         cut = tuple([self.inverse * (u - v) for low, u, v in zip(self.low, given, free)])
         after = tuple([
-            _dot(a, state) + _dot(b, values) + _dot(back, cut) for a, b, back in zip(self.a, self.b, self.back)
+            dot(a, state) + dot(b, values) + dot(back, cut) for a, b, back in zip(self.a, self.b, self.back)
         ])  # fmt: skip
         return after, given
-
-
-def _dot(a: Values, b: Values) -> float:
-    total = 0.0
-    for x, y in zip(a, b):  # `sum` rounds differently in newer Python versions
-        total += x * y
-    return total

@@ -14,16 +14,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from rig.controllers.blocks.base import ControllerSection, Gain, Numbers, Values
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.controllers.blocks.base import ControllerSection, Gain, Numbers, SceneController, Values, require
 from rig.controllers.blocks.design import Linear, Rig
-from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveVolt, Second, Speed
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 Modes = tuple[complex, ...]
 LEAST = 1e-6  # least disturbance of each mode, as a share of that of all modes
@@ -55,18 +53,12 @@ class NarrowBand(ControllerSection):
     drive: str = "amplifier.voltage"
 
 
-class NarrowBandFeedback:
+class NarrowBandFeedback(SceneController[NarrowBand]):
     """The controller; its state is one complex number for each mode of the band."""
 
     def __init__(self, section: NarrowBand, numbers: Numbers) -> None:
-        missing = [key for key in KEYS if key not in numbers]
-        if missing:
-            raise UsageError(f"needs numbers of the design step; missing: {', '.join(missing)}")
-        self.section = section
-        self.numbers = numbers
-        self.reads = (section.sensor,)
-        self.drives = (section.drive,)
-        self.period_ns = section.period
+        require(numbers, KEYS)
+        super().__init__(section, numbers)
         self.poles, self.driven, self.corrected, self.fed_back = (
             tuple(complex(*pair) for pair in numbers[key]) for key in KEYS
         )
@@ -79,14 +71,13 @@ class NarrowBandFeedback:
         Raises ValueError if no mode is in the band, or if a mode of the closed loop, in the band or outside, grows.
         """
         import control
-        import numpy as np
 
         half, delay, period = 0.5 * section.bandwidth, section.delay * 1e-9, section.period * 1e-9
         band = section.frequency - half, section.frequency + half
         modes, residues = rig.modes(section.sensor, section.drive, delay, *band)
         if not len(modes):
-            found = ", ".join(f"{f}" for f in sorted({round(f) for f in rig.frequencies()}))
-            raise ValueError(f"frequency: no mode is in the band about {section.frequency:g} Hz; there are {found} Hz")
+            known = ", ".join(map(str, sorted({round(f) for f in rig.frequencies()})))
+            raise ValueError(f"frequency: no mode is in the band about {section.frequency:g} Hz; there are {known} Hz")
         poles = np.exp(modes * period)
         driven = residues * (poles - 1.0) / modes
         F, G = _real(np.diag(poles)), _parts(driven)[:, None]
@@ -139,20 +130,14 @@ class NarrowBandFeedback:
 
 def _parts(numbers: NDArray[np.complex128]) -> NDArray[np.float64]:
     """[re, im, re, im, ...]"""
-    import numpy as np
-
     return np.column_stack([numbers.real, numbers.imag]).ravel()
 
 
 def _complex(parts: NDArray[np.float64]) -> NDArray[np.complex128]:
-    import numpy as np
-
     return np.asarray(parts[0::2] + 1j * parts[1::2])
 
 
 def _real(matrix: NDArray[np.complex128]) -> NDArray[np.float64]:
     """A complex matrix as a real one over real and imaginary parts in turn."""
-    import numpy as np
-
     turned = np.array([[0.0, -1.0], [1.0, 0.0]])
     return np.asarray(np.kron(matrix.real, np.eye(2)) + np.kron(matrix.imag, turned))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rig.controllers.blocks.base import ControllerSection, Numbers, Values
+from rig.controllers.blocks.base import ControllerSection, Numbers, SceneController, Values
 from rig.quantities import PositiveSecond, Second
 
 
@@ -21,16 +21,13 @@ class ShuntSchedule(ControllerSection):
     drive: str = "shunt.connected"
 
 
-class ShuntClock:
+class ShuntClock(SceneController[ShuntSchedule]):
     """The controller; it has no sensor and no state."""
 
     reads = ()
 
     def __init__(self, section: ShuntSchedule, numbers: Numbers) -> None:
-        self.section = section
-        self.numbers = numbers
-        self.drives = (section.drive,)
-        self.period_ns = section.period
+        super().__init__(section, numbers)
         self.begin_ns = round(section.begin * 1e9)
         self.on_ns = round(section.connected_for * 1e9)
         self.round_ns = self.on_ns + round(section.open_for * 1e9)

@@ -14,10 +14,17 @@ import cmath
 import math
 from typing import Any, Literal, NamedTuple
 
-from rig.controllers.blocks.base import ControllerSection, Fraction, Numbers, Samples, Values
+from rig.controllers.blocks.base import (
+    ControllerSection,
+    Fraction,
+    Numbers,
+    Samples,
+    SceneController,
+    Values,
+    require,
+)
 from rig.controllers.blocks.design import Rig, sampling_numbers
 from rig.controllers.blocks.resonator import Resonator
-from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveNumber, PositiveSecond, Second
 
 
@@ -44,20 +51,14 @@ class Track(NamedTuple):
     inductance: float = 0.0
 
 
-class FrequencyTuner:
+class FrequencyTuner(SceneController[ShuntTuner]):
     """The controller; it reads every sample of its sensor and commands the inductance."""
 
     every_sample = True
 
     def __init__(self, section: ShuntTuner, numbers: Numbers) -> None:
-        missing = [key for key in ("sample_period", "capacitance", "delta") if key not in numbers]
-        if missing:
-            raise UsageError(f"needs numbers of the design step; missing: {', '.join(missing)}")
-        self.section = section
-        self.numbers = numbers
-        self.reads = (section.sensor,)
-        self.drives = (section.drive,)
-        self.period_ns = section.period
+        require(numbers, ("sample_period", "capacitance", "delta"))
+        super().__init__(section, numbers)
         self.band = Resonator(section.frequency, section.bandwidth, float(numbers["sample_period"]))
         self.keep = math.exp(-section.period * 1e-9 / section.average)
         self.enable_ns = round(section.enable_at * 1e9)
@@ -67,10 +68,10 @@ class FrequencyTuner:
     def design(rig: Rig, section: ShuntTuner) -> dict[str, Any]:
         """Numbers: sample period of the sensor, capacitance of the stack, delta and inductance of the shunt."""
         keys = {"capacitance": "piezo.capacitance", "delta": "shunt.delta", "inductance": "shunt.inductance"}
-        found = {name: rig.value(key) for name, key in keys.items()}
-        if found["capacitance"] is None or found["delta"] is None:
+        numbers = {name: rig.value(key) for name, key in keys.items()}
+        if numbers["capacitance"] is None or numbers["delta"] is None:
             raise ValueError('kind: tunes a shunt of kind "series" on a piezo stack, and the scene has none')
-        return sampling_numbers(rig, section) | found
+        return sampling_numbers(rig, section) | numbers
 
     def start(self) -> Track:
         """The state with the inductance of the scene, or that for the stated frequency."""

@@ -11,7 +11,14 @@ from __future__ import annotations
 
 from typing import Any, Literal, NamedTuple
 
-from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalSecond, Samples, Values
+from rig.controllers.blocks.base import (
+    ControllerSection,
+    Numbers,
+    OptionalSecond,
+    Samples,
+    SceneController,
+    Values,
+)
 from rig.controllers.blocks.design import Rig, sampling_numbers
 from rig.controllers.blocks.resonator import Resonator
 from rig.errors import UsageError
@@ -41,7 +48,7 @@ class Watch(NamedTuple):
     connected: bool = False
 
 
-class SquealWatch:
+class SquealWatch(SceneController[SquealSwitch]):
     """The controller; it reads every sample of its sensor and commands the switch of the shunt."""
 
     every_sample = True
@@ -49,11 +56,7 @@ class SquealWatch:
     def __init__(self, section: SquealSwitch, numbers: Numbers) -> None:
         if "sample_period" not in numbers:
             raise UsageError("sensor: the design step gives no sample period for it")
-        self.section = section
-        self.numbers = numbers
-        self.reads = (section.sensor,)
-        self.drives = (section.drive,)
-        self.period_ns = section.period
+        super().__init__(section, numbers)
         self.band = Resonator(section.frequency, section.bandwidth, float(numbers["sample_period"]))
         self.square = section.threshold**2
         self.confirm_ns = round(section.confirm * 1e9)

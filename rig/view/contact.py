@@ -48,32 +48,16 @@ def system_of(scene: str) -> System | None:
 
 
 class Modes:
-    """Converts numbers of mode sets to indices of `NAMES`."""
+    """Converts numbers of mode sets to indices of `NAMES`: the state of the first patch; open without one."""
 
     def __init__(self, system: System | None) -> None:
-        self._system = system
-        self._known: dict[int, int] = {}
-
-    def index(self, key: int) -> int:
-        """Index in `NAMES` of mode set `key`."""
-        if key not in self._known:
-            if len(self._known) >= _MOST_KNOWN:
-                self._known.clear()
-            self._known[key] = self._look_up(key)
-        return self._known[key]
+        loads = [k for k, normal in enumerate(system.normals) if normal.patch == 0] if system else []
+        self._states = _States(system, [(0, loads)] if system and system.patches else [])
 
     def indices(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
         """Indices in `NAMES` of an array of mode sets."""
-        unique, inverse = np.unique(keys, return_inverse=True)
-        return np.array([self.index(int(key)) for key in unique], np.int64)[inverse.ravel()]
-
-    def _look_up(self, key: int) -> int:
-        system = self._system
-        if system is None or not system.patches or not 0 <= key < system.keys:
-            return _LIFTED
-        patches, normals, *_ = system.modes(key)
-        loads = [mode for normal, mode in zip(system.normals, normals) if normal.patch == 0]
-        return _LIFTED if loads and all(mode == OPEN for mode in loads) else _OF_PATCH[patches[0]]
+        lanes = self._states.indices(keys)
+        return lanes[0] if len(lanes) else np.full(keys.size, _LIFTED)
 
 
 class Contacts:
@@ -84,17 +68,25 @@ class Contacts:
     """
 
     def __init__(self, system: System | None) -> None:
-        self._system = system
-        self._lanes = [] if system is None or system.film is not None else list(_lanes(system))
-        self.names = [name for name, _, _ in self._lanes]
+        lanes = [] if system is None or system.film is not None else list(_lanes(system))
+        self.names = [name for name, *_ in lanes]
+        self.indices = _States(system, [(patch, members) for _, patch, members in lanes]).indices
+
+
+class _States:
+    """The states of contacts over mode sets: of each its patch and its normal forces."""
+
+    def __init__(self, system: System | None, lanes: list[tuple[int, list[int]]]) -> None:
+        self._system, self._lanes = system, lanes
         self._known: dict[int, list[int]] = {}
 
     def indices(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
         """Indices in `NAMES` [contact, row] of an array of mode sets."""
         unique, inverse = np.unique(keys, return_inverse=True)
-        return np.array([self._index(int(key)) for key in unique], np.int64).reshape(len(unique), -1)[inverse.ravel()].T
+        states = np.array([self._of(int(key)) for key in unique], np.int64)
+        return states.reshape(len(unique), len(self._lanes))[inverse.ravel()].T
 
-    def _index(self, key: int) -> list[int]:
+    def _of(self, key: int) -> list[int]:
         if key not in self._known:
             if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()
@@ -108,7 +100,7 @@ class Contacts:
         patches, normals, *_ = system.modes(key)
         return [
             _LIFTED if members and all(normals[k] == OPEN for k in members) else _OF_PATCH[patches[patch]]
-            for _, patch, members in self._lanes
+            for patch, members in self._lanes
         ]
 
 

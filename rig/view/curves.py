@@ -1,8 +1,6 @@
-"""Curves of a run over time and the text above them, common to all figures of runs.
+"""Curves of a run over time, the text above them, and the caption, common to all figures of runs.
 
-The caption of a figure: what the run was, and how it went.
-
-The course of a run as time spans: phases of the protocol, marks, and when each controller worked.
+The course of a run consists of time spans: phases of the protocol, marks, and when each controller worked.
 """
 
 from __future__ import annotations
@@ -30,10 +28,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def scene_of(run: Run) -> dict[str, Any]:
-    """The scene of a run from its JSON text; empty if the text is no JSON object."""
+def described(scene: str) -> dict[str, Any]:
+    """A scene from its JSON text; empty if the text is no JSON object."""
     try:
-        parsed = json.loads(run.scene)
+        parsed = json.loads(scene)
     except ValueError:
         return {}
     return parsed if isinstance(parsed, dict) else {}
@@ -42,7 +40,7 @@ def scene_of(run: Run) -> dict[str, Any]:
 def caption(axes: Axes, run: Run, modes: Integers) -> None:
     """Write the caption of `run`; the stick share comes from `modes`, the contact states [contact, row]."""
     axes.set_axis_off()
-    rows = [("scene", scene_of(run).get("name", "")), *_rows(run, modes)]
+    rows = [("scene", described(run.scene).get("name", "")), *_rows(run, modes)]
     for i, (name, text) in enumerate(rows):
         y = 1.0 - i / 6.2
         axes.text(-0.04, y, name, transform=axes.transAxes, ha="right", va="top", fontsize=9.5, color="#777777")
@@ -131,36 +129,26 @@ def _marked(event: Mapping[str, Any]) -> str:
 
 def controlled(run: Run) -> list[Span]:
     """Spans in which each controller worked (was connected and enabled), in order of time."""
-    spans: list[Span] = []
-    for name in sorted(run.commands):
-        spans += _controlled(
-            run.plant_events, name, _enabled_at(run.scene, name), end_of(run), bool(run.commands[name].tick.size)
-        )
-    return sorted(spans)
-
-
-def _controlled(
-    events: Iterable[Mapping[str, Any]], name: str, enabled: float, end: float, commands: bool
-) -> list[Span]:
-    switches = [
-        (e["t_ns"] * 1e-9, e["kind"] == "connected")
-        for e in events
-        if e["kind"] in ("connected", "disconnected") and e["data"].get("controller") == name
-    ]
-    if not switches or not switches[0][1]:  # connected from the start
-        switches.insert(0, (0.0, commands))
     spans = []
-    for (begin, on), (stop, _) in zip(switches, [*switches[1:], (end, False)]):
-        begin = max(begin, enabled)
-        if on and begin < stop:
-            spans.append(Span(begin, stop, name))
-    return spans
+    for name, commands in run.commands.items():
+        enabled = _enabled_at(run.scene, name)
+        switches = [
+            (e["t_ns"] * 1e-9, e["kind"] == "connected")
+            for e in run.plant_events
+            if e["kind"] in ("connected", "disconnected") and e["data"].get("controller") == name
+        ]
+        if not switches or not switches[0][1]:  # connected from the start
+            switches.insert(0, (0.0, bool(commands.tick.size)))
+        for (begin, on), (stop, _) in zip(switches, [*switches[1:], (end_of(run), False)]):
+            if on and max(begin, enabled) < stop:
+                spans.append(Span(max(begin, enabled), stop, name))
+    return sorted(spans)
 
 
 def _enabled_at(scene: str, name: str) -> float:
     try:
         return float(json.loads(scene)["controllers"][name].get("enable_at", 0.0))
-    except (KeyError, ValueError, TypeError, AttributeError):
+    except (KeyError, ValueError, TypeError, AttributeError):  # of a recording from elsewhere
         return 0.0
 
 
@@ -443,7 +431,7 @@ def shade(axes: Axes, run: Run, closed: list[Span]) -> None:
 
 def heading(figure: Figure, run: Run, left: float) -> None:
     """Write the title of the run's scene and, if the run stopped early, the reason; `left`: share of the width."""
-    about = scene_of(run)
+    about = described(run.scene)
     figure.text(left, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
     if run.fault:
         figure.text(0.985, 0.968, run.fault.partition("\n")[0][:110], color=ALARM, ha="right", fontsize=10.5)

@@ -16,7 +16,6 @@ in a frame whose edges are labelled with the scale.
 
 from __future__ import annotations
 
-import json
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bus import topics
-from rig.view import contact
+from rig.view import contact, curves
 from rig.view.base import Columns, Shape
 from rig.view.channels import Channels
 from rig.view.picture import picture_of
@@ -141,7 +140,9 @@ class Drawing:
     ) -> None:
         scene_and_rig = contact.read(scene)
         system = scene_and_rig[1].system() if scene_and_rig else None
-        self.scene = scene
+        described = curves.described(scene)
+        self.plant, self.controllers = str(described.get("plant", "rig")), list(described.get("controllers", {}))
+        """Name of the plant, or "rig" if the scene is not readable; names of the controllers in the scene."""
         self.channels = Channels(scene_and_rig, outputs, sensors)
         self.curves = [name for name in outputs if name not in self.channels.at_points]
         """Outputs that are drawn as curves. A quantity at many points is drawn as a map instead."""
@@ -161,22 +162,6 @@ class Drawing:
         self.pair = None if self.points or apart else self.channels.portrait
         """Outputs of the phase portrait, of which a film of points and outputs apart from one another have none."""
         self._portrait = Portrait((outputs[self.pair[0]], outputs[self.pair[1]])) if self.pair else None
-
-    @property
-    def plant(self) -> str:
-        """Name of the plant, or "rig" if the scene is not readable."""
-        return str(self._description().get("plant", "rig"))
-
-    @property
-    def controllers(self) -> list[str]:
-        """Names of the controllers in the scene."""
-        return list(self._description().get("controllers", {}))
-
-    def _description(self) -> dict[str, Any]:
-        try:
-            return dict(json.loads(self.scene))
-        except ValueError:
-            return {}
 
     def static(self, rec: rr.RecordingStream) -> None:
         """Send names and colours of all curves and strips, and the geometry of the picture."""

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec
 
 from rig.machine.files import figure_format, write_file
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+P = ParamSpec("P")
 BLUE, VERMILION, GREEN, PURPLE, AMBER, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 LINES = (BLUE, VERMILION, GREEN, PURPLE, AMBER, SKY)
 """Colours of curves, in the order in which they are used."""
@@ -60,13 +61,13 @@ _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 @contextmanager
 def page(
-    width: float, height: float, title: str = "", *, style: Mapping[str, Any] = STYLE, lasting: bool = True,
+    width: float, height: float, *, style: Mapping[str, Any] = STYLE, lasting: bool = True,
     **options: Any,
 ) -> Iterator[Figure]:  # fmt: skip
     """A white figure of `width` x `height` [inches] to draw on in a `style`, which also holds whenever it is written.
 
-    `title`: written above it. `lasting`: false for a style that only holds meanwhile. `options`: of matplotlib's
-    Figure. A notebook shows the figure where it is the last value of a cell.
+    `lasting`: false for a style that only holds meanwhile. `options`: of matplotlib's Figure. A notebook shows the
+    figure where it is the last value of a cell.
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -75,9 +76,29 @@ def page(
         figure: Any = _kind()(**{"figsize": (width, height), "dpi": 125, "facecolor": "white"} | options)
         FigureCanvasAgg(figure)
         figure.style = style if lasting else {}
-        if title:
-            figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
         yield figure
+
+
+def drawn(
+    width: float, height: float, **options: Any
+) -> Callable[[Callable[Concatenate[Figure, P], None]], Callable[P, Figure]]:
+    """Make of a function that draws a result on a figure one that returns the figure; arguments as of `page`."""
+
+    def of(draw: Callable[Concatenate[Figure, P], None]) -> Callable[P, Figure]:
+        @wraps(draw)
+        def figure_of(*result: P.args, **how: P.kwargs) -> Figure:
+            with page(width, height, **options) as figure:
+                draw(figure, *result, **how)
+            return figure
+
+        return figure_of
+
+    return of
+
+
+def headline(figure: Figure, text: str) -> None:
+    """Write the title of a figure, at its left edge."""
+    figure.suptitle(text, x=0.01, ha="left", fontweight="bold")
 
 
 @cache

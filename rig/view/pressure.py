@@ -92,8 +92,7 @@ def draw_map(axes: Axes, points: Points, pressures: Reals, scale: float, centre:
         axes.plot([x, x + dx], [y, y + dy], color="#b0b0b0", lw=0.5)
     if np.isfinite(centre).all() and (pressures > 0.0).any():
         axes.plot(1e3 * centre[0], 1e3 * centre[1], "o", ms=5.0, mfc=_CENTRE, mec="white", mew=0.9)
-    axes.set_xlim(-half_x, half_x)
-    axes.set_ylim(-half_y, half_y)
+    axes.set(xlim=(-half_x, half_x), ylim=(-half_y, half_y))
     for side in axes.spines.values():
         side.set_visible(True)
         side.set_color("#9a9a9a")

@@ -50,7 +50,7 @@ from rig.view.curves import (
     stacked,
     too_few,
 )
-from rig.view.palette import AMBER, BLUE, GREEN, LINES, PURPLE, STYLE, VERMILION, page
+from rig.view.palette import AMBER, BLUE, GREEN, LINES, PURPLE, STYLE, VERMILION, drawn, headline, page
 from rig.view.picture import drawer_of
 
 if TYPE_CHECKING:
@@ -230,9 +230,11 @@ def _portrait(axes: Axes, bar: Axes | None, sheet: Sheet, displacement: str, vel
     run = sheet.run
     (factor, unit), (speed, per_time) = (sheet.scales.of(run.units.get(n, "")) for n in (displacement, velocity))
     x, v = factor * run.signals[displacement], speed * run.signals[velocity]
-    axes.set_title(f"phase portrait, {rate(run)} points per second" if sheet.style else "phase portrait")
-    axes.set_xlabel(f"{plain(displacement)} [{unit}]")
-    axes.set_ylabel(f"{plain(velocity)} [{per_time}]")
+    axes.set(
+        title=f"phase portrait, {rate(run)} points per second" if sheet.style else "phase portrait",
+        xlabel=f"{plain(displacement)} [{unit}]",
+        ylabel=f"{plain(velocity)} [{per_time}]",
+    )
     axes.locator_params(axis="x", nbins=4)
     if not x.size or sheet.known is Known.ALIAS:
         if bar is not None:
@@ -364,8 +366,9 @@ def _typical(gaps: Reals) -> float:
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.4 * ordered.sum())])
 
 
-def scene_figure(scene: Scene) -> Figure:
-    """Return the friction coefficient of each contact of `scene` over its slip speed; dots: the static coefficients.
+@drawn(8.4, 4.6, layout="constrained")
+def scene_figure(figure: Figure, scene: Scene) -> None:
+    """Draw the friction coefficient of each contact of `scene` over its slip speed; dots: the static coefficients.
 
     Raises UsageError for a rig without friction.
     """
@@ -377,16 +380,16 @@ def scene_figure(scene: Scene) -> Figure:
     surfaces = np.abs(system.slip_rows @ x)
     top = 2.0 * float(surfaces.max()) or _FASTEST
     speeds = np.linspace(0.0, top, 400)[1:]
-    with page(8.4, 4.6, f"{scene.name}: friction", layout="constrained") as figure:
-        axes = figure.add_subplot()
-        for i, (patch, surface) in enumerate(zip(system.patches, surfaces)):
-            colour = LINES[i % len(LINES)]
-            axes.plot(speeds, patch.law.over(speeds), color=colour, label=plain(patch.name))
-            axes.plot(0.0, patch.law.static, "o", color=colour)
-            if surface:
-                axes.axvline(surface, color=colour, lw=0.9, ls=":")
-        moving = "; dotted: speed of the surface" if surfaces.any() else ""
-        axes.set(xlabel=f"slip speed [m/s]{moving}", ylabel="friction coefficient", xlim=(-0.01 * top, top))
-        axes.set_ylim(0.0, None)
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-    return figure
+    axes = figure.add_subplot()
+    for i, (patch, surface) in enumerate(zip(system.patches, surfaces)):
+        colour = LINES[i % len(LINES)]
+        axes.plot(speeds, patch.law.over(speeds), color=colour, label=plain(patch.name))
+        axes.plot(0.0, patch.law.static, "o", color=colour)
+        if surface:
+            axes.axvline(surface, color=colour, lw=0.9, ls=":")
+    moving = "; dotted: speed of the surface" if surfaces.any() else ""
+    axes.set(
+        xlabel=f"slip speed [m/s]{moving}", ylabel="friction coefficient", xlim=(-0.01 * top, top), ylim=(0.0, None)
+    )
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+    headline(figure, f"{scene.name}: friction")

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from swept_matrices import beside, over, turning
 
 import rig
@@ -51,8 +50,7 @@ def test_a_sweep_of_another_key_tells_whether_the_dither_counts(on, told):
 
 def lines(found):
     """Style and points [n, 2] of every curve in the plot of growth."""
-    figure = Figure(figsize=(12.8, 6.6))
-    figures.compose(figure, found)
+    figure = figures.sweep_figure(found)
     return [(line.get_linestyle(), line.get_xydata()) for line in figure.axes[0].lines if len(line.get_xydata()) > 2]
 
 

@@ -252,7 +252,7 @@ def test_modes_have_names_for_each_state_of_the_contact():
         "open": system.key([0], [1], limits),
     }
     for name, key in names.items():
-        assert contact.NAMES[modes.index(key)] == name
+        assert contact.NAMES[modes.indices(np.array([key]))[0]] == name
     keys = np.array(list(names.values()))
     assert [contact.NAMES[i] for i in modes.indices(np.tile(keys, 3))] == [*names] * 3
 

@@ -27,7 +27,7 @@ from rig.record.run import Reals, Run, Samples
 from rig.record.run_data import MEASURED, TRUE, gaps, increasing, places, signals, unknown
 from rig.record.run_list import drives
 from rig.scenes.scene import Scene
-from rig.view.curves import scene_of
+from rig.view.curves import described
 
 _VIBRATION = ("m/s^2", "m/s", "Pa", "m")
 """Units of a vibration, the most informative first."""
@@ -219,13 +219,13 @@ def squared(unit: str) -> str:
 
 def scene_name(run: Run) -> str:
     """Return name or title of the scene; "recording" if damage removed the scene."""
-    found = scene_of(run)
+    found = described(run.scene)
     return str(found.get("name") or found.get("title") or found.get("plant") or "recording")
 
 
 def _reads(run: Run) -> dict[str, str]:
     """The quantity that each sensor of the scene reads; empty if the recording has lost its scene."""
-    sections = scene_of(run).get("sensors")
+    sections = described(run.scene).get("sensors")
     found = sections.items() if isinstance(sections, dict) else ()
     return {name: str(section.get("reads", "")) for name, section in found if isinstance(section, dict)}
 

@@ -17,8 +17,8 @@ A controller whose class takes `(section, numbers)` and stores the section can b
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, Protocol, TypeVar, runtime_checkable
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, runtime_checkable
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import ValidationError
@@ -84,6 +84,37 @@ class ControllerSection(Section):
     period: Nanoseconds = 1_000_000
     delay: Delay = 0
     where: Literal["process", "plant"] = "process"
+
+
+S = TypeVar("S", bound=ControllerSection)
+
+
+class SceneController(Generic[S]):
+    """What a controller of a scene stores; it reads the sensor and drives the actuator that its section names."""
+
+    reads: tuple[str, ...]
+    drives: tuple[str, ...]
+
+    def __init__(self, section: S, numbers: Numbers) -> None:
+        self.section, self.numbers, self.period_ns = section, numbers, section.period
+        if hasattr(section, "sensor"):
+            self.reads = (section.sensor,)
+        if hasattr(section, "drive"):
+            self.drives = (section.drive,)
+
+
+def require(numbers: Numbers, keys: Iterable[str], what: str = "needs numbers of the design step") -> None:
+    """Raise UsageError if the design step has not given these numbers."""
+    if missing := [key for key in keys if key not in numbers]:
+        raise UsageError(f"{what}; missing: {', '.join(missing)}")
+
+
+def dot(a: Values, b: Values) -> float:
+    """The scalar product; `sum` rounds differently in newer Python versions."""
+    total = 0.0
+    for x, y in zip(a, b):
+        total += x * y
+    return total
 
 
 def retune(controller: C, changes: Mapping[str, object]) -> C:

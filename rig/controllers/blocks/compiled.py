@@ -72,13 +72,12 @@ class CompiledSection(ControllerSection):
     def of_table(cls, table: Mapping[str, Any]) -> type[Self]:
         """The section class for a table of a scene or of a recording. Raises PartError for a file that is no use."""
         given = table.get("file")
-        if isinstance(given, Mapping):
-            return _with_keys(cls, Binary.from_json(given))  # type: ignore[return-value]
-        if isinstance(given, Binary):
-            return _with_keys(cls, given)  # type: ignore[return-value]
-        if not isinstance(given, str) or not given:
+        if not isinstance(given, Mapping | str) or not given:
             raise PartError("is missing; expected the name of a compiled file")
-        return _with_keys(cls, Binary.read(given, cls.describe))  # type: ignore[return-value]
+        if isinstance(given, Mapping):
+            given = Binary.from_json(given)
+        file = given if isinstance(given, Binary) else Binary.read(given, cls.describe)
+        return _with_keys(cls, file)  # type: ignore[return-value]
 
     @property
     def used_inputs(self) -> tuple[Signal, ...]:
@@ -93,24 +92,24 @@ class CompiledSection(ControllerSection):
     @property
     def connected_sensors(self) -> tuple[str, ...]:
         """The sensors that it reads."""
-        return self.reads or tuple(one.name for one in self.used_inputs)
+        return self.reads or tuple(signal.name for signal in self.used_inputs)
 
     @property
     def connected_actuators(self) -> tuple[str, ...]:
         """The actuators that it drives."""
-        return self.drives or tuple(one.name for one in self.used_outputs)
+        return self.drives or tuple(signal.name for signal in self.used_outputs)
 
     def faults(self) -> list[str]:
         """What is wrong with the numbers of sensors and actuators, one line each."""
-        found = []
+        faults = []
         for key, what, names, signals in (
             ("reads", "inputs", self.connected_sensors, self.used_inputs),
             ("drives", "outputs", self.connected_actuators, self.used_outputs),
         ):
             if len(names) != len(signals):
-                listed = ", ".join(f"{one.name} [{one.unit}]" if one.unit else one.name for one in signals) or "none"
-                found.append(f"{key}: names {len(names)}, but {self.file} has {len(signals)} {what}: {listed}")
-        return found
+                listed = ", ".join(f"{s.name} [{s.unit}]" if s.unit else s.name for s in signals) or "none"
+                faults.append(f"{key}: names {len(names)}, but {self.file} has {len(signals)} {what}: {listed}")
+        return faults
 
     def notes(self) -> Iterator[str]:
         """What its user must know before a run, one line each."""
@@ -118,29 +117,26 @@ class CompiledSection(ControllerSection):
 
     def values(self) -> tuple[float, ...]:
         """The values of its parameters [SI], in the order of the file."""
-        return tuple([getattr(self, one.key) for one in self.parameters])
+        return tuple([getattr(self, parameter.key) for parameter in self.parameters])
 
 
 def checked(file: Binary, signals: Iterable[Signal], parameters: Iterable[Parameter]) -> None:
     """Raise PartError, with all faults, for units and names that no scene can have."""
-    found = []
-    for one in signals:
-        if one.unit and (fault := unit_fault(one.unit)):
-            found.append(f"{one.name}: the unit {fault}")
+    faults = [f"{s.name}: the unit {fault}" for s in signals if s.unit and (fault := unit_fault(s.unit))]
     seen: set[str] = set()
     for p in parameters:
         if fault := unit_fault(p.unit):
-            found.append(f"{p.key}: the unit {fault}")
+            faults.append(f"{p.key}: the unit {fault}")
         if not _KEY.fullmatch(p.key) or hasattr(Section, p.key) or p.key in CompiledSection.model_fields:
             rule = "it is letters, digits and _, and no key that every controller has"
-            found.append(f"{p.key!r:.80}: no parameter can have this name; {rule}")
+            faults.append(f"{p.key!r:.80}: no parameter can have this name; {rule}")
         elif p.key in seen:
-            found.append(f"{p.key}: two parameters have this name")
+            faults.append(f"{p.key}: two parameters have this name")
         elif not (all(map(isfinite, (p.value, p.low, p.high))) and p.low <= p.value <= p.high):
-            found.append(f"{p.key}: its value {p.value:g} is not within {p.low:g} to {p.high:g}")
+            faults.append(f"{p.key}: its value {p.value:g} is not within {p.low:g} to {p.high:g}")
         seen.add(p.key)
-    if found:
-        raise PartError("\n".join(f"{file}: {fault}" for fault in found))
+    if faults:
+        raise PartError("\n".join(f"{file}: {fault}" for fault in faults))
 
 
 _MADE: dict[tuple[type, str], type[CompiledSection]] = {}

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from pydantic import model_validator
 
-from rig.controllers.blocks.base import Numbers, Values
+from rig.controllers.blocks.base import Numbers, SceneController, Values
 from rig.controllers.blocks.design import Linear
 from rig.controllers.blocks.velocity import PathState, VelocityPath, VelocitySection
 from rig.errors import UsageError
@@ -31,17 +31,13 @@ class FeedbackSection(VelocitySection):
         return self
 
 
-class VelocityFeedback:
+class VelocityFeedback(SceneController[FeedbackSection]):
     """A proportional feedback of a velocity. Its state is that of the velocity path."""
 
     direction: ClassVar[float]
 
     def __init__(self, section: FeedbackSection, numbers: Numbers) -> None:
-        self.section = section
-        self.numbers = numbers
-        self.reads = (section.sensor,)
-        self.drives = (section.drive,)
-        self.period_ns = section.period
+        super().__init__(section, numbers)
         self.path = VelocityPath(section, numbers)
         nominal = section.nominal if section.nominal is not None else numbers.get("nominal")
         if nominal is None:

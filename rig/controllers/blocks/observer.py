@@ -14,10 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rig.controllers.blocks.base import Numbers
-from rig.errors import UsageError
+from rig.controllers.blocks.base import Numbers, Values, dot, require
 
-Vector = tuple[float, ...]
 KEYS = ("transition", "output", "gain", "model", "velocity", "rest")
 
 
@@ -25,40 +23,38 @@ class Observer:
     """The observer with `numbers` of the design step; it predicts the velocity `ahead` [s] after each sample."""
 
     def __init__(self, numbers: Numbers, ahead: float = 0.0) -> None:
-        missing = [key for key in KEYS if key not in numbers]
-        if missing:
-            raise UsageError(f"an observed velocity needs numbers of the design step; missing: {', '.join(missing)}")
-        self.rest: Vector = tuple(numbers["rest"])
+        require(numbers, KEYS, "an observed velocity needs numbers of the design step")
+        self.rest: Values = tuple(numbers["rest"])
         n = len(self.rest)
         transition = [tuple(row) for row in numbers["transition"]]
-        output: Vector = tuple(numbers["output"])
-        gain: Vector = tuple(numbers["gain"])
+        output: Values = tuple(numbers["output"])
+        gain: Values = tuple(numbers["gain"])
         row = propagated(numbers["velocity"], numbers["model"], ahead)
         # one matrix for the whole step: z_next = (F - F L C) z + F L y,  v = (row - row L C) z + row L y
-        self._row = tuple(row[j] - _dot(row, gain) * output[j] for j in range(n))
-        self._feed = _dot(row, gain)
-        drive = [_dot(line, gain) for line in transition]
+        self._row = tuple(row[j] - dot(row, gain) * output[j] for j in range(n))
+        self._feed = dot(row, gain)
+        drive = [dot(line, gain) for line in transition]
         self._step = tuple(tuple(line[j] - b * output[j] for j in range(n)) for line, b in zip(transition, drive))
         self._drive = tuple(drive)
         self._free = tuple(transition)
         self.start = self._start
         self.update = {3: self._update3, 4: self._update4}.get(n, self._update)
 
-    def _start(self, y: float) -> Vector:
+    def _start(self, y: float) -> Values:
         """The state of a rig at rest at the position of the first sample."""
         return tuple([r * y for r in self.rest])
 
-    def skip(self, z: Vector, periods: int) -> Vector:
+    def skip(self, z: Values, periods: int) -> Values:
         """The state after `periods` periods without a sample."""
         for _ in range(periods):
-            z = tuple([_dot(row, z) for row in self._free])
+            z = tuple([dot(row, z) for row in self._free])
         return z
 
-    def _update(self, z: Vector, y: float) -> tuple[Vector, float]:
-        step = tuple([_dot(row, z) + b * y for row, b in zip(self._step, self._drive)])
-        return step, _dot(self._row, z) + self._feed * y
+    def _update(self, z: Values, y: float) -> tuple[Values, float]:
+        step = tuple([dot(row, z) + b * y for row, b in zip(self._step, self._drive)])
+        return step, dot(self._row, z) + self._feed * y
 
-    def _update3(self, z: Vector, y: float) -> tuple[Vector, float]:
+    def _update3(self, z: Values, y: float) -> tuple[Values, float]:
         x1, x2, x3 = z
         (a, b, c), (d, e, f), (g, h, i) = self._step
         u, v, w = self._drive
@@ -70,7 +66,7 @@ class Observer:
         )
         return step, p * x1 + q * x2 + r * x3 + self._feed * y
 
-    def _update4(self, z: Vector, y: float) -> tuple[Vector, float]:
+    def _update4(self, z: Values, y: float) -> tuple[Values, float]:
         x1, x2, x3, x4 = z
         (a, b, c, d), (e, f, g, h), (i, j, k, l), (m, n, o, p) = self._step
         u, v, w, x = self._drive
@@ -84,7 +80,7 @@ class Observer:
         return step, q * x1 + r * x2 + s * x3 + t * x4 + self._feed * y
 
 
-def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Vector:
+def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Values:
     """The row `row exp(matrix time)`, by scaling and squaring of a Taylor series; time in s."""
     a = np.asarray(matrix, dtype=float) * time
     doublings = max(0, int(np.ceil(np.log2(max(np.abs(a).sum(axis=1).max(), 1e-300)))) + 1)
@@ -96,10 +92,3 @@ def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Vector:
     for _ in range(doublings):
         out = out @ out
     return tuple(float(x) for x in np.asarray(row, dtype=float) @ out)
-
-
-def _dot(a: Vector, b: Vector) -> float:
-    total = 0.0
-    for x, y in zip(a, b):  # `sum` rounds differently in newer Python versions
-        total += x * y
-    return total

@@ -16,13 +16,13 @@ import math
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
-from rig.controllers.blocks.base import Ahead, ControllerSection, Numbers, OptionalForce, OptionalHertz
+from rig.controllers.blocks.base import Ahead, ControllerSection, Numbers, OptionalForce, OptionalHertz, Values
 from rig.controllers.blocks.design import Rig
-from rig.controllers.blocks.observer import Observer, Vector
+from rig.controllers.blocks.observer import Observer
 from rig.errors import UsageError
 from rig.quantities import Second
 
-PathState = tuple[Vector, int, float, float]
+PathState = tuple[Values, int, float, float]
 GAP = 1000  # longest gap that an observer bridges [periods]; after a longer one it starts again
 
 
@@ -42,12 +42,9 @@ class VelocitySection(ControllerSection):
 
 def designed(rig: Rig, section: VelocitySection) -> dict[str, Any]:
     """Numbers of a velocity path: `frequency` [Hz], and its `observer` or the `read_scale` of its sensor."""
-    found: dict[str, Any] = {"frequency": rig.frequency}
     if section.velocity == "observed":
-        found["observer"] = rig.observer(section)
-    else:
-        found["read_scale"] = rig.read_scale(section.sensor)
-    return found
+        return {"frequency": rig.frequency, "observer": rig.observer(section)}
+    return {"frequency": rig.frequency, "read_scale": rig.read_scale(section.sensor)}
 
 
 class VelocityPath:
