@@ -61,13 +61,13 @@ _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 @contextmanager
 def page(
-    width: float, height: float, *, style: Mapping[str, Any] = STYLE, lasting: bool = True,
+    width: float, height: float, title: str = "", *, style: Mapping[str, Any] = STYLE, lasting: bool = True,
     **options: Any,
 ) -> Iterator[Figure]:  # fmt: skip
     """A white figure of `width` x `height` [inches] to draw on in a `style`, which also holds whenever it is written.
 
-    `lasting`: false for a style that only holds meanwhile. `options`: of matplotlib's Figure. A notebook shows the
-    figure where it is the last value of a cell.
+    `title`: written above it. `lasting`: false for a style that only holds meanwhile. `options`: of matplotlib's
+    Figure. A notebook shows the figure where it is the last value of a cell.
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -76,6 +76,8 @@ def page(
         figure: Any = _kind()(**{"figsize": (width, height), "dpi": 125, "facecolor": "white"} | options)
         FigureCanvasAgg(figure)
         figure.style = style if lasting else {}
+        if title:
+            headline(figure, title)
         yield figure
 
 
