@@ -55,7 +55,7 @@ from rig.scenes.explain import explain
 from rig.scenes.scene import Scene
 from rig.scenes.sections import values_of
 from rig.view import contact, curves
-from rig.view.curves import scene_of
+from rig.view.curves import described
 
 _EMPTY = frozenset({"img", "meta"})
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u202a-\u202e\u2066-\u2069\ufffe\uffff]")
@@ -270,7 +270,7 @@ def values(run: Run, scene: Scene | None, why: str) -> Html:
             for one in explain(scene).values
         ]
         return table("Values in SI units", ("key", "value", "unit", "origin", "note"), rows)
-    found = [(key, value(one)) for key, one in _flat(scene_of(run), "")]
+    found = [(key, value(one)) for key, one in _flat(described(run.scene), "")]
     return joined((element("p", why, class_="doubtful"), table("Values as recorded", ("key", "value"), found)))
 
 
@@ -338,7 +338,7 @@ def settings(section: Any, recorded: object) -> Iterator[tuple[str, str]]:
 
 def controllers(run: Run, scene: Scene | None) -> Html:
     """Return each controller with its settings, its numbers from the design, and what happened to its commands."""
-    recorded = plain(scene_of(run).get("controllers"))
+    recorded = plain(described(run.scene).get("controllers"))
     counted = plain(run.summary.get("loop", run.summary.get("exchange")))
     found = []
     for name in dict.fromkeys((*run.commands, *run.controllers, *recorded)):
@@ -386,7 +386,7 @@ def sensors(run: Run, scene: Scene | None, marks: list[float]) -> Html:
     """Return a table of all sensors, and each with its curve and its settings. `marks`: begins of stages [s]."""
     if not run.measurements:
         return element("p", "No sensor was recorded.")
-    recorded, counted = plain(scene_of(run).get("sensors")), plain(run.summary.get("sensors"))
+    recorded, counted = plain(described(run.scene).get("sensors")), plain(run.summary.get("sensors"))
     end = max([curves.end_of(run), *(float(t_ns[-1]) * 1e-9 for t_ns, _ in run.measurements.values() if t_ns.size)])
     begin = run.begin_ns * 1e-9
     rows, cards = [], []
@@ -628,12 +628,12 @@ def page(run: Run, log: Path) -> str:
 
 
 def _title(run: Run, log: Path) -> str:
-    told = scene_of(run)
+    told = described(run.scene)
     return str(told.get("title") or told.get("name") or log.stem)
 
 
 def _header(run: Run, log: Path, title: str) -> Html:
-    told = scene_of(run)
+    told = described(run.scene)
     began = datetime.fromtimestamp(run.began_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC") if run.began_ns else ""
     known = [f"{word} {told[key]}" for word, key in (("scene", "name"), ("plant", "plant")) if told.get(key)]
     line = element("p", ", ".join(filter(None, (log.name, *known, began))), class_="soft")
