@@ -45,6 +45,10 @@ def test_the_package_says_that_it_has_types(install, tmp_path):
     assert (_installed(install, tmp_path) / "rig" / "py.typed").is_file()
 
 
+def test_a_wheel_holds_the_package_alone(tmp_path):
+    assert [path.name for path in _installed("wheel", tmp_path).iterdir() if path.suffix != ".dist-info"] == ["rig"]
+
+
 def _installed(install, folder):
     """What such an installation puts on Python's path."""
     if install == "checkout":

@@ -64,7 +64,6 @@ def cost(
     wanted, most = accuracy(target, "--target"), share(budget)
     from rig.qualify.cost import cost as measure
     from rig.qualify.cost import folder_of, recommended
-    from rig.qualify.cost.effects import text
     from rig.qualify.cost.report import COLUMNS, CostReport, lines, notes
     from rig.qualify.cost.table import front
 
@@ -94,7 +93,7 @@ def cost(
     else:
         printing.table(f"{found.scene}: error and compute time on this machine", COLUMNS, lines(found, by, pick))
         printing.line()
-        for line in [*notes(found, by), *(one.text() for one in loops), *map(text, parts)]:
+        for line in [*notes(found, by), *(one.text() for one in loops), *(effect.text() for effect in parts)]:
             printing.line(f"  {line}")
         printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
     if front(found.rows, by):
@@ -151,13 +150,13 @@ def _effects(scene: Scene, folder: Path) -> list[Paired]:
 
 def _draw(found: Table, loops: list[Delayed], parts: list[Paired], folder: Path) -> None:
     """The figures of loops and effects, where there are any."""
+    from rig.qualify import effects_measured
     from rig.qualify.cost import delay
-    from rig.qualify.cost.effects import draw
 
     if loops:
         delay.draw(loops, found, folder / "delay.png")
-    if parts:
-        draw(parts, found, folder / "effects.png")
+    if effects_measured.drawn(parts):
+        effects_measured.draw(parts, f"{found.title}: its effects", found.machine, folder / "effects.png")
 
 
 def torture(

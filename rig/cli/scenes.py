@@ -18,7 +18,8 @@ from rig.machine.files import write_file
 from rig.printable import counted
 
 if TYPE_CHECKING:
-    from rig.qualify.effects_measured import Part, Rate
+    from rig.qualify.cost.effects import Paired
+    from rig.qualify.effects_measured import Rate
     from rig.scenes.explain import Value
     from rig.scenes.scene import Scene
 
@@ -302,6 +303,7 @@ def _audited(log: str, as_json: bool) -> None:
 
 def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
     from rig.qualify import effects_measured
+    from rig.record.provenance import provenance
 
     with printing.bar("effects") as progress:
         parts = effects_measured.parts(scene, report=progress)
@@ -315,21 +317,28 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
     else:
         _print_measured(scene, parts, methods, rates)
     if figure is not None:
-        effects_measured.draw(parts, scene, figure)
+        title = f"{scene.name}: its effects, on or absent"
+        effects_measured.draw(parts, title, provenance(scene.seed), figure)
 
 
 def _print_measured(
-    scene: Scene, parts: Sequence[Part], methods: Mapping[str, str], rates: Mapping[str, Sequence[Rate]]
+    scene: Scene, parts: Sequence[Paired], methods: Mapping[str, str], rates: Mapping[str, Sequence[Rate]]
 ) -> None:
     """What was measured, for a reader."""
     rows = [
-        (one.name, "on" if one.on else "absent", one.paired.states, "" if one.paired.fault else one.paired.cost(),
-         one.paired.change(), one.why)
-        for one in parts
-    ]  # fmt: skip
+        (
+            part.name,
+            "on" if part.on else "absent",
+            part.states,
+            "" if part.fault else part.cost(),
+            part.change(),
+            part.why,
+        )
+        for part in parts
+    ]
     columns = ("effect", "", "states", "cost per sample step", "largest change without it", "remark")
     printing.table(f"{scene.name}: effects, measured with and without each in turns", columns, rows)
-    if any(one.paired.measurable and one.paired.tick.value < -one.paired.noise for one in parts):
+    if any(part.measurable and part.tick.value < -part.noise for part in parts):
         printing.line(
             "negative cost: without the effect the motion has more events, and these cost more than the effect"
         )

@@ -8,10 +8,7 @@ at pace 1 or at the largest pace that the scene allows. If the plant may use rea
 interrupt its frames, and their cost is measured in processor time. Otherwise it is measured by the wall clock under the
 present load: at a busier time the result differs.
 
-Round trip of a message to another process over the private socket of a run: the latency of the bus on this
-machine.
-
-Compute times of the frames of a scene over its whole protocol.
+The latency of the bus is the round trip of a message to another process over the private socket of a run.
 """
 
 from __future__ import annotations
@@ -20,7 +17,6 @@ import contextlib
 import math
 import os
 import platform
-import subprocess
 import sys
 import tempfile
 import time
@@ -47,17 +43,31 @@ from rig.controllers import restored
 from rig.design import described
 from rig.errors import NumericsError, RigError, SceneError, UsageError
 from rig.machine.files import RUNS
-from rig.machine.process import no_garbage
+from rig.machine.process import Child, end, no_garbage
 from rig.machine.scheduling import CONTROLLER, PLANT, ahead, choose, come_first, cores, placed
+from rig.record.provenance import processor
 from rig.scenes.scene import Scene
 
-Array = NDArray[np.int64]
-_ECHO = "import sys; from rig.qualify.doctor import echo; echo(*sys.argv[1:])"
+Times = NDArray[np.int64]
+"""Durations [ns]."""
+Clock = Callable[[], int]
+Say = Callable[[str], object]
+FRAME_NS = 1_000_000
+LEAST = 2000
+"""Fewest measured frames: the cost at p99 is then exceeded by twenty of them."""
+LEAST_DISK = 5.0  # MB/s; a run with all sensors at 10 kHz writes less than 1 MB/s
+RESERVE = 1.5
+"""Cost of a frame in a run over its cost here. # measured: 1.2 to 1.5, because recorder and bus work beside it"""
+ALONE = "measured in processor time: no other program interrupts a plant that is scheduled in real time"
+AMONG = "measured by the wall clock: other programs interrupt a plant that is not scheduled in real time"
+_ROW = 100  # consecutive measured frames: the lateness of one carries over to the next
+_ENDLESS_NS = 10_000_000_000  # measured part of a protocol without an end
+_MEGABYTES = 16
 _PAUSE_S = 0.0005
 _EACH_S = 0.001
 
 
-def round_trips(seconds: float, *, paced: bool = True) -> tuple[Array, Array, str]:
+def round_trips(seconds: float, *, paced: bool = True) -> tuple[Times, Times, str]:
     """Measure round trips and single publications [ns] for about `seconds`; empty with a reason if they fail.
 
     `paced`: with real-time scheduling and a pause before each, as in a paced run; else one after the other, as in
@@ -72,8 +82,8 @@ def round_trips(seconds: float, *, paced: bool = True) -> tuple[Array, Array, st
             step = session.publisher("step")
             session.announce()
             own, of_bus = choose()
-            command = [sys.executable, "-P", "-c", _ECHO, name, str(of_bus), *(["paced"] if paced else [])]
-            with contextlib.closing(_Child(command)):
+            child = Child("echo", ["rig.qualify.doctor", name, str(of_bus), *(["paced"] if paced else [])])
+            try:
                 if not present.wait_for("controller", "echo", 8.0):
                     return none, none, "the other process did not start"
                 with placed(own if paced else of_bus, of_bus), ahead(PLANT) if paced else contextlib.nullcontext():
@@ -87,25 +97,11 @@ def round_trips(seconds: float, *, paced: bool = True) -> tuple[Array, Array, st
                         trips.append(time.perf_counter_ns() - begin)
                         if paced:
                             time.sleep(_PAUSE_S)
+            finally:
+                end([child], 0.0)
     except RigError as error:
         return none, none, str(error)
     return np.array(trips), np.array(puts), ""
-
-
-class _Child:
-    """The process at the other end."""
-
-    def __init__(self, command: list[str]) -> None:
-        self._process = subprocess.Popen(command)
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.terminate()
-        try:
-            self._process.wait(3.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
 
 
 def echo(run: str, core: str, paced: str = "") -> None:
@@ -118,15 +114,7 @@ def echo(run: str, core: str, paced: str = "") -> None:
                 act.put(encode.act(step.said.tick, step.t_ns, step.said.values), step.t_ns)
 
 
-Costs = NDArray[np.int64]
-Clock = Callable[[], int]
-LEAST = 2000
-"""Fewest measured frames: the cost at p99 is then exceeded by twenty of them."""
-_ROW = 100  # consecutive measured frames: the lateness of one carries over to the next
-_ENDLESS_NS = 10_000_000_000  # measured part of a protocol without an end
-
-
-def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns) -> Costs:
+def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns) -> Times:
     """Measure the time of frames of protocol, plant and sensors [ns], at least `least` frames, spread over the
     protocol.
 
@@ -185,7 +173,7 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
     return frame_times
 
 
-def behind(frame_times: Costs, wall_ns: float) -> Costs:
+def behind(frame_times: Times, wall_ns: float) -> Times:
     """Return the lag of each frame [ns] because earlier ones took longer than their `wall_ns`; late frames catch up."""
     late = np.empty(len(frame_times), np.int64)
     lag = 0.0
@@ -193,16 +181,6 @@ def behind(frame_times: Costs, wall_ns: float) -> Costs:
         late[i] = lag
         lag = max(lag + cost - wall_ns, 0.0)
     return late
-
-
-Say = Callable[[str], object]
-FRAME_NS = 1_000_000
-LEAST_DISK = 5.0  # MB/s; a run with all sensors at 10 kHz writes less than 1 MB/s
-RESERVE = 1.5
-"""Cost of a frame in a run over its cost here. # measured: 1.2 to 1.5, because recorder and bus work beside it"""
-_MEGABYTES = 16
-ALONE = "measured in processor time: no other program interrupts a plant that is scheduled in real time"
-AMONG = "measured by the wall clock: other programs interrupt a plant that is not scheduled in real time"
 
 
 @dataclass(frozen=True)
@@ -217,7 +195,7 @@ class Spread:
     beyond: float
 
     @classmethod
-    def of(cls, times: NDArray[np.int64]) -> Spread:
+    def of(cls, times: Times) -> Spread:
         """From nanoseconds."""
         p50, p95, p99 = (float(v) / 1e3 for v in np.quantile(times, (0.5, 0.95, 0.99)))
         return cls(len(times), p50, p95, p99, float(times.max()) / 1e3, float(np.mean(times > FRAME_NS)))
@@ -341,7 +319,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
 
 
 def _fitness(
-    scene: Scene, ready: Collection[kernel_shapes.Shape], clock: Clock, late: NDArray[np.int64], put: Spread | None
+    scene: Scene, ready: Collection[kernel_shapes.Shape], clock: Clock, late: Times, put: Spread | None
 ) -> Fitness:
     """Measure and evaluate one scene; a scene that cannot run is reported with the reason."""
     try:
@@ -352,7 +330,7 @@ def _fitness(
         return Fitness(scene.name, "refused", reason)
 
 
-def judge(scene: Scene, frame_times: Costs | None, late: NDArray[np.int64], put: Spread | None) -> Fitness:
+def judge(scene: Scene, frame_times: Times | None, late: Times, put: Spread | None) -> Fitness:
     """Predict the timing verdict of `scene` from its frame costs and the lateness of waits [ns]; `put`: on the bus."""
     if frame_times is None:
         return Fitness(scene.name, "unknown", "its kernels are not compiled yet: rig warmup, then rig doctor again")
@@ -381,7 +359,7 @@ def judge(scene: Scene, frame_times: Costs | None, late: NDArray[np.int64], put:
     return Fitness(scene.name, verdict, text, Spread.of(frame_times))
 
 
-def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.int64]]:
+def _waits(seconds: float) -> tuple[pace.Waiting, Times, Times]:
     """The choice between sleep and hybrid, and the lateness of both [ns], measured alternately."""
     waiting = pace.choose(FRAME_NS)
     spin = waiting.spin_ns or int(min(1.5 * waiting.sleep_p95, FRAME_NS / 5))
@@ -412,7 +390,7 @@ def _disk() -> float:
 
 def _machine() -> dict[str, Any]:
     return {
-        "processor": _processor(),
+        "processor": processor(),
         "cores": cores(),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan,
         "system": f"{platform.system()} {platform.release()}",
@@ -422,9 +400,5 @@ def _machine() -> dict[str, Any]:
     }
 
 
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
+if __name__ == "__main__":
+    echo(*sys.argv[1:])

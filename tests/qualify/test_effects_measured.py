@@ -6,6 +6,7 @@ import rig
 from rig.errors import SceneError
 from rig.qualify import effects_measured
 from rig.qualify.effects_measured import draw
+from rig.record.provenance import provenance
 from rig.scenes.shipped import names
 from rig.scenes.variants import absent, added, declared, dropped
 
@@ -64,9 +65,9 @@ def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypat
     [part] = effects_measured.parts(scene, rounds=3)
     assert not part.on
     assert "measured as in belt_tuned_mass" in part.why
-    assert part.paired.states == 2
-    assert part.paired.worst.size > 0.0
-    draw([part], scene, tmp_path / "effects.png")
+    assert part.states == 2
+    assert part.worst.size > 0.0
+    draw([part], "its effects", provenance(1), tmp_path / "effects.png")
     assert (tmp_path / "effects.png").stat().st_size > 10_000
 
 
@@ -78,7 +79,7 @@ def test_an_absent_effect_that_does_not_fit_cannot_be_added(monkeypatch):
     monkeypatch.setattr(effects_measured, "absent", lambda scene: {"dither": ["dither"]})
     monkeypatch.setattr(effects_measured, "effects", lambda scene, rounds: [])
     [part] = effects_measured.parts(rig.load("belt"), rounds=3)
-    assert part.paired.change() == "cannot be added: belt: it does not fit"
+    assert part.change() == "cannot be added: belt: it does not fit"
 
 
 def test_methods_are_those_that_serve_the_scene():

@@ -11,17 +11,12 @@ Change: each measure (rig.analysis.motion_measures) with the effect and without 
 the larger of both. Where one plant repeats and the other does not, both are compared as motions that do not repeat.
 Such a motion may be irregular: then it is run twice, from starts that differ by rounding, and smaller changes than the
 difference of these two runs are not significant.
-
-The difference between the motions of two plants, by measure: with an effect and without it.
-
-Effects as a picture and as CSV: the cost of each per step, and the change without it.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -30,20 +25,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.analysis.motion_measures import SLOW, Problem, Seen, held, observe, of, problem
+from rig.analysis.pool import Progress
 from rig.errors import NumericsError, RigError
 from rig.machine.files import csv_table, write_file
 from rig.machine.process import no_garbage
-from rig.qualify.cost.report import sheet, tick_labels
-from rig.qualify.cost.table import Table
-from rig.qualify.cost.timing import QUIET, Contender, Spread
+from rig.qualify.cost.timing import QUIET, UNKNOWN, Contender, Spread
 from rig.scenes.scene import Scene
 from rig.scenes.variants import SWITCHED, declared, dropped, opened, without
-from rig.view.palette import BLUE, VERMILION, put
 
-_NUDGE = 1e-9  # relative change of a start that reveals an irregular motion
-_LEAST_NUDGE = 1e-12
-_LEAST = 1e-9  # share of a measure that no run resolves
-_SIGNIFICANT = 2.0  # a change counts above this multiple of the difference between two runs of an irregular motion
+Array = NDArray[np.float64]
+ROUNDS = 9
+NO_CHANCE = "is random: compared runs leave it out; run other seeds to see its influence"
+KINDS = {"cycle": "a limit cycle", "vibration": "a vibration that does not repeat", "smooth": "no events"}
 _UNITS = {
     "period": "s",
     "energy per cycle": "J",
@@ -51,7 +44,15 @@ _UNITS = {
     "growth rate": "1/s",
     "friction power": "W",
 }
-KINDS = {"cycle": "a limit cycle", "vibration": "a vibration that does not repeat", "smooth": "no events"}
+_NUDGE = 1e-9  # relative change of a start that reveals an irregular motion
+_LEAST_NUDGE = 1e-12
+_LEAST = 1e-9  # share of a measure that no run resolves
+_SIGNIFICANT = 2.0  # a change counts above this multiple of the difference between two runs of an irregular motion
+_DRAWS = 100  # of the rounds, for an interval
+_BATCHES = 6  # most batches of rounds
+_FINE = 0.02  # of a step: a noise floor below this is fine enough
+_BUSY = 0.5  # of a step: above this noise floor nothing is measurable
+_AGAIN = "\0again"  # no effect has this name
 
 
 @dataclass(frozen=True)
@@ -81,17 +82,14 @@ class Change:
         if self.whole is None or self.less is None:
             only = self.less if self.whole is None else self.whole
             return f"{self.measure} {only:.4g}{unit} only {'without' if self.whole is None else 'with'} it"
+        size = f"{100.0 * self.size:.2g}" if self.size < 0.095 else f"{100.0 * self.size:.0f}"
         digits = next((d for d in range(4, 17) if f"{self.whole:.{d}g}" != f"{self.less:.{d}g}"), 4)
         whole, less = (f"{number:.{digits}g}{unit}" for number in (self.whole, self.less))
-        return f"{self.measure} {whole}, without it {less} ({_percent(self.size)} %)"
+        return f"{self.measure} {whole}, without it {less} ({size} %)"
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
         return {**vars(self), "significant": self.significant}
-
-
-def _percent(size: float) -> str:
-    return f"{100.0 * size:.2g}" if size < 0.095 else f"{100.0 * size:.0f}"
 
 
 def changed(whole: Problem, less: Problem) -> tuple[tuple[Change, ...], str]:
@@ -152,18 +150,6 @@ def irregular(problem: Problem, seen: Seen) -> dict[str, float]:
     return {name: _apart(name, seen, other) for name in seen.values}
 
 
-Array = NDArray[np.float64]
-ROUNDS = 9
-UNKNOWN = Spread(math.nan, math.nan, math.nan)
-_DRAWS = 100  # of the rounds, for an interval
-_BATCHES = 6  # most batches of rounds
-_FINE = 0.02  # of a step: a noise floor below this is fine enough
-_BUSY = 0.5  # of a step: above this noise floor nothing is measurable
-
-
-NO_CHANCE = "is random: compared runs leave it out; run other seeds to see its influence"
-
-
 @dataclass(frozen=True)
 class Paired:
     """The measurement of one effect: `states` it adds, `tick` [ns] it adds to a sample step, `changes` if it is left
@@ -172,7 +158,7 @@ class Paired:
     `whole` [ns]: a step of the plant with every effect. `noise` [ns]: smaller costs are not measurable now. `note`:
     remarks on the two motions. `fault`: why there is no plant without it. `switch`: who closes an effect that starts
     open; `closed`: the same effect measured closed, if it was measured open. `on`: the scene has the effect and the
-    other plant is without it; else the other plant has it added.
+    other plant is without it; else the other plant has it added. `why`: it is on or absent.
     """
 
     name: str
@@ -186,6 +172,7 @@ class Paired:
     switch: str = ""
     closed: Paired | None = None
     on: bool = True
+    why: str = "the scene names it"
 
     @property
     def errors(self) -> dict[str, float]:
@@ -199,6 +186,11 @@ class Paired:
         return max(significant, key=lambda change: change.size, default=None)
 
     @property
+    def timed(self) -> bool:
+        """Whether its cost was measured."""
+        return not math.isnan(self.tick.value)
+
+    @property
     def measurable(self) -> bool:
         """Whether a cost can be separated from the noise of the machine at all."""
         return self.noise <= _BUSY * self.whole
@@ -210,7 +202,7 @@ class Paired:
 
     def cost(self) -> str:
         """Return the cost in words."""
-        if math.isnan(self.whole) or math.isnan(self.tick.value):
+        if not self.timed:
             return "not measured"
         if not self.measurable:
             return f"not measurable now: noise {self.noise:.0f} ns"
@@ -235,6 +227,12 @@ class Paired:
         if self.closed is None:
             return "; ".join(filter(None, (self.switch and f"{self.switch}, measured closed", text)))
         return f"{self.switch}; measured closed: {self.closed.cost()}, {self.closed.change()}"
+
+    def text(self) -> str:
+        """Return cost and change as text."""
+        if self.fault:
+            return f"effect {self.name}: {self.change()}"
+        return f"effect {self.name}: {self.states} states, {self.cost()} per step; change if left out: {self.change()}"
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values; unknown values are None."""
@@ -261,7 +259,7 @@ def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def effects(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object] | None = None) -> list[Paired]:
+def effects(scene: Scene, rounds: int = ROUNDS, report: Progress | None = None) -> list[Paired]:
     """Measure every effect that `scene` names and that its plant can do without."""
     values = held(scene, scene.assemble())
     base = bare(scene)
@@ -299,16 +297,15 @@ def compared(
     others: Mapping[str, Scene],
     values: Mapping[str, float],
     rounds: int = ROUNDS,
-    report: Callable[[int, int], object] | None = None,
+    report: Progress | None = None,
 ) -> Iterator[Paired]:
     """Compare `base` with each of `others`, by name: the additional cost of base, and the change without it.
 
     `values`: of the actuators, if the plants have them.
     """
-    say = report or (lambda done, total: None)
     try:
         whole = problem(base, values)
-        contenders = {"": Contender(whole, of(whole.scene, whole.system), whole.later(of(whole.scene, whole.system)))}
+        contenders = {"": _contender(whole)}
     except NumericsError as error:
         yield from (Paired(name, note=f"the plant with it stops: {error.what}") for name in others)
         return
@@ -318,53 +315,46 @@ def compared(
             lesser = problem(scene, values)
             changes, note = changed(whole, lesser)
             pairs[name] = Paired(name, whole.system.n - lesser.system.n, changes=changes, note=note)
-            setting = of(lesser.scene, lesser.system)
-            contenders[name] = Contender(lesser, setting, lesser.later(setting))
+            contenders[name] = _contender(lesser)
         except NumericsError as error:
             pairs[name] = replace(pairs.get(name, Paired(name)), note=f"without it the plant stops: {error.what}")
         except RigError as error:
             pairs[name] = Paired(name, fault=str(error).partition("\n")[0])
-    ticks = timed(contenders, rounds, say)
-    for name, one_of in pairs.items():
-        yield replace(one_of, **cost_of(ticks, name)) if name in ticks else one_of
+    ticks = timed(contenders, rounds, report)
+    for name, paired in pairs.items():
+        yield replace(paired, **cost_of(ticks, name)) if name in ticks else paired
 
 
-_AGAIN = "\0again"  # no effect has this name
+def _contender(asked: Problem) -> Contender:
+    """The plant of a problem with the setting of its scene, where the window begins."""
+    setting = of(asked.scene, asked.system)
+    return Contender(asked, setting, asked.later(setting))
 
 
-def timed(
-    contenders: Mapping[str, Contender], rounds: int, say: Callable[[int, int], object]
-) -> dict[str, list[float]]:
+def timed(contenders: Mapping[str, Contender], rounds: int, report: Progress | None) -> dict[str, list[float]]:
     """Time [ns] of a step of each contender, by round; the first, named "", is timed a second time as `_AGAIN`."""
     turns = {**contenders, _AGAIN: contenders[""]}
     ticks: dict[str, list[float]] = {name: [] for name in turns}
     with no_garbage():
         for turn in range(_BATCHES * rounds):
-            for name in itertools.chain(turns) if turn % 2 else reversed(turns):
+            for name in list(turns)[:: 1 if turn % 2 else -1]:
                 ticks[name].append(turns[name].run() / turns[name].ticks * 1e9)
-            if turn < rounds:
-                say(turn + 1, rounds)
-            if (turn + 1) % rounds == 0 and all(_fine(**cost_of(ticks, name)) for name in contenders if name):
-                break
+            if report is not None and turn < rounds:
+                report(turn + 1, rounds)
+            if (turn + 1) % rounds == 0:
+                costs = [cost_of(ticks, name) for name in contenders if name]
+                if all(cost["noise"] <= _FINE * cost["whole"] for cost in costs):
+                    break
     return ticks
-
-
-def _fine(tick: Spread, noise: float, whole: float) -> bool:
-    return noise <= _FINE * whole
 
 
 def cost_of(ticks: Mapping[str, list[float]], name: str) -> dict[str, Any]:
     """Return `tick`, `noise` and `whole` of an effect; the noise is that of the plant against itself, or of the
     difference.
     """
-    mine = np.array(ticks[""])
-
-    def difference(other: str) -> Spread:
-        return _difference(np.column_stack([mine, ticks[other]]))
-
-    tick, none = difference(name), difference(_AGAIN)
+    tick, none = (_difference(np.column_stack([ticks[""], ticks[other]])) for other in (name, _AGAIN))
     noise = max(abs(none.low), abs(none.high), tick.high - tick.value, tick.value - tick.low)
-    return {"tick": tick, "noise": noise, "whole": float(_quiet(mine))}
+    return {"tick": tick, "noise": noise, "whole": float(_quiet(np.array(ticks[""])))}
 
 
 def _difference(rounds: Array) -> Spread:
@@ -397,59 +387,3 @@ def write(pairs: Sequence[Paired], path: Path) -> None:
         if not paired.changes:
             rows.append([*head, *[""] * 6, note])
     write_file(path, csv_table(rows))
-
-
-def text(paired: Paired) -> str:
-    """Return the report as text."""
-    if paired.fault:
-        return f"effect {paired.name}: {paired.change()}"
-    return (
-        f"effect {paired.name}: {paired.states} states, {paired.cost()} per step; change if left out: {paired.change()}"
-    )
-
-
-def draw(pairs: Sequence[Paired], table: Table, path: Path) -> None:
-    """Draw bars: ns per step on the left, changes by measure on the right."""
-    shown = [paired.closed or paired for paired in pairs if not math.isnan((paired.closed or paired).tick.value)]
-    if not shown:
-        return
-    with sheet(f"{table.title}: what its effects cost", table.machine) as figure:
-        left, right = figure.subplots(1, 2, sharey=True)
-        places = range(len(shown) + 1)
-        ticks = [paired.shown_cost for paired in shown]
-        whole = shown[0].whole
-        rest = max(whole - sum(max(tick.value, 0.0) for tick in ticks), 0.0)
-        begin = rest
-        left.barh(0, rest, color="#9aa5b1")
-        for place, paired in zip(places[1:], shown):
-            left.barh(place, paired.shown_cost.value, left=begin, color=BLUE)
-            spread = [
-                [max(paired.shown_cost.value - paired.shown_cost.low, 0.0)],
-                [max(paired.shown_cost.high - paired.shown_cost.value, 0.0)],
-            ]
-            left.errorbar(begin + paired.shown_cost.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
-            begin += paired.shown_cost.value
-            for change in paired.changes:
-                if change.significant:
-                    right.plot(change.size, place, "o", ms=5, color=VERMILION, alpha=0.7)
-            worst = paired.worst
-            if worst is not None:
-                right.annotate(f"{worst.measure.replace('_', ' ')}, {worst.size:.2g}", (worst.size, place), (0, 8),
-                               textcoords="offset points", ha="right", fontsize=8.5)  # fmt: skip
-            else:
-                right.annotate("no change", (0.02, place), xycoords=("axes fraction", "data"), fontsize=9.5)
-        left.axvline(whole, color="black", ls=":", lw=1.0)
-        noise = max(paired.noise for paired in shown)
-        left.set(xlabel=f"compute of a step of {1e6 * table.step:g} us [ns]; noise up to {noise:.2g} ns")
-        left.set_yticks(list(places), ["everything else", *(paired.name.replace("_", " ") for paired in shown)])
-        right.set(xscale="log", xlabel="change if left out: share of the larger value")
-        right.set_xlim(*_range([size for paired in shown for size in paired.errors.values()]))
-        tick_labels(right)
-        figure.supxlabel("\n", fontsize=8.5)  # room for the machine
-    put(figure, path)
-
-
-def _range(errors: Sequence[float]) -> tuple[float, float]:
-    """The range of the errors with a margin."""
-    seen = [error for error in errors if error > 0.0] or [1e-3]
-    return 0.1 * min(seen), 10.0 * max(seen)

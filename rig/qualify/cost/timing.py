@@ -49,6 +49,9 @@ class Spread:
     high: float
 
 
+UNKNOWN = Spread(math.nan, math.nan, math.nan)
+
+
 @dataclass(frozen=True)
 class Cost:
     """Compute time of a setting. `p50`, `p99` [us] per 1 ms of simulated time, frame by frame as in a run.

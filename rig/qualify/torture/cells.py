@@ -16,7 +16,6 @@ from rig.errors import NumericsError, RigError, SceneError, UsageError
 from rig.model.method import as_integrated, chosen
 from rig.printable import counted
 from rig.qualify.torture import case as cases
-from rig.qualify.torture import wrong_methods
 from rig.qualify.torture.case import Case, Watched, changed, watched
 from rig.qualify.torture.results import CellResult, Found, OutOfTime, amber, judge, red, stopped
 from rig.qualify.torture.trial import Trial, processes, recording
@@ -24,9 +23,8 @@ from rig.qualify.torture.wrong_methods import PATIENCE, WRONG
 from rig.scenes.scene import Scene
 from rig.stability.report import stability_report
 
-METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign", *WRONG)
+METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", *WRONG)
 """Methods of the solver, and those for comparison, which no scene can select."""
-COMPARED: dict[str, Callable[[Case, Watched, int, float], Found]] = {"sign": wrong_methods.run, **WRONG}
 FINER = 4  # refinement of the step of the reference
 TIGHT = 1e-10  # tolerance of the reference
 NEAR = 0.01  # relative tolerance of a growth rate: the precision of the sources
@@ -103,9 +101,9 @@ def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Itera
                 continue  # dopri5 leaves what is linear to exact; exact refuses the rest
             if method == "sign" and step != case.steps[0]:
                 continue
-            if method in WRONG and method not in case.wrong:
+            if method in WRONG and method not in (*case.wrong, "sign"):
                 continue
-            scene = watched(case, "auto" if method in (*COMPARED, default) else method, step)
+            scene = watched(case, "auto" if method in (*WRONG, default) else method, step)
             if quick and not _quickly(method, scene):
                 continue
             yield method, scene
@@ -132,7 +130,7 @@ def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator
         return
     reference, fault = _reference(case, until, seconds)
     for method, scene in _planned(case, quick, methods):
-        default = scene.clock.method == "auto" and method not in COMPARED
+        default = scene.clock.method == "auto" and method not in WRONG
         yield _cell(case, method, scene, default, until, seconds, fault or reference)
     if case.processes:
         yield Cell(case.name, "processes", case.steps[0] * 1e-9, True, _as_processes(case, until), 0.0, {})
@@ -210,16 +208,13 @@ def _cell(
 ) -> Cell:
     counts: dict[str, float] = {}
     spent = 0.0
-    limit = PATIENCE * seconds if method in WRONG else seconds
+    limit = PATIENCE * seconds if method in case.wrong else seconds
     try:
         if isinstance(reference, CellResult):
             found_is = reference
         else:
-            outcome = (
-                COMPARED[method](case, scene, until, limit)
-                if method in COMPARED
-                else Trial(case, scene, until, limit).run()
-            )
+            own = method in WRONG
+            outcome = WRONG[method](case, scene, until, limit) if own else Trial(case, scene, until, limit).run()
             found_is = judge(case, outcome, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
             if default and found_is.colour == "green":
                 found_is = recording(case, scene, until) or found_is

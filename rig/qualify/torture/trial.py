@@ -1,8 +1,5 @@
-"""One run of a case: simulates the plant with the actions of the case and checks every step.
-
-Checks of the points of a film: they press, and friction stays within its cone.
-
-The run of a case as a user makes it: with sensors, as a recording that is verified, and as processes.
+"""One run of a case: the plant with the actions of the case, every step checked; and the run as a user makes it: with
+sensors, as a recording that is verified, and as processes.
 """
 
 from __future__ import annotations
@@ -32,6 +29,7 @@ from rig.printable import counted
 from rig.qualify.torture.case import Act, Case, Watched, changed
 from rig.qualify.torture.results import CellResult, Found, OutOfTime, red
 from rig.record import reader
+from rig.record.compare import compare
 from rig.record.run import Run
 from rig.scenes.scene import Scene
 from rig.solve.records import OPEN, STICK
@@ -400,19 +398,11 @@ def _unmeasured(run: Run) -> Iterator[str]:
 
 
 def _difference(log: Run, run: Run) -> str:
-    """The first quantity of which the recording `log` has other bits than `run`; "" if there is none."""
-    for what in ("signals", "measurements", "commands"):
-        if getattr(log, what).keys() != getattr(run, what).keys():
-            return f"it has other {what}"
-    at = np.searchsorted(run.time, log.time - 1e-9)  # a live run records outputs at its frames
-    for name, values in log.signals.items():
-        if values.tobytes() != run.signals[name][at].tobytes():
-            return f"the output {name}"
-    for name, (t_ns, values) in log.measurements.items():
-        known = run.measurements[name]
-        if not np.array_equal(t_ns, known.t_ns) or values.tobytes() != known.v.tobytes():
-            return f"the measurement {name}"
-    for name, commands in log.commands.items():
-        if commands.values.tobytes() != run.commands[name].values.tobytes():
-            return f"the commands of {name}"
-    return ""
+    """The first quantity of which the recording `log` has other bits than `run`; "" if there is none.
+
+    A live run records outputs at its frames, but every sample of a sensor.
+    """
+    comparison = compare(log, run)
+    if comparison.missing:
+        return f"only one of them has {', '.join(comparison.missing)}"
+    return next((str(d) for d in comparison.differences if not d.equal or d.topic.startswith("meas/")), "")
