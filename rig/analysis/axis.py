@@ -2,9 +2,8 @@
 
     drive.speed=0.05 m/s:0.4 m/s:50      drive.speed=0:8 rpm:81      load.force=10:30:21
 
-An end without a unit takes the unit of the other end. If neither has a unit, the numbers are SI.
-
-What a figure over one or two parameters holds constant.
+An end without a unit takes the unit of the other end. If neither has a unit, the numbers are SI. A figure over axes
+names what it holds constant.
 """
 
 from __future__ import annotations
@@ -36,6 +35,8 @@ MOST, POINTS = 100_000, 10_000_000
 """Largest number of values of one axis, and of points of all axes together."""
 _PARTS = ("sensors", "controllers")
 FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
+_LETTERS = 12.0
+"""Letters of the second line in an inch."""
 
 
 @dataclass(frozen=True)
@@ -265,10 +266,6 @@ def in_words(key: str, scene: Scene, declared: bool = False) -> str:
         section = section[part] if isinstance(section, Mapping) else getattr(section, part)
     title = type(section).model_fields[name].title
     return title or ("" if declared else " ".join([*path, name]).replace("_", " "))
-
-
-_LETTERS = 12.0
-"""Letters of the second line in an inch."""
 
 
 def fixed(scene: Scene, axes: Iterable[Axis]) -> str:

@@ -1,11 +1,11 @@
-"""The eigenvalues of a scene followed along a parameter, with a measure of how reliable the pairing is.
+"""The eigenvalues of a scene followed along a parameter, and the zeros of their growth rates.
 
 Two spectra are paired by the modal assurance criterion (MAC) of their left and right eigenvectors and by the distance
 of the eigenvalues:
 
     MAC_ij = |(l_i r'_j)(l'_j r_i)| / |(l_i r_i)(l'_j r'_j)|      one for the same mode, whatever the units
 
-Zeros of growth rates along a parameter, and ends of the ranges in which they exist: brackets on a grid, then roots.
+Zeros of growth rates, and ends of the ranges in which they exist, are bracketed on a grid, then found as roots of
 
     growths(value)   growth rates in falling order [1/s], and the size below which each is zero; None without steady
                      sliding
@@ -37,6 +37,17 @@ SURE = 0.7  # MAC of a pair that needs no smaller step
 NOTHING, OPENS, JAMS = "no steady sliding", "the contact would open", "jams"
 SLOW = "the dither is not fast"
 DEPTH = 8  # most halvings of a step between two values whose pairs are not certain
+Found = TypeVar("Found")
+RELATIVE = 4.0 * float(np.finfo(float).eps)  # finest relative tolerance of a root
+NEUTRAL = 1e-9  # of |lambda|: growth below this is zero
+ROUNDING = 1e-12  # of the largest |lambda|
+EDGE = 1e-9  # of the gap between two values: tolerance of the end of a stretch
+_DEPTH = 6  # most halvings of a gap in which a rate could reach zero
+_SEARCH = 3  # halvings of a gap without steady sliding at both ends
+_CUSP = 4.0  # a minimum below this multiple of the rise beside it may reach zero: growth has a kink where modes meet
+_LEVEL = 1e-9
+_FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
+_BESIDE = (2.0**-3, 2.0**-6, 2.0**-9)  # of the way from the end of a stretch to the next value of the grid
 
 
 class Spectrum(NamedTuple):
@@ -135,19 +146,6 @@ def absent(note: str, why: str, inertia: float = 1.0) -> Spectrum:
     """Return the empty spectrum of a place without steady sliding."""
     none = np.zeros((0, 0), dtype=np.complex128)
     return Spectrum(none.diagonal(), none, none, (), 0, 0, False, False, note, inertia, why)
-
-
-Found = TypeVar("Found")
-RELATIVE = 4.0 * float(np.finfo(float).eps)  # finest relative tolerance of a root
-NEUTRAL = 1e-9  # of |lambda|: growth below this is zero
-ROUNDING = 1e-12  # of the largest |lambda|
-EDGE = 1e-9  # of the gap between two values: tolerance of the end of a stretch
-_DEPTH = 6  # most halvings of a gap in which a rate could reach zero
-_SEARCH = 3  # halvings of a gap without steady sliding at both ends
-_CUSP = 4.0  # a minimum below this multiple of the rise beside it may reach zero: growth has a kink where modes meet
-_LEVEL = 1e-9
-_FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
-_BESIDE = (2.0**-3, 2.0**-6, 2.0**-9)  # of the way from the end of a stretch to the next value of the grid
 
 
 class Growth(NamedTuple):

@@ -1,20 +1,10 @@
-"""Measures of a plant's motion from its start with actuators held: period, amplitude, stick share, frequency, growth.
+"""Measures of a plant's motion from its start with actuators held, and the differences between two runs in them.
 
-settings   the method of integration with its step or tolerance
-problem    plant, start and duration, and the kind of motion: a cycle, a vibration, a smooth motion
-measures   the measures of a run, and the differences between two runs
-
-Settings of the integration: a method with its step or tolerance, and the series of settings that `rig cost`
-measures.
-
-exact    no setting: its step is the sample step of the scene
-dopri5   tolerance                rk4   step
-
-The simulation problem of a cost measurement: a scene's plant with every actuator held, a start, and a duration.
-
-Actuators have the values that the protocol of the scene holds for the longest. If these differ from the initial values,
-the rig starts stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. A first run with
-the method of the scene decides the kind of motion and the duration:
+A setting is a method of integration with its step (rk4, kick) or its tolerance (dopri5); the step of exact is the
+sample step of the scene. A problem is a scene's plant with every actuator held, a start, and a duration. Actuators have
+the values that the protocol of the scene holds for the longest. If these differ from the initial values, the rig starts
+stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. A first run with the method of
+the scene decides the kind of motion and the duration:
 
     cycle       mode set changes repeat: simulated until some rounds after they do; on an uneven surface they must
                 repeat over a whole turn of it
@@ -22,8 +12,7 @@ the method of the scene decides the kind of motion and the duration:
     smooth      none in the last third: growth, decay, forced motion
 
 A motion that leaves a limit of the scene is simulated until then. The evaluated window is a whole number of frames.
-
-Physical measures of a run, and the differences between two runs in them.
+Measures:
 
     every kind   event times: of the first mode set changes, as a share of the mean time of a cycle (or between two)
     cycle        period, stick share, energy in a cycle; amplitude (half of peak to peak) of every quantity
@@ -73,6 +62,19 @@ TIGHTEST = 1e-12  # tolerance
 THEORY = {"dopri5": 5, "rk4": 4, "kick": 2}  # order of the error in the step
 _FINE = 2e-3  # |lambda| h of the finest rk4 step of a series
 _RUNG = 2.0  # smallest ratio of two steps of a series
+Array = NDArray[np.float64]
+ROUNDS = 4  # simulated cycles after repetition
+TIGHT = 1e-10  # tolerance of the first run
+_REPEATS = 1e-6  # of a period: it counts as repeating
+_LONGEST = 60.0  # s, simulated
+_WALL = 3.0  # s, for the first run
+_EVENTS = 4000
+_TIMED = 2000  # fewest sample steps in one timed run
+_FALL = 7.0  # natural logarithm of the decay over which a motion is simulated
+FIRST = 12  # mode set changes whose times are compared, for a motion that does not repeat
+_STILL = 1e-9  # of the size of a quantity: below this it does not move
+_AT_ONCE = 1e-3  # of the mean time of a cycle, or between two events: the order of nearer ones is left to rounding
+SLOW = 1e-2  # of the angular frequency: smallest scale of an error of growth
 
 
 @dataclass(frozen=True, order=True)
@@ -153,17 +155,6 @@ def _steps(step_ns: int, rate: float, finest: float) -> Iterator[int]:
         if turn < finest or h == 1:
             return
         last = h
-
-
-Array = NDArray[np.float64]
-ROUNDS = 4  # simulated cycles after repetition
-TIGHT = 1e-10  # tolerance of the first run
-_REPEATS = 1e-6  # of a period: it counts as repeating
-_LONGEST = 60.0  # s, simulated
-_WALL = 3.0  # s, for the first run
-_EVENTS = 4000
-_TIMED = 2000  # fewest sample steps in one timed run
-_FALL = 7.0  # natural logarithm of the decay over which a motion is simulated
 
 
 @dataclass(frozen=True)
@@ -366,12 +357,6 @@ def _dies(system: System) -> float:
     sliding = steady(system, sliding_key(system))
     rate = -float(sliding.eigenvalues()[0].real) if sliding.exists else 0.0
     return _FALL / rate if rate > _FALL / _LONGEST else _LONGEST
-
-
-FIRST = 12  # mode set changes whose times are compared, for a motion that does not repeat
-_STILL = 1e-9  # of the size of a quantity: below this it does not move
-_AT_ONCE = 1e-3  # of the mean time of a cycle, or between two events: the order of nearer ones is left to rounding
-SLOW = 1e-2  # of the angular frequency: smallest scale of an error of growth
 
 
 @dataclass(frozen=True)

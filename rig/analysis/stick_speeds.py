@@ -1,17 +1,15 @@
-"""Critical speeds that a run shows: of the last and the first stick, and the highest speed with stick.
+"""Critical speeds: of the last and the first stick of a run, and the highest speed at which a tip sticks again.
 
-The three-stage protocol (accelerate, hold, decelerate): the speeds of the last and the first stick.
-
-Without noise a sliding rig stays on its equilibrium and leaves it late: `down` is below the speed at which sliding
-becomes unstable, more so for a faster ramp. `rig modes` computes the latter speed from eigenvalues. Sticks shorter than
-a sample step count too, because the events of the run show them.
+A run with three stages (accelerate, hold, decelerate) shows the speeds of the last and the first stick. Without noise a
+sliding rig stays on its equilibrium and leaves it late: `down` is below the speed at which sliding becomes unstable,
+more so for a faster ramp. `rig modes` computes the latter speed from eigenvalues. Sticks shorter than a sample step
+count too, because the events of the run show them.
 Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), the tests with three stages.
 
-The upper critical speed of a tip whose friction drops at once: the highest speed at which it sticks again.
-
-Slip begins at the static limit with the speed V of the disc. It is a damped oscillation about the sliding equilibrium.
-If its next velocity maximum reaches V, the tip sticks again; otherwise it never does. Both have closed forms, and the
-critical speed is the largest V at which the maximum is V. For light damping it approaches
+The upper critical speed of a tip whose friction drops at once: slip begins at the static limit with the speed V of the
+disc. It is a damped oscillation about the sliding equilibrium. If its next velocity maximum reaches V, the tip sticks
+again; otherwise it never does. Both have closed forms, and the critical speed is the largest V at which the maximum is
+V. For light damping it approaches
 
     w_s D / sqrt(exp(4 pi zeta) - 1)       D: distance from the begin of slip to the sliding equilibrium
 
@@ -38,6 +36,10 @@ from rig.scenes.scene import Scene
 from rig.solve.records import CLOSED, STICK
 
 _HALF = 0.5
+_SCAN = 1.05
+"""Ratio of neighbouring trial speeds."""
+_LEAST = 1e-4
+"""Smallest trial speed over the largest."""
 
 
 class Stages(NamedTuple):
@@ -128,12 +130,6 @@ def _sticks_by_text(system: System, words: str) -> bool:
     loaded = {k.patch for k in system.normals if f"{k.name} open" not in states}
     whole = not any(word.endswith(" contacts open") for word in states)
     return whole and any(f"{patch.name} stick" in states and p in loaded for p, patch in enumerate(system.patches))
-
-
-_SCAN = 1.05
-"""Ratio of neighbouring trial speeds."""
-_LEAST = 1e-4
-"""Smallest trial speed over the largest."""
 
 
 def upper_speed(p: Parameters) -> float:

@@ -1,11 +1,9 @@
 """The eigenvalues of a rig along one of its parameters: branches, and the critical values where growth changes sign.
 
-Critical values of a parameter: where a mode of steady sliding begins or stops to grow, and the stability on both
-sides.
-
-The real parts of all eigenvalues in falling order are continuous functions of the parameter, even where branches cross
-or coalesce. Therefore a critical value is a root of one of these functions. It is found to the rounding of the key
-(Brent) without following a branch. Where friction falls with a kink, growth may jump over zero.
+At a critical value a mode of steady sliding begins or stops to grow; the stability on both sides belongs to it. The
+real parts of all eigenvalues in falling order are continuous functions of the parameter, even where branches cross or
+coalesce. Therefore a critical value is a root of one of these functions. It is found to the rounding of the key (Brent)
+without following a branch. Where friction falls with a kink, growth may jump over zero.
 """
 
 from __future__ import annotations
@@ -46,6 +44,7 @@ from rig.scenes.scene import Scene
 Complex = NDArray[np.complex128]
 JUMP = 1e-3  # of the growth beside it: the residual at a root of a continuous function is far smaller
 _SAME = 1e-9  # of the axis: critical values of one kind this close belong to one mode, a pair of eigenvalues
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -206,9 +205,6 @@ def _at(spectra: Spectra, bracket: Bracket, root: float, values: Sequence[float]
         shape=shape,
         energy=energy,
     )
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,10 @@
 
     dx' = A dx + B du        dy = C dx + D du        u: commands of the actuators, y: outputs of the rig
 
-The matrices are those of the simulation. A quantity that is neither commanded nor moving is not a state.
+The matrices are those of the simulation. A quantity that is neither commanded nor moving is not a state. The linear
+form of a controller (rig.controllers.blocks.design.Linear) is checked, and becomes matrices too:
 
-The linear form of a controller (rig.controllers.blocks.design.Linear), checked, and as matrices:
-
-    xi+ = A xi + b y,   u = c xi + d y
-
-y is the measurement, u the command.
+    xi+ = A xi + b y,   u = c xi + d y              y: the measurement, u: the command
 """
 
 from __future__ import annotations

@@ -95,10 +95,6 @@ class Map(Result):
         slid, left = near == SLIDING, np.isin(near, (STICK_SLIP, VIBRATION))
         return np.asarray((slid & (self.growth > 0.0)) | (left & (self.growth < 0.0)))
 
-    def axes(self) -> tuple[Array, Array]:
-        """Values of x and of y (nan if there is no y axis) in the units for output."""
-        return self.job.x.shown_values, self.job.y.shown_values if self.job.y else np.array([np.nan])
-
     def text(self) -> str:
         """Return the report as text."""
         job, x = self.job, self.job.x
@@ -118,11 +114,9 @@ class Map(Result):
                       "     another start may reach one: carry the runs from where the rig vibrates, with an axis that",
                       "     begins or ends there"]  # fmt: skip
         if "near" in settings.runs:
-            both = ~np.isnan(self.growth)
-            wrong = self.disagreement
-            text = f"  near starts and eigenvalues disagree at {wrong.sum()} of {both.sum()} points"
+            wrong, both = self.disagreement, np.count_nonzero(~np.isnan(self.growth))
             worst = f"; largest growth rate there {np.abs(self.growth[wrong]).max():.2g} 1/s" if wrong.any() else ""
-            lines += ["", text + worst]
+            lines += ["", f"  near starts and eigenvalues disagree at {wrong.sum()} of {both} points{worst}"]
         lines += self._stopped()
         lines += ["", *self._boundaries()]
         return "\n".join(lines)

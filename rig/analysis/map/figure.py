@@ -38,9 +38,9 @@ def figure(found: Map | Boundary) -> Figure:
 def _regions(axes: Axes, found: Map) -> None:
     from matplotlib.colors import ListedColormap
 
-    x, y = found.axes()
     job = found.job
     assert job.y is not None
+    x, y = job.x.shown_values, job.y.shown_values
     mesh = axes.pcolormesh(x, y, found.regions, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=4.5, shading="nearest")
     mesh.set_rasterized(True)
     scale = job.x.scale
@@ -67,8 +67,7 @@ def _line(axes: Axes, points: Any, style: str, colour: str, marker: str, label: 
 
 
 def _there(found: Map) -> dict[int, str]:
-    there = np.unique(found.regions).tolist()
-    return {r: f"{REGIONS[r]}  {MEANING[r]}" for r in (1, 2, 3, 4, 0) if r in there}
+    return {r: f"{REGIONS[r]}  {MEANING[r]}" for r in (1, 2, 3, 4, 0) if (found.regions == r).any()}
 
 
 def _legend(axes: Axes, labels: dict[int, str], *others: Axes) -> None:
@@ -122,12 +121,8 @@ def _dither(axes: Axes, found: Boundary) -> None:
     axes.fill_between(x.shown_values, edge, y.shown_values[-1], color=COLOURS[1], lw=0)
     seen = np.isfinite(found.simulated).all(axis=1)
     middle, half = found.simulated[seen].mean(axis=1), 0.5 * np.diff(found.simulated[seen], axis=1).ravel()
-    axes.plot(
-        x.shown_values, np.where(np.isinf(found.averaged), np.nan, found.averaged) / y.scale, "k", label="averaged"
-    )
-    axes.plot(
-        x.shown_values, np.where(np.isinf(found.leading), np.nan, found.leading) / y.scale, "k:", label="leading order"
-    )
+    for theory, style, label in ((found.averaged, "k", "averaged"), (found.leading, "k:", "leading order")):
+        axes.plot(x.shown_values, np.where(np.isinf(theory), np.nan, theory) / y.scale, style, label=label)
     axes.errorbar(
         x.shown_values[seen],
         middle / y.scale,

@@ -4,15 +4,12 @@
     up     carried from point to point, upwards, from a standing start at the lowest value
     down   carried from point to point, downwards, from the end of `up` (else from a standing start)
 
+The rig of a row is started anywhere along the x axis, moved along it, and simulated until it has settled. A commanded
+quantity on the axis (the speed of a drive, a load) is a state of the rig: it is ramped, no matrix changes, and all runs
+of the row share the propagators of their mode sets. Any other parameter changes in a few steps.
+
 A carried run that has come to slide would stay exactly on its equilibrium and leave it far too late. Therefore it gets
 the perturbation at every point: it equals the near start of each point until that start vibrates again.
-
-The rig of one row of a map: started anywhere along the x axis, moved along it, simulated until it has settled.
-
-A commanded quantity on the axis (the speed of a drive, a load) is a state of the rig. It is ramped, no matrix changes,
-and all runs of the row share the propagators of their mode sets. Any other parameter changes in a few steps.
-
-The units of a map: each is a pure function of the job.
 """
 
 from __future__ import annotations
@@ -74,6 +71,9 @@ _FEW, _MANY = 3, 30  # sticks in a window: with fewer it becomes longer, with mo
 _LATEST = 20  # turns over sectors
 _ROUNDS = 4  # of simulating on, each for twice as long
 _ROOM = 200_000  # ticks in a window: a turn of a surface that creeps is simulated in parts
+ALIVE = (STICK_SLIP, VIBRATION)
+OF_WINDOW = ("low", "high", "rms", "share", "period")
+_LONG = 160  # characters of the reason why a run had to stop
 
 
 @dataclass(frozen=True)
@@ -325,11 +325,6 @@ class Track:
         if key not in self._held:
             self._held[key] = sticks(self._motion.system, key)
         return self._held[key]
-
-
-ALIVE = (STICK_SLIP, VIBRATION)
-OF_WINDOW = ("low", "high", "rms", "share", "period")
-_LONG = 160  # characters of the reason why a run had to stop
 
 
 class Row:

@@ -38,6 +38,8 @@ TURNS = 5
 """Turns in which a contact over sectors must stick: a cycle may survive two crossings and end at the third."""
 _EQUAL = 1.02  # ratio of amplitudes from turn to turn, which meet the edges at other phases
 _GROWN = 4.0  # a near start has left sliding when its amplitude is this many perturbations
+_INSTANT = 1e-9  # of a window
+_NO = float("nan")
 
 
 class Window(NamedTuple):
@@ -73,8 +75,6 @@ class Point(NamedTuple):
     why: str = ""
 
 
-_INSTANT = 1e-9  # of a window
-_NO = float("nan")
 BLANK = Window(_NO, _NO, _NO, _NO, _NO, _NO, 0, _NO, False)
 NOTHING = Point(NONE, BLANK, 0.0)
 

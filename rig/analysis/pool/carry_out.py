@@ -1,6 +1,6 @@
 """Carrying out a work: what its folder does not contain yet is computed, here or by workers, and saved as it comes.
 
-Worker processes on this machine, which get batches until no unit is left; a lost worker is replaced.
+Worker processes of this machine get batches until no unit is left; a lost worker is replaced.
 """
 
 from __future__ import annotations

@@ -36,6 +36,25 @@ from rig.quantities import whole
 
 _LONGEST = 1 << 20  # bytes of a first message: it has some hundreds
 _HEAD = struct.Struct("<Q")
+LOOPBACK = "127.0.0.1"
+ANSWER = 10.0  # s within which a scheduler answers
+SPAN = 10.0  # s of a batch
+JOIN, _QUEUE = 60.0, 86400.0  # s within which a worker joins; one that waits in the queue of a batch system
+_LOOK = 0.2  # s between two reports of progress
+_AHEAD = 2  # batches on their way for each worker, so that none waits for the next
+_PREPARING = 300.0  # s for another process of the same machine to compile
+_TAKEN = threading.Lock()
+"""One batch at a time: a worker may have several threads."""
+_LOCAL = {
+    "distributed.scheduler.allowed-failures": 1,
+    "distributed.worker.memory.terminate": False,
+    "distributed.worker.profile.enabled": False,  # the rest watches the processes: 20 to 30 ms of each second
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+}
+"""Configuration of dask for a cluster that is started here."""
+_KEPT = {-3: 32 << 20, -1: 64 << 20}
+"""M_MMAP_THRESHOLD, M_TRIM_THRESHOLD of <malloc.h> [bytes]: the greatest values that glibc itself chooses."""
 
 
 def unanswered(where: str, seconds: float) -> str:
@@ -63,10 +82,6 @@ def unanswered(where: str, seconds: float) -> str:
     if len(head) == _HEAD.size and 0 < _HEAD.unpack(head)[0] <= _LONGEST:
         return ""
     return "what listens there does not speak as dask does"
-
-
-LOOPBACK = "127.0.0.1"
-ANSWER = 10.0  # s within which a scheduler answers
 
 
 def job_script(workers: int) -> str:
@@ -135,25 +150,6 @@ def _noted(job: Any, refused: list[str]) -> Any:
                 self.status = needed("distributed", "cluster").Status.running  # as a process that was started
 
     return Job
-
-
-SPAN = 10.0  # s of a batch
-JOIN, _QUEUE = 60.0, 86400.0  # s within which a worker joins; one that waits in the queue of a batch system
-_LOOK = 0.2  # s between two reports of progress
-_AHEAD = 2  # batches on their way for each worker, so that none waits for the next
-_PREPARING = 300.0  # s for another process of the same machine to compile
-_TAKEN = threading.Lock()
-"""One batch at a time: a worker may have several threads."""
-_LOCAL = {
-    "distributed.scheduler.allowed-failures": 1,
-    "distributed.worker.memory.terminate": False,
-    "distributed.worker.profile.enabled": False,  # the rest watches the processes: 20 to 30 ms of each second
-    "distributed.admin.tick.interval": "1s",
-    "distributed.admin.system-monitor.interval": "5s",
-}
-"""Configuration of dask for a cluster that is started here."""
-_KEPT = {-3: 32 << 20, -1: 64 << 20}
-"""M_MMAP_THRESHOLD, M_TRIM_THRESHOLD of <malloc.h> [bytes]: the greatest values that glibc itself chooses."""
 
 
 class Cluster:

@@ -6,9 +6,8 @@ maps/belt-1a2b3c4d5e6f/     named by the digest of scene, axes, settings and sou
   lock                      locked while a process computes
 
 A batch has an array `#units` with the numbers of its units, and the type of the processor, `#processor`. Arrays of one
-shape are stacked, "name" [unit, ...]; others are stored for each unit, "unit/name".
-
-What processes must have in common to compute the same bits: sources, kernels, and the type of processor.
+shape are stacked, "name" [unit, ...]; others are stored for each unit, "unit/name". Processes compute the same bits if
+they have the same sources, kernels, and type of processor.
 """
 
 from __future__ import annotations
@@ -35,6 +34,10 @@ from rig.record.provenance import blas, processor
 from rig.scenes.scene import Scene
 
 _ROOT = Path(__file__).resolve().parents[2]
+_ROOMS = ("analysis", "bench", "controllers", "design", "effects", "model", "motion", "plants", "record",
+          "sensors", "solve", "stability")  # fmt: skip
+_JOB, _LOCK = "job.json", "lock"
+_UNITS, _PROCESSOR = "#units", "#processor"
 
 
 @cache
@@ -50,10 +53,6 @@ def sources() -> str:
     return f"friction-rig {number}, sources {found.hexdigest()[:12]}"
 
 
-_ROOMS = ("analysis", "bench", "controllers", "design", "effects", "model", "motion", "plants", "record",
-          "sensors", "solve", "stability")  # fmt: skip
-
-
 def digest(scene: Scene, text: str) -> str:
     """Return a hash (12 hex digits) of a scene, of a description, and of the sources that decide their numbers."""
     decides = hashlib.sha256(f"{kernel.source_key()} {np.__version__} {scene.digest} {text}".encode())
@@ -66,10 +65,6 @@ def digest(scene: Scene, text: str) -> str:
 def this_processor() -> str:
     """Return the type of this processor and its linear algebra: results have the same bits on one type."""
     return f"{processor()}, {blas()}"
-
-
-_JOB, _LOCK = "job.json", "lock"
-_UNITS, _PROCESSOR = "#units", "#processor"
 
 
 class Store:

@@ -1,6 +1,6 @@
-"""What a work is: a pure function over numbered items.
+"""What a work is, a pure function over numbered items, and the schedule of its units.
 
-Which units of a work wait, in which batches they go out, and how often their workers were lost.
+The schedule knows which units wait, in which batches they go out, and how often their workers were lost.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ Progress = Callable[[int, int], object]
 """(units done, all units)."""
 MOST_WORKERS = 256
 """Largest number of worker processes."""
+_ATTEMPTS = 2
+_SHARE = 2  # batches for each worker that the waiting units make at least: near the end the batches become small
 
 
 @dataclass(frozen=True)
@@ -71,10 +73,6 @@ def packed(raw: Any) -> Arrays:
 def unpacked(arrays: Arrays) -> Any:
     """Return the values of `packed`."""
     return json.loads(arrays["json"].tobytes())
-
-
-_ATTEMPTS = 2
-_SHARE = 2  # batches for each worker that the waiting units make at least: near the end the batches become small
 
 
 class Schedule:

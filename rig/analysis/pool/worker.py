@@ -1,8 +1,7 @@
 """A worker process: `python -m rig.analysis.pool.worker FOLDER` computes the batches that it reads, and saves them.
 
 It reads the work on standard input, then a line for each batch, a list of [unit, value, ...], and ends when there are
-no more. What it
-tells (`rig.machine.process.tell`):
+no more. What it tells (`rig.machine.process.tell`):
 
 ready        waits for batches             at N   units of the batch that are finished
 done S       the batch is saved, S s       fault TEXT   the whole work has to end

@@ -33,6 +33,7 @@ _CUT = ("normal", "lognormal")  # these reach to infinity and may be cut off at 
 _OF_LOGARITHM = ("lognormal", "deviation")  # without a unit
 _FARTHEST = 37.0  # deviations: beyond, a normal distribution has no share that a double holds
 _TEXT = re.compile(r"\s*(?P<kind>\w+)\s*\((?P<values>[^()]*)\)\s*")
+FORM = 'expected values such as [10, 20], "10 N:30 N:5", "10 N, 20 N" or "normal(20 N, 2 N)"'
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ class Distribution:
         return made(found["kind"], {name: number_or_text(value) for name, value in given.items()})
 
     def __str__(self) -> str:
-        texts = [f"{value:g}" if isinstance(value, float | int) else value for _, value in self.values]
-        named = [text if name in FORMS[self.kind] else f"{name}={text}" for (name, _), text in zip(self.values, texts)]
+        texts = ((name, f"{value:g}" if isinstance(value, float | int) else value) for name, value in self.values)
+        named = (text if name in FORMS[self.kind] else f"{name}={text}" for name, text in texts)
         return f"{self.kind}({', '.join(named)})"
 
     def in_si(self, unit: str) -> dict[str, float]:
@@ -119,36 +120,26 @@ def made(kind: str, given: dict[str, Any]) -> Distribution:
     names = FORMS[kind]
     allowed = (*names, "low", "high") if kind in _CUT else names
     form = f"{kind}({', '.join(names)}{', low=..., high=...' if kind in _CUT else ''})"
-    missing = [name for name in names if name not in given]
-    unknown = [name for name in given if name not in allowed]
-    if missing or unknown:
-        what = [f"{', '.join(missing)} missing"] if missing else []
-        what += [f"{', '.join(name or 'one value too many' for name in unknown)} not expected"] if unknown else []
+    missing = ", ".join(name for name in names if name not in given)
+    excess = ", ".join(name or "one value too many" for name in given if name not in allowed)
+    if what := [f"{missing} missing"] * bool(missing) + [f"{excess} not expected"] * bool(excess):
         raise UsageError(f"{kind}: {'; '.join(what)}; expected {form}")
-    found = Distribution(
-        kind,
-        tuple(
-            (name, _plain_number(kind, name, given[name]))
-            for name in dict.fromkeys(allowed)
-            if given.get(name) is not None
-        ),
-    )
-    if all(isinstance(value, float) for _, value in found.values):
+    values: list[tuple[str, float | str]] = []
+    for name in dict.fromkeys(allowed):
+        if (value := given.get(name)) is not None:
+            try:
+                values.append((name, value if isinstance(value, str) else si(value, "1")))
+            except ValueError:
+                message = f"{kind}: {name} is {brief(value)}; expected a number or a text with a unit"
+                raise UsageError(message) from None
+    numbers = {name: value for name, value in values if isinstance(value, float)}
+    distribution = Distribution(kind, tuple(values))
+    if len(numbers) == len(values):
         try:
-            _check(str(found), kind, {name: float(value) for name, value in found.values})
+            _check(str(distribution), kind, numbers)
         except ValueError as fault:
             raise UsageError(str(fault)) from None
-    return found
-
-
-def _plain_number(kind: str, name: str, value: Any) -> float | str:
-    """A value as a number or a text. Raises UsageError for anything else."""
-    if isinstance(value, str):
-        return value
-    try:
-        return si(value, "1")
-    except ValueError:
-        raise UsageError(f"{kind}: {name} is {brief(value)}; expected a number or a text with a unit") from None
+    return distribution
 
 
 def _check(text: str, kind: str, v: dict[str, float]) -> None:
@@ -175,9 +166,6 @@ def number_or_text(text: str) -> float | str:
         return float(text)
     except ValueError:
         return text
-
-
-FORM = 'expected values such as [10, 20], "10 N:30 N:5", "10 N, 20 N" or "normal(20 N, 2 N)"'
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,11 @@ COLUMNS = ("seed", "reason", "scene_json")
 """Names in the results beside those of parameters, dimensions and measures."""
 _FEW = 24  # points that the report lists one by one
 _REASONS = 6  # different reasons in it
+_COLOUR, _BAND, _LIGHT, _BEST = "#1d4f91", "#b9cce4", "#d1802f", "#c03a76"
+_MOST = 6  # panels in a row of a scatter matrix
+_PANEL = 3.2  # inches
+_LINE = 18  # characters
+_TICKS, _APART = 8, 0.08  # values of an axis that are its ticks, if they are further apart than a share of the axis
 
 
 @dataclass(frozen=True)
@@ -86,13 +91,6 @@ def _zarr(made: Dataset, path: Path) -> None:
         draft.rename(path)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-
-
-_COLOUR, _BAND, _LIGHT, _BEST = "#1d4f91", "#b9cce4", "#d1802f", "#c03a76"
-_MOST = 6  # panels in a row of a scatter matrix
-_PANEL = 3.2  # inches
-_LINE = 18  # characters
-_TICKS, _APART = 8, 0.08  # values of an axis that are its ticks, if they are further apart than a share of the axis
 
 
 def _suiting(found: StudyResult) -> dict[str, Callable[[StudyResult], Figure]]:

@@ -1,16 +1,13 @@
-"""The points of a study: each has its values and its seed, and is computed for itself.
-
-The points of a study: a grid, at each of its points drawn samples, each of them run with several seeds.
+"""The points of a study: a grid, at each of its points drawn samples, each of them run with several seeds.
 
 random     independent draws (Monte Carlo)
 latin      Latin hypercube: each parameter has one value in each of N equal shares
 sobol      Sobol sequence, scrambled: fills the space evenly; N is a power of 2
 saltelli   N (d + 2) points from which Sobol indices of d parameters are computed; N is a power of 2
 
-The draws are the same at every point of the grid. Point number k is run with the seed of the study plus k. Source:
+The draws are the same at every point of the grid. Point number k is run with the seed of the study plus k, and is
+computed for itself. Recordings of chosen points are simulated again, since a run repeats to the last bit. Source:
 Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270.
-
-Recordings of chosen points of a study: these are simulated again, since a run repeats to the last bit.
 """
 
 from __future__ import annotations

@@ -4,8 +4,6 @@ The search is a function of its seed, so that its points come in the same order 
 those of a study: when the same search is started again, it reads them and continues from there. A point without a value
 (no limit cycle, a run that stopped) is worse than every other one. Source: Storn and Price, J. Global Optim. 11 (1997)
 341-359, as scipy.optimize.differential_evolution implements it.
-
-The result of a search: its points, the best one, and how it came there.
 """
 
 from __future__ import annotations
@@ -39,6 +37,12 @@ from rig.scenes.scene import Scene
 Array = NDArray[np.float64]
 _APART = "not converged: the same search with more --evaluations and --force continues from here"
 _CLOSE = 0.01  # of the range: nearer to an end, the range limits the search
+ROOT = Path("searches")
+EVALUATIONS = 600
+"""Default largest number of points."""
+_POPULATION = 15  # points of a generation for each parameter, as scipy has it
+_WORST = 1e100  # of a point without a value: scipy computes a generation again whose values are all infinite
+_LEAST = 5  # points that differential evolution needs
 
 
 @dataclass(frozen=True)
@@ -122,14 +126,6 @@ class SearchResult(Result):
         head = [*(one.axis.si_label for one in self.factors), with_unit(self.measure, self.unit), "reason"]
         rows = zip(self.points.tolist(), self.values.tolist(), self.reasons)
         return csv_table([head, *([*point, value, why] for point, value, why in rows)]).decode()
-
-
-ROOT = Path("searches")
-EVALUATIONS = 600
-"""Default largest number of points."""
-_POPULATION = 15  # points of a generation for each parameter, as scipy has it
-_WORST = 1e100  # of a point without a value: scipy computes a generation again whose values are all infinite
-_LEAST = 5  # points that differential evolution needs
 
 
 @dataclass(frozen=True)
