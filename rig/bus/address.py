@@ -220,7 +220,7 @@ class RunAddress:
     started: float
     """Seconds since 1970."""
     speaks: str = ""
-    """Fingerprint of its message types: `rig.bus.FINGERPRINT`."""
+    """Fingerprint of its message types: `rig.bus.messages.FINGERPRINT`."""
     home: str = ""
     """The home directory of who started it."""
 

@@ -59,7 +59,7 @@ class Publisher(ABC):
         """Send `payload` with `header`, its packed number and time."""
 
 
-class Batched(Publisher):
+class _Batched(Publisher):
     """Sends messages as part of the plant's batches."""
 
     def __init__(self, topic: str, batch: Batch) -> None:
@@ -67,11 +67,9 @@ class Batched(Publisher):
         self._batch = batch
 
     def send(self, payload: bytes, header: bytes) -> None:
-        """See `Publisher.send`."""
         self._batch.add("plant", self.topic, header, payload)
 
     def put_later(self, t_ns: int, encode: Callable[..., bytes], *given: Any) -> None:
-        """See `Publisher.put_later`."""
         rows = self._batch.rows
         rows.append(("plant", self.topic, (self.sent, t_ns), encode, given))
         self.sent += 1
@@ -79,13 +77,13 @@ class Batched(Publisher):
             self._batch.flush_if_due()
 
     def put_each(self, times: Sequence[int], payloads: Sequence[bytes]) -> None:
-        """See `Publisher.put_each`. They wait for the next batch, however many there are."""
         rows = zip(itertools.count(self.sent), times, payloads)
+        # they wait for the next batch, however many there are
         self._batch.rows.extend([("plant", self.topic, (n, t_ns), bytes, (payload,)) for n, t_ns, payload in rows])
         self.sent += len(payloads)
 
 
-class Copied(Publisher):
+class _Copied(Publisher):
     """Sends messages at once, and copies of them in the plant's batches."""
 
     def __init__(self, at_once: Publisher, batch: Batch) -> None:
@@ -93,12 +91,11 @@ class Copied(Publisher):
         self._at_once, self._batch = at_once, batch
 
     def send(self, payload: bytes, header: bytes) -> None:
-        """See `Publisher.send`."""
         self._at_once.send(payload, header)
         self._batch.add("plant", self.topic, header, payload)
 
 
-class InOrder(Publisher):
+class _InOrder(Publisher):
     """Sends messages alone, after flushing the batch of earlier ones. Messages of higher priority may overtake."""
 
     def __init__(self, alone: Publisher, batch: Batch, post: Callable[[Callable[[], None]], None]) -> None:
@@ -106,7 +103,6 @@ class InOrder(Publisher):
         self._alone, self._batch, self._post = alone, batch, post
 
     def send(self, payload: bytes, header: bytes) -> None:
-        """See `Publisher.send`."""
         self._batch.flush()
         self._post(lambda: self._alone.send(payload, header))
 
@@ -383,7 +379,7 @@ class Session(ABC):
         self._publishers: dict[str, Publisher] = {}
         self._receivers: list[Receiver] = []
         self._stand_ins: list[Session] = []
-        self._batch = Batch(self._post_batch) if user == "plant" else None
+        self._batch = Batch(lambda rows: self._post(partial(self._put_batch, rows))) if user == "plant" else None
         self._batches: Publisher | None = None
 
     @abstractmethod
@@ -444,11 +440,11 @@ class Session(ABC):
             if batch is None:
                 self._publishers[topic] = self._publisher(topic)
             elif way == topics.BATCH:
-                self._publishers[topic] = Batched(topic, batch)
+                self._publishers[topic] = _Batched(topic, batch)
             elif way == topics.LOOP:
-                self._publishers[topic] = Copied(self._publisher(topic), batch)
+                self._publishers[topic] = _Copied(self._publisher(topic), batch)
             else:
-                self._publishers[topic] = InOrder(self._publisher(topic), batch, self._post)
+                self._publishers[topic] = _InOrder(self._publisher(topic), batch, self._post)
         return self._publishers[topic]
 
     def before_batches(self, gather: Callable[[], object]) -> None:
@@ -469,9 +465,6 @@ class Session(ABC):
     def _post(self, send: Callable[[], None]) -> None:
         """Send what has no deadline, in this order."""
         send()
-
-    def _post_batch(self, rows: list[Row]) -> None:
-        self._post(lambda: self._put_batch(rows))
 
     def _put_batch(self, rows: list[Row]) -> None:
         if self._batches is None:

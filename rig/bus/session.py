@@ -140,7 +140,7 @@ _KEYS = 4096  # most keys that a receiver remembers
 _PUT = zenoh.SampleKind.PUT
 
 
-class ZenohPublisher(Publisher):
+class _Publisher(Publisher):
     """A publisher over Zenoh. Raises BusError if a message cannot be sent."""
 
     def __init__(self, topic: str, publisher: zenoh.Publisher) -> None:
@@ -148,7 +148,6 @@ class ZenohPublisher(Publisher):
         self._put = publisher.put
 
     def send(self, payload: bytes, header: bytes) -> None:
-        """See `Publisher.send`."""
         try:
             self._put(header + payload)
         except zenoh.ZError as fault:
@@ -169,23 +168,15 @@ class _ZenohReceiver(Receiver):
     ) -> None:
         super().__init__(inbound, patterns, depth, copies)
         self._prefix = prefix
-        self._who: dict[str, tuple[str, str]] = {}
-        """Key -> user and topic."""
         self._rows: dict[str, Row] = {}
         """Key -> how to read its messages, known after the first one was accepted."""
 
     def _arrived(self, delivered: tuple[zenoh.Sample, int]) -> Arrived:
         sample, arrived_ns = delivered
-        key = str(sample.key_expr)
-        who = self._who.get(key)
-        if who is None:
-            if len(self._who) >= _KEYS:
-                self._who.clear()
-            who = self._who[key] = _who(key, self._prefix)
-        user, topic = who
-        data, encoding = sample.payload.to_bytes(), "" if who in self.inbound.granted else str(sample.encoding)
+        who, data = _who(sample.key_expr, self._prefix), sample.payload.to_bytes()
+        encoding = "" if who in self.inbound.granted else str(sample.encoding)
         header, payload = data[: HEADER.size], data[HEADER.size :]
-        return Arrived(user, topic, payload, header, sample.kind == _PUT, encoding, arrived_ns)
+        return Arrived(*who, payload, header, sample.kind == _PUT, encoding, arrived_ns)
 
     def _usual(self, delivered: tuple[zenoh.Sample, int]) -> Message | None:
         sample, arrived_ns = delivered
@@ -205,7 +196,7 @@ class _ZenohReceiver(Receiver):
         return message
 
 
-class QueuedReceiver(_ZenohReceiver):
+class _QueuedReceiver(_ZenohReceiver):
     """A receiver that each message wakes; messages beyond the depth are dropped at the next read.
 
     Zenoh's thread puts messages into the queue directly. A Python function in between, to limit the queue, would hold
@@ -238,16 +229,16 @@ class QueuedReceiver(_ZenohReceiver):
         return delivered if self._stamped else (delivered, 0)
 
 
-class PolledReceiver(_ZenohReceiver):
+class _PolledReceiver(_ZenohReceiver):
     """A receiver whose messages wait in a ring buffer of Zenoh and cost this process nothing until they are drained."""
 
-    subscriber: Any = None
+    receive: Callable[[], zenoh.Sample | None]
 
     def _next(self, timeout: float) -> tuple[zenoh.Sample, int] | None:
         deadline = time.monotonic() + timeout
         while True:
             try:
-                sample = self.subscriber.try_recv()
+                sample = self.receive()
             except zenoh.ZError:  # closed
                 return None
             if sample is not None:
@@ -257,7 +248,7 @@ class PolledReceiver(_ZenohReceiver):
             time.sleep(0.001)
 
 
-class ZenohWatch(Watch):
+class _Watch(Watch):
     """A watch of presence tokens over Zenoh."""
 
     def __init__(self, inbound: InboundCheck, prefix: int) -> None:
@@ -273,7 +264,7 @@ class ZenohWatch(Watch):
         return Arrived(*_who(sample.key_expr, self._prefix), put=sample.kind == _PUT)
 
 
-class _ZenohRequest(Request):
+class _Request(Request):
     def __init__(self, query: zenoh.Query, key: str, topic: str) -> None:
         user = str(query.key_expr).rpartition("/")[2]
         self._query, self._key = query, f"{key}/{user}"
@@ -289,7 +280,7 @@ class _ZenohRequest(Request):
             query.reply_err(why.encode(errors="replace"))
 
 
-class ZenohServer(Server):
+class _Server(Server):
     """A server of one query over Zenoh."""
 
     def __init__(self, inbound: InboundCheck, answer: Answer, key: str, topic: str) -> None:
@@ -301,7 +292,7 @@ class ZenohServer(Server):
 
     def _next(self, timeout: float) -> Request | None:
         query = self._inbox.take(timeout)
-        return None if query is None else _ZenohRequest(query, self._key, self._topic)
+        return None if query is None else _Request(query, self._key, self._topic)
 
 
 _CLOSING_S = 2.0  # time allowed for closing the connection
@@ -340,13 +331,12 @@ class ZenohSession(Session):
             allowed_destination=zenoh.Locality.REMOTE,  # nobody hears himself
         )
         self._declared.append(declared)
-        return ZenohPublisher(topic, declared)
+        return _Publisher(topic, declared)
 
     def _root(self, topic: str) -> str:
         return self._loop if topics.way(topic) == topics.LOOP else self._prefix
 
     def _post(self, send: Callable[[], None]) -> None:
-        """See `Session._post`."""
         self._sender.post(send)
 
     def subscribe(self, *patterns: str, depth: int = 4096, polled: bool = False, stamped: bool = False) -> Receiver:
@@ -355,13 +345,11 @@ class ZenohSession(Session):
         root = self._root(heard)
         key = f"{root}{self._user_of(heard)}/{heard}"
         how = (self.inbound, patterns, depth, len(root), self._copies(patterns))
-        receiver: PolledReceiver | QueuedReceiver
-        if polled:
-            receiver = PolledReceiver(*how)
-            receiver.subscriber = self._zenoh.declare_subscriber(key, zenoh.handlers.RingChannel(depth))
-            self._declared.append(receiver.subscriber)
+        receiver = _PolledReceiver(*how) if polled else _QueuedReceiver(*how, stamped)
+        if isinstance(receiver, _PolledReceiver):
+            self._declared.append(self._zenoh.declare_subscriber(key, zenoh.handlers.RingChannel(depth)))
+            receiver.receive = self._declared[-1].try_recv
         else:
-            receiver = QueuedReceiver(*how, stamped)
             handler = zenoh.handlers.Callback(receiver.take, indirect=False)
             self._declared.append(self._zenoh.declare_subscriber(key, handler))
         self._receivers.append(receiver)
@@ -385,7 +373,7 @@ class ZenohSession(Session):
 
     def watch(self, who: str = "*/*") -> Watch:
         """See `Session.watch`."""
-        watcher = ZenohWatch(self.inbound, len(self._prefix))
+        watcher = _Watch(self.inbound, len(self._prefix))
         self._declared.append(
             self._zenoh.liveliness().declare_subscriber(
                 f"{self._prefix}*/alive/{who}", zenoh.handlers.Callback(watcher.take, indirect=False), history=True
@@ -395,7 +383,7 @@ class ZenohSession(Session):
 
     def present(self, who: str = "*/*", timeout: float = 2.0) -> set[tuple[str, str]]:
         """See `Session.present`."""
-        watcher = ZenohWatch(self.inbound, len(self._prefix))
+        watcher = _Watch(self.inbound, len(self._prefix))
         try:
             for reply in self._zenoh.liveliness().get(f"{self._prefix}*/alive/{who}", timeout=timeout):
                 if reply.ok is not None:
@@ -408,7 +396,7 @@ class ZenohSession(Session):
         """See `Session.serve`."""
         self._own(topic)
         key = self._mine + topic
-        server = ZenohServer(self.inbound, answer, key, topic)
+        server = _Server(self.inbound, answer, key, topic)
         handler = zenoh.handlers.Callback(server.take, indirect=False)
         self._declared.append(self._zenoh.declare_queryable(f"{key}/*", handler, complete=True))
         return server

@@ -19,7 +19,7 @@ import os
 import stat
 import time
 from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace as changed
 from itertools import chain
 from operator import attrgetter, itemgetter
@@ -100,7 +100,7 @@ class Writer:
         self._curves = curves.Curves(setup.outputs, {name: unit for name, (unit, _) in setup.sensors.items()})
         self._states: list[tuple[int, bytes]] = []
         """Simulated times and payloads of the states that are in no curve yet."""
-        self._fields = _reader([messages.field_name(name) for name in setup.outputs])
+        self._fields = attrgetter("tick", "mode", *map(messages.field_name, setup.outputs))
         self._derived: dict[str, int] = {}
         """Number of messages of each derived topic."""
         self._waiting: list[_Waiting] = []
@@ -256,13 +256,13 @@ class Writer:
         for t_ns, payload in waiting:
             with contextlib.suppress(DecodeError):  # no valid message: recorded as received, in no curve
                 rows.append((t_ns, *self._fields(read(payload))))
-        times, *values = zip(*rows) if rows else [()]
+        times, _, _, *values = zip(*rows) if rows else [(), (), ()]
         for name, v in zip(self.setup.outputs, values):
             yield from self._curves.add(f"truth/{name}", np.array(times, np.int64), np.array(v, np.float64))
 
     def _draw(self, points: Iterable[curves.Point]) -> None:
-        for point in points:
-            self._derive(point.topic, point.payload, point.t_ns)
+        for t_ns, topic, payload in points:
+            self._derive(topic, payload, t_ns)
 
     def _log(self, source: str, payload: bytes, t_ns: int) -> None:
         content = curves.log(messages.decode(f"event/{source}", payload), source, t_ns)
@@ -304,10 +304,3 @@ class Writer:
         self._mcap.discard()
         with contextlib.suppress(OSError):
             self._file.close()
-
-
-def _reader(fields: list[str]) -> Callable[[Any], Sequence[float]]:
-    """A function that returns the values of these fields of a message."""
-    if len(fields) > 1:
-        return attrgetter(*fields)
-    return lambda content: [getattr(content, field) for field in fields]

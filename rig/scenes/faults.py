@@ -247,17 +247,22 @@ def _walk(model: Any, loc: Loc) -> tuple[Loc, Any, Any, str]:
 
 def unit_of(info: FieldInfo) -> str:
     """The SI unit of a field, also of an optional one; "" if it has none."""
-    unit = next((str(m) for m in info.metadata if isinstance(m, Unit)), "")
-    return unit or _unit(info.annotation)
+    return _unit(info.annotation, info.metadata)
 
 
-def _unit(annotation: Any) -> str:
-    if get_origin(annotation) in (Union, types.UnionType):
-        return next((unit for member in get_args(annotation) if (unit := _unit(member))), "")
-    if get_origin(annotation) is dict:
-        return _unit(get_args(annotation)[1])
-    metadata = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
-    return next((str(m) for m in metadata if isinstance(m, Unit)), "")
+def _unit(annotation: Any, own: Iterable[Any] = ()) -> str:
+    return next((str(entry) for entry in metadata(annotation, own) if isinstance(entry, Unit)), "")
+
+
+def metadata(annotation: Any, own: Iterable[Any] = ()) -> Iterator[Any]:
+    """The metadata of an annotation, also inside of a union or of a dict. `own`: what the field itself has."""
+    yield from own
+    origin, inside = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        yield from metadata(inside[0], inside[1:])
+    elif origin in (Union, types.UnionType, dict):
+        for member in inside:
+            yield from metadata(member)
 
 
 def _lookup(raw: Any, path: Loc) -> Any:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterable, Mapping
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,13 +19,13 @@ from rig.parts import Code, calling, code_of
 from rig.plants import PLANTS
 from rig.quantities import Section
 from rig.scenes import checks, faults, inherit, merged, places, rooms, sections, shipped
+from rig.scenes.merged import Wrong
 from rig.scenes.network import Network
 from rig.scenes.network import checks as network_checks
 from rig.scenes.part_faults import checks as part_faults_checks
 from rig.scenes.part_faults import faults_of
 from rig.scenes.protocol import STEP, STEPS, UNKNOWN, Clock, Known, Load, Mark, Ramp, Step, flat, knock_durations
 from rig.scenes.scene import Scene
-from rig.scenes.sections import known
 from rig.sensors.chain.instants import common_step
 
 S = TypeVar("S", bound=Section)
@@ -62,22 +64,25 @@ class _Reading:
 
     def scene(self, name: str) -> Scene | None:
         """The scene, or None if there are faults."""
-        raw = self._tables.raw
-        clock = self._section(Clock, "clock", raw.get("clock", {}))
+        raw, read, report = self._tables.raw, self._tables.read, self._tables.report
+        clock = read(partial(self._section, Clock, "clock", raw.get("clock", {})), None)
         seed = sections.seed(self._tables)
-        plant, parameters = self._plant()
-        sensors = self._named("sensors", rooms.SENSORS)
-        controllers = self._named("controllers", rooms.CONTROLLERS)
+        plant = rooms.name_of(str(raw.get("plant", "")))
+        parameters = read(self._parameters, None)
+        all_sensors: dict[str, Any] = read(partial(self._named, "sensors", rooms.SENSORS), {})
+        all_controllers: dict[str, Any] = read(partial(self._named, "controllers", rooms.CONTROLLERS), {})
+        sensors = {name: section for name, section in all_sensors.items() if section is not None}
+        controllers = {name: section for name, section in all_controllers.items() if section is not None}
         frame_ns = int(clock.frame) if clock is not None else 1_000_000
-        assembly = self._assembled(parameters, frame_ns) if parameters is not None else None
+        assembly = None
+        if parameters is not None:
+            assembly = read(partial(rooms.assembled, parameters, frame_ns), None)
         names = UNKNOWN
-        if assembly is not None and parameters is not None and None not in [*sensors.values(), *controllers.values()]:
-            names = known(assembly, parameters, sensors, controllers)
-        sensors = {n: s for n, s in sensors.items() if s is not None}
-        controllers = {n: c for n, c in controllers.items() if c is not None}
-        network = self._section(Network, "network", raw.get("network", {})) or Network()
+        if assembly is not None and parameters is not None and (sensors, controllers) == (all_sensors, all_controllers):
+            names = sections.known(assembly, parameters, sensors, controllers)
+        network = read(partial(self._section, Network, "network", raw.get("network", {})), Network())
         if names.whole:
-            self._tables.report(network_checks(raw.get("network"), sensors, controllers))
+            report(network_checks(raw.get("network"), sensors, controllers))
         self._tables.leave_out(names)
         protocol = self._protocol(names)
         if assembly is not None:
@@ -85,27 +90,24 @@ class _Reading:
         limits = sections.limits(self._tables, assembly)
         part_faults = faults_of(self._tables, names)
         if clock is not None:
-            self._tables.report(checks.periods(clock, controllers, raw))
-            self._tables.report(
-                checks.steps(clock, common_step(clock.frame, (s.instants for s in sensors.values())), raw)
-            )
-            self._tables.report(checks.lengths(clock, protocol, raw.get("protocol")))
-            self._tables.report(checks.whole(protocol))
+            step_ns = common_step(clock.frame, (s.instants for s in sensors.values()))
+            report(checks.periods(clock, controllers, raw))
+            report(checks.steps(clock, step_ns, raw))
+            report(checks.lengths(clock, protocol, raw.get("protocol")))
+            report(checks.whole(protocol))
         if assembly is not None:
-            self._tables.report(checks.readings(sensors, assembly.outputs, plant))
-        if names.whole:
-            self._tables.report(checks.wiring(controllers, sensors, names.inputs, plant))
-            self._tables.report(checks.units(controllers, sensors, names.inputs))
+            report(checks.readings(sensors, assembly.outputs, plant))
+        if names.whole and assembly is not None and parameters is not None:
+            report(checks.wiring(controllers, sensors, names.inputs, plant))
+            report(checks.units(controllers, sensors, names.inputs))
             self._compiled(controllers, sensors, parameters, frame_ns)
-            self._tables.report(checks.hands_off(protocol, controllers))
+            report(checks.hands_off(protocol, controllers))
             ramped = {step.target: "ramped" for step in flat(protocol) if isinstance(step, Load | Ramp)}
-            if parameters is not None and assembly is not None:
-                inputs = rooms.assembled(parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
-                self._tables.report(checks.commanded(protocol, inputs))
-                held = {fault.part: "held" for fault in part_faults.values() if fault.part in assembly.inputs}
-                inputs = rooms.assembled(parameters, frame_ns, held).inputs if held else assembly.inputs
-                given = raw.get("faults")
-                self._tables.report(part_faults_checks(part_faults, sensors, inputs, plant, frame_ns, given))
+            inputs = rooms.assembled(parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
+            report(checks.commanded(protocol, inputs))
+            held = {fault.part: "held" for fault in part_faults.values() if fault.part in assembly.inputs}
+            inputs = rooms.assembled(parameters, frame_ns, held).inputs if held else assembly.inputs
+            report(part_faults_checks(part_faults, sensors, inputs, plant, frame_ns, raw.get("faults")))
         title, about = sections.text(self._tables, "title", name), sections.text(self._tables, "about", "").strip()
         if self._tables.faults or clock is None or parameters is None:
             return None
@@ -129,173 +131,159 @@ class _Reading:
         )
 
     def _compiled(
-        self, controllers: Mapping[str, Any], sensors: Mapping[str, Any], parameters: Section | None, frame_ns: int
+        self, controllers: Mapping[str, Any], sensors: Mapping[str, Any], parameters: Section, frame_ns: int
     ) -> None:
         """Report algebraic loops through compiled controllers."""
         compiled = {name: section for name, section in controllers.items() if isinstance(section, CompiledSection)}
-        if not compiled or parameters is None or self._tables.faults:
+        if not compiled or self._tables.faults:
             return
         moved = {actuator: "held" for section in compiled.values() for actuator in section.connected_actuators}
         made = rooms.assembled(parameters, frame_ns, moved)
         inputs = {name: drive for name, drive in made.inputs.items() if name in moved}
         self._tables.report(checks.algebraic_loops(compiled, sensors, made.outputs, inputs))
 
-    def _fault(self, key: str, line: str) -> None:
-        self._tables.report([(key, line)])
-
-    def _section(self, model: type[S], prefix: str, raw: Any) -> S | None:
-        """`raw` as a section; None after reporting its faults."""
+    def _section(self, model: type[S], prefix: str, raw: Any) -> S:
+        """`raw` as a section. Raises Wrong, and PartError of a validator in a file."""
         try:
             with calling(sys.modules[model.__module__], ValidationError):
                 section = model.model_validate(raw)
-            wrong = list(checks.misdeclared(section, prefix)) or list(checks.unwritable(section, prefix))
-            self._tables.report(wrong)
-            return None if wrong else section
         except ValidationError as error:
-            self._tables.report(faults.lines(error, model, raw, prefix))
-        except PartError as error:  # of a validator in a file
-            self._tables.faults.append(str(error))
-        return None
+            raise Wrong(*islice(faults.lines(error, model, raw, prefix), merged.MOST + 1)) from None
+        if wrong := [*checks.misdeclared(section, prefix)] or [*checks.unwritable(section, prefix)]:
+            raise Wrong(*wrong)
+        return section
 
-    def _plant(self) -> tuple[str, Section | None]:
-        plant = self._tables.raw.get("plant")
-        if plant is None:
-            self._fault("plant", f'plant: is missing, and so is based_on = "SCENE"; known: {", ".join(sorted(PLANTS))}')
-            for table, values in self._tables.raw.items():
-                for key in {"plant", "based_on"} & values.keys() if isinstance(values, dict) else ():
-                    self._fault(f"{table}.{key}", f"{table}.{key}: put {key} above the first table of the file")
-                if not isinstance(values, dict) and table not in merged.OWN:
-                    self._fault(table, _unknown(table, Section))
-            self._effects(Section)
-            return "", None
-        if not isinstance(plant, str) or plant not in PLANTS:
-            self._fault("plant", _unknown_part("plant", plant, PLANTS))
-            self._effects(Section)
-            return str(plant), None
-        try:
-            model = PLANTS[plant].Parameters
-        except PartError as error:
-            self._fault("plant", f"plant: {error}")
-            self._effects(Section)
-            return plant, None
-        if taken := sorted(model.model_fields.keys() & {*merged.OWN}):
-            self._fault("plant", f"plant: {rooms.name_of(plant)}: Parameters declares {', '.join(taken)}, which every "
-                        "scene has already; rename it")  # fmt: skip
-            return plant, None
+    def _parameters(self) -> Section:
+        """The parameters of the plant with the effects of the scene. Raises Wrong."""
         tables = {key: value for key, value in self._tables.raw.items() if key not in merged.OWN}
-        effects = self._effects(model)
+        try:
+            model = self._model(self._tables.raw.get("plant"))
+        except Wrong as fault:
+            self._tables.report(fault.args)
+            self._effects(tables, Section)
+            raise
+        effects = self._effects(tables, model)
         known = {key: effect for key, effect in effects.items() if effect is not None}
         for key in known:
             tables[key] = tables[key] | {rooms.EFFECT: rooms.name_of(tables[key][rooms.EFFECT])}
         model = rooms.with_effects(model, known)
         unknown = [key for key in tables if key not in model.model_fields]
         self._tables.report((key, _unknown(key, model)) for key in unknown if key not in effects)
-        for key in unknown:
-            del tables[key]
-        parameters = self._section(model, "", tables)
-        return rooms.name_of(plant), parameters if len(known) == len(effects) else None
+        parameters = self._section(model, "", {key: tables[key] for key in tables if key not in unknown})
+        if len(known) < len(effects):
+            raise Wrong
+        return parameters
 
-    def _effects(self, model: type[Section]) -> dict[str, Any]:
-        """Table -> section of each effect that the plant, with parameters `model`, does not know."""
-        tables = {key: value for key, value in self._tables.raw.items() if key not in merged.OWN}
-        return {key: self._effect(key, name) for key, name in rooms.effects_in(tables, model).items()}
+    def _model(self, plant: Any) -> type[Section]:
+        """The parameters of a plant. Raises Wrong."""
+        if plant is None:
+            tables = self._tables.raw.items()
+            missing = f'plant: is missing, and so is based_on = "SCENE"; known: {", ".join(sorted(PLANTS))}'
+            misplaced = [
+                (f"{table}.{key}", f"{table}.{key}: put {key} above the first table of the file")
+                for table, values in tables
+                for key in ({"plant", "based_on"} & values.keys() if isinstance(values, dict) else ())
+            ]
+            strange = [table for table, values in tables if not isinstance(values, dict) and table not in merged.OWN]
+            raise Wrong(("plant", missing), *misplaced, *((key, _unknown(key, Section)) for key in strange))
+        if not isinstance(plant, str) or plant not in PLANTS:
+            raise Wrong(("plant", _unknown_part("plant", plant, PLANTS)))
+        try:
+            model: type[Section] = PLANTS[plant].Parameters
+        except PartError as error:
+            raise Wrong(("plant", f"plant: {error}")) from None
+        if taken := sorted(model.model_fields.keys() & {*merged.OWN}):
+            raise Wrong(("plant", f"plant: {rooms.name_of(plant)}: Parameters declares {', '.join(taken)}, which every "
+                        "scene has already; rename it"))  # fmt: skip
+        return model
+
+    def _effects(self, tables: Mapping[str, Any], model: type[Section]) -> dict[str, Any]:
+        """Table -> section of each effect that the plant with parameters `model` does not know; None if it is wrong."""
+        named = rooms.effects_in(tables, model)
+        return {key: self._tables.read(partial(self._effect, key, name), None) for key, name in named.items()}
 
     def _effect(self, key: str, name: Any) -> Any:
-        """The section of an effect that the plant does not know; None after reporting its faults."""
+        """The section of an effect that the plant does not know. Raises Wrong."""
         here = f"{key}.{rooms.EFFECT}"
         if not _NAME.fullmatch(key) or hasattr(Section, key):
-            self._fault(key, f"{key}: no effect can have this name; it is letters, digits and _, as in [wobble]")
-        elif not isinstance(name, str) or name not in EFFECTS:
+            raise Wrong((key, f"{key}: no effect can have this name; it is letters, digits and _, as in [wobble]"))
+        if not isinstance(name, str) or name not in EFFECTS:
             installed = ", ".join(EFFECTS.installed) or "none"
             line = f"{here} = {faults.shown(name)}: unknown; expected a file (./NAME.py); installed: {installed}"
-            self._fault(here, line)
-        else:
-            try:
-                section = EFFECTS[name]
-            except PartError as error:
-                self._fault(here, f"{here}: {error}")
-                return None
-            self._alone(here, EFFECTS.what, rooms.name_of(name), section)
-            return section
-        return None
+            raise Wrong((here, line))
+        try:
+            section = EFFECTS[name]
+        except PartError as error:
+            raise Wrong((here, f"{here}: {error}")) from None
+        self._alone(here, EFFECTS.what, rooms.name_of(name), section)
+        return section
 
     def _alone(self, key: str, room: str, name: str, model: type[Any]) -> None:
         """Report a second file of one name: a recording holds one source for each name."""
         code = code_of(model)
         if code is not None and self._codes.setdefault((room, name), code) != code:
-            self._fault(key, f"{key}: the scene names another file that is called {name}; rename one")
-
-    def _assembled(self, parameters: Section, frame_ns: int) -> Any:
-        """The rig; None after reporting that a plant or an effect from a file failed."""
-        try:
-            return rooms.assembled(parameters, frame_ns)
-        except PartError as error:
-            self._tables.faults.append(str(error))
-        return None
+            self._tables.report([(key, f"{key}: the scene names another file that is called {name}; rename one")])
 
     def _named(self, room: str, kinds: Mapping[str, type[Any]]) -> dict[str, Any]:
-        """The sensors or controllers by name; None for each that has faults."""
+        """The sensors or controllers by name; None for each that has faults. Raises Wrong."""
         tables = self._tables.raw.get(room, {})
         if not isinstance(tables, dict):
-            self._fault(room, f"{room} = {faults.shown(tables)}: expected tables [{room}.NAME]")
-            return {}
+            raise Wrong((room, f"{room} = {faults.shown(tables)}: expected tables [{room}.NAME]"))
         if len(tables) > PARTS:
-            self._fault(room, f"{room}: there are {len(tables)}; at most {PARTS} are possible")
-            return {}
-        return {name: self._one(f"{room}.{name}", name, raw, kinds) for name, raw in tables.items()}
+            raise Wrong((room, f"{room}: there are {len(tables)}; at most {PARTS} are possible"))
+        return {
+            name: self._tables.read(partial(self._part, room, name, raw, kinds), None) for name, raw in tables.items()
+        }
 
-    def _one(self, key: str, name: str, raw: Any, kinds: Mapping[str, type[Any]]) -> Any:
-        if not _NAME.fullmatch(name):
-            self._fault(key, f"{key}: a name is at most 64 letters, digits and _, and begins with a letter")
-            return None
-        if not isinstance(raw, dict):
-            self._fault(key, f"{key} = {faults.shown(raw)}: expected a table with kind = ...")
-            return None
-        if "kind" not in raw:
-            self._fault(f"{key}.kind", f"{key}.kind: is missing; known: {', '.join(sorted(kinds))}")
-            return None
-        if not isinstance(raw["kind"], str) or raw["kind"] not in kinds:
-            self._fault(f"{key}.kind", _unknown_part(f"{key}.kind", raw["kind"], kinds))
-            return None
+    def _part(self, room: str, name: str, raw: Any, kinds: Mapping[str, type[Any]]) -> Any:
+        """The sensor or controller of a table. Raises Wrong."""
+        key = f"{room}.{name}"
         here = f"{key}.kind"
+        if not _NAME.fullmatch(name):
+            raise Wrong((key, f"{key}: a name is at most 64 letters, digits and _, and begins with a letter"))
+        if not isinstance(raw, dict):
+            raise Wrong((key, f"{key} = {faults.shown(raw)}: expected a table with kind = ..."))
+        if "kind" not in raw:
+            raise Wrong((here, f"{here}: is missing; known: {', '.join(sorted(kinds))}"))
+        if not isinstance(raw["kind"], str) or raw["kind"] not in kinds:
+            raise Wrong((here, _unknown_part(here, raw["kind"], kinds)))
         try:
             model = kinds[raw["kind"]]
             if issubclass(model, CompiledSection):
                 here = f"{key}.{rooms.FILE}"
                 model = model.of_table(raw)
         except PartError as error:
-            self._tables.report((here, f"{here}: {line}") for line in str(error).splitlines())
-            return None
+            raise Wrong(*((here, f"{here}: {line}") for line in str(error).splitlines())) from None
         kind = rooms.name_of(raw["kind"])
         own: Any = {rooms.FILE: model.model_fields[rooms.FILE].default} if issubclass(model, CompiledSection) else {}
         section = self._section(model, key, raw | {"kind": kind} | own)
-        if section is None or not (own or code_of(model)):
-            return section
         if own:
             self._tables.notes += [f"{key}: {note}" for note in section.notes()]
+        elif code_of(model):
+            self._alone(here, room, kind, model)
         else:
-            self._alone(f"{key}.kind", key.partition(".")[0], kind, model)
-        wrong = list(checks.foreign(key, section))
-        self._tables.report(wrong)
-        return None if wrong else section
+            return section
+        if wrong := [*checks.foreign(key, section)]:
+            raise Wrong(*wrong)
+        return section
 
     def _protocol(self, names: Known) -> tuple[Step, ...]:
+        """The steps of the protocol; an empty mark replaces a faulty one."""
         raw = self._tables.raw.get("protocol", [])
         if not isinstance(raw, list):
-            self._fault("protocol", "protocol: expected steps, each a table [[protocol]]")
+            self._tables.report([("protocol", "protocol: expected steps, each a table [[protocol]]")])
             return ()
         try:
             return STEPS.validate_python(raw, context=names)
         except ValidationError as error:
             self._tables.report(faults.lines(error, tuple[Step, ...], raw, "protocol"))
-        return tuple(self._step(entry, names) for entry in raw)
-
-    def _step(self, raw: Any, names: Known) -> Step:
-        """One step of a protocol that has faults; an empty mark replaces a faulty step."""
-        try:
-            return STEP.validate_python(raw, context=names)
-        except ValidationError:
-            return Mark(step="mark", text="")
+        steps = list[Step]()
+        for entry in raw:
+            try:
+                steps.append(STEP.validate_python(entry, context=names))
+            except ValidationError:
+                steps.append(Mark(step="mark", text=""))
+        return tuple(steps)
 
 
 def _unknown(key: str, model: type[Section]) -> str:

@@ -6,9 +6,9 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rig.effects import EFFECTS
 from rig.errors import PartError
@@ -20,6 +20,13 @@ MOST = 100
 OWN = ("format", "based_on", "title", "plant", "about", "seed", "clock", "sensors", "controllers", "network",
        "faults", "protocol", "limits")  # fmt: skip
 """Keys of a scene file that do not depend on its plant."""
+
+
+T = TypeVar("T")
+
+
+class Wrong(Exception):
+    """Raised for values of a scene that are wrong, with (dotted key, line) of each fault."""
 
 
 class Merged:
@@ -148,6 +155,16 @@ class Merged:
                 look(step.get("steps"), f"{here}.steps")
 
         look(self.raw.get("protocol"), "protocol")
+
+    def read(self, make: Callable[[], T], otherwise: T) -> T:
+        """Return `make()`, or `otherwise` after reporting what is wrong, or that a part from a file failed."""
+        try:
+            return make()
+        except Wrong as fault:
+            self.report(fault.args)
+        except PartError as fault:
+            self.faults.append(str(fault))
+        return otherwise
 
     def report(self, new_faults: Iterable[source.Fault], layer: inherit.Layer | None = None) -> None:
         """Add faults, each with the place of its value. `layer`: the file that has them."""

@@ -170,11 +170,7 @@ def _value(room: str, name: str, word: str, value: str, last: bool) -> tuple[str
 
 def described(link: Mapping[str, object]) -> str:
     """A link in the words of --net. `link`: its values in SI."""
-    words = []
-    for word in ("delay", "jitter"):
-        if link.get(word):
-            words.append(f"{word} {float(link[word]) * 1e3:g} ms")  # type: ignore[arg-type]
-    for word in ("loss", "duplicate"):
-        if link.get(word):
-            words.append(f"{word} {float(link[word]) * 1e2:g} %")  # type: ignore[arg-type]
+    units = {"delay": (1e3, "ms"), "jitter": (1e3, "ms"), "loss": (1e2, "%"), "duplicate": (1e2, "%")}
+    given = {word: float(link[word]) for word in units if link.get(word)}  # type: ignore[arg-type]
+    words = [f"{word} {value * units[word][0]:g} {units[word][1]}" for word, value in given.items()]
     return ", ".join([*words, *(["reorder"] if link.get("reorder") else [])]) or "perfect"

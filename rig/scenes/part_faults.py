@@ -21,12 +21,12 @@ time `at` on; an actuator is faulty from the frame that begins at `at` on.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations
 from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Le
-from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from rig.quantities import Nanoseconds, Section, quantity
 from rig.scenes import merged, protocol, source
@@ -53,16 +53,26 @@ class _Timed(Section):
         return None if self.duration is None else self.at + self.duration
 
 
+def per_second(unit: str) -> str:
+    """The unit of a rate of a quantity."""
+    return "1/s" if unit in ("", "1") else f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
+
+
 class _OfSensor(_Timed):
     sensor: str
     value: ClassVar[str] = ""
     """The key of its value, if it has one."""
 
 
-class Freeze(_OfSensor):
-    """The sensor repeats its last sample."""
+def _in_unit(of: Callable[[str], str]) -> BeforeValidator:
+    """Reads a value in the unit `of` that of the sensor."""
+    return BeforeValidator(lambda value, info: protocol.read_in_unit_of(value, "sensor", info, of, "sensors"))
 
-    kind: Literal["freeze"]
+
+class Failure(_OfSensor):
+    """The sensor repeats its last sample, reads zero, or minus the value."""
+
+    kind: Literal["freeze", "dropout", "wrong_sign"]
 
 
 class Drift(_OfSensor):
@@ -70,12 +80,7 @@ class Drift(_OfSensor):
 
     value = "rate"
     kind: Literal["drift"]
-    rate: float
-
-    @field_validator("rate", mode="before")
-    @classmethod
-    def _in_unit(cls, rate: Any, info: ValidationInfo) -> Any:
-        return protocol.read_in_unit_of(rate, "sensor", info, per_second, "sensors")
+    rate: Annotated[float, _in_unit(per_second)]
 
 
 class Spike(_OfSensor):
@@ -83,24 +88,7 @@ class Spike(_OfSensor):
 
     value = "height"
     kind: Literal["spike"]
-    height: float
-
-    @field_validator("height", mode="before")
-    @classmethod
-    def _in_unit(cls, height: Any, info: ValidationInfo) -> Any:
-        return protocol.read_in_unit_of(height, "sensor", info, str, "sensors")
-
-
-class Dropout(_OfSensor):
-    """The sensor reads zero."""
-
-    kind: Literal["dropout"]
-
-
-class WrongSign(_OfSensor):
-    """The sensor reads minus the value."""
-
-    kind: Literal["wrong_sign"]
+    height: Annotated[float, _in_unit(str)]
 
 
 class _OfActuator(_Timed):
@@ -120,7 +108,7 @@ class Authority(_OfActuator):
     factor: Factor
 
 
-SensorFault = Freeze | Drift | Spike | Dropout | WrongSign
+SensorFault = Failure | Drift | Spike
 ActuatorFault = Jam | Authority
 PartFault = Annotated[SensorFault | ActuatorFault, Field(discriminator="kind")]
 PART_FAULTS: TypeAdapter[dict[str, PartFault]] = TypeAdapter(dict[str, PartFault])
@@ -139,13 +127,6 @@ def faults_of(tables: merged.Merged, names: protocol.Known) -> dict[str, PartFau
         except ValidationError as error:
             tables.report(lines(error, dict[str, PartFault], {name: table}, "faults"))
     return faults
-
-
-def per_second(unit: str) -> str:
-    """The unit of a rate of a quantity."""
-    if unit in ("", "1"):
-        return "1/s"
-    return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
 
 
 def described(fault: Any, unit: str) -> str:
@@ -198,6 +179,5 @@ def checks(
 
 def _last(fault: Any) -> float:
     """The time up to which a fault acts [ns]; of a spike without a duration only the first sample counts."""
-    if fault.end is not None:
-        return float(fault.end)
-    return fault.at + 1.0 if isinstance(fault, Spike) else math.inf
+    lasting = fault.at + 1.0 if isinstance(fault, Spike) else math.inf
+    return lasting if fault.end is None else float(fault.end)

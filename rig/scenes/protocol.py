@@ -27,6 +27,7 @@ from typing import Annotated, Any, Literal, Self
 
 from annotated_types import Ge, Gt, Le
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Field,
     PlainSerializer,
@@ -154,8 +155,14 @@ def read_in_unit_of(value: Any, field: str, info: ValidationInfo, of: Callable[[
     return 0.0 if unit is None else finite(value, of(unit))
 
 
-def _read(value: Any, field: str, info: ValidationInfo, *rooms: str) -> Any:
-    return read_in_unit_of(value, field, info, str, *rooms)
+def _of(what: str, *rooms: str) -> AfterValidator:
+    """A field that names something in one of the `rooms` of the rig."""
+    return AfterValidator(lambda name, info: _named(name, what, info, *rooms))
+
+
+def _like(field: str, *rooms: str) -> BeforeValidator:
+    """A field with a value in the unit of what `field` names."""
+    return BeforeValidator(lambda value, info: read_in_unit_of(value, field, info, str, *rooms))
 
 
 class Load(Section):
@@ -183,19 +190,9 @@ class Ramp(Section):
     """Move the actuator `target` linearly to `to` within `over`."""
 
     step: Literal["ramp"]
-    target: str
-    to: float
+    target: Annotated[str, _of("actuator", "inputs")]
+    to: Annotated[float, _like("target", "inputs")]
     over: Nanoseconds
-
-    @field_validator("target")
-    @classmethod
-    def _known(cls, target: str, info: ValidationInfo) -> str:
-        return _named(target, "actuator", info, "inputs")
-
-    @field_validator("to", mode="before")
-    @classmethod
-    def _in_unit(cls, to: Any, info: ValidationInfo) -> Any:
-        return _read(to, "target", info, "inputs")
 
 
 class Hold(Section):
@@ -203,6 +200,9 @@ class Hold(Section):
 
     step: Literal["hold"]
     time: Nanoseconds
+
+
+Level = Annotated[float | None, _like("sensor", "sensors")]
 
 
 class Wait(Section):
@@ -216,24 +216,14 @@ class Wait(Section):
     """
 
     step: Literal["wait"]
-    sensor: str
-    above: float | None = None
-    below: float | None = None
-    quiet: float | None = None
-    settled: float | None = None
+    sensor: Annotated[str, _of("sensor", "sensors")]
+    above: Level = None
+    below: Level = None
+    quiet: Level = None
+    settled: Level = None
     window: Nanoseconds = DEFAULT_WINDOW
     timeout: Nanoseconds = DEFAULT_TIMEOUT
     otherwise: Literal["go on", "stop"] = "go on"
-
-    @field_validator("sensor")
-    @classmethod
-    def _known(cls, sensor: str, info: ValidationInfo) -> str:
-        return _named(sensor, "sensor", info, "sensors")
-
-    @field_validator("above", "below", "quiet", "settled", mode="before")
-    @classmethod
-    def _in_unit(cls, value: Any, info: ValidationInfo) -> Any:
-        return _read(value, "sensor", info, "sensors")
 
     @model_validator(mode="after")
     def _one_condition(self) -> Self:
@@ -273,46 +263,29 @@ class Knock(Section):
     duration: Nanoseconds | None = None
 
 
+_SWITCHED = BeforeValidator(lambda to: float(to) if isinstance(to, bool) else to)
+
+
 class Set(Section):
     """Set an actuator, a parameter of the rig (`friction.mu_dynamic`) or of a controller (`controllers.nf.gain`)."""
 
     step: Literal["set"]
-    target: str
-    to: float
-
-    @field_validator("target")
-    @classmethod
-    def _known(cls, target: str, info: ValidationInfo) -> str:
-        return _named(target, "key", info, "inputs", "settable")
-
-    @field_validator("to", mode="before")
-    @classmethod
-    def _in_unit(cls, to: Any, info: ValidationInfo) -> Any:
-        if isinstance(to, bool):
-            return float(to)
-        return _read(to, "target", info, "inputs", "settable")
+    target: Annotated[str, _of("key", "inputs", "settable")]
+    to: Annotated[float, _like("target", "inputs", "settable"), _SWITCHED]
 
 
-class _Connection(Section):
-    step: str
-    controller: str
-
-    @field_validator("controller")
-    @classmethod
-    def _known(cls, controller: str, info: ValidationInfo) -> str:
-        return _named(controller, "controller", info, "controllers")
-
-
-class Connect(_Connection):
+class Connect(Section):
     """Connect a controller. A controller that the protocol connects is disconnected at the start."""
 
     step: Literal["connect"]
+    controller: Annotated[str, _of("controller", "controllers")]
 
 
-class Disconnect(_Connection):
+class Disconnect(Section):
     """Disconnect a controller."""
 
     step: Literal["disconnect"]
+    controller: Annotated[str, _of("controller", "controllers")]
 
 
 def _times(value: Any) -> Any:

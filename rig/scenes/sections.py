@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Any
 
 from annotated_types import Gt
 from pydantic import BaseModel
@@ -61,21 +61,10 @@ def field_of(section: Any, key: str) -> FieldInfo | None:
 def range_of(section: Any, key: str) -> Range | None:
     """The range of the quantity with this dotted key in a section; None if it is not a quantity."""
     info = field_of(section, key)
-    declared = list(metadata(info.annotation, info.metadata)) if info is not None else []
+    declared = list(faults.metadata(info.annotation, info.metadata)) if info is not None else []
     if not any(isinstance(entry, Unit) for entry in declared):
         return None
     return next((entry for entry in declared if isinstance(entry, Range)), None)
-
-
-def metadata(annotation: Any, own: Any = ()) -> Iterator[Any]:
-    """The metadata of an annotation, also inside of a union. `own`: what the field itself has."""
-    yield from own
-    inside = get_args(annotation)
-    if get_origin(annotation) is Annotated:
-        yield from inside[1:]
-        inside = inside[:1]
-    for member in inside:
-        yield from metadata(member)
 
 
 def sensors_in_full(controllers: Mapping[str, Any]) -> set[str]:
@@ -104,45 +93,40 @@ def known(
 def text(tables: merged.Merged, key: str, default: str) -> str:
     """The title, or the description."""
     value = tables.raw.get(key, default)
-    if not isinstance(value, str):
-        _fault(tables, key, f"{key} = {faults.shown(value)}: expected a text")
-        return ""
-    return value
+    if isinstance(value, str):
+        return value
+    tables.report([(key, f"{key} = {faults.shown(value)}: expected a text")])
+    return ""
 
 
 def seed(tables: merged.Merged) -> int:
     """The seed of noise; 0 by default."""
     value = tables.raw.get("seed", 0)
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        _fault(tables, "seed", f"seed = {faults.shown(value)}: expected a whole number, at least 0")
-        return 0
-    return value
+    if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
+        return value
+    tables.report([("seed", f"seed = {faults.shown(value)}: expected a whole number, at least 0")])
+    return 0
 
 
 def limits(tables: merged.Merged, assembly: Any) -> dict[str, float]:
     """The limits of outputs beyond which a run goes to its safe state: name -> largest absolute value [SI]."""
     raw = tables.raw.get("limits", {})
     if not isinstance(raw, dict):
-        _fault(tables, "limits", f"limits = {faults.shown(raw)}: expected a table of outputs")
+        tables.report([("limits", f"limits = {faults.shown(raw)}: expected a table of outputs")])
         return {}
     if assembly is None:
         return {}
-    limits = {}
-    for name, given in raw.items():
-        key = f"limits.{name}"
+
+    def limit(key: str, name: str, given: Any) -> float:
         if name not in assembly.outputs:
-            _fault(tables, key, f"{key}: this rig has no such output; {faults.near(name, assembly.outputs)}")
-            continue
-        unit = assembly.outputs[name].unit
+            raise merged.Wrong((key, f"{key}: this rig has no such output; {faults.near(name, assembly.outputs)}"))
         try:
-            limits[name] = finite(given, unit, Gt(0.0))
+            return finite(given, assembly.outputs[name].unit, Gt(0.0))
         except ValueError as error:
-            _fault(tables, key, f"{key} = {faults.shown(given)}: {faults.reworded(str(error), given)}")
-    return limits
+            line = f"{key} = {faults.shown(given)}: {faults.reworded(str(error), given)}"
+            raise merged.Wrong((key, line)) from None
 
-
-def _fault(tables: merged.Merged, key: str, line: str) -> None:
-    tables.report([(key, line)])
+    return {name: tables.read(partial(limit, f"limits.{name}", name, given), 0.0) for name, given in raw.items()}
 
 
 def unrolled(steps: Iterable[Any]) -> Iterator[Any]:
