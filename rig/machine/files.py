@@ -1,14 +1,11 @@
 """Files: those that a user names, and those that other processes and users can reach.
 
-Files that other processes and other users can reach: locks, and caches that only their owner can have written.
-
 A lock shows that a process writes a file or that a run is live. The system releases it when its process ends, however
 it ends. A cache holds what this user's processes execute or compute with, so a folder or file of it that another user
 owns or can write is ignored, with a warning. The administrator counts as this user: a shared cache may be theirs.
 
-Files that a user names: a file to read must be regular and not too large, one to write is written completely or not.
-
-A pipe would block until another process opens its other end, and reading a device may never end.
+A file to read must be regular and not too large: a pipe would block until another process opens its other end, and
+reading a device may never end. A file to write is written completely or not.
 """
 
 from __future__ import annotations
@@ -21,7 +18,7 @@ import os
 import stat
 import zipfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -57,10 +54,9 @@ def take(file: int | IO[bytes] | IO[str], *, wait: bool = False, shared: bool = 
 
 def free(file: int | IO[bytes] | IO[str]) -> bool:
     """Take the lock of an open file; whether no other process has it. Always true without file locks."""
-    try:
+    with suppress(OSError):
         return take(file)
-    except OSError:
-        return True
+    return True
 
 
 def trusted(path: Path, instead: str) -> bool:
@@ -154,12 +150,10 @@ def regular(path: Path) -> int:
 
 def takes(path: Path) -> None:
     """Raise OSError if `path` exists and cannot be written like a file. Devices such as /dev/null can."""
-    try:
+    with suppress(FileNotFoundError):
         mode = path.stat().st_mode
-    except FileNotFoundError:
-        return
-    if not (stat.S_ISREG(mode) or stat.S_ISCHR(mode) or stat.S_ISDIR(mode)):  # the system itself refuses a folder
-        raise OSError(errno.EINVAL, "it is not a regular file; name another one")
+        if not (stat.S_ISREG(mode) or stat.S_ISCHR(mode) or stat.S_ISDIR(mode)):  # the system itself refuses a folder
+            raise OSError(errno.EINVAL, "it is not a regular file; name another one")
 
 
 def unused(path: Path) -> None:

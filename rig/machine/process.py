@@ -1,13 +1,8 @@
 """Processes: what every process of this project does at its begin and end, and child processes.
 
-Signals that ask a process to stop, a fast exit, and runs without garbage collection; for all processes of a run.
-
-And what a process tells the one that started it (`rig.machine.process.Child`), over a pipe of its own.
-
-Child processes: started, observed, and ended by process id, in steps of bounded duration.
-
-What a child prints may come from a user's code: it is text to show and nothing else. What the child itself has to tell
-(`rig.machine.process.tell`) comes over a pipe of its own.
+Every process: signals that ask it to stop, a fast exit, runs without garbage collection. Child processes are started,
+observed, and ended by process id, in steps of bounded duration. What a child prints may come from a user's code: it is
+text to show and nothing else. What the child itself has to tell (`tell`) comes over a pipe of its own.
 """
 
 from __future__ import annotations
@@ -187,11 +182,10 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
         code = ExitCode.INTERRUPTED
     except Exception as error:
         code = ExitCode.INTERRUPTED if asked else 1  # some libraries turn KeyboardInterrupt into another exception
-        if not asked and isinstance(error, OSError) and error.errno in NO_FILES:
+        if not asked:
+            no_files = isinstance(error, OSError) and error.errno in NO_FILES
             with suppress(OSError):
-                sys.stderr.write(f"{MORE_FILES}\n")
-        elif not asked:
-            traceback.print_exc()
+                sys.stderr.write(f"{MORE_FILES}\n" if no_files else traceback.format_exc())
     _leave(code or 0)
 
 
@@ -218,12 +212,11 @@ def _leave(code: int) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except BrokenPipeError:  # the reader has closed the pipe, e.g. `head`
-            pass
         except (OSError, ValueError) as fault:
-            code = code or 1
-            with suppress(OSError, ValueError):
-                sys.stderr.write(f"the output could not be written: {fault}\n")
+            if not isinstance(fault, BrokenPipeError):  # the reader has closed the pipe, e.g. `head`
+                code = code or 1
+                with suppress(OSError, ValueError):
+                    sys.stderr.write(f"the output could not be written: {fault}\n")
     os._exit(code)
 
 

@@ -3,10 +3,8 @@
 With the same sources and processor every bit must be the same. Otherwise kernels round differently, and the outputs
 must agree to `ELSEWHERE` of their range, measurements to the resolution of their instrument.
 
-Compares two runs of a rig whose contact points open, made on different processors.
-
-Rounding differs between processors. Up to the first opening of a point the motion is stable against rounding, and
-samples agree. After it the motion is chaotic: samples soon differ, and only statistics can agree. Each tolerance is
+If contact points open, this holds up to the first opening: up to there the motion is stable against rounding. After it
+the motion is chaotic: samples soon differ, and only statistics can agree (`compared`). Each of their tolerances is
 about twice the spread of runs of the shipped plate whose initial states differ by rounding.
 """
 
@@ -69,17 +67,16 @@ def agreement(pairs: Iterable[Pair], scene: Scene, elsewhere: bool, until: float
         compared += count
         apart = recorded[:count].view(np.uint64) != simulated[:count].view(np.uint64)
         if apart.any():
-            one, other = recorded[:count], simulated[:count]
-            size = float(np.nanmax(np.abs(one - other), initial=0.0))
+            values, others = recorded[:count], simulated[:count]
+            size = float(np.nanmax(np.abs(values - others), initial=0.0))
             size -= max(_resolution(scene, name), nothing) if elsewhere else 0.0
             size = max(size, 0.0) / (float(np.nanmax(np.abs(recorded), initial=0.0)) or 1.0)
-            if (np.isnan(one) != np.isnan(other)).any():
-                size = math.inf
+            lacking = not math.isfinite(size) or (np.isnan(values) != np.isnan(others)).any()
+            deviation = math.inf if lacking else max(deviation, size)
             if not first:
                 at = int(np.argmax(apart))
-                when = t_ns[at] * 1e-9
-                first = f"{name} differs at t = {when:.9g} s: {float(recorded[at])!r} and {float(simulated[at])!r}"
-            deviation = max(deviation, size if np.isfinite(size) else np.inf)
+                t = t_ns[at] * 1e-9
+                first = f"{name} differs at t = {t:.9g} s: {float(recorded[at])!r} and {float(simulated[at])!r}"
     return Agreement(compared, deviation, first)
 
 
@@ -106,8 +103,8 @@ def pairs(run: Run, again: Run, modes: bool = False) -> Iterator[Pair]:
     """
     largest: dict[str, float] = {}
     for name, v in run.signals.items():
-        unit = run.units.get(name, "")
-        largest[unit] = max(largest.get(unit, 0.0), float(np.nanmax(np.abs(v), initial=0.0)))
+        size, unit = float(np.nanmax(np.abs(v), initial=0.0)), run.units.get(name, "")
+        largest[unit] = max(largest.get(unit, 0.0), size)
     for name, (t_ns, v) in run.measurements.items():
         if name in again.measurements:
             yield _common(f"meas/{name}", t_ns, v, *again.measurements[name], 0.0)
@@ -121,17 +118,12 @@ def pairs(run: Run, again: Run, modes: bool = False) -> Iterator[Pair]:
 
 def unknown(run: Run, again: Run) -> list[str]:
     """Faults: sensors and outputs in the recording that its scene does not have here, and sensors that it lacks."""
+    sensors, here = run.measurements.keys(), again.measurements.keys()
+    strange = run.signals.keys() - again.signals.keys()
     faults = [
-        f"the sensor {name} is recorded, but not in the scene"
-        for name in run.measurements.keys() - again.measurements.keys()
-    ]
-    faults += [
-        f"the sensor {name} is in the scene, but not recorded"
-        for name in again.measurements.keys() - run.measurements.keys()
-    ]
-    faults += [
-        f"the output {name} is recorded, but the rig of the scene has none of this name here"
-        for name in run.signals.keys() - again.signals.keys()
+        *(f"the sensor {name} is recorded, but not in the scene" for name in sensors - here),
+        *(f"the sensor {name} is in the scene, but not recorded" for name in here - sensors),
+        *(f"the output {name} is recorded, but the rig of the scene has none of this name here" for name in strange),
     ]
     if again.signals and not run.signals:
         faults.append("no output of the rig is recorded")
@@ -233,18 +225,16 @@ def compared(run: Run, again: Run, first: float, last: float) -> Iterator[Compar
         (max(statistic.value, here[statistic.name].value) for statistic in both if statistic.kind == "range"),
         default=0.0,
     )
+    factors, distances = {"rms": RMS, "band": BAND}, {"mean": MEAN, "least": LEAST, "range": RANGE * longest}
     for statistic in both:
-        value = here[statistic.name].value
-        away, factor = abs(statistic.value - value), max(statistic.value, value)
-        if statistic.kind in ("rms", "band") and statistic.unit == ACCELERATION:
-            most = RMS if statistic.kind == "rms" else BAND
-            yield Compared(statistic, value, f"factor {most:g}", factor <= most * min(statistic.value, value))
-        elif statistic.kind in ("mean", "least"):
-            allowed = MEAN if statistic.kind == "mean" else LEAST
-            yield Compared(statistic, value, f"within {allowed:g}", away <= allowed)
-        elif statistic.kind == "range":
-            allowed = RANGE * longest
-            yield Compared(statistic, value, f"within {allowed:.2g} {statistic.unit}", away <= allowed)
+        value, kind = here[statistic.name].value, statistic.kind
+        low, high = sorted((statistic.value, value))
+        if kind in factors and statistic.unit == ACCELERATION:
+            yield Compared(statistic, value, f"factor {factors[kind]:g}", high <= factors[kind] * low)
+        elif kind in distances:
+            most = distances[kind]
+            allowed = f"within {most:.2g} {statistic.unit}" if kind == "range" else f"within {most:g}"
+            yield Compared(statistic, value, allowed, high - low <= most)
 
 
 def _thinned(run: Run, beside: Run, first: float, last: float) -> Run:

@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig import controllers, design
 from rig.bench.again.agreement import ELSEWHERE, agreement, changed_place, duration_ns, pairs, unknown
@@ -94,12 +93,9 @@ def add_history(found: Run, run: Run, tick: int) -> None:
     old = run.time <= (now + 0.5) * 1e-9
     new = np.arange(1, found.time.size) * found.step_ns + now
 
-    def joined(history: NDArray[Any], later: NDArray[Any]) -> NDArray[Any]:
-        return np.concatenate([history[old], later[1:]])
-
     found.time = np.concatenate([run.time[old], new * 1e-9])
-    found.signals = {name: joined(run.signals[name], v) for name, v in found.signals.items()}
-    found.mode = joined(run.mode, found.mode)
+    found.signals = {name: np.concatenate([run.signals[name][old], v[1:]]) for name, v in found.signals.items()}
+    found.mode = np.concatenate([run.mode[old], found.mode[1:]])
     contacts = [event for event in run.plant_events if event["kind"] == "contact" and event["t_ns"] <= now]
     found.events = sorted([*contacts, *found.events], key=lambda event: int(event["t_ns"]))
     found.checkpoints = {at: state for at, state in run.checkpoints.items() if at <= tick} | found.checkpoints
@@ -130,9 +126,11 @@ def branch(
     if end is None or end <= tick * run.frame_ns:
         begin = f"{tick * run.frame_ns * 1e-9:g} s"
         raise UsageError(f"{log}: its protocol has no steps after {begin}; state a duration, e.g. --duration 10")
+    with log.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
     origin: dict[str, str | int] = {
         "ancestor": log.name,
-        "ancestor_sha256": _digest(log),
+        "ancestor_sha256": digest,
         "instant_ns": tick * run.frame_ns,
     }
     acting = {name: controllers.restored(one) for name, one in design.described(scene).items()}
@@ -183,11 +181,6 @@ def _tick(log: Path, run: Run, at: float | None) -> int:
         length = f"{frames * run.frame_ns * 1e-9:g} s"
         raise UsageError(f"{log}: has no instant {at:g} s; name one after 0 s, up to its end at {length}")
     return round(place)
-
-
-def _digest(log: Path) -> str:
-    with log.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _check(experiment: Experiment, acting: Mapping[str, Controller], changes: Mapping[str, Any]) -> None:

@@ -1,19 +1,16 @@
 """Verifies a recording: it must be complete, and a re-simulation must give the same values.
 
 The plant is simulated again from the scene in the file; commands and other actions from outside take effect at their
-recorded ticks. `rig.bench.again.agreement` states how samples must agree, `rig.bench.again.verify` which events must.
-If samples do not because contact points have opened, they are compared up to the first opening, and statistics after it
-(rig.bench.again.agreement).
+recorded ticks. `rig.bench.again.agreement` states how samples must agree. Events of the rig, its protocol and its
+operators must be repeated. If samples do not agree because contact points have opened, they are compared up to the
+first opening, and statistics after it.
 
 A window that a trigger recorded can be simulated again only if it begins at t = 0. Otherwise the state at its begin is
 unknown, and only its checksums are verified.
 
-Events of a recording that its re-simulation must repeat: those of the rig, its protocol and its operators.
-
-Whether the recorded commands of controllers can be what took effect.
-
 A re-simulation takes the commands as they are, so it says nothing of the measurement that a command answers and of its
-status. Both follow from rules of the exchange, and a live recording contains what the controllers sent.
+status. Both follow from rules of the exchange, and a live recording contains what the controllers sent
+(`command_faults`).
 """
 
 from __future__ import annotations
@@ -80,53 +77,37 @@ def differences(run: Run, again: Run, end_ns: int, exact: bool = True) -> tuple[
     )
     kinds = _REPEATED | ({_CONTACT} if every_step else frozenset())
     recorded, simulated = (_by_kind(one.events, kinds, end_ns) for one in (run, again))
-    agrees = _agree if exact else _alike
-    agree, found = 0, []
+    agree, differing = 0, []
     for kind in sorted(recorded.keys() | simulated.keys()):
         pairs = list(zip_longest(recorded[kind], simulated[kind]))
-        same = next((i for i, pair in enumerate(pairs) if not agrees(*pair)), len(pairs))
+        same = next((i for i, pair in enumerate(pairs) if not _agree(*pair, exact)), len(pairs))
         agree += same
         if same < len(pairs):
-            one, other = pairs[same]
-            t_ns = min(event["t_ns"] for event in (one, other) if event is not None)
-            found.append(f"event {kind} differs at t = {t_ns * 1e-9:.9g} s: {_shown(one)} and {_shown(other)}")
-    return agree, found
+            first, other = pairs[same]
+            t_ns = min(event["t_ns"] for event in (first, other) if event is not None)
+            differing.append(f"event {kind} differs at t = {t_ns * 1e-9:.9g} s: {_shown(first)} and {_shown(other)}")
+    return agree, differing
 
 
 def _by_kind(events: Iterable[Event], kinds: frozenset[str], end_ns: int) -> dict[str, list[Event]]:
     events_of_kind: dict[str, list[Event]] = defaultdict(list)
     for event in events:
-        if (
-            event["source"] == PLANT
-            and event["kind"] in kinds
-            and event["t_ns"] <= end_ns
-            and not _of_controller(event)
-        ):
+        # a value of a controller: in a re-simulation none works, and none can refuse
+        of_controller = event["kind"] == "parameter" and event["text"].startswith("controllers.")
+        if event["source"] == PLANT and event["kind"] in kinds and event["t_ns"] <= end_ns and not of_controller:
             events_of_kind[event["kind"]].append(event)
     return events_of_kind
 
 
-def _of_controller(event: Event) -> bool:
-    """Whether the protocol changes a value of a controller: in a re-simulation none works, and none can refuse."""
-    return bool(event["kind"] == "parameter" and event["text"].startswith("controllers."))
-
-
-def _alike(one: Event | None, other: Event | None) -> bool:
-    return one is not None and other is not None and all(one[key] == other[key] for key in ("t_ns", "tick", "text"))
-
-
-def _agree(one: Event | None, other: Event | None) -> bool:
-    if one is None or other is None or not _alike(one, other):
+def _agree(event: Event | None, other: Event | None, exact: bool) -> bool:
+    if event is None or other is None or any(event[key] != other[key] for key in ("t_ns", "tick", "text")):
         return False
-    shared = one["data"].keys() & other["data"].keys()  # older recordings contain less data
-    return all(one["data"][key] == other["data"][key] for key in shared)
+    shared = event["data"].keys() & other["data"].keys() if exact else ()  # older recordings contain less data
+    return all(event["data"][key] == other["data"][key] for key in shared)
 
 
 def _shown(event: Event | None) -> str:
-    if event is None:
-        return "none"
-    data = f" {event['data']}" if event["data"] else ""
-    return f"{event['text']!r} at {event['t_ns']} ns{data}"
+    return "none" if event is None else f"{event['text']!r} at {event['t_ns']} ns {event['data'] or ''}".rstrip()
 
 
 Wrong = tuple[NDArray[np.bool_], str]
@@ -152,9 +133,9 @@ def _delay_ns(name: str, run: Run, scene: Scene) -> int:
     """The additional delay of the loop of a controller; of one that was admitted, the event of its admission has it."""
     if (section := scene.controllers.get(name)) is not None:
         return int(section.delay)
-    admitted = [one["data"] for one in run.events if one["kind"] == "admitted" and one["source"] == PLANT]
-    found = (data.get("delay_ns", 0) for data in admitted if data.get("controller") == name)
-    return next((one for one in found if isinstance(one, int)), 0)
+    admitted = [event["data"] for event in run.events if event["kind"] == "admitted" and event["source"] == PLANT]
+    delays = (data.get("delay_ns", 0) for data in admitted if data.get("controller") == name)
+    return next((delay for delay in delays if isinstance(delay, int)), 0)
 
 
 def _on_time(run: Run) -> bool:
@@ -224,31 +205,30 @@ def _sent(log: Path) -> dict[str, dict[int, list[tuple[float, ...]]]]:
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of verifying a recording."""
+    """The result of verifying a recording.
+
+    `seconds`: simulated time [s]. `compared`: number of values compared. `events`: number of events that agree.
+    `deviation`: largest deviation of a signal as a share of its range. `elsewhere`: differences between this machine
+    and that of the recording: sources, processor, versions. `notes`: notes that the user should know, but that are not
+    faults of the recording. `opened`: time of the first opening of a contact point [s], if samples were compared only
+    up to there. `statistics`: statistics compared after it: of the recording, of the re-simulation, and the tolerance.
+    `simulated`: whether the run was simulated again; not possible for a window that begins after t = 0. `user_notes`:
+    notes that somebody wrote on the recording. They lie beside it and are not verified.
+    """
 
     log: str
     seconds: float
-    """Simulated time [s]."""
     compared: int
-    """Number of values compared."""
     events: int
-    """Number of events that agree."""
     identical: bool
     deviation: float
-    """Largest deviation of a signal as a share of its range."""
     elsewhere: tuple[str, ...]
-    """Differences between this machine and that of the recording: sources, processor, versions."""
     faults: tuple[str, ...]
     notes: tuple[str, ...] = ()
-    """Notes that the user should know, but that are not faults of the recording."""
     opened: float | None = None
-    """Time of the first opening of a contact point [s], if samples were compared only up to there."""
     statistics: tuple[str, ...] = ()
-    """Statistics compared after it: of the recording, of the re-simulation, and the tolerance."""
     simulated: bool = True
-    """Whether the run was simulated again; not possible for a window that begins after t = 0."""
     user_notes: tuple[str, ...] = ()
-    """Notes that somebody wrote on the recording. They lie beside it and are not verified."""
 
     @property
     def passed(self) -> bool:
@@ -264,14 +244,14 @@ class Verification:
         right = "verified" if self.simulated else "undamaged, but not simulated again"
         lines = [f"{self.log}: {right if self.passed else 'not verified'}"]
         lines += [f"  {line}" for line in (*self.faults, *self.notes)]
-        return "\n".join([*lines, *(self._agreement() if self.simulated else ()), *self._remarks()])
+        lines += self._agreement() if self.simulated else []
+        lines += ["  notes on it (not part of the recording, not verified):"] if self.user_notes else []
+        return "\n".join([*lines, *(f"    {note}" for note in self.user_notes)])
 
     def _agreement(self) -> list[str]:
         """The comparison as lines."""
-        if not self.deviation:
-            agreement = "bit by bit" if self.identical or self.opened else "except for rounding errors"
-        else:
-            agreement = f"to {self.deviation:.1e} of their range"
+        rounded = "bit by bit" if self.identical or self.opened else "except for rounding errors"
+        agreement = f"to {self.deviation:.1e} of their range" if self.deviation else rounded
         events = f", and {counted(self.events, 'event')}" if self.events else ""
         lines = [f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {agreement}{events}"]
         if self.opened is not None:
@@ -284,11 +264,6 @@ class Verification:
         if self.elsewhere and not self.identical:
             lines.append(f"  recorded elsewhere: other {', '.join(self.elsewhere)}")
         return lines
-
-    def _remarks(self) -> list[str]:
-        """The notes of users as lines."""
-        title = ["  notes on it (not part of the recording, not verified):"] if self.user_notes else []
-        return [*title, *(f"    {n}" for n in self.user_notes)]
 
 
 def verify(log: Path, tell: Tell | None = None) -> Verification:
@@ -400,8 +375,8 @@ def _statistics(run: Run, again: Run, opened: float) -> tuple[list[str], list[st
     end = float(min(run.time[-1], again.time[-1]))
     if end - opened < SHORTEST:
         return [f"{end - opened:.3g} s are too few for statistics ({SHORTEST:g} s are needed): not compared"], []
-    found = list(compared(run, again, opened, end))
-    return [str(one) for one in found], [f"does not agree: {one}" for one in found if not one.agrees]
+    both = list(compared(run, again, opened, end))
+    return list(map(str, both)), [f"does not agree: {statistic}" for statistic in both if not statistic.agrees]
 
 
 def _gaps(run: Run, again: Run) -> Iterator[str]:

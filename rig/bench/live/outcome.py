@@ -28,25 +28,25 @@ def called(role: str, name: str) -> str:
 
 @dataclass(frozen=True)
 class Job:
-    """The settings of one run of the plant. Raises UsageError for a pace that is not positive."""
+    """The settings of one run of the plant. Raises UsageError for a pace that is not positive.
+
+    `scene`: the scene as JSON text (`Scene.to_json`). `pace`: simulated time over wall time; None: lockstep, as fast as
+    the controllers answer. `duration`: simulated time [s]; by default the duration of the protocol. `expect`: role and
+    name of the processes for which the first frame waits. `wait`: longest wait for them [s]. `parent`: id of the parent
+    process; this process ends when the parent has ended. 0: none. `command`: the user's command line, for the
+    recording.
+    """
 
     scene: str
-    """The scene as JSON text (`Scene.to_json`)."""
     run: str | None = None
     endpoint: str | None = None
     pace: float | None = 1.0
-    """Simulated time over wall time; None: lockstep, as fast as the controllers answer."""
     lockstep: bool = False
     duration: float | None = None
-    """Simulated time [s]; by default the duration of the protocol."""
     expect: tuple[tuple[str, str], ...] = ()
-    """Role and name of the processes for which the first frame waits."""
     wait: float = 20.0
-    """Longest wait for them [s]."""
     parent: int = 0
-    """Id of the parent process; this process ends when the parent has ended. 0: none."""
     command: tuple[str, ...] = ()
-    """The user's command line, for the recording."""
 
     def __post_init__(self) -> None:
         if self.pace is not None and self.pace <= 0.0:
@@ -81,20 +81,20 @@ def keeps_up(scene: Scene, pace: float | None) -> None:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a run."""
+    """The outcome of a run.
+
+    `summary`: the summary that the plant published; if the plant died, what is known. `log`: path of the recording.
+    `account`: the recorder's text about the finished recording; empty if it did not finish it. `died`: processes that
+    died or had to be killed, in words. `machine`: shares of the processors' time that others took
+    (rig.bench.live.pace). `unrecorded`: whether a recording was requested that is missing or incomplete.
+    """
 
     summary: Mapping[str, Any]
-    """The summary that the plant published; if the plant died, what is known."""
     log: str = ""
-    """Path of the recording."""
     account: str = ""
-    """The recorder's text about the finished recording; empty if it did not finish it."""
     died: tuple[str, ...] = field(default_factory=tuple)
-    """Processes that died or had to be killed, in words."""
     machine: Mapping[str, float] = field(default_factory=dict)
-    """Shares of the processors' time that others took (rig.bench.live.pace)."""
     unrecorded: bool = False
-    """Whether a recording was requested that is missing or incomplete."""
 
     def without_recording(self, why: str) -> Outcome:
         """The same outcome for a run with an incomplete recording: at best DEGRADED; `why` says what is lost."""

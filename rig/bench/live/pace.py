@@ -172,12 +172,14 @@ class WallClock:
 
 
 class GivenUp(NamedTuple):
-    """Time of the wall clock that was skipped before a frame."""
+    """Time of the wall clock that was skipped before a frame.
+
+    `frames`: frames (pieces) of the wall clock that were skipped.
+    """
 
     frame: int
     late_ns: int
     frames: int
-    """Frames (pieces) of the wall clock that were skipped."""
 
 
 class Pacer:
@@ -281,11 +283,13 @@ def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, core
 
 
 class ProcessorTime(NamedTuple):
-    """Processor time spent up to a time of the wall clock; all in ns."""
+    """Processor time spent up to a time of the wall clock; all in ns.
+
+    `others`: processor time of other processes, the system and the host; -1 if unknown.
+    """
 
     wall: int
     others: int
-    """Processor time of other processes, the system and the host; -1 if unknown."""
 
 
 def spent() -> ProcessorTime:

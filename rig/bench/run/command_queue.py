@@ -21,21 +21,22 @@ AS_SENT, CLAMPED, SAFE = 0, 1, 2
 
 @dataclass
 class Counts:
-    """Counts of what happened to the commands of one controller."""
+    """Counts of what happened to the commands of one controller.
+
+    `late`: commands that took effect more than one frame after the measurement they answer (beyond the stated delay).
+    `oldest`: age of the oldest command that took effect [frames]. `held`: frames in which a command was due but had not
+    arrived. `safe`: number of times that safe values replaced missing commands.
+    """
 
     taken: int = 0
     late: int = 0
-    """Commands that took effect more than one frame after the measurement they answer (beyond the stated delay)."""
     oldest: int = 0
-    """Age of the oldest command that took effect [frames]."""
     held: int = 0
-    """Frames in which a command was due but had not arrived."""
     overtaken: int = 0
     clamped: int = 0
     not_finite: int = 0
     refused: int = 0
     safe: int = 0
-    """Number of times that safe values replaced missing commands."""
 
 
 class CommandQueue:

@@ -103,19 +103,14 @@ class Condition:
         elif self._kind == "below":
             self.is_met = sample < self._limit
         elif self._range.add(sample):
-            self.is_met = self._quiet() if self._kind == "quiet" else self._settled()
+            now, past = (self._range.highest, self._range.lowest), self._before
+            if self._kind == "quiet":
+                self.is_met = (now[0] - now[1]) / 2.0 < self._limit
+            else:  # settled
+                past.append(now)
+                settled = all(abs(value - before) < self._limit for value, before in zip(now, past[0]))
+                self.is_met = len(past) == past.maxlen and settled
         return self.is_met
-
-    def _quiet(self) -> bool:
-        return (self._range.highest - self._range.lowest) / 2.0 < self._limit
-
-    def _settled(self) -> bool:
-        past = self._before
-        highest, lowest = self._range.highest, self._range.lowest
-        past.append((highest, lowest))
-        if len(past) < (past.maxlen or 0):
-            return False
-        return abs(highest - past[0][0]) < self._limit and abs(lowest - past[0][1]) < self._limit
 
 
 class Range:
@@ -162,15 +157,17 @@ class Range:
 
 
 class Progress(NamedTuple):
-    """Progress of an experiment."""
+    """Progress of an experiment.
+
+    `steps`: number of steps; None if steps repeat for ever. `left_ns`: least time that the remaining steps take; waits
+    may add to it.
+    """
 
     phase: str
     step: int
     steps: int | None
-    """Number of steps; None if steps repeat for ever."""
     fraction: float | None
     left_ns: int | None
-    """Least time that the remaining steps take; waits may add to it."""
 
 
 class Protocol:

@@ -39,13 +39,14 @@ class Recorded(NamedTuple):
     """Actions of a recorded run, repeated at the same ticks with the same values: commands and actions of operators.
 
     Before tick `end` no command of a controller counts; without `end` none in the whole run.
+
+    `resumption`: where to begin to simulate; before that measurements are played. None: at the begin.
     """
 
     commands: Mapping[str, Commands]
     events: Iterable[Mapping[str, Any]] = ()
     end: int | None = None
     resumption: Resumption | None = None
-    """Where to begin to simulate; before that measurements are played. None: at the begin."""
 
 
 def simulate(
@@ -133,7 +134,7 @@ def carry_out(
         trace = "".join(traceback.format_exception(error.__cause__))
         experiment.journal.note(LOST, fault, controller=error.name, trace=trace)
     experiment.end()
-    loops = {one.name: one.loop for one in working}
+    loops = {controller.name: controller.loop for controller in working}
     return FinishedRun(runner, experiment, loops, fault, checkpoints.kept, failed)
 
 
@@ -174,9 +175,14 @@ def begun(
         if name in loops:  # none in a re-simulation: their commands are recorded
             loops[name].retune(changes)
 
+    frames = (duration_ns or 0) // scene.frame_ns
+    if recorded is None or recorded.resumption is None:
+        runner = PlantRunner(scene, truthful=True, piece=frames)
+    else:
+        runner = ResumedRunner(scene, recorded.resumption, frames)
     experiment = Experiment(
         scene,
-        _runner(scene, recorded, (duration_ns or 0) // scene.frame_ns),
+        runner,
         duration_ns,
         retune,
         exchange=Exchange if recorded is None else Playback,
@@ -191,7 +197,7 @@ def begun(
     experiment.open()
     working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(loops.items())]
     for one in working:
-        one.expect((duration_ns or 0) // (one.queue.period * scene.frame_ns))
+        one.expect(frames // one.queue.period)
     return experiment, working
 
 
@@ -204,12 +210,6 @@ def _welcome(experiment: Experiment, guests: Mapping[str, Guest]) -> None:
         hears = gets_every_sample(controller)
         experiment.admit(name, controller.drives, controller.period_ns, hears, delay_ns=delay_ns)
     experiment.journal.note(BEGIN, f"begins with {', '.join(guests)}", here=[*experiment.exchange.queues])
-
-
-def _runner(scene: Scene, recorded: Recorded | None, frames: int) -> PlantRunner:
-    if recorded is None or recorded.resumption is None:
-        return PlantRunner(scene, truthful=True, piece=frames)
-    return ResumedRunner(scene, recorded.resumption, frames)
 
 
 def carry_on(
