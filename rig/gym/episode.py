@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bench.run.compiled_controllers import CompiledControllers
-from rig.bench.run.restartable import RestartableRig
+from rig.bench.run.local_controllers import CompiledControllers
 from rig.bench.run.runner import PlantRunner
-from rig.bench.run.simulate import carry_on
+from rig.bench.run.simulate import RestartableRig, carry_on
 from rig.errors import NumericsError, UsageError
 from rig.quantities import finite, nanoseconds, whole
 from rig.scenes.scene import Scene

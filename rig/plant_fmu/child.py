@@ -20,10 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.bench.run.compiled_controllers import CompiledControllers
 from rig.bench.run.experiment import Experiment
-from rig.bench.run.restartable import RestartableRig
-from rig.bench.run.simulate import carry_on
+from rig.bench.run.local_controllers import CompiledControllers
+from rig.bench.run.simulate import RestartableRig, carry_on
 from rig.errors import RigError, UsageError
 from rig.machine.process import as_process, with_parent
 from rig.parts import trust_scene

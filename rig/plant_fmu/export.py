@@ -19,7 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from rig.bench.run.restartable import RestartableRig
+from rig.bench.run.simulate import RestartableRig
 from rig.errors import UsageError
 from rig.machine.files import draft_of
 from rig.scenes.scene import Scene

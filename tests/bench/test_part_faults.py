@@ -12,7 +12,7 @@ import rig
 from rig.bench.again.branch import branch
 from rig.bench.again.verify import verify
 from rig.bench.run import checkpoint, local_controllers
-from rig.bench.run.compiled_controllers import CompiledControllers
+from rig.bench.run.local_controllers import CompiledControllers
 from rig.bench.run.simulate import Recorded, simulate
 from rig.bus import messages
 from rig.cli.app import program

@@ -12,8 +12,8 @@ import pytest
 
 import rig
 from rig import controllers
-from rig.bench.run import compiled_controllers, local_controllers, playback, simulate
-from rig.bench.run.compiled_controllers import CompiledControllers
+from rig.bench.run import exchange, local_controllers, simulate
+from rig.bench.run.local_controllers import CompiledControllers
 from rig.design import numbers
 from rig.record.run import Commands
 from rig.solve import control_loop
@@ -91,8 +91,8 @@ def test_a_recording_is_simulated_again_with_the_same_bits(name, changes, durati
 
 
 def test_more_commands_than_the_compiled_loop_has_room_for(monkeypatch):
-    monkeypatch.setattr(compiled_controllers, "ROWS", 64)
-    monkeypatch.setattr(playback, "ROWS", 64)
+    monkeypatch.setattr(local_controllers, "ROWS", 64)
+    monkeypatch.setattr(exchange, "ROWS", 64)
     monkeypatch.setattr(control_loop, "ROWS", 64)
     scene = rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.0})
     first = rig.simulate(scene, 0.5)

@@ -25,9 +25,8 @@ from typing import Any
 from rig import controllers
 from rig.bench.live.housekeeping import Housekeeper
 from rig.bench.live.hub import Hub
-from rig.bench.run.compiled_controllers import CompiledControllers
 from rig.bench.run.experiment import Experiment
-from rig.bench.run.local_controllers import NEVER, ControllerInProcess
+from rig.bench.run.local_controllers import NEVER, CompiledControllers, ControllerInProcess
 from rig.bench.run.simulate import carry_on
 from rig.bus.port import Session
 from rig.controllers.blocks.base import Values

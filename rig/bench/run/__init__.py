@@ -6,12 +6,12 @@ experiment            everything that happens at a tick between measurement and 
 protocol              the steps of an experiment, due at ticks or after a condition
 exchange              commands: taken over, held, clamped, refused, replaced by safe values, or played from a recording
 command_queue         the commands of one controller
-local_controllers     controllers that work in this process; compiled_controllers: in the compiled loop
+local_controllers     controllers that work in this process: called from Python, or lent to the compiled loop
 heard                 what controllers receive over impaired links
 rig_variants          the same rig with other parameters
 builds                a new matrix takes time: rigs are built beside the frames, and who waits for them
 before                findings before a run
 journal, audit        the events of a run; which effects changed nothing in it, and which were missing
 checkpoint            the state of plant and instruments, kept in the recording
-simulate              a run in this process, as fast as possible; restartable: one that begins again, for agents
+simulate              a run in this process, as fast as possible; a rig that begins again, for agents
 """

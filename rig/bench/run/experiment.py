@@ -218,6 +218,16 @@ class Experiment:
         units = dict(zip(runner.bank.names, runner.bank.units))
         self.tuning = Tuning(scene, runner, self.exchange, self.journal)
         self.protocol = protocol.Protocol(scene.protocol, runner.frame_ns, units, runner.inputs)
+        self._does: dict[type, Callable[[Any], object]] = {
+            protocol.Note: lambda note: self.journal.note(note.kind, note.text),
+            protocol.Apply: lambda to: commands.ask(to.name, to.value),
+            protocol.Move: lambda move: commands.move(*move),
+            protocol.Strike: lambda knock: self.knock(knock.impulse, "protocol", knock.duration_ns),
+            protocol.Release: lambda _: runner.release(),
+            protocol.Switch: lambda switch: self.switch(switch.controller, switch.on, "protocol"),
+            protocol.Finish: lambda finish: self.stop(finish.reason),
+            protocol.Change: self._change,
+        }
         self.over = ""
         """Why the experiment has ended; empty while it runs."""
         self.aborted = ""
@@ -402,8 +412,21 @@ class Experiment:
 
     def _repeat(self, event: Mapping[str, Any]) -> None:
         """Carry out a recorded action of an operator. Raises LogError for one that this rig cannot have recorded."""
+        data, kind = event["data"], event["kind"]
+        does: dict[str, Callable[[], object]] = {
+            "parameter": lambda: self.change(data["set"]),
+            BRANCH: lambda: self.journal.note(BRANCH, event["text"], **data),
+            "knock": lambda: self.knock(data["impulse"]),
+            EMERGENCY: self.emergency,
+            "connected": lambda: self.switch(data["controller"], True),
+            "disconnected": lambda: self.switch(data["controller"], False),
+            "admitted": lambda: self.admit(
+                data["controller"], data["drives"], data["period_ns"], delay_ns=data.get("delay_ns", 0)
+            ),
+            "dismissed": lambda: self.dismiss(data["controller"]),
+        }
         try:
-            self._repeat_action(event, event["data"])
+            does.get(kind, lambda: None)()
         except NumericsError:
             raise
         except (RigError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as fault:
@@ -411,22 +434,6 @@ class Experiment:
             t = event["tick"] * self.runner.frame_ns * 1e-9
             text = f"the recorded event {event['kind']} of an operator at t = {t:.9g} s cannot be repeated"
             raise LogError(f"{text}: {why}") from None
-
-    def _repeat_action(self, event: Mapping[str, Any], data: Mapping[str, Any]) -> None:
-        if event["kind"] == "parameter":
-            self.change(data["set"])
-        elif event["kind"] == BRANCH:
-            self.journal.note(BRANCH, event["text"], **data)
-        elif event["kind"] == "knock":
-            self.knock(data["impulse"])
-        elif event["kind"] == EMERGENCY:
-            self.emergency()
-        elif event["kind"] in ("connected", "disconnected"):
-            self.switch(data["controller"], event["kind"] == "connected")
-        elif event["kind"] == "admitted":
-            self.admit(data["controller"], data["drives"], data["period_ns"], delay_ns=data.get("delay_ns", 0))
-        elif event["kind"] == "dismissed":
-            self.dismiss(data["controller"])
 
     def _wants(self, action: protocol.Action) -> list[Wanted]:
         """The rigs that an action of the protocol needs, one after the other."""
@@ -445,22 +452,7 @@ class Experiment:
         return []
 
     def _carry_out(self, action: protocol.Action) -> None:
-        if isinstance(action, protocol.Note):
-            self.journal.note(action.kind, action.text)
-        elif isinstance(action, protocol.Apply):
-            self.exchange.ask(action.name, action.value)
-        elif isinstance(action, protocol.Move):
-            self.exchange.move(action.name, action.to, action.ticks)
-        elif isinstance(action, protocol.Strike):
-            self.knock(action.impulse, "protocol", action.duration_ns)
-        elif isinstance(action, protocol.Release):
-            self.runner.release()
-        elif isinstance(action, protocol.Switch):
-            self.switch(action.controller, action.on, "protocol")
-        elif isinstance(action, protocol.Finish):
-            self.stop(action.reason)
-        elif isinstance(action, protocol.Change):
-            self._change(action)
+        self._does[type(action)](action)
 
     def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> None:
         """Change actuators, parameters of the rig and those of controllers (controllers.NAME.KEY) at this tick.

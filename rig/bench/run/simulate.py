@@ -8,24 +8,25 @@ called afterwards, with the samples of each of its ticks.
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rig import design
-from rig.bench.run.checkpoint import interval
-from rig.bench.run.compiled_controllers import CompiledControllers
+from rig.bench.run.checkpoint import KeptState, interval
 from rig.bench.run.exchange import Exchange, Playback
 from rig.bench.run.experiment import BEGIN, Experiment
-from rig.bench.run.local_controllers import LOST, ControllerInProcess, Guest, loop_of
+from rig.bench.run.local_controllers import LOST, CompiledControllers, ControllerInProcess, Guest, loop_of
 from rig.bench.run.runner import PlantRunner, ResumedRunner, Resumption
-from rig.controllers import restored
+from rig.controllers import controller_drives, restored
 from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.controllers.runtime.loop import Loop
 from rig.errors import ControllerFailed, NumericsError, UsageError
 from rig.plants.structures import model_store
 from rig.record.run import Commands, Run
+from rig.scenes.protocol import Connect, Disconnect, Repeat
 from rig.scenes.scene import Scene
 
 Tell = Callable[[int, int], object]
@@ -110,15 +111,17 @@ def carry_out(
     """Simulate like `simulate`, without making a `Run`. Without a duration the run ends when `stop` says so."""
     experiment, working = begun(scene, controllers, duration_ns, recorded, guests=guests)
     runner = experiment.runner
-    every = max(100_000_000 // scene.frame_ns, 1)
-    checkpoints, fault, failed = _Checkpoints(runner), "", None
+    every, apart = max(100_000_000 // scene.frame_ns, 1), interval(runner.frame_ns, runner.step_ns)
+    checkpoints: dict[int, bytes] = {}
+    fault, failed = "", None
     try:
         while experiment.begin():
-            until = min(experiment.until(), checkpoints.due)
+            until = min(experiment.until(), runner.tick + apart - runner.tick % apart)
             if stop is not None:
                 until = min(until, runner.tick + every - runner.tick % every)
             carry_on(experiment, working, until)
-            checkpoints.look(keep=not experiment.aborted)
+            if not (runner.tick % apart or experiment.aborted) and (kept := runner.checkpoint()):
+                checkpoints[runner.tick] = kept
             if tell is not None and duration_ns:
                 tell(runner.t_ns // 1_000_000_000, -(-duration_ns // 1_000_000_000))
             if stop is not None and (why := stop()):
@@ -135,25 +138,7 @@ def carry_out(
         experiment.journal.note(LOST, fault, controller=error.name, trace=trace)
     experiment.end()
     loops = {controller.name: controller.loop for controller in working}
-    return FinishedRun(runner, experiment, loops, fault, checkpoints.kept, failed)
-
-
-class _Checkpoints:
-    """Keeps the checkpoints of a run in this process. `kept`: tick -> checkpoint; `due`: tick of the next one."""
-
-    def __init__(self, runner: PlantRunner) -> None:
-        self._runner, self._every = runner, interval(runner.frame_ns, runner.step_ns)
-        self.kept: dict[int, bytes] = {}
-        self.due = self._every
-
-    def look(self, keep: bool) -> None:
-        """Keep a checkpoint if it is due and wanted; call it before anything is changed at a tick."""
-        tick = self._runner.tick
-        if tick < self.due:
-            return
-        if keep and tick == self.due and (found := self._runner.checkpoint()):
-            self.kept[tick] = found
-        self.due = (tick // self._every + 1) * self._every
+    return FinishedRun(runner, experiment, loops, fault, checkpoints, failed)
 
 
 def begun(
@@ -289,3 +274,59 @@ def _run(scene: Scene, models: tuple[bytes, ...], audited: bool, finished: Finis
         fault=finished.fault,
         checkpoints=finished.checkpoints,
     )
+
+
+class RestartableRig:
+    """The rig of `scene` whose actuators `drives` are driven from outside, and which can begin again at any time.
+
+    Controllers of the scene that would drive the same actuators are left out. Beginning again returns the plant runner
+    to tick 0, which takes 0.5 ms and gives the bits of a new rig with the same seed.
+    `working`: the controllers of the scene that stay, while an experiment runs.
+    """
+
+    def __init__(self, scene: Scene, drives: Collection[str]) -> None:
+        out = {name for name, section in scene.controllers.items() if {*controller_drives(section)} & {*drives}}
+        self.scene = replace(
+            scene,
+            controllers={name: section for name, section in scene.controllers.items() if name not in out},
+            driven=scene.driven | {*drives},
+            protocol=tuple(_without(scene.protocol, out)),
+        )
+        self._described = design.described(self.scene)
+        self._loops: dict[str, Loop] = {}
+        self.working: list[ControllerInProcess] = []
+        self._make()
+
+    def _make(self) -> None:
+        self.runner = PlantRunner(self.scene)
+        kick = self.runner.motion.integration.method == "kick"  # its tables have a memory: a new runner each time
+        self._kept: KeptState | None = None if kick else self.runner.keep()
+
+    def begin(self, seed: int, length_ns: int) -> Experiment:
+        """Begin at tick 0 with this seed of all noise; the experiment is not yet open, so that others can be admitted.
+
+        The runner may be another one than before.
+        """
+        if self._kept is None or self._kept.scene is not self.runner.scene:
+            self.scene = replace(self.scene, seed=seed)
+            self._make()
+        else:
+            self.runner.back(self._kept, seed)
+        experiment = Experiment(self.scene, self.runner, length_ns, self._retune)
+        self._loops = {name: Loop(restored(one)) for name, one in self._described.items()}
+        self.working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(self._loops.items())]
+        return experiment
+
+    def _retune(self, name: str, changes: Mapping[str, Any]) -> None:
+        self._loops[name].retune(changes)
+
+
+def _without(protocol: Sequence[Any], controllers: set[str]) -> Iterable[Any]:
+    """The steps of a protocol, without those that connect or disconnect these controllers."""
+    for step in protocol:
+        if isinstance(step, Connect | Disconnect) and step.controller in controllers:
+            continue
+        if isinstance(step, Repeat):
+            yield step.model_copy(update={"steps": tuple(_without(step.steps, controllers))})
+        else:
+            yield step

@@ -24,8 +24,8 @@ from rig.analysis.motion_measures import Problem, Setting
 from rig.analysis.orbit import in_frames
 from rig.bench.live import pace
 from rig.bench.live.pace import LONGEST_NS, length
-from rig.bench.run.compiled_controllers import CompiledControllers
 from rig.bench.run.experiment import Experiment
+from rig.bench.run.local_controllers import CompiledControllers
 from rig.bench.run.simulate import carry_on
 from rig.errors import NumericsError
 from rig.machine import scheduling
