@@ -49,9 +49,9 @@ def _section(module: ModuleType, kind: str) -> Any:
     return named(module, bases, "kind", kind, {"period": (Nanoseconds, period)} if whole else {})
 
 
-def _is_controller(one: type) -> bool:
-    works = callable(getattr(one, "start", None)) and callable(getattr(one, "update", None))
-    return one.__name__ == "Controller" or (works and not issubclass(one, Section))
+def _is_controller(kind: type) -> bool:
+    works = callable(getattr(kind, "start", None)) and callable(getattr(kind, "update", None))
+    return kind.__name__ == "Controller" or (works and not issubclass(kind, Section))
 
 
 @cache
@@ -62,16 +62,18 @@ def class_of(module: ModuleType) -> Any:
 
 def _unfinished(module: ModuleType) -> Iterator[str]:
     """The classes of a module that have one of the two methods of a controller, in words."""
-    for one in (one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__):
-        missing = [name for name in ("start", "update") if not callable(getattr(one, name, None))]
+    for kind in (
+        kind for kind in vars(module).values() if isinstance(kind, type) and kind.__module__ == module.__name__
+    ):
+        missing = [name for name in ("start", "update") if not callable(getattr(kind, name, None))]
         if len(missing) == 1:
-            yield f"; {one.__name__} has no {missing[0]}"
+            yield f"; {kind.__name__} has no {missing[0]}"
 
 
 @cache
 def parameters_of(module: ModuleType) -> Any:
     """The section class of a module; None if it has none."""
-    return one_class(module, lambda one: issubclass(one, Section), "Parameters", "")
+    return one_class(module, lambda kind: issubclass(kind, Section), "Parameters", "")
 
 
 KINDS: Room[Any] = Room("controllers", __name__, __path__, _section)
@@ -92,8 +94,8 @@ def recorded_class(table: Mapping[str, Any], parts: Parts) -> Any:
 
     Raises KeyError for an unknown kind, PartError for a part that fails.
     """
-    found = KINDS.get_from(table["kind"], parts)
-    return found.of_table(table) if issubclass(found, CompiledSection) else found
+    section = KINDS.get_from(table["kind"], parts)
+    return section.of_table(table) if issubclass(section, CompiledSection) else section
 
 
 def module_of(section: Section) -> ModuleType:

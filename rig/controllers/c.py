@@ -11,8 +11,8 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, ClassVar, Literal, Self
 
 from rig.controllers.blocks.base import Numbers, Values
@@ -31,17 +31,14 @@ class _Watch(threading.Thread):
 
     def __init__(self) -> None:
         super().__init__(name="watch-library", daemon=True)
-        self._calls, self._what = 0, ""
+        self._calls, self.what = 0, ""
+        """Calls begun and ended; the library that is called."""
 
-    @contextmanager
-    def over(self, what: str) -> Iterator[None]:
-        """Watch a call of the library `what`."""
-        self._what = what
+    def __enter__(self) -> None:
         self._calls += 1
-        try:
-            yield
-        finally:
-            self._calls += 1
+
+    def __exit__(self, *_: object) -> None:
+        self._calls += 1
 
     def run(self) -> None:
         """See threading.Thread."""
@@ -49,7 +46,7 @@ class _Watch(threading.Thread):
             begun = self._calls
             time.sleep(LONGEST_S)
             if begun % 2 and self._calls == begun:
-                os.write(2, f"{self._what}: rig_controller_step has not returned for {LONGEST_S:g} s\n".encode())
+                os.write(2, f"{self.what}: rig_controller_step has not returned for {LONGEST_S:g} s\n".encode())
                 os._exit(1)
 
 
@@ -72,10 +69,10 @@ class CompiledC(CompiledSection):
     def keys(cls, file: Binary) -> tuple[Sequence[Signal], Sequence[Signal], Sequence[Parameter], int | None]:
         """See `CompiledSection.keys`."""
         about = file.about
-        inputs, outputs = ([Signal(*one) for one in about[name]] for name in ("inputs", "outputs"))
+        inputs, outputs = ([Signal(*row) for row in about[name]] for name in ("inputs", "outputs"))
         if about["period_ns"] <= 0:
             raise PartError(f"{file}: states a period of {about['period_ns']} ns; expected at least 1")
-        return inputs, outputs, [Parameter(*one) for one in about["parameters"]], about["period_ns"]
+        return inputs, outputs, [Parameter(*row) for row in about["parameters"]], about["period_ns"]
 
 
 class CompiledController:
@@ -88,7 +85,7 @@ class CompiledController:
         self.reads, self.drives = section.connected_sensors, section.connected_actuators
         self.period_ns = section.period
         self._direct = section.where == "plant" or "direct" in numbers
-        self._watch = _WATCH if "direct" in numbers else None
+        self._watch: AbstractContextManager[None] = _WATCH if "direct" in numbers else nullcontext()
         self._parameters = section.values()
         self._library: Any = None
 
@@ -97,6 +94,7 @@ class CompiledController:
 
         If a step does not return within `LONGEST_S`, the process ends with a message.
         """
+        _WATCH.what = self.section.file
         if not _WATCH.is_alive():
             _WATCH.start()
         return type(self)(self.section, {**self.numbers, "direct": True})
@@ -110,11 +108,8 @@ class CompiledController:
         """Next state, and the commands [unit of each output]."""
         library = self._library or self._opened()
         try:
-            if self._watch is None:
+            with self._watch:
                 code, after, commands = library.step(self._parameters, state, t_ns, values)
-            else:
-                with self._watch.over(self.section.file):
-                    code, after, commands = library.step(self._parameters, state, t_ns, values)
         except ControllerLost:
             self._library = None
             raise

@@ -101,7 +101,7 @@ class Lesson:
     def asked(self) -> str:
         """The questions alone, without what they are about."""
         sentences = re.split(r"(?<=[.?]) ", " ".join(self.question.split()))
-        return " ".join(one for one in sentences if one.endswith("?"))
+        return " ".join(sentence for sentence in sentences if sentence.endswith("?"))
 
     @property
     def scene(self) -> str:
@@ -126,9 +126,9 @@ def lesson(number: int) -> Lesson:
 def read(file: Path) -> Lesson:
     """Read the page of a lesson. Raises ValueError for a page that does not have the parts of one."""
     head, *sections = re.split(r"^## (.+)\n", file.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    found = dict(zip(sections[::2], map(str.strip, sections[1::2])))
-    if tuple(found) != SECTIONS:
-        raise ValueError(f"{file}: has the sections {', '.join(found)}; expected {', '.join(SECTIONS)}")
+    parts = dict(zip(sections[::2], map(str.strip, sections[1::2])))
+    if tuple(parts) != SECTIONS:
+        raise ValueError(f"{file}: has the sections {', '.join(parts)}; expected {', '.join(SECTIONS)}")
     title = re.match(r"# (.+)\n", head)
     if title is None:
         raise ValueError(f"{file}: begins without a title")
@@ -136,9 +136,9 @@ def read(file: Path) -> Lesson:
     facts = dict(row for row in rows[1:] if len(row) == 2)  # without the heads of the columns
     if missing := {"time", "needed before", "you learn", "scene"} - facts.keys():
         raise ValueError(f"{file}: the table at the head has no row {', '.join(sorted(missing))}")
-    experiment = _parts(found["Experiment"] + "\n", file)
+    experiment = _parts(parts["Experiment"] + "\n", file)
     return Lesson(
-        int(file.name[:2]), file, title[1], facts, found["Question"], experiment, found["Solutions"], found[SECTIONS[3]]
+        int(file.name[:2]), file, title[1], facts, parts["Question"], experiment, parts["Solutions"], parts[SECTIONS[3]]
     )
 
 
@@ -275,9 +275,9 @@ def _end(process: subprocess.Popen[str]) -> None:
 def compare(command: Command, outcome: Outcome) -> list[Found]:
     """The expected numbers beside those that were found; the exit code 0 is expected unless the page says otherwise."""
     expected = list(command.expected)
-    if EXIT_CODE not in (one.place for one in expected):
+    if EXIT_CODE not in (row.place for row in expected):
         expected.insert(0, Expected("exit code", EXIT_CODE, 0.0, "", 0.0))
-    return [_found(one, outcome) for one in expected]
+    return [_found(row, outcome) for row in expected]
 
 
 def _found(expected: Expected, outcome: Outcome) -> Found:

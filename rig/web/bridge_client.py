@@ -53,7 +53,7 @@ def plain(value: Any) -> Any:
     values = list(value)
     if values and isinstance(values[0], int | float) and math.isfinite(sum(values)):
         return values
-    return [plain(one) for one in values]
+    return [plain(entry) for entry in values]
 
 
 class Client:
@@ -140,7 +140,7 @@ class Client:
 
     def _subscribe(self, body: dict[str, Any]) -> dict[str, Any]:
         topics = body.get("topics")
-        if not (isinstance(topics, list) and topics and all(isinstance(one, str) for one in topics)):
+        if not (isinstance(topics, list) and topics and all(isinstance(pattern, str) for pattern in topics)):
             raise UsageError(f'"topics" is {topics!r:.80}; expected a list of patterns, e.g. ["meas/*", "state"]')
         if self._topics is not None:
             raise UsageError("subscribed already; a client subscribes once, to several patterns")
@@ -194,9 +194,9 @@ class Client:
             raise UsageError(f'"controller" is {name!r:.80}; expected a name')
         if "hears" in body:
             raise UsageError('"hears" is not possible over the bridge; a step has the latest sample of each sensor')
-        found = self._controller = _Admitted(self._operator.run, name, body, self._described(), self.say)
-        self._start(found.pump)
-        return found.granted
+        admitted = self._controller = _Admitted(self._operator.run, name, body, self._described(), self.say)
+        self._start(admitted.pump)
+        return admitted.granted
 
     def _act(self, body: dict[str, Any]) -> None:
         if self._controller is None:
@@ -231,7 +231,7 @@ class _Admitted:
         self._answer = threading.Condition(self._lock)
         try:
             self.granted: dict[str, Any] = self._session.ask("cmd/plant", {"do": "admit", **body}, _ASK_S)
-            self._reads = [(one, list(setup.sensors).index(one)) for one in body.get("reads", [])]
+            self._reads = [(sensor, list(setup.sensors).index(sensor)) for sensor in body.get("reads", [])]
             self._count, self._period = len(body["drives"]), int(body["period_ns"])
             self._steps = self._session.subscribe("step")
             self._publisher = self._session.publisher(f"act/{name}")
@@ -289,8 +289,8 @@ class _Admitted:
         """Send the command that answers the step of `tick`. Raises UsageError for one that is no command."""
         whole = isinstance(tick, int) and not isinstance(tick, bool)
         numbers = isinstance(values, list) and all(
-            isinstance(one, int | float) and not isinstance(one, bool) and abs(one) <= sys.float_info.max
-            for one in values
+            isinstance(number, int | float) and not isinstance(number, bool) and abs(number) <= sys.float_info.max
+            for number in values
         )
         if not (whole and numbers and len(values) in (0, self._count)):
             expected = f"[] or {self._count} numbers, one for each actuator"
@@ -300,7 +300,7 @@ class _Admitted:
         with self._lock:
             if not 0 <= tick <= self._tick:
                 raise UsageError(f"tick {tick} is that of no step; the last one had {self._tick}")
-            command = encode.act(tick, tick * self._frame_ns, [float(one) for one in values])
+            command = encode.act(tick, tick * self._frame_ns, [float(number) for number in values])
             self._publisher.put(command, self._t_ns)
             self._answered = max(tick, self._answered)
             if tick == self._tick:

@@ -74,15 +74,15 @@ def description(
             for name, (unit, period) in setup.sensors.items()
         },
         "plots": [
-            {"title": one.title, "outputs": list(one.outputs), "sensors": list(one.sensors), "place": one.place}
-            for one in channels.panels
+            {"title": panel.title, "outputs": list(panel.outputs), "sensors": list(panel.sensors), "place": panel.place}
+            for panel in channels.panels
         ],
         "portrait": list(channels.portrait) if channels.portrait else None,
         "modes": [{"name": name, "colour": colour} for name, colour in zip(contact.NAMES, contact.COLOURS)],
         "contacts": list(contacts),
         "controllers": {
-            name: {"drives": list(controller_drives(one)), "in_plant": name in scene.in_plant}
-            for name, one in scene.controllers.items()
+            name: {"drives": list(controller_drives(section)), "in_plant": name in scene.in_plant}
+            for name, section in scene.controllers.items()
         },
         "protocol": protocol(scene, assembly),
         "limits": scene.limits,
@@ -111,29 +111,29 @@ class LiveValues:
         of_scene = self._scene.values()
         for process in ("plant", *self._scene.controllers):
             try:
-                found = self.session.ask(f"param/{process}", {"list": True}, PATIENCE_S)
+                told = self.session.ask(f"param/{process}", {"list": True}, PATIENCE_S)
             except BusError:
                 continue
             before = "" if process == "plant" else f"controllers.{process}."
-            for inner, value in found["values"].items():
+            for inner, value in told["values"].items():
                 key = before + inner
-                one = self._inputs.get(key)
-                name, unit = key.rpartition(".")[2], found["units"][inner]
+                actuator = self._inputs.get(key)
+                name, unit = key.rpartition(".")[2], told["units"][inner]
                 usual, _ = of_scene.get(key, (value, unit))
-                entry = entry_of(key, name, usual, unit, within(self._scene, key, one))
+                entry = entry_of(key, name, usual, unit, within(self._scene, key, actuator))
                 entry |= {**kind_of(self._scene, key, value), "value": value}
-                self.entries[key] = {**entry, "of": process, "actuator": one is not None, "owner": ""}
+                self.entries[key] = {**entry, "of": process, "actuator": actuator is not None, "owner": ""}
         self.look()
 
     def look(self) -> bool:
         """Read the actuators and who drives them; whether something is new."""
         try:
-            found = self.session.ask("param/plant", {"get": list(self._inputs)}, PATIENCE_S)
+            told = self.session.ask("param/plant", {"get": list(self._inputs)}, PATIENCE_S)
         except BusError:
             return False
         new = False
-        for key, value in found["values"].items():
-            entry, owner = self.entries.get(key), found["overruled"].get(key, "")
+        for key, value in told["values"].items():
+            entry, owner = self.entries.get(key), told["overruled"].get(key, "")
             if entry is not None and (entry["value"], entry["owner"]) != (value, owner):
                 entry["value"], entry["owner"], new = value, owner, True
         return new

@@ -74,7 +74,7 @@ def picture(scene: Scene, assembly: Assembly) -> dict[str, Any] | None:
     Of a drawer that fails, which a plant of the user may have, the entry `fault` says why.
     """
     system = assembly.system()
-    channels = Channels((scene, assembly), {name: one.unit for name, one in assembly.outputs.items()}, {})
+    channels = Channels((scene, assembly), {name: output.unit for name, output in assembly.outputs.items()}, {})
     try:
         moving = MovingPicture.of(scene, assembly, system, channels.colours)
         return None if moving is None else {**moving.still, "at": moving.at_rest(assembly, system)}
@@ -109,27 +109,29 @@ def _steps(words: Protocol, steps: Sequence[Any]) -> list[Any]:
 def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[str, Any]]:
     """The values in tables, in the order of the scene: name of the table, entries."""
     may = known(assembly, scene.parameters, scene.sensors, scene.controllers)
-    owners = {drive: name for name, one in scene.controllers.items() for drive in controller_drives(one)}
-    found: dict[str, list[dict[str, Any]]] = {}
+    owners = {drive: name for name, section in scene.controllers.items() for drive in controller_drives(section)}
+    tables: dict[str, list[dict[str, Any]]] = {}
     keys = {value.key for value in values}
     for value in values:
         if value.key.startswith("protocol["):  # shown in words; the protocol is edited in the scene file
             continue
         table, _, name = value.key.rpartition(".")
-        one = assembly.inputs.get(value.key)
-        live = value.key in may.settable or one is not None
-        entry = entry_of(value.key, name, value.value, value.unit, within(scene, value.key, one))
+        actuator = assembly.inputs.get(value.key)
+        live = value.key in may.settable or actuator is not None
+        entry = entry_of(value.key, name, value.value, value.unit, within(scene, value.key, actuator))
         entry |= kind_of(scene, value.key, value.value)
         entry |= {"origin": value.origin.origin, "note": value.origin.note, "place": str(value.place or "")}
-        entry |= {"live": live, "actuator": one is not None, "owner": owners.get(value.key, "")}
-        found.setdefault(table or "scene", []).append(entry)
-    for name, one in assembly.inputs.items():
+        entry |= {"live": live, "actuator": actuator is not None, "owner": owners.get(value.key, "")}
+        tables.setdefault(table or "scene", []).append(entry)
+    for name, actuator in assembly.inputs.items():
         if name not in keys:
-            entry = entry_of(name, name.rpartition(".")[2], one.value, one.unit, (one.low, one.high))
+            entry = entry_of(
+                name, name.rpartition(".")[2], actuator.value, actuator.unit, (actuator.low, actuator.high)
+            )
             entry |= {"kind": "fixed", "origin": "", "note": "", "place": ""}
             entry |= {"live": True, "actuator": True, "owner": owners.get(name, "")}
-            found.setdefault(name.rpartition(".")[0] or "scene", []).append(entry)
-    return [{"name": table, "values": entries} for table, entries in found.items()]
+            tables.setdefault(name.rpartition(".")[0] or "scene", []).append(entry)
+    return [{"name": table, "values": entries} for table, entries in tables.items()]
 
 
 def entry_of(key: str, name: str, value: Any, unit: str, limits: tuple[float, float] | None) -> dict[str, Any]:
@@ -161,12 +163,12 @@ def slider_of(value: float, low: float, high: float) -> Slider:
     return Slider(*(max(low, ends[0]), min(high, ends[1])) if value > 0.0 else (max(low, -ends[1]), -ends[0]))
 
 
-def within(scene: Scene, key: str, one: Any = None) -> tuple[float, float] | None:
-    """The allowed range of a value (SI): that of its actuator `one`, else of its declaration; None without any."""
-    if one is not None:
-        return one.low, one.high
-    found = range_of(*_section(scene, key))
-    return (found.low, found.high) if isinstance(found, Range) else None
+def within(scene: Scene, key: str, actuator: Any = None) -> tuple[float, float] | None:
+    """The allowed range of a value (SI): that of its `actuator`, else of its declaration; None without any."""
+    if actuator is not None:
+        return actuator.low, actuator.high
+    declared = range_of(*_section(scene, key))
+    return (declared.low, declared.high) if isinstance(declared, Range) else None
 
 
 def kind_of(scene: Scene, key: str, value: Any) -> dict[str, Any]:
@@ -183,9 +185,9 @@ def kind_of(scene: Scene, key: str, value: Any) -> dict[str, Any]:
 
 def _choices(annotation: Any) -> tuple[str, ...]:
     if get_origin(annotation) is Literal:
-        return tuple(str(one) for one in get_args(annotation))
+        return tuple(str(choice) for choice in get_args(annotation))
     if get_origin(annotation) in (Union, types.UnionType):
-        return next((found for one in get_args(annotation) if (found := _choices(one))), ())
+        return next((choices for kind in get_args(annotation) if (choices := _choices(kind))), ())
     return ()
 
 
@@ -220,7 +222,7 @@ class Catalogue:
 
         The title of a file that cannot be read says why.
         """
-        return [{**one, "own": True} for one in cards(self._folder)] + [
+        return [{**shown, "own": True} for shown in cards(self._folder)] + [
             {**card(name), "own": False} for name in names()
         ]
 

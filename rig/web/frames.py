@@ -92,28 +92,28 @@ class Frames:
         if not (self._states or self._bands or self._blocks or self._health or self._events or self._commands):
             return None
         self._number += 1
-        found: dict[str, Any] = {"n": self._number, "t": self._t_ns * 1e-9, "lost": lost}
+        frame: dict[str, Any] = {"n": self._number, "t": self._t_ns * 1e-9, "lost": lost}
         if self._states:
             if self._picture is not None:
-                self._move(found, self._picture)
-            found["now"] = self._now()
+                self._move(frame, self._picture)
+            frame["now"] = self._now()
         if self._bands:
-            found |= self._spans()
+            frame |= self._spans()
         if self._blocks:
-            found["meas"] = {name: self._samples(name, blocks) for name, blocks in self._blocks.items()}
+            frame["meas"] = {name: self._samples(name, blocks) for name, blocks in self._blocks.items()}
             self._blocks = {}
         if self._commands:
-            found["commands"] = {name: _plain(values) for name, values in self._commands.items()}
+            frame["commands"] = {name: _plain(values) for name, values in self._commands.items()}
             self._commands = {}
         if self._health:
-            found["health"] = _finite(self._health)
+            frame["health"] = _finite(self._health)
             self._health = {}
         if self._events:
-            found["events"] = _finite(self._events[-EVENTS:])
+            frame["events"] = _finite(self._events[-EVENTS:])
             self._events = []
-        return json.dumps(found), "events" in found
+        return json.dumps(frame), "events" in frame
 
-    def _move(self, found: dict[str, Any], picture: MovingPicture) -> None:
+    def _move(self, frame: dict[str, Any], picture: MovingPicture) -> None:
         t_ns = np.array([state.t_ns for state in self._states], np.int64)
         modes = self._modes.indices(np.array([state.mode for state in self._states], np.int64))
         signals = {
@@ -121,7 +121,7 @@ class Frames:
             for name, field in zip(self._setup.outputs, self._fields)
         }
         try:
-            found["picture"] = _finite(picture.frame(t_ns, signals, modes))
+            frame["picture"] = _finite(picture.frame(t_ns, signals, modes))
         except Exception as fault:  # of a drawer that came with a plant of the user: the run is followed without it
             self._picture = None
             text = f"the picture cannot be drawn: {type(fault).__name__}: {fault}"
@@ -136,13 +136,13 @@ class Frames:
     def _spans(self) -> dict[str, Any]:
         bands = list(self._bands)
         self._bands.clear()
-        found = {"rows": _columns(of_steps(bands, len(self._fields), self._contacts.indices, ROWS))}
+        entries = {"rows": _columns(of_steps(bands, len(self._fields), self._contacts.indices, ROWS))}
         if (steps := latest(bands, STEPS)) is not None:
             begin_ns = steps.end_ns - steps.x.size * steps.step_ns
             modes = self._modes.indices(steps.keys).tolist()
             portrait = {"x": _plain(steps.x), "v": _plain(steps.v), "mode": modes}
-            found["portrait"] = {"from": begin_ns * 1e-9, "step": steps.step_ns * 1e-9, **portrait}
-        return found
+            entries["portrait"] = {"from": begin_ns * 1e-9, "step": steps.step_ns * 1e-9, **portrait}
+        return entries
 
     def _samples(self, sensor: str, blocks: Sequence[Any]) -> dict[str, Any]:
         spans = of_samples(blocks, self._setup.sensors[sensor][1], self._ends.get(sensor), SAMPLES)
@@ -153,8 +153,8 @@ class Frames:
 
 def _columns(spans: Spans) -> dict[str, Any]:
     """Spans as columns of a frame: null where nothing is known."""
-    found = {"from": spans.begin_ns * 1e-9, "t": (spans.ends_ns * 1e-9).tolist()}
-    return {**found, "low": _plain(spans.low), "high": _plain(spans.high), "contacts": spans.bits.tolist()}
+    times = {"from": spans.begin_ns * 1e-9, "t": (spans.ends_ns * 1e-9).tolist()}
+    return {**times, "low": _plain(spans.low), "high": _plain(spans.high), "contacts": spans.bits.tolist()}
 
 
 def _plain(values: Any) -> Any:
@@ -170,10 +170,10 @@ def _plain(values: Any) -> Any:
     return rounded.tolist()
 
 
-def _finite(found: Any) -> Any:
+def _finite(content: Any) -> Any:
     """The same without numbers that JSON does not have."""
-    if isinstance(found, dict):
-        return {key: _finite(value) for key, value in found.items()}
-    if isinstance(found, list):
-        return [_finite(value) for value in found]
-    return None if isinstance(found, float) and not math.isfinite(found) else found
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_finite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content

@@ -27,7 +27,8 @@ from rig.web.jobs import Jobs
 def listed(_: dict[str, Any]) -> Any:
     """Number, title, time and scene of every lesson."""
     return [
-        {"number": one.number, "title": one.title, "time": one.facts["time"], "scene": one.scene} for one in lessons()
+        {"number": entry.number, "title": entry.title, "time": entry.facts["time"], "scene": entry.scene}
+        for entry in lessons()
     ]
 
 
@@ -54,10 +55,10 @@ def html(page: str) -> str:
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = parser.parse(readable(page))
     for block in tokens:
-        block.children = [one for one in block.children or () if one.type not in ("link_open", "link_close")]
-        for one in block.children:
-            if one.type == "image":
-                one.attrSet("src", f"/lessons/{one.attrGet('src')}")
+        block.children = [token for token in block.children or () if token.type not in ("link_open", "link_close")]
+        for token in block.children:
+            if token.type == "image":
+                token.attrSet("src", f"/lessons/{token.attrGet('src')}")
     return str(parser.renderer.render(tokens, parser.options, {}))
 
 
@@ -170,21 +171,21 @@ class Studies:
 def _axes(scene: Scene, body: Mapping[str, Any], both: bool) -> dict[str, str]:
     """Option -> text of the axes of a map. Raises SceneError, UsageError."""
     given = {"--x": body.get("x"), "--y": body.get("y")}
-    found = {name: str(text) for name, text in given.items() if text}
-    if "--x" not in found or (both and "--y" not in found):
+    named = {name: str(text) for name, text in given.items() if text}
+    if "--x" not in named or (both and "--y" not in named):
         raise UsageError(
             f"the map needs {'two axes' if both else 'a first axis'}: a value of the scene, from, to, count"
         )
-    axes(scene, found)
-    return found
+    axes(scene, named)
+    return named
 
 
 def _about(folder: Path) -> str:
     """Scene and axes of a map; the scene of a cost table; "" if that cannot be read."""
     try:
         job = json.loads(contents(folder / "job.json", DATA))
-        over = [f"{one['key']} from {_end(one, 0)} to {_end(one, -1)} {one['shown']}, {len(one['values'])} values"
-                for one in job["axes"] if one]  # fmt: skip
+        over = [f"{axis['key']} from {_end(axis, 0)} to {_end(axis, -1)} {axis['shown']}, {len(axis['values'])} values"
+                for axis in job["axes"] if axis]  # fmt: skip
         how = "stable and unstable regions, " if job["settings"]["eigenvalues"] else ""
         return f"{job['scene']['title']}: {how}{'; '.join(over)}"
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, ZeroDivisionError, RecursionError):

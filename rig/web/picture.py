@@ -34,26 +34,26 @@ class MovingPicture:
     @classmethod
     def of(cls, scene: Scene, assembly: Assembly, system: System, colours: Mapping[str, str]) -> MovingPicture | None:
         """The picture that the plant of a scene declares; None if it declares none that this rig can move."""
-        found = picture_of(scene, assembly, system)
-        return cls(found, colours) if found is not None else None
+        declared = picture_of(scene, assembly, system)
+        return cls(declared, colours) if declared is not None else None
 
     @property
     def still(self) -> dict[str, Any]:
         """Camera and everything that never changes."""
         shapes: list[Any] = []
         self._picture.static(lambda path, shape: shapes.append([path, shape.kind, _plain(shape.fields)]))
-        shapes = [one for one in shapes if _drawn(one[0])]
+        shapes = [drawn for drawn in shapes if _drawn(drawn[0])]
         return {"eye": list(self._picture.eye), "target": list(self._picture.target), "shapes": shapes}
 
     def frame(
         self, t_ns: NDArray[np.int64], signals: Mapping[str, NDArray[np.float64]], modes: NDArray[np.int64]
     ) -> dict[str, Any]:
         """What has moved at the last row of `signals`; the surface has moved on over all rows."""
-        found: dict[str, Any] = {}
-        for one in self._picture.frames(t_ns, signals, modes, np.array([len(t_ns) - 1])):
-            if _drawn(one.path):
-                found.setdefault(one.path, {}).update(_last(one))
-        return found
+        fields: dict[str, Any] = {}
+        for moved in self._picture.frames(t_ns, signals, modes, np.array([len(t_ns) - 1])):
+            if _drawn(moved.path):
+                fields.setdefault(moved.path, {}).update(_last(moved))
+        return fields
 
     def at_rest(self, assembly: Assembly, system: System) -> dict[str, Any]:
         """The frame at the start of a run: its state, no friction, the surface where it is."""
@@ -86,5 +86,5 @@ def _rounded(values: Any) -> Any:
     if isinstance(values, np.ndarray):
         return np.round(values.astype(np.float64), 4).tolist() if values.dtype.kind == "f" else values.tolist()
     if isinstance(values, list | tuple):
-        return [_rounded(one) for one in values]
+        return [_rounded(value) for value in values]
     return round(float(values), 4) if isinstance(values, float) else values

@@ -106,7 +106,10 @@ class Guard:
             if message["type"] == "http.response.start":
                 own = message.get("headers", ())  # a file of the user may have rules of its own
                 given = {name for name, _ in own}
-                message = {**message, "headers": [*own, *(one for one in self._headers if one[0] not in given)]}
+                message = {
+                    **message,
+                    "headers": [*own, *(header for header in self._headers if header[0] not in given)],
+                }
             await send(message)
 
         return wrapped

@@ -32,15 +32,15 @@ def audible(setup: Setup) -> dict[str, Any]:
 
     `sensors`: name -> `unit`, `rate` [Hz] and `reference`, the value of 0 dB; microphones come first.
     """
-    found, others = {}, []
-    for name, (unit, period_ns) in sorted(setup.sensors.items(), key=lambda one: one[1][0] != "Pa"):
+    heard, others = {}, []
+    for name, (unit, period_ns) in sorted(setup.sensors.items(), key=lambda sensor: sensor[1][0] != "Pa"):
         rate = 1e9 / period_ns
         if unit in REFERENCE and rate >= SLOWEST:
-            found[name] = {"unit": unit, "rate": rate, "reference": REFERENCE[unit]}
+            heard[name] = {"unit": unit, "rate": rate, "reference": REFERENCE[unit]}
         else:
             others.append(f"{name} ({unit}, {rate:g} Hz)")
-    if found:
-        return {"sensors": found, "why": ""}
+    if heard:
+        return {"sensors": heard, "why": ""}
     why = (
         f"No sensor of this scene can be heard: it takes sound pressure or a vibration ({', '.join(REFERENCE)}), "
         f"sampled at {SLOWEST:g} Hz or more. Sensors of this scene: {', '.join(others) or 'none'}. "
@@ -56,7 +56,7 @@ def packed(arrived: Iterable[Message], wanted: Iterable[str]) -> dict[str, bytes
         kind, _, name = message.topic.partition("/")
         if kind == "meas" and name in blocks:
             blocks[name].append(message.said)
-    return {name: _packed(found) for name, found in blocks.items() if any(len(block.v) for block in found)}
+    return {name: _packed(members) for name, members in blocks.items() if any(len(block.v) for block in members)}
 
 
 def _packed(blocks: list[Any]) -> bytes:
@@ -86,11 +86,11 @@ class Sounds:
         self._listeners.discard(listener)
         self._look()
 
-    def offer(self, found: dict[str, bytes]) -> None:
+    def offer(self, samples: dict[str, bytes]) -> None:
         """Pass new samples on (`packed`)."""
         for listener in self._listeners:
-            if listener.sensor in found:
-                listener.put(found[listener.sensor])
+            if listener.sensor in samples:
+                listener.put(samples[listener.sensor])
 
     def _look(self) -> None:
         self.wanted = frozenset(listener.sensor for listener in self._listeners)

@@ -94,7 +94,7 @@ def discrete(given: System, period: float, method: str | None, prewarp: float | 
             made = cont2discrete(given[:4], step, name, alpha)[:4]
         except np.linalg.LinAlgError:
             raise ValueError(f"method: {method} does not exist for this system: it has a pole at 2 / period") from None
-    if not all(np.isfinite(one).all() for one in made):
+    if not all(np.isfinite(matrix).all() for matrix in made):
         raise ValueError(f"method: {method} gives numbers that are not finite; the system is too fast for its period")
     return Discrete(*made, _anti_windup(*made))
 
@@ -151,7 +151,7 @@ def read(path: Path) -> System:
     if path.suffix not in READERS:
         raise ValueError(f"{path.name}: the name of a linear system ends in {', '.join(READERS)}")
     try:
-        found = READERS[path.suffix](contents(path, _LARGEST))
+        values = READERS[path.suffix](contents(path, _LARGEST))
     except FileNotFoundError:
         raise ValueError(f"{path}: there is no such file") from None
     except OSError as fault:
@@ -160,14 +160,14 @@ def read(path: Path) -> System:
         raise ValueError(f"{path.name}: is in MATLAB's format 7.3, which is not read here; {_AS_MATRICES}") from None
     except Exception as fault:  # of libraries that read damaged files, of many kinds
         raise ValueError(f"{path.name}: cannot be read: {fault!s:.200}") from None
-    return system(found, path.name)
+    return system(values, path.name)
 
 
 def _json(data: bytes) -> dict[str, Any]:
-    found = json.loads(data)
-    if not isinstance(found, dict):
+    values = json.loads(data)
+    if not isinstance(values, dict):
         raise ValueError("it is not a JSON object")
-    return found
+    return values
 
 
 def _npz(data: bytes) -> dict[str, Any]:
@@ -185,10 +185,10 @@ def _mat(data: bytes) -> dict[str, Any]:
     from scipy.io.matlab import MatlabFunction, MatlabOpaque
 
     _check_unpacked(data)
-    found = {name: value for name, value in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
-    if any(isinstance(value, MatlabFunction | MatlabOpaque) for value in found.values()) or "None" in found:
+    variables = {name: value for name, value in loadmat(io.BytesIO(data)).items() if not name.startswith("__")}
+    if any(isinstance(value, MatlabFunction | MatlabOpaque) for value in variables.values()) or "None" in variables:
         raise ValueError(f"it holds an object of MATLAB; {_AS_MATRICES}")
-    read = {"dt" if name == "Ts" else name: _plain(value) for name, value in found.items()}
+    read = {"dt" if name == "Ts" else name: _plain(value) for name, value in variables.items()}
     for name in {"num", "den"} & read.keys():
         if np.ndim(read[name]) == 2 and len(read[name]) == 1:  # MATLAB has no vectors
             read[name] = read[name][0]
@@ -232,12 +232,12 @@ def of_control(given: Any) -> System:
 
     if isinstance(given, control.TransferFunction):
         numerators, denominators = given.num_list, given.den_list
-        found: dict[str, Any] = {
-            "num": [[one.tolist() for one in row] for row in numerators],
-            "den": [[one.tolist() for one in row] for row in denominators],
+        values: dict[str, Any] = {
+            "num": [[polynomial.tolist() for polynomial in row] for row in numerators],
+            "den": [[polynomial.tolist() for polynomial in row] for row in denominators],
         }
     elif isinstance(given, control.StateSpace):
-        found = {name: getattr(given, name).tolist() for name in "ABCD"}
+        values = {name: getattr(given, name).tolist() for name in "ABCD"}
     else:
         raise ValueError(
             f"a {type(given).__name__} of python-control is not a linear system with a matrix form; "
@@ -247,27 +247,27 @@ def of_control(given: Any) -> System:
         key: [] if labels == [f"{letter}[{i}]" for i in range(len(labels))] else labels
         for key, labels, letter in (("inputs", given.input_labels, "u"), ("outputs", given.output_labels, "y"))
     }
-    return system({**found, "dt": given.dt, **names}, f"the {type(given).__name__}")
+    return system({**values, "dt": given.dt, **names}, f"the {type(given).__name__}")
 
 
-def system(found: Mapping[str, Any], where: str) -> System:
+def system(values: Mapping[str, Any], where: str) -> System:
     """The system that these values describe; `where`: what contains them, for messages."""
-    if "E" in found:
+    if "E" in values:
         raise ValueError(f"{where}: is a descriptor system (E): solve its algebraic equations and state A, B, C, D")
-    faults = [f"{key!r:.60} is unknown; known: {', '.join(_KEYS)}" for key in found if key not in _KEYS]
+    faults = [f"{key!r:.60} is unknown; known: {', '.join(_KEYS)}" for key in values if key not in _KEYS]
     names = []
     for key in ("inputs", "outputs"):
         try:
-            names.append(_names(found.get(key)))
+            names.append(_names(values.get(key)))
         except ValueError as fault:
             faults.append(f"{key} {fault}")
-    dt = found.get("dt")
+    dt = values.get("dt")
     if dt is None or isinstance(dt, bool) or not isinstance(dt, int | float) or not (math.isfinite(dt) and dt >= 0.0):
         given = "is missing" if dt is None else f"= {brief(dt)}"
         faults.append(f"dt {given}: state the sample period [s], or 0 for a continuous system")
     matrices: tuple[Matrix, Matrix, Matrix, Matrix] | None = None
     try:
-        matrices = _fraction(found) if "num" in found or "den" in found else _state_space(found)
+        matrices = _fraction(values) if "num" in values or "den" in values else _state_space(values)
         (outputs, inputs), states = matrices[3].shape, len(matrices[0])
         if states > STATES or max(inputs, outputs) > SIGNALS:
             raise ValueError(
@@ -289,11 +289,11 @@ def system(found: Mapping[str, Any], where: str) -> System:
 
 def _names(given: Any) -> tuple[str, ...]:
     flat = [given] if isinstance(given, str) else given or []
-    if isinstance(flat, list) and flat and all(isinstance(one, list) for one in flat):  # a row or column of cells
-        flat = [one for row in flat for one in row]
-    if not isinstance(flat, list) or not all(isinstance(one, str) for one in flat):
+    if isinstance(flat, list) and flat and all(isinstance(label, list) for label in flat):  # a row or column of cells
+        flat = [label for row in flat for label in row]
+    if not isinstance(flat, list) or not all(isinstance(label, str) for label in flat):
         raise ValueError(f"= {brief(given)}: expected a list of names")
-    return tuple(one.strip() for one in flat)
+    return tuple(label.strip() for label in flat)
 
 
 def _numbers(given: Any, name: str) -> Matrix:
@@ -310,17 +310,17 @@ def _numbers(given: Any, name: str) -> Matrix:
     return made
 
 
-def _state_space(found: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    missing = [name for name in "ABCD" if name not in found]
+def _state_space(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    missing = [name for name in "ABCD" if name not in values]
     if missing not in ([], ["A", "B", "C"]):
         raise ValueError(f"{', '.join(missing)} is missing; state A, B, C, D, or num and den, or D alone for a gain")
-    d = np.atleast_2d(_numbers(found["D"], "D"))
+    d = np.atleast_2d(_numbers(values["D"], "D"))
     outputs, inputs = d.shape
-    if missing or not any(_numbers(found[name], name).size for name in "ABC"):
+    if missing or not any(_numbers(values[name], name).size for name in "ABC"):
         return np.zeros((0, 0)), np.zeros((0, inputs)), np.zeros((outputs, 0)), d
-    a = np.atleast_2d(_numbers(found["A"], "A"))
+    a = np.atleast_2d(_numbers(values["A"], "A"))
     states = len(a)
-    b, c = _numbers(found["B"], "B"), _numbers(found["C"], "C")
+    b, c = _numbers(values["B"], "B"), _numbers(values["C"], "C")
     if b.ndim < 2:
         b = b.reshape(states, -1) if b.size == states * inputs else np.atleast_2d(b)
     c = np.atleast_2d(c)
@@ -335,13 +335,13 @@ def _state_space(found: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matr
     return a, b, c, d
 
 
-def _fraction(found: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+def _fraction(values: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]:
     """A transfer function in state space: the controllable canonical form of each entry."""
-    if missing := [name for name in ("num", "den") if name not in found]:
+    if missing := [name for name in ("num", "den") if name not in values]:
         raise ValueError(f"{missing[0]} is missing; state num and den, or A, B, C, D")
     entries = []
     for name in ("num", "den"):
-        given = found[name]
+        given = values[name]
         single = isinstance(given, int | float) or (
             isinstance(given, list) and not any(isinstance(g, list) for g in given)
         )
@@ -355,7 +355,7 @@ def _fraction(found: Mapping[str, Any]) -> tuple[Matrix, Matrix, Matrix, Matrix]
         [_canonical(num[i][j], den[i][j], f"[{i + 1}][{j + 1}]" if outputs * inputs > 1 else "") for j in range(inputs)]
         for i in range(outputs)
     ]
-    states = sum(len(one[0]) for row in blocks for one in row)
+    states = sum(len(block[0]) for row in blocks for block in row)
     a, b, c = np.zeros((states, states)), np.zeros((states, inputs)), np.zeros((outputs, states))
     d, at = np.zeros((outputs, inputs)), 0
     for i, row in enumerate(blocks):

@@ -61,33 +61,36 @@ class _About(ctypes.Structure):
 def _about_of(library: ctypes.CDLL) -> dict[str, Any]:
     """What the library says of itself, as plain values. Raises LibraryFault."""
     try:
-        found = _About.in_dll(library, "rig_controller_about")
+        stated = _About.in_dll(library, "rig_controller_about")
     except ValueError:
         raise LibraryFault("defines no rig_controller_about (see rig_controller.h)") from None
-    if found.version != VERSION:
+    if stated.version != VERSION:
         raise LibraryFault(
-            f"was compiled with version {found.version} of rig_controller.h, this rig needs version {VERSION}: "
+            f"was compiled with version {stated.version} of rig_controller.h, this rig needs version {VERSION}: "
             "compile it again with the header of this rig"
         )
-    if found.size != ctypes.sizeof(_About):
+    if stated.size != ctypes.sizeof(_About):
         raise LibraryFault(
-            f"states a size of {found.size} bytes for struct rig_controller, which has {ctypes.sizeof(_About)}: "
+            f"states a size of {stated.size} bytes for struct rig_controller, which has {ctypes.sizeof(_About)}: "
             "compile it again with the header of this rig, for this machine"
         )
     lists: dict[str, list[Any]] = {}
     for count, name, least in (("inputs", "input", 0), ("outputs", "output", 1), ("parameters", "parameter", 0)):
-        number, first = getattr(found, count), getattr(found, name)
+        number, first = getattr(stated, count), getattr(stated, name)
         if not least <= number <= _MOST or (number and not first):
             raise LibraryFault(f"states {number} {count}; possible are {least} to {_MOST}, with a list of them")
         lists[count] = [first[i] for i in range(number)]
-    if not 0 <= found.states <= _MOST:
-        raise LibraryFault(f"states {found.states} states; possible are 0 to {_MOST}")
+    if not 0 <= stated.states <= _MOST:
+        raise LibraryFault(f"states {stated.states} states; possible are 0 to {_MOST}")
     return {
-        "period_ns": found.period_ns,
-        "states": found.states,
-        "inputs": [[_text(one.name), _text(one.unit)] for one in lists["inputs"]],
-        "outputs": [[_text(one.name), _text(one.unit)] for one in lists["outputs"]],
-        "parameters": [[_text(one.name), _text(one.unit), one.value, one.low, one.high] for one in lists["parameters"]],
+        "period_ns": stated.period_ns,
+        "states": stated.states,
+        "inputs": [[_text(signal.name), _text(signal.unit)] for signal in lists["inputs"]],
+        "outputs": [[_text(signal.name), _text(signal.unit)] for signal in lists["outputs"]],
+        "parameters": [
+            [_text(signal.name), _text(signal.unit), signal.value, signal.low, signal.high]
+            for signal in lists["parameters"]
+        ],
     }
 
 
@@ -115,15 +118,15 @@ class Library:
         self._init = self._function("init", ctypes.c_void_p, ctypes.c_void_p)
         self._step = self._function("step", *[ctypes.c_void_p] * 3, ctypes.c_int64, *[ctypes.c_void_p] * 2)
         numbers = (self._parameters, self._state, self._next, self._input, self._output)
-        self._at = [ctypes.addressof(one) for one in numbers]
+        self._at = [ctypes.addressof(buffer) for buffer in numbers]
 
     def _function(self, name: str, *kinds: Any) -> Any:
         try:
-            found = getattr(self._library, f"rig_controller_{name}")
+            function = getattr(self._library, f"rig_controller_{name}")
         except AttributeError:
             raise LibraryFault(f"defines no rig_controller_{name} (see rig_controller.h)") from None
-        found.argtypes, found.restype = kinds, ctypes.c_int32
-        return found
+        function.argtypes, function.restype = kinds, ctypes.c_int32
+        return function
 
     def _take(self, parameters: Sequence[float]) -> None:
         if parameters is not self._given:
@@ -161,14 +164,11 @@ def formats(about: dict[str, Any]) -> tuple[struct.Struct, struct.Struct]:
 
 
 def received(link: socket.socket, size: int) -> bytes:
-    """Exactly `size` bytes; fewer if the other end has closed."""
-    found = link.recv(size)
-    while found and len(found) < size:
-        more = link.recv(size - len(found))
-        if not more:
-            return b""
-        found += more
-    return found
+    """Exactly `size` bytes; none if the other end has closed."""
+    data = b""
+    while len(data) < size and (more := link.recv(size - len(data))):
+        data += more
+    return data if len(data) == size else b""
 
 
 def _serve(path: str, link: socket.socket) -> None:

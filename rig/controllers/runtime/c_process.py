@@ -42,12 +42,12 @@ class LibraryProcess:
             self._end = weakref.finalize(self, _end, self._process, self._link)
             self._link.settimeout(_LOAD_S)
             try:
-                found = c_library.start_report(self._link)
+                report = c_library.start_report(self._link)
             except TimeoutError:
                 raise PartError(f"{binary}: was not loaded within {_LOAD_S:g} s") from None
-        if "about" not in found:
-            raise PartError(f"{binary}: {found.get('fault') or self._ending('while it was loaded')}")
-        self.about: dict[str, Any] = found["about"]
+        if "about" not in report:
+            raise PartError(f"{binary}: {report.get('fault') or self._ending('while it was loaded')}")
+        self.about: dict[str, Any] = report["about"]
         self._link.settimeout(LONGEST_S)
         self._request, self._answer = c_library.formats(self.about)
         self._states = self.about["states"]
@@ -114,7 +114,7 @@ def _end(process: subprocess.Popen[bytes], link: socket.socket) -> None:
 
 def helper(binary: Binary) -> LibraryProcess:
     """The helper of a library in this process, started if there is none."""
-    found = HELPERS.get(binary.sha256)
-    if found is None or not found.lives:
-        found = HELPERS[binary.sha256] = LibraryProcess(binary)
-    return found
+    library = HELPERS.get(binary.sha256)
+    if library is None or not library.lives:
+        library = HELPERS[binary.sha256] = LibraryProcess(binary)
+    return library

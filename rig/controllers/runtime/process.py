@@ -148,17 +148,14 @@ def made(
 ) -> Controller:
     """The controller `name` of the scene, or the one in a user's own file. Raises UsageError for an unknown name."""
     if file is not None:
-        return _alone(load_file(file, keys))
-    if name not in described.controllers:
+        controller = load_file(file, keys)
+    elif name in described.controllers:
+        controller = controllers.restored(described.controllers[name])
+    else:
         known = ", ".join(described.controllers) or "none"
         raise UsageError(f"the scene has no controller called {name}; it has {known}. A file has a suffix, such as .py")
-    return _alone(controllers.restored(described.controllers[name]))
-
-
-def _alone(found: Controller) -> Controller:
-    alone = getattr(found, "in_own_process", None)  # of compiled code, which elsewhere runs in a helper process
-    made: Controller = found if alone is None else alone()
-    return made
+    alone = getattr(controller, "in_own_process", None)  # of compiled code, which elsewhere runs in a helper process
+    return alone() if alone else controller  # type: ignore[no-any-return]
 
 
 def run(
