@@ -159,13 +159,10 @@ def table(given: System, raw: Mapping[str, Any]) -> dict[str, Any]:
     own |= {name: [[float(x) for x in row] for row in matrix] for name, matrix in zip(MATRICES, made)}
     if raw.get("file"):
         own["file"] = Path(str(raw["file"])).name
-    names = {"reads": given.inputs, "drives": tuple(map(_actuator, given.outputs))}
+    # python-control has no dots in names: load_force is load.force
+    drives = [name if "." in name else name.replace("_", ".", 1) for name in given.outputs]
+    names = {"reads": given.inputs, "drives": drives}
     return own | {key: list(labels) for key, labels in names.items() if labels and not raw.get(key)}
-
-
-def _actuator(name: str) -> str:
-    """The actuator that a system names: python-control has no dots in names, so that load_force is load.force."""
-    return name if "." in name else name.replace("_", ".", 1)
 
 
 def of_python_control(given: Any, **keys: Any) -> LTI:

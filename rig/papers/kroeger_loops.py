@@ -77,16 +77,14 @@ def _normal_force(axis: Axes, ran: Run) -> None:
 
 def belt_feedback(figure: Figure) -> Compared:
     """Draw belt-velocity feedback switched on at 4 s."""
-    yield from _loops(figure, "belt_velocity_feedback", BELT_GAINS, "", _belt_speed)
+    look: dict[str, Any] = {"ls": "--", "color": AMBER, "lw": 0.9, "label": "speed of the belt"}
+    yield from _loops(figure, "belt_velocity_feedback", BELT_GAINS, "",
+                      lambda axis, ran: axis.plot(ran.time, 1e3 * ran.signals["surface_speed"], **look))  # fmt: skip
     figure.axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
 
 
-def _belt_speed(axis: Axes, ran: Run) -> None:
-    axis.plot(ran.time, 1e3 * ran.signals["surface_speed"], "--", color=AMBER, lw=0.9, label="speed of the belt")
-
-
 def _loops(
-    figure: Figure, name: str, gains: Mapping[float, float | None], unit: str, beside: Callable[[Axes, Run], None]
+    figure: Figure, name: str, gains: Mapping[float, float | None], unit: str, beside: Callable[[Axes, Run], object]
 ) -> Compared:
     """Draw the velocity for each gain; `beside`: what else is drawn into its panel."""
     axes = figure.subplots(len(gains), 1, sharex=True)

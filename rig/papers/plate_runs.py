@@ -47,12 +47,6 @@ def _density(made: Run, values: Reals, begin: float) -> tuple[Reals, Reals]:
     return hertz, np.asarray(np.mean(power, axis=0) * 2.0 * dt / float(weights @ weights))
 
 
-def _peak(hertz: Reals, density: Reals, low: float, high: float) -> float:
-    """Frequency of the highest line between two frequencies [Hz]."""
-    near = (hertz >= low) & (hertz <= high)
-    return float(hertz[near][np.argmax(density[near])])
-
-
 def _spectrum(axis: Any, hertz: Reals, density: Reals, printed: Sequence[float], title: str) -> None:
     """Draw the amplitude spectrum, linear as in the paper, and the lines that the paper names."""
     shown = (hertz > 1000.0) & (hertz < _AUDIBLE)
@@ -85,7 +79,8 @@ def normal(figure: Figure) -> Compared:
     yield Comparison("first opening", "s", onset, _ONSET, "reference", absolute=0.05)
     yield Comparison("RMS after it over the largest before it: it grows", "", after / before, 1.0, "paper", floor=True)
     yield Comparison("largest share of open points", "", 1.0 - float(closed.min()), 0.5, "reference", floor=True)
-    line = _peak(hertz, density, 8000.0, 12000.0)
+    near = (hertz >= 8000.0) & (hertz <= 12000.0)
+    line = float(hertz[near][np.argmax(density[near])])
     yield Comparison("strongest line from 8 to 12 kHz", "Hz", line, _HEAVE, "reference", relative=0.02)
 
 

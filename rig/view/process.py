@@ -4,10 +4,9 @@ No publisher ever waits for it. A thread gives each batch to rerun; while rerun 
 collected, then dropped and counted. The process ends when the plant ends, when the window is closed, or on a signal,
 within two seconds whatever rerun does. `rig.view.viewer` describes what happens to the window then.
 
-Converts messages of the bus to rows for rerun, in batches of bounded size, and counts what it leaves out.
-
-Curves show the lowest and highest values of all steps and samples in spans of 1 ms or more (`Spans`), so that a squeal
-is a band and not an alias, and gaps where messages were lost. The page of rig.web shows the same spans.
+Messages become rows for rerun in batches of bounded size; what is left out is counted. Curves show the lowest and
+highest values of all steps and samples in spans of 1 ms or more (`Spans`), so that a squeal is a band and not an alias,
+and gaps where messages were lost. The page of rig.web shows the same spans.
 
 Between two batches at most `KEPT` states and, at 1 kHz, `KEPT` samples of a sensor are kept. If nobody takes them, e.g.
 because the viewer hangs, the oldest are discarded and counted as dropped.
@@ -366,6 +365,16 @@ def view(
     return viewing
 
 
+def fetched(session: Session, wait: float, trust: bool) -> Setup:
+    """The description of a run, whose models are then at hand; `trust`: and whose parts from files may be run."""
+    described = run_setup.fetch(session, wait)
+    for model in described.models:
+        model_store.offer(model)
+    if trust:
+        trust_scene(described.scene)
+    return described
+
+
 class Bridge:
     """Transfers messages from a session of the bus to a recording stream of rerun."""
 
@@ -373,13 +382,9 @@ class Bridge:
         self._session = session
         self.heard: Receiver = session.subscribe(*TOPICS, depth=DEPTH, polled=True)
         self._plant: Watch = session.watch("plant/*")
-        described = run_setup.fetch(session, wait)
+        described = fetched(session, wait, trust)
         if not self._plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")
-        for model in described.models:
-            model_store.offer(model)
-        if trust:
-            trust_scene(described.scene)
         sensors = {name: unit for name, (unit, _) in described.sensors.items()}
         self.drawing = Drawing(described.scene, described.outputs, sensors)
         self.feed = Feed(self.drawing, described)
@@ -395,7 +400,8 @@ class Bridge:
         """Send to `rec` until the plant leaves, `stop` is set, or `watched()` is false."""
         self.drawing.static(rec)
         sender = Sender(rec)
-        while not stop.is_set() and self._goes_on() and watched() and not sender.fault:
+        # a plant that hangs may come back while the session goes on
+        while not stop.is_set() and (self._plant.present or not self._session.ended) and watched() and not sender.fault:
             self.listen()
             if sender.free:
                 sender.offer(self.feed.take(self.lost))
@@ -418,10 +424,6 @@ class Bridge:
             refused=self._session.inbound.total,
             thinned=self.feed.thinned,
         )
-
-    def _goes_on(self) -> bool:
-        """Whether the plant is present, or hangs and may come back."""
-        return ("plant", "plant") in self._plant.present or not self._session.ended
 
     def listen(self) -> None:
         """Collect the messages that have arrived."""

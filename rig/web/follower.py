@@ -1,8 +1,7 @@
 """Follows one run over the bus in a thread, as a viewer: frames for the page, and the commands of its user.
 
-The description of a live run for the page: outputs, plots, colours, contact states, picture, values to change.
-
-The values that may change while a rig runs: read once from plant and controllers, then kept up to date.
+The page gets a description of the run (outputs, plots, colours, contact states, picture) and the values that may change
+while the rig runs; these are read once from plant and controllers, then kept up to date.
 
 An actuator that a controller drives is shown as owned: a value that an operator sets for it takes effect when the
 controller is disconnected.
@@ -19,7 +18,6 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from rig import bus
-from rig.bus import run_setup
 from rig.bus.port import Session
 from rig.bus.run_setup import Setup
 from rig.bus.topics import Message
@@ -27,14 +25,12 @@ from rig.controllers import controller_drives
 from rig.errors import BusError, RigError, UsageError
 from rig.machine.scheduling import stand_back
 from rig.model.assembly import Assembly
-from rig.parts import trust_scene
-from rig.plants.structures import model_store
 from rig.scenes.scene import Scene
 from rig.units import with_point
 from rig.view import contact
 from rig.view.channels import Channels
 from rig.view.contact import Contacts
-from rig.view.process import TOPICS
+from rig.view.process import TOPICS, fetched
 from rig.web.form import entry_of, kind_of, protocol, within
 from rig.web.frames import Frames
 from rig.web.picture import MovingPicture
@@ -258,11 +254,7 @@ class Follower:
                 bus.join(self.run, role="operator", name="page") as operator,  # controllers answer operators only
             ):
                 heard, plant = session.subscribe(*TOPICS, depth=_DEPTH, polled=True), session.watch("plant/*")
-                setup = run_setup.fetch(session, _JOIN_S)
-                for model in setup.models:
-                    model_store.offer(model)
-                if self._trust:
-                    trust_scene(setup.scene)
+                setup = fetched(session, _JOIN_S, self._trust)
                 scene = Scene.from_json(setup.scene)
                 assembly = scene.assemble()
                 system = assembly.system()
@@ -288,10 +280,6 @@ class Follower:
         finally:
             self._news("left", None)
 
-    def _tell_status(self, operator: Session) -> None:
-        with suppress(BusError):  # the run ends, or its plant is busy: the next look tells it
-            self._news("status", operator.ask("cmd/plant", {"do": "status"}, PATIENCE_S))
-
     def _listen(self, session: Session, heard: Any, plant: Any, frames: Frames, values: LiveValues) -> None:
         looked, until = -LOOK_S, 0.0
         due = time.monotonic()
@@ -302,8 +290,7 @@ class Follower:
             for message in arrived:
                 if message.topic == "total/plant":  # the plant collects the totals of all processes
                     session.publisher(f"total/{session.name}").put(session.totals(), message.t_ns)
-            for message in arrived:
-                if message.topic == "event/plant" and message.said.kind == "verdict":
+                elif message.topic == "event/plant" and message.said.kind == "verdict":
                     self._news("summary", json.loads(message.said.data))
             events = frames.add(message for message in arrived if not message.topic.startswith("total/"))
             self.events.extend(events)
@@ -319,7 +306,8 @@ class Follower:
             elif self._values is not None and (self._changed.is_set() or begin - looked > LOOK_S) and not until:
                 self._changed.clear()
                 new, looked = values.look() or new, begin
-                self._tell_status(values.session)
+                with suppress(BusError):  # the run ends, or its plant is busy: the next look tells it
+                    self._news("status", values.session.ask("cmd/plant", {"do": "status"}, PATIENCE_S))
             if new:
                 self._news("values", list(values.entries.values()))
             if (taken := frames.take(heard.lost)) is not None:

@@ -397,16 +397,13 @@ class _Translation:
             raise Untranslatable(f"{function.__qualname__} takes more than plain arguments")
         arguments = [argument.arg for argument in taken.args]
         own = "" if owner is None else arguments.pop(0)
-        body = Body(self, function, own, owner or (), Counter([*arguments, *_assigned(tree)]))
+        assigned = (n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store))
+        body = Body(self, function, own, owner or (), Counter([*arguments, *assigned]))
         lines = [line for statement in tree.body for line in body.statement(statement)]
         module = ast.Module([*lines, ast.Return(ast.Constant(None))] if not lines else lines, [])
         text = ast.unparse(ast.fix_missing_locations(module))
         self.functions[name] = f"def {name}({', '.join(['_r', '_i', *arguments])}):\n{textwrap.indent(text, '    ')}\n"
         return name
-
-
-def _assigned(tree: ast.AST) -> list[str]:
-    return [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
 
 
 typeof: Any = _typeof  # without types of its own

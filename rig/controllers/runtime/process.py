@@ -83,8 +83,8 @@ class Worker(Service):
                     self.answer_step(message.said)
                 elif not self._plant_lives(0.0) and self.session.ended:
                     break
-                else:
-                    self._publish_refused()
+                elif news := self.session.inbound.news():  # only while no step is due
+                    self.publish("refused", "; ".join(news), {"refused": self.session.inbound.refusals()})
                 self.server.poll()
         except (Exception, SystemExit) as error:
             self.failed(why := failure(self.session.name, self.t_ns, error))
@@ -130,11 +130,6 @@ class Worker(Service):
     def fell_back(self) -> None:
         """Publish that this process has lost real-time scheduling."""
         self.publish("scheduling", f"{self.session.name} left no pause for 0.2 s: real-time scheduling fell back", {})
-
-    def _publish_refused(self) -> None:
-        """Publish new refusals; called only while no step is due."""
-        if news := self.session.inbound.news():
-            self.publish("refused", "; ".join(news), {"refused": self.session.inbound.refusals()})
 
     def _plant_lives(self, timeout: float) -> bool:
         self.plant.poll(0.0)
