@@ -172,22 +172,22 @@ def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") ->
 
     `controller`: the controller whose numbers may be swept too.
     """
-    found, faults = [], []
+    parsed, faults = [], []
     for option, text in given.items():
         if text is None:
             continue
         try:
-            found.append(Axis.parse(text, scene, controller))
+            parsed.append(Axis.parse(text, scene, controller))
         except SceneError as error:
             faults += [f"{option} {text}: {fault}" for fault in error.faults]
-    keys = [axis.key for axis in found]
+    keys = [axis.key for axis in parsed]
     faults += [f"{key}: is on more than one axis" for key in {k for k in keys if keys.count(k) > 1}]
-    points = math.prod(len(axis.values) for axis in found)
+    points = math.prod(len(axis.values) for axis in parsed)
     if points > POINTS:
         faults.append(f"{points} points: must be at most {POINTS}; fewer values on one of the axes")
     if faults:
         raise SceneError(scene.name, faults)
-    return found
+    return parsed
 
 
 def with_unit(name: str, unit: str) -> str:

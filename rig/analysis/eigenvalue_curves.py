@@ -110,20 +110,20 @@ def pairs(a: Spectrum, b: Spectrum) -> tuple[NDArray[np.int64], bool]:
     far = np.abs(a.rates[:, None] - b.rates[None, :])
     size = max(float(np.abs(a.rates).max(initial=0.0)), float(np.abs(b.rates).max(initial=0.0)), 1e-300)
     rows, columns = linear_sum_assignment(1.0 - mac + far / size)
-    found = np.full(len(a.rates), -1, dtype=np.int64)
-    found[rows] = columns
-    return found, bool(np.all(mac[rows, columns] > SURE)) and len(a.rates) == len(b.rates)
+    partners = np.full(len(a.rates), -1, dtype=np.int64)
+    partners[rows] = columns
+    return partners, bool(np.all(mac[rows, columns] > SURE)) and len(a.rates) == len(b.rates)
 
 
 def follow(spectra: Spectra, x: float, a: Spectrum, y: float, b: Spectrum, depth: int = DEPTH) -> NDArray[np.int64]:
     """Return the `pairs` of spectrum a at x and spectrum b at y, with as many values between as certainty needs."""
-    found, sure = pairs(a, b)
+    partners, sure = pairs(a, b)
     if sure or depth == 0:
-        return found
+        return partners
     middle = 0.5 * (x + y)
     half = spectra(middle)
     if not half.counts or len(half.rates) != len(a.rates):
-        return found
+        return partners
     first = follow(spectra, x, a, middle, half, depth - 1)
     second = follow(spectra, middle, half, y, b, depth - 1)
     return np.where(first >= 0, second[first], -1)
@@ -229,10 +229,10 @@ def _beside(hole: float, end: float, growths: Growths) -> float:
 
 def there(value: float, growths: Growths) -> Growth:
     """Return the growth at a value inside of a stretch. Raises Hole if there is no steady sliding."""
-    found = growths(value)
-    if found is None:
+    growth = growths(value)
+    if growth is None:
         raise Hole(value)
-    return found
+    return growth
 
 
 def root(bracket: Bracket, growths: Growths) -> float:
@@ -244,8 +244,8 @@ def root(bracket: Bracket, growths: Growths) -> float:
         return b
 
     def growth(value: float) -> float:
-        found = there(value, growths)
-        return float(found.rates[k] - (found.none[k] if how == "begins" else 0.0))
+        rates = there(value, growths)
+        return float(rates.rates[k] - (rates.none[k] if how == "begins" else 0.0))
 
     return float(brentq(growth, a, b, xtol=1e-15 * max(abs(a), abs(b)), rtol=RELATIVE, maxiter=200))
 
@@ -269,13 +269,13 @@ def refined(values: Sequence[float], growths: Growths) -> list[float]:
 
 def stretches(grid: Sequence[float], growths: Growths) -> list[list[float]]:
     """Return the values of a grid with steady sliding, split where there is none."""
-    found: list[list[float]] = [[]]
+    parts: list[list[float]] = [[]]
     for value in grid:
         if growths(value) is not None:
-            found[-1].append(value)
-        elif found[-1]:
-            found.append([])
-    return [one for one in found if one]
+            parts[-1].append(value)
+        elif parts[-1]:
+            parts.append([])
+    return [part for part in parts if part]
 
 
 def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
@@ -291,8 +291,8 @@ def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
     here = growths(middle)
     left = right = (at_a is None) != (here is None) or (here is None and depth > _DEPTH - _SEARCH)
     if at_a is not None and at_b is not None and here is not None and depth > 0:
-        count = min(len(one.rates) for one in (at_a, here, at_b))
-        first, half, last = (one.clear[:count] for one in (at_a, here, at_b))
+        count = min(len(growth.rates) for growth in (at_a, here, at_b))
+        first, half, last = (growth.clear[:count] for growth in (at_a, here, at_b))
         bend = np.abs(half - 0.5 * (first + last))
         left, right = _could(first, half, bend), _could(half, last, bend)
     return [
@@ -352,11 +352,11 @@ def _islands(x: Sequence[float], k: int, growths: Growths) -> Iterator[float]:
         if least and here < _CUSP * (max(left, right) - here):  # a bend that could reach zero beside this value
             ends = sorted((x[i - 1], x[i + 1]))
             options = {"xatol": 1e-6 * (ends[1] - ends[0])}
-            found = minimize_scalar(
+            lowest = minimize_scalar(
                 lambda v, s=sign: s * growth(float(v)), bounds=ends, method="bounded", options=options
             )
-            if found.fun < 0.0:
-                yield float(found.x)
+            if lowest.fun < 0.0:
+                yield float(lowest.x)
 
 
 def _passing(k: int, x: Sequence[float], signs: Sequence[int]) -> Iterator[Bracket]:

@@ -77,9 +77,17 @@ class Identified(Result):
     def text(self) -> str:
         """Return the report as text."""
         rows = [("", "found", "stated", "error", "")]
-        for one in self.parameters:
-            unit = "" if one.unit == "1" else one.unit
-            rows.append((one.key, f"{one.found:.6g}", f"{one.stated:.6g}", f"{100.0 * one.error:.2f} %", unit))
+        for parameter in self.parameters:
+            unit = "" if parameter.unit == "1" else parameter.unit
+            rows.append(
+                (
+                    parameter.key,
+                    f"{parameter.found:.6g}",
+                    f"{parameter.stated:.6g}",
+                    f"{100.0 * parameter.error:.2f} %",
+                    unit,
+                )
+            )
         lines = [f"{self.scene}: {self.experiment}", *columns(rows, "<>>><")]
         if self.readings:
             readings = [[f"{value:.6g}" for value in row] for row in self.readings]
@@ -91,7 +99,7 @@ class Identified(Result):
         return {
             "scene": self.scene,
             "experiment": self.experiment,
-            "parameters": [{**vars(one), "error": one.error} for one in self.parameters],
+            "parameters": [{**vars(parameter), "error": parameter.error} for parameter in self.parameters],
             "readings": [dict(zip(self.columns, row)) for row in self.readings],
         }
 
@@ -138,12 +146,12 @@ def _free_vibration(scene: Scene, run: Run) -> Identified:
     t, x = t[_SKIP:], x[_SKIP:]
     frequency, decay = vibration(t, x)
     inertia = stiffness / (frequency**2 + decay**2)
-    found = (
+    parameters = (
         Parameter(f"{of}.inertia", "kg*m^2", inertia, part.inertia),
         Parameter(f"{of}.damping", "N*m*s/rad", 2.0 * decay * inertia, part.damping),
     )
     fit = Fit("time [s]", f"{output.replace('_', ' ')} [m]", t, x, t, x - _left(t, x, frequency, decay))
-    return Identified(scene.name, f"free vibration of the {of}", found, fit)
+    return Identified(scene.name, f"free vibration of the {of}", parameters, fit)
 
 
 def vibration(t: Array, x: Array) -> tuple[float, float]:
@@ -158,8 +166,8 @@ def vibration(t: Array, x: Array) -> tuple[float, float]:
     spectrum = np.abs(np.fft.rfft(x - x[len(x) // 2 :].mean(), count))
     first = 2.0 * np.pi * float(np.fft.rfftfreq(count, step)[spectrum.argmax()])
     guess = np.array([first, 0.05 * first])
-    found = least_squares(lambda wb: _left(t, x, *wb), guess, x_scale=guess, ftol=1e-14, xtol=1e-14, gtol=1e-14).x
-    return float(found[0]), float(found[1])
+    fitted = least_squares(lambda wb: _left(t, x, *wb), guess, x_scale=guess, ftol=1e-14, xtol=1e-14, gtol=1e-14).x
+    return float(fitted[0]), float(fitted[1])
 
 
 def _left(t: Array, x: Array, w: float, b: float) -> Array:
@@ -181,7 +189,7 @@ def _static_friction(scene: Scene, run: Run) -> Identified:
         mu = p.springs.arm.stiffness * p.cylinder.arm * reach / (p.cylinder.pin * pressed)
         readings.append((pressed, reach, mu))
     mean = float(np.mean([mu for *_, mu in readings]))
-    found = (Parameter("friction.mu_static", "1", mean, p.friction.friction().static),)
+    parameters = (Parameter("friction.mu_static", "1", mean, p.friction.friction().static),)
     load, _, each = np.array(readings).T
     fit = Fit(
         "normal force [N]",
@@ -191,7 +199,7 @@ def _static_friction(scene: Scene, run: Run) -> Identified:
         np.array([load.min(), load.max()]),
         np.array([mean, mean]),
     )
-    return Identified(scene.name, "static friction", found, fit, ("load N", "deflection m", "mu"), tuple(readings))
+    return Identified(scene.name, "static friction", parameters, fit, ("load N", "deflection m", "mu"), tuple(readings))
 
 
 def _kinetic_friction(scene: Scene, run: Run) -> Identified:
@@ -214,14 +222,16 @@ def _kinetic_friction(scene: Scene, run: Run) -> Identified:
 
     guess = (float(mu[0]), float(mu[-1]), 1.0 / float(np.median(v)))
     (static, kinetic, decay), _ = curve_fit(law, v, mu, guess)
-    found = (
+    parameters = (
         Parameter("friction.mu_static", "1", float(static), p.friction.mu_static),
         Parameter("friction.mu_kinetic", "1", float(kinetic), p.friction.mu_kinetic),
         Parameter("friction.decay", "s/m", float(decay), p.friction.decay),
     )
     speeds = np.linspace(v[0], v[-1], _CURVE)
     fit = Fit("slip speed [m/s]", "kinetic coefficient of friction", v, mu, speeds, law(speeds, static, kinetic, decay))
-    return Identified(scene.name, "kinetic friction over speed", found, fit, ("slip speed m/s", "mu"), tuple(readings))
+    return Identified(
+        scene.name, "kinetic friction over speed", parameters, fit, ("slip speed m/s", "mu"), tuple(readings)
+    )
 
 
 def _measured(scene: Scene, run: Run, quantity: str) -> tuple[Array, Array]:
@@ -235,13 +245,13 @@ def _measured(scene: Scene, run: Run, quantity: str) -> tuple[Array, Array]:
 
 def _holds(protocol: Iterable[Any]) -> list[tuple[float, float]]:
     """Begin and end [s] of each hold of a protocol without waits."""
-    found, now = [], 0
+    holds, now = [], 0
     for step in _unrolled(protocol):
         length = getattr(step, "time", 0) or getattr(step, "over", 0)
         if isinstance(step, Hold):
-            found.append((now * 1e-9, (now + length) * 1e-9))
+            holds.append((now * 1e-9, (now + length) * 1e-9))
         now += length
-    return found
+    return holds
 
 
 def _unrolled(steps: Iterable[Any]) -> Iterator[Any]:

@@ -63,22 +63,22 @@ def ages(link: Link, frame_ns: int) -> Ages:
     """The stationary distribution of what a link delivers at a tick."""
     under_way, kept = latencies(link, frame_ns), 1.0 - link.loss
     least, most = min(under_way), max(under_way)
-    found: list[tuple[int | None, float]] = []
+    arrivals: list[tuple[int | None, float]] = []
     if link.reorder:  # of the messages that arrive at this tick the last one sent counts
         left = 1.0
         for d in range(least, most + 1):
             arrives = kept * under_way.get(d, 0.0)
-            found.append((d, left * arrives))
+            arrivals.append((d, left * arrives))
             left *= 1.0 - arrives
-        return [*found, (None, left)]
+        return [*arrivals, (None, left)]
     before = 0.0
     for m in range(least, most + 1):  # every message of age m and above has arrived, or is lost
         there = math.prod(
             link.loss + kept * sum(p for d, p in under_way.items() if d <= age) for age in range(m, most + 1)
         )
-        found.append((m, kept * (there - before)))
+        arrivals.append((m, kept * (there - before)))
         before = there
-    return [*found, (None, link.loss)]
+    return [*arrivals, (None, link.loss)]
 
 
 def mean_age(link: Link, frame_ns: int) -> float:
@@ -126,9 +126,9 @@ def jump_growth(scene: Scene, name: str, meas: Link, act: Link) -> Growth:
     return Growth(math.log(abs(mean)) / period, 0.5 * math.log(_radius(cases)) / period, hertz)
 
 
-def _case(one: Loop, age: int | None, heard: Ages) -> Array:
+def _case(cut: Loop, age: int | None, heard: Ages) -> Array:
     """The matrix over [z, measurements under way (the newest first), the measurement heard last]."""
-    m, gain = one.model, one.gain
+    m, gain = cut.model, cut.gain
     n, under_way = len(m.F), max((a for a, _ in heard if a is not None), default=0)
     size = n + under_way + 1
     reads = np.zeros(size)
@@ -166,7 +166,7 @@ def _radius(cases: Sequence[tuple[float, Array]]) -> float:
     operator = LinearOperator((size * size, size * size), matvec=after, dtype=np.float64)  # type: ignore[call-arg]
     start = np.eye(size).ravel()
     try:
-        found = eigs(operator, k=4, ncv=40, v0=start, tol=1e-10, maxiter=_RESTARTS, return_eigenvectors=False)
+        largest = eigs(operator, k=4, ncv=40, v0=start, tol=1e-10, maxiter=_RESTARTS, return_eigenvectors=False)
     except ArpackNoConvergence:
         return math.nan
-    return float(np.abs(found).max())
+    return float(np.abs(largest).max())

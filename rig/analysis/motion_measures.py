@@ -177,7 +177,7 @@ class Problem:
     leaves: str = ""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        rest = {one.name: getattr(self, one.name) for one in fields(self)[3:]}
+        rest = {entry.name: getattr(self, entry.name) for entry in fields(self)[3:]}
         return _remade, (self.scene, self.system.start, rest)
 
     @property
@@ -265,8 +265,8 @@ def problem(scene: Scene, values: Mapping[str, float] | None = None, patience: f
     assembly = scene.assemble()
     values = held(scene, assembly) if values is None else {k: v for k, v in values.items() if k in assembly.inputs}
     for name, value in values.items():
-        one = assembly.inputs[name]
-        if one.write is None and not one.state:  # no command reaches it: it is a parameter
+        actuator = assembly.inputs[name]
+        if actuator.write is None and not actuator.state:  # no command reaches it: it is a parameter
             scene = replace(scene, parameters=with_values(scene.parameters, {name: value}))
     assembly = scene.assemble()
     values = {name: value for name, value in values.items() if value != assembly.inputs[name].value}
@@ -284,7 +284,7 @@ def problem(scene: Scene, values: Mapping[str, float] | None = None, patience: f
 
 def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
     """Return the actuator values that the protocol holds for the longest, those that differ from the start."""
-    now = {name: one.value for name, one in assembly.inputs.items()}
+    now = {name: actuator.value for name, actuator in assembly.inputs.items()}
     start, times = dict(now), {tuple(now.values()): 0}
     for step in flat(scene.protocol):
         if isinstance(step, Load):
@@ -321,10 +321,10 @@ def _watched(first: Problem, patience: float) -> Problem:
         if count or len(events) < asked + max(4, asked // 4):
             continue
         asked = len(events)
-        found, drift = repeating(events, step, _REPEATS)
-        period = (events[-1].tick - events[-1 - found].tick) * step if found else 0.0
+        cycle, drift = repeating(events, step, _REPEATS)
+        period = (events[-1].tick - events[-1 - cycle].tick) * step if cycle else 0.0
         if drift <= _REPEATS and all_round(period, turn):
-            count = found
+            count = cycle
             enough = min(longest, orbit.motion.tick + int((ROUNDS + 0.5) * period / step))
     length = orbit.motion.tick
     whole = scene.frame_ns // scene.step_ns
@@ -449,17 +449,17 @@ def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> d
     last = events[-ROUNDS * count - 1 :]
     times = [((e.tick - last[0].tick) + e.place) * step for e in last]
     period = (times[-1] - times[0]) / ROUNDS
-    found = {"period": period}
+    measures = {"period": period}
     for p, patch in enumerate(problem.system.patches):
         held = sum(b - a for a, b, e in zip(times, times[1:], last[1:]) if orbit.stuck(e.before, p))
-        found[f"stick share {patch.name}"] = held / (times[-1] - times[0])
-    one = orbit.round(period)
-    found["energy per cycle"] = one.energy["friction"]
+        measures[f"stick share {patch.name}"] = held / (times[-1] - times[0])
+    turn = orbit.round(period)
+    measures["energy per cycle"] = turn.energy["friction"]
     for name in problem.quantities:
-        low, high = one.dense.extremes(orbit.outputs.index(name))
+        low, high = turn.dense.extremes(orbit.outputs.index(name))
         if moves(low, high):
-            found[f"amplitude {name}"] = 0.5 * (high - low)
-    return found
+            measures[f"amplitude {name}"] = 0.5 * (high - low)
+    return measures
 
 
 def moves(low: float, high: float) -> bool:
@@ -470,30 +470,30 @@ def moves(low: float, high: float) -> bool:
 def _stretch(problem: Problem, orbit: Orbit) -> tuple[dict[str, float], list[Event]]:
     """Measures of the last part of a motion that does not repeat, and the events in it."""
     length = problem.window * problem.step
-    one = orbit.round(length)
-    events = [event for _, event in one.events]
-    found: dict[str, float] = {}
+    part = orbit.round(length)
+    events = [event for _, event in part.events]
+    measures: dict[str, float] = {}
     names = problem.quantities
     for name in names:
         output = orbit.outputs.index(name)
-        if moves(*one.dense.extremes(output)):
-            found[f"rms {name}"] = rms(one.dense, output, 0.0, length)
+        if moves(*part.dense.extremes(output)):
+            measures[f"rms {name}"] = rms(part.dense, output, 0.0, length)
     lead = orbit.outputs.index(names[0])
-    turns = crossings(one.dense, lead, mean(one.dense, lead, 0.0, length))
+    turns = crossings(part.dense, lead, mean(part.dense, lead, 0.0, length))
     if len(turns) > 2:
-        found["frequency"] = (len(turns) - 1) / (turns[-1] - turns[0])
+        measures["frequency"] = (len(turns) - 1) / (turns[-1] - turns[0])
     if problem.kind == "smooth":
-        early, late = (rms(one.dense, lead, a, a + 0.5 * length) for a in (0.0, 0.5 * length))
+        early, late = (rms(part.dense, lead, a, a + 0.5 * length) for a in (0.0, 0.5 * length))
         if min(early, late) > 0.0:
-            found["growth rate"] = math.log(late / early) / (0.5 * length)
+            measures["growth rate"] = math.log(late / early) / (0.5 * length)
     else:
-        found["friction power"] = one.energy["friction"] / length
-        ends = [0.0, *(t for t, _ in one.events), length]
+        measures["friction power"] = part.energy["friction"] / length
+        ends = [0.0, *(t for t, _ in part.events), length]
         keys = [*(e.before for e in events), orbit.motion.key]
         for p, patch in enumerate(problem.system.patches):
             held = sum(b - a for a, b, key in zip(ends, ends[1:], keys) if orbit.stuck(key, p))
-            found[f"stick share {patch.name}"] = held / length
-    return found, events
+            measures[f"stick share {patch.name}"] = held / length
+    return measures, events
 
 
 def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
@@ -501,7 +501,7 @@ def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
 
     Infinite for a missing measure: mode set changes were missed or invented, or the run stopped.
     """
-    found: dict[str, float] = {}
+    differences: dict[str, float] = {}
     if seen.lifts is None:
         truth = truth.slips(problem.count > 0)
     for name, value in truth.values.items():
@@ -511,11 +511,11 @@ def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
         if name == "growth rate":
             largest = max(largest, SLOW * 2.0 * math.pi * truth.values.get("frequency", 0.0))
         away = abs(seen.values.get(name, math.inf) - value)
-        found[name] = away / largest if largest > 0.0 else (0.0 if away == 0.0 else math.inf)
+        differences[name] = away / largest if largest > 0.0 else (0.0 if away == 0.0 else math.inf)
     if truth.events:
         enough = abs(seen.count - truth.count) <= 1 + truth.count // 50
-        found["event times"] = _apart(seen, truth, _at_once(problem)) / truth.mean if enough else math.inf
-    return found
+        differences["event times"] = _apart(seen, truth, _at_once(problem)) / truth.mean if enough else math.inf
+    return differences
 
 
 def numbered(events: Sequence[tuple[float, str]]) -> dict[tuple[str, int], float]:
@@ -524,11 +524,11 @@ def numbered(events: Sequence[tuple[float, str]]) -> dict[tuple[str, int], float
     Equal parts of a rig have simultaneous events, and rounding decides which of them is the first.
     """
     passed: Counter[str] = Counter()
-    found = {}
+    times = {}
     for at, what in events:
-        found[what, passed[what]] = at
+        times[what, passed[what]] = at
         passed[what] += 1
-    return found
+    return times
 
 
 def _apart(seen: Seen, truth: Seen, at_once: int) -> float:
@@ -576,7 +576,7 @@ def crossings(dense: Dense, output: int, level: float) -> list[float]:
 
     start, length, coef = dense.segments(output)
     begins, ends = coef[:, 0] - level, coef.sum(axis=1) - level
-    found = []
+    times = []
     for i in np.flatnonzero((begins < 0.0) & (ends >= 0.0)):
         polynomial = coef[i].copy()
         polynomial[0] -= level
@@ -585,5 +585,5 @@ def crossings(dense: Dense, output: int, level: float) -> list[float]:
             return float(np.polynomial.polynomial.polyval(u, c))
 
         place = 1.0 if value(1.0) <= 0.0 else float(brentq(value, 0.0, 1.0, xtol=1e-15))
-        found.append(float(start[i] + place * length[i]))
-    return found
+        times.append(float(start[i] + place * length[i]))
+    return times

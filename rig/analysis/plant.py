@@ -51,9 +51,9 @@ def state_space(scene: Scene, delay: float = 0.0, order: int = ORDER) -> StateSp
     A, B, D = p.A, p.B, p.D
     if delay > 0.0:
         num, den = control.pade(1.0, order)
-        one = control.tf2ss(control.tf(num, den))
+        pade = control.tf2ss(control.tf(num, den))
         each = np.eye(len(p.inputs))
-        late, into, out, through = (np.kron(each, m) for m in (one.A / delay, one.B / delay, one.C, one.D))
+        late, into, out, through = (np.kron(each, m) for m in (pade.A / delay, pade.B / delay, pade.C, pade.D))
         zero = np.zeros((len(late), len(A)))
         A = np.block([[A, B @ out], [zero, late]])
         C = np.hstack([p.C, D @ out])

@@ -149,21 +149,21 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
     @cache
     def at(value: float) -> tuple[Growth | None, float, bool]:
         try:
-            found = sliding(scene, {x.key: value})
+            at_rest = sliding(scene, {x.key: value})
         except (Singular, Slow):
             return None, math.nan, False
-        averages = GENERATOR[0] in found.system.names and found.slides and found.inertia > 0.0
-        if not (found.counts or averages):  # with dither they are valid also where the contact would open
-            return None, math.nan, found.exists
-        rates = found.eigenvalues()
-        return Growth(rates[:1].real, none(rates)[:1]), abs(rates[0].imag) / (2.0 * math.pi), found.exists
+        averages = GENERATOR[0] in at_rest.system.names and at_rest.slides and at_rest.inertia > 0.0
+        if not (at_rest.counts or averages):  # with dither they are valid also where the contact would open
+            return None, math.nan, at_rest.exists
+        rates = at_rest.eigenvalues()
+        return Growth(rates[:1].real, none(rates)[:1]), abs(rates[0].imag) / (2.0 * math.pi), at_rest.exists
 
     def growths(value: float) -> Growth | None:
         return at(value)[0]
 
     def grows(value: float) -> bool:
-        found = growths(value)
-        return found is not None and found.sign(0) > 0
+        growth_there = growths(value)
+        return growth_there is not None and growth_there.sign(0) > 0
 
     def look(grid: list[float]) -> list[tuple[float, bool]]:
         edges: list[tuple[float, bool]] = []
@@ -178,11 +178,11 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
         return sorted(edges)
 
     edges = list(wide_bands(looked(x.values, growths, look), EDGE * abs(x.values[-1] - x.values[0])))
-    found = [at(value) for value in x.values]
+    points = [at(value) for value in x.values]
     return {
-        "growth": np.array([math.nan if growth is None else growth.clear[0] for growth, _, _ in found]),
-        "frequency": np.array([frequency for _, frequency, _ in found]),
-        "exists": np.array([exists for _, _, exists in found]),
+        "growth": np.array([math.nan if growth is None else growth.clear[0] for growth, _, _ in points]),
+        "frequency": np.array([frequency for _, frequency, _ in points]),
+        "exists": np.array([exists for _, _, exists in points]),
         "edges": np.array(edges, dtype=np.float64).reshape(-1, 2),
     }
 
@@ -218,27 +218,27 @@ def sliding(scene: Scene, values: dict[str, float]) -> Steady:
     return averaged(system, sine, cosine, on, leading=True)
 
 
-def figure(found: Regions) -> Figure:
+def figure(result: Regions) -> Figure:
     """Return the figure of the regions."""
     from matplotlib.colors import ListedColormap, SymLogNorm
 
-    x, y = found.x.shown_values, found.y.shown_values
+    x, y = result.x.shown_values, result.y.shown_values
     with page(9.6, 5.4, layout="constrained") as figure:
         axes = figure.add_subplot()
         axes.grid(visible=False)
-        most = float(np.nanmax(np.abs(found.growth), initial=0.0)) or 1.0
+        most = float(np.nanmax(np.abs(result.growth), initial=0.0)) or 1.0
         norm = SymLogNorm(linthresh=most / 20.0, vmin=-most, vmax=most)
-        mesh = axes.pcolormesh(x, y, found.growth, cmap="RdBu_r", norm=norm, shading="nearest")
+        mesh = axes.pcolormesh(x, y, result.growth, cmap="RdBu_r", norm=norm, shading="nearest")
         mesh.set_rasterized(True)
-        if not found.exists.all():
-            absent = np.where(found.exists, np.nan, 1.0)
+        if not result.exists.all():
+            absent = np.where(result.exists, np.nan, 1.0)
             axes.pcolormesh(x, y, absent, cmap=ListedColormap([_GREY]), shading="nearest")
             axes.plot([], [], "s", color=_GREY, label="no steady sliding")
-        scale = found.x.scale
-        points = np.array([(value / scale, y[j]) for j, row in enumerate(found.edges) for value, _ in row])
+        scale = result.x.scale
+        points = np.array([(value / scale, y[j]) for j, row in enumerate(result.edges) for value, _ in row])
         if len(points):
             axes.plot(points[:, 0], points[:, 1], ".", color="black", ms=3.0, label="sliding loses or gains stability")
-        axes.set(xlabel=found.x.title, ylabel=found.y.title)
+        axes.set(xlabel=result.x.title, ylabel=result.y.title)
         axes.margins(0.0)
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=2)
@@ -246,5 +246,5 @@ def figure(found: Regions) -> Figure:
         ticks = [-most, -most / 20.0, 0.0, most / 20.0, most]
         bar.set_ticks(ticks, labels=[f"{tick:.2g}" for tick in ticks])
         bar.outline.set_visible(False)  # type: ignore[operator]
-        heading(figure, found.scene, (found.x, found.y))
+        heading(figure, result.scene, (result.x, result.y))
     return figure

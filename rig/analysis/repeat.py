@@ -61,12 +61,12 @@ class Seen:
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
-        return asdict(self) | {"numbers": {name: list(one) for name, one in self.numbers.items()}}
+        return asdict(self) | {"numbers": {name: list(number) for name, number in self.numbers.items()}}
 
     @classmethod
     def from_json(cls, raw: dict[str, Any]) -> Seen:
         """Return the run of `to_json`."""
-        numbers = {name: Number(*one) for name, one in raw["numbers"].items()}
+        numbers = {name: Number(*number) for name, number in raw["numbers"].items()}
         return cls(**{**raw, "numbers": numbers, "f": tuple(raw["f"]), "s": tuple(raw["s"])})
 
 
@@ -76,14 +76,14 @@ def measure(run: Run, seed: int) -> Seen:
     opened, begin = first_opening(run), 0.0
     if opened is not None:
         numbers[ONSET], begin = Number(opened, "s"), opened
-    for one in statistics(run, begin):
-        numbers[one.name] = Number(one.value, one.unit)
+    for number in statistics(run, begin):
+        numbers[number.name] = Number(number.value, number.unit)
     if OPENINGS not in run.signals:
         for name in whole_signals(run):
             v = run.signals[name]
-            if np.ptp(v) > _STILL * float(np.abs(v).max(initial=0.0)) and (found := index(run.time, v)).cycles:
-                numbers[f"amplitude {name}"] = Number(found.half, run.units.get(name, ""))
-                numbers[f"frequency {name}"] = Number(found.frequency, "Hz")
+            if np.ptp(v) > _STILL * float(np.abs(v).max(initial=0.0)) and (cycles := index(run.time, v)).cycles:
+                numbers[f"amplitude {name}"] = Number(cycles.half, run.units.get(name, ""))
+                numbers[f"frequency {name}"] = Number(cycles.frequency, "Hz")
     name, unit, f, s = _density(run, begin)
     stopped = "" if run.summary.get("ended") in ("done", None) else str(run.summary["ended"])
     return Seen(seed, float(run.time[-1]), numbers, name, unit, f, s, run.fault.partition("\n")[0] or stopped)
@@ -92,13 +92,13 @@ def measure(run: Run, seed: int) -> Seen:
 def _density(run: Run, begin: float) -> tuple[str, str, tuple[float, ...], tuple[float, ...]]:
     """Name, unit, frequencies [Hz] and power spectral density of the default vibration signal."""
     try:
-        found = series(run, vibration(run), begin)
+        signal = series(run, vibration(run), begin)
     except UsageError:  # nothing vibrates, or less than two samples are left
         return "", "", (), ()
-    if found.v.size < _WINDOWS * _WINDOW:
+    if signal.v.size < _WINDOWS * _WINDOW:
         return "", "", (), ()
-    density = welch(bridge(found.v)[0], found.rate, _WINDOW)
-    return found.name, found.unit, tuple(density.f.tolist()), tuple(density.s.tolist())
+    density = welch(bridge(signal.v)[0], signal.rate, _WINDOW)
+    return signal.name, signal.unit, tuple(density.f.tolist()), tuple(density.s.tolist())
 
 
 class Spread(NamedTuple):
@@ -131,19 +131,19 @@ class Repeats(Result):
     @property
     def spreads(self) -> tuple[Spread, ...]:
         """The spread of every number, in the order of the first run that has it."""
-        found: dict[str, list[float]] = {}
+        values: dict[str, list[float]] = {}
         units: dict[str, str] = {}
-        for one in self.seen:
-            for name, (value, unit) in one.numbers.items():
-                found.setdefault(name, []).append(value)
+        for run in self.seen:
+            for name, (value, unit) in run.numbers.items():
+                values.setdefault(name, []).append(value)
                 units[name] = unit
         return tuple(
-            Spread(name, units[name], len(v), float(np.median(v)), min(v), max(v)) for name, v in found.items()
+            Spread(name, units[name], len(v), float(np.median(v)), min(v), max(v)) for name, v in values.items()
         )
 
     def values(self, name: str) -> list[float]:
         """Return a number of every run that has it, in the order of the seeds."""
-        return [one.numbers[name].value for one in self.seen if name in one.numbers]
+        return [run.numbers[name].value for run in self.seen if name in run.numbers]
 
     @property
     def opened(self) -> int:
@@ -161,14 +161,14 @@ class Repeats(Result):
         yield f"{self.scene}: {done}, {seeds}; random: {', '.join(self.random)}"
         if not count:
             return
-        chaotic = any("contact_fraction" in name for one in self.seen for name in one.numbers)
+        chaotic = any("contact_fraction" in name for run in self.seen for name in run.numbers)
         if chaotic:
             yield f"  a contact point opened in {self.opened} of {count} runs"
             if self.opened:
                 yield "  the other numbers are from the first opening to the end, where the motion is chaotic"
-        for one in self.seen:
-            if one.fault:
-                yield f"  seed {one.seed} stopped at t = {one.seconds:g} s: {one.fault}"
+        for run in self.seen:
+            if run.fault:
+                yield f"  seed {run.seed} stopped at t = {run.seconds:g} s: {run.fault}"
         yield ""
         rows = [("number", "median", "least", "greatest", "unit", "runs")]
         for s in self.spreads:
@@ -182,8 +182,8 @@ class Repeats(Result):
             "random": list(self.random),
             "seeds": list(self.seeds),
             "ended": self.ended,
-            "runs": [one.to_json() for one in self.seen],
-            "spread": [one._asdict() for one in self.spreads],
+            "runs": [run.to_json() for run in self.seen],
+            "spread": [run._asdict() for run in self.spreads],
         }
 
 

@@ -111,18 +111,18 @@ def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
 
     @lru_cache(maxsize=4096)
     def growths(value: float) -> Growth | None:
-        one = spectra(value)
-        return Growth(one.rates.real, none(one.rates)) if one.counts else None
+        spectrum = spectra(value)
+        return Growth(spectrum.rates.real, none(spectrum.rates)) if spectrum.counts else None
 
     def look(grid: list[float]) -> Found:
         known: list[Critical] = list(_jamming(grid, spectra))
         for stretch in stretches(grid, growths):
             for bracket in brackets(stretch, growths):
-                one = _at(spectra, bracket, root(bracket, growths), values, rates)
+                critical = _at(spectra, bracket, root(bracket, growths), values, rates)
                 span = _SAME * abs(values[-1] - values[0])
-                if not any(abs(c.value - one.value) <= span and c.kind == one.kind for c in known):
-                    known.append(one)
-        known.sort(key=lambda one: one.value)
+                if not any(abs(c.value - critical.value) <= span and c.kind == critical.kind for c in known):
+                    known.append(critical)
+        known.sort(key=lambda critical: critical.value)
         resolution = max(abs(b - a) for a, b in pairwise(grid))
         return Found(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), resolution)
 
@@ -131,12 +131,12 @@ def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
 
 def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
     """Add what grows below and above, up to the next value of the grid or the next critical value."""
-    places = sorted({*grid, *(one.value for one in known)})
-    for one in known:
-        at = places.index(one.value)
+    places = sorted({*grid, *(critical.value for critical in known)})
+    for critical in known:
+        at = places.index(critical.value)
         below, above = places[:at][-1:], places[at + 1 :][:1]
-        sides = [_beside(one.value, near[0], spectra) if near else None for near in (below, above)]
-        yield replace(one, below=sides[0], above=sides[1])
+        sides = [_beside(critical.value, near[0], spectra) if near else None for near in (below, above)]
+        yield replace(critical, below=sides[0], above=sides[1])
 
 
 def _beside(value: float, near: float, spectra: Spectra) -> int | None:
@@ -175,11 +175,11 @@ def _jamming(grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
     from scipy.optimize import brentq
 
     for a, b in pairwise(grid):
-        one, other = spectra(a), spectra(b)
-        if one.inertia * other.inertia < 0.0 or (one.inertia and not other.inertia):
+        first, other = spectra(a), spectra(b)
+        if first.inertia * other.inertia < 0.0 or (first.inertia and not other.inertia):
             ends = sorted((a, b))
             root = float(brentq(lambda value: spectra(value).inertia, *ends, xtol=1e-300, rtol=RELATIVE))
-            rises = (other.inertia > one.inertia) == (b > a)
+            rises = (other.inertia > first.inertia) == (b > a)
             yield Critical(root, "jamming", "stable" if rises else "unstable", 0.0, -1, {}, {})
 
 
@@ -272,8 +272,8 @@ class Sweep(Result):
                 if np.isfinite(g).any()
             ],
             "critical": [
-                {**vars(one), "shape": {name: [v.real, v.imag] for name, v in one.shape.items()}}
-                for one in self.critical
+                {**vars(critical), "shape": {name: [v.real, v.imag] for name, v in critical.shape.items()}}
+                for critical in self.critical
             ],
             "gaps": [gap._asdict() for gap in self.gaps],
             "resolution": self.resolution,
@@ -285,11 +285,13 @@ class Sweep(Result):
         what = f"the loop of {self.loop}" if self.loop else "steady sliding"
         what += f", {self.friction}," if self.friction else ""
         lines = [f"{self.scene}: {what} over {axis.label}"]
-        for one in self.critical:
-            at = f" at {one.frequency:.6g} Hz" if one.frequency else ""
-            what = one.sides if one.kind == "jamming" else f"{one.kind}{at}, {one.sides}"
-            lines += [f"  {axis.text(one.value, 12)}: {what}"]
-            lines += [f"    {shape_text(one.shape, one.energy)} (share of the energy)"] if one.energy else []
+        for critical in self.critical:
+            at = f" at {critical.frequency:.6g} Hz" if critical.frequency else ""
+            what = critical.sides if critical.kind == "jamming" else f"{critical.kind}{at}, {critical.sides}"
+            lines += [f"  {axis.text(critical.value, 12)}: {what}"]
+            lines += (
+                [f"    {shape_text(critical.shape, critical.energy)} (share of the energy)"] if critical.energy else []
+            )
         if not self.critical:
             lines += [f"  no critical value {'where the rig slides steadily' if self.gaps else 'between these ends'}"]
         lines += [f"  {gap.note} {self._span(gap)}{f': {gap.why}' * bool(gap.why)}" for gap in self.gaps]
@@ -327,23 +329,23 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
 def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "", fixed: str = "") -> Sweep:
     """Compute the sweep of anything that has a spectrum at each value of an axis."""
     spectra = lru_cache(maxsize=4096)(spectrum_at)
-    found = [spectra(value) for value in axis.values]
-    rates, order = _branches(axis.values, found, spectra)
+    spectra_at = [spectra(value) for value in axis.values]
+    rates, order = _branches(axis.values, spectra_at, spectra)
     critical = search(axis.values, rates, spectra)
-    states = tuple(dict.fromkeys(name for one in found for name in one.names))
+    states = tuple(dict.fromkeys(name for spectrum in spectra_at for name in spectrum.names))
     shapes = np.zeros((*rates.shape, len(states)), dtype=np.complex128)
-    for row, one, places in zip(shapes, found, order):
-        columns = [states.index(state) for state in one.names]
+    for row, spectrum, places in zip(shapes, spectra_at, order):
+        columns = [states.index(state) for state in spectrum.names]
         for i, place in places.items():
-            row[place, columns] = one.right[:, i]
+            row[place, columns] = spectrum.right[:, i]
     return Sweep(
         scene=name,
         axis=axis,
         rates=rates,
         shapes=shapes,
         states=states,
-        exists=np.array([one.exists for one in found]),
-        notes=tuple(one.note for one in found),
+        exists=np.array([spectrum.exists for spectrum in spectra_at]),
+        notes=tuple(spectrum.note for spectrum in spectra_at),
         critical=critical.critical,
         gaps=critical.gaps,
         resolution=critical.resolution,
@@ -353,23 +355,23 @@ def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "", fixed: st
 
 
 def _branches(
-    values: tuple[float, ...], found: list[Spectrum], spectra: Spectra
+    values: tuple[float, ...], spectra_at: list[Spectrum], spectra: Spectra
 ) -> tuple[Complex, list[dict[int, int]]]:
     """Rates [value, branch], and for each value the branch of each of its rates."""
     order: list[dict[int, int]] = []
     count = 0
-    for k, one in enumerate(found):
+    for k, spectrum in enumerate(spectra_at):
         here: dict[int, int] = {}
-        if k and one.counts and found[k - 1].counts:
-            on = follow(spectra, values[k - 1], found[k - 1], values[k], one)
+        if k and spectrum.counts and spectra_at[k - 1].counts:
+            on = follow(spectra, values[k - 1], spectra_at[k - 1], values[k], spectrum)
             here = {int(on[i]): place for i, place in order[-1].items() if on[i] >= 0}
-        for i in range(len(one.rates) if one.counts else 0):
+        for i in range(len(spectrum.rates) if spectrum.counts else 0):
             if i not in here:
                 here[i] = count
                 count += 1
         order.append(here)
-    rates = np.full((len(found), count), complex(math.nan, math.nan))
-    for row, one, places in zip(rates, found, order):
+    rates = np.full((len(spectra_at), count), complex(math.nan, math.nan))
+    for row, spectrum, places in zip(rates, spectra_at, order):
         for i, place in places.items():
-            row[place] = one.rates[i]
+            row[place] = spectrum.rates[i]
     return rates, order

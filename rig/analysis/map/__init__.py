@@ -47,10 +47,10 @@ def job(
             f"{scene.name}: the rig has no contact that can slide, and a map shows steady sliding. "
             f"Eigenvalues over a parameter: rig modes {scene.name} --sweep KEY=A:B:N"
         )
-    found = axes(scene, {"x": x, "y": y})
+    both = axes(scene, {"x": x, "y": y})
     watched = next(iter(scene.assemble().outputs)) if output is None else output
     settings = Settings(watched, tuple(runs), longest=longest, section=0 if y else _SECTION)
-    return checked(Job(scene, found[0], found[1] if y else None, settings))
+    return checked(Job(scene, both[0], both[1] if y else None, settings))
 
 
 def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None) -> Map | Boundary:
@@ -60,8 +60,8 @@ def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Pro
     Raises UsageError if the folder cannot be used, WorkerError if a worker is lost. Finished results stay after an
     error or an interruption, and the same call continues from there.
     """
-    found, folder = _carried_out(job, root, workers, progress)
-    return (put_together if job.dithered else gathered)(job, found, folder)
+    rows, folder = _carried_out(job, root, workers, progress)
+    return (put_together if job.dithered else gathered)(job, rows, folder)
 
 
 def store_of(job: Job, root: Path = ROOT) -> Store:

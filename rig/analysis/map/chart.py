@@ -71,12 +71,12 @@ class Map(Result):
         slides = (self.state == SLIDING).any(axis=0)
         vibrates = self.moves.any(axis=0)
         open_ = np.isin(self.state, (UNDECIDED, STOPPED)).any(axis=0)
-        found = np.full(slides.shape, UNKNOWN, dtype=np.int8)
-        found[slides & ~vibrates & ~open_] = ONE
-        found[~slides & vibrates & ~open_] = THREE
-        found[slides & vibrates] = TWO
-        found[(self.state == STUCK).any(axis=0) & ~slides & ~vibrates] = REST
-        return found
+        region = np.full(slides.shape, UNKNOWN, dtype=np.int8)
+        region[slides & ~vibrates & ~open_] = ONE
+        region[~slides & vibrates & ~open_] = THREE
+        region[slides & vibrates] = TWO
+        region[(self.state == STUCK).any(axis=0) & ~slides & ~vibrates] = REST
+        return region
 
     @property
     def moves(self) -> NDArray[np.bool_]:
@@ -207,36 +207,36 @@ class Map(Result):
         return f"{name} [{self.unit if unit == 'output' else unit}]" if unit else name
 
 
-def gathered(job: Job, found: dict[int, Arrays], folder: Path) -> Map:
+def gathered(job: Job, rows_of: dict[int, Arrays], folder: Path) -> Map:
     """Assemble the map of a job from its units."""
     count, rows = len(job.x.values), len(job.y.values) if job.y else 1
-    one = found[0]
+    first = rows_of[0]
 
     def table(name: str) -> NDArray[Any]:
-        shape, kind = one[name].shape, one[name].dtype
+        shape, kind = first[name].shape, first[name].dtype
         out = np.zeros((*shape[:1], rows, count, *shape[2:]), kind)
         if kind.kind == "f":
             out[:] = np.nan  # of runs that were not requested
         for number, unit in enumerate(job.units):
             for run in unit.runs:
                 at = RUNS.index(run)
-                out[at, unit.row, unit.first : unit.last] = found[number][name][at]
+                out[at, unit.row, unit.first : unit.last] = rows_of[number][name][at]
         return out
 
     def line(name: str) -> Array:
         out = np.zeros((rows, count))
         for number, unit in enumerate(job.units):
             if unit.curve:
-                out[unit.row, unit.first : unit.last] = found[number][name]
+                out[unit.row, unit.first : unit.last] = rows_of[number][name]
         return out
 
     onsets: list[list[float]] = [[] for _ in range(rows)]
     ends = np.full((2, rows, 2), np.nan)
     for number, unit in enumerate(job.units):
         if unit.curve:
-            onsets[unit.row] += found[number]["onset"].tolist()
+            onsets[unit.row] += rows_of[number]["onset"].tolist()
         if set(unit.runs) & {*CARRIED}:
-            ends[:, unit.row] = found[number]["end"]
+            ends[:, unit.row] = rows_of[number]["end"]
     names = ("low", "high", "rms", "share", "period", "spent", "section")
     return Map(
         job=job,

@@ -82,7 +82,7 @@ class Boundary(Result):
             low, high = self.simulated[i] / y.scale
             deviation = self.deviation[i]
             text = f"{100.0 * deviation:+.2f} %" if np.isfinite(deviation) else ""
-            theory = (f"{found[i] / y.scale:.6g}" for found in (self.leading, self.averaged))
+            theory = (f"{theory_values[i] / y.scale:.6g}" for theory_values in (self.leading, self.averaged))
             rows.append((x.text(frequency), *theory, f"{low:.6g} to {high:.6g}", text))
         lines += columns(rows, "<>>>>")
         lines += ["", f"  amplitudes in {y.shown}; 0: stable from the smallest on, inf: not even at the largest"]
@@ -114,9 +114,9 @@ class Boundary(Result):
         return csv_table([[self.job.x.si_label, *(f"{name} [{unit}]" for name in names)], *rows]).decode()
 
 
-def put_together(job: Job, found: dict[int, Arrays], folder: Path) -> Boundary:
+def put_together(job: Job, rows: dict[int, Arrays], folder: Path) -> Boundary:
     """Assemble the boundary of a job from its frequencies."""
-    tables = {name: np.array([found[i][name] for i in range(len(job.units))]) for name in found[0]}
+    tables = {name: np.array([rows[i][name] for i in range(len(job.units))]) for name in rows[0]}
     return Boundary(job, folder=folder, **tables)
 
 

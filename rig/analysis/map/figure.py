@@ -22,40 +22,40 @@ RUN_STYLES = {"up": (BLUE, "^"), "down": (VERMILION, "v"), "near": (GREEN, "x"),
 _LABELS = {"up": "run-up", "down": "run-down", "near": "near start", "far": "standing start"}
 
 
-def figure(found: Map | Boundary) -> Figure:
+def figure(result: Map | Boundary) -> Figure:
     """Return the figure of what `rig.map` found."""
     with page(9.6, 6.4, style=BARE, layout="constrained") as figure:
-        if isinstance(found, Boundary):
-            _dither(figure.add_subplot(), found)
-        elif found.job.y is None:
-            _bifurcation(figure, found)
+        if isinstance(result, Boundary):
+            _dither(figure.add_subplot(), result)
+        elif result.job.y is None:
+            _bifurcation(figure, result)
         else:
-            _regions(figure.add_subplot(), found)
-        heading(figure, found.job.scene, [axis for axis in (found.job.x, found.job.y) if axis is not None])
+            _regions(figure.add_subplot(), result)
+        heading(figure, result.job.scene, [axis for axis in (result.job.x, result.job.y) if axis is not None])
     return figure
 
 
-def _regions(axes: Axes, found: Map) -> None:
+def _regions(axes: Axes, result: Map) -> None:
     from matplotlib.colors import ListedColormap
 
-    job = found.job
+    job = result.job
     assert job.y is not None
     x, y = job.x.shown_values, job.y.shown_values
-    mesh = axes.pcolormesh(x, y, found.regions, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=4.5, shading="nearest")
+    mesh = axes.pcolormesh(x, y, result.regions, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=4.5, shading="nearest")
     mesh.set_rasterized(True)
     scale = job.x.scale
-    if any(map(len, found.onsets)):
-        rows = [values if len(values) else [np.nan] for values in found.onsets]  # no line leads over an empty row
+    if any(map(len, result.onsets)):
+        rows = [values if len(values) else [np.nan] for values in result.onsets]  # no line leads over an empty row
         onsets = np.array([(value / scale, y[row]) for row, values in enumerate(rows) for value in values])
         _line(axes, onsets, "-", "black", "", "sliding loses stability (eigenvalue)")
     for number, (run, label) in enumerate((("up", "run-up"), ("down", "run-down"))):
-        ends = found.ends[number].mean(axis=1) / scale
+        ends = result.ends[number].mean(axis=1) / scale
         if not np.isnan(ends).all():
             colour, marker = RUN_STYLES[run]
             _line(axes, np.column_stack([ends, y]), "-", colour, marker, f"{label} loses vibration")
     axes.set(xlabel=job.x.title, ylabel=job.y.title)
     axes.margins(0.0)
-    _legend(axes, _there(found))
+    _legend(axes, _there(result))
 
 
 def _line(axes: Axes, points: Any, style: str, colour: str, marker: str, label: str) -> None:
@@ -66,62 +66,62 @@ def _line(axes: Axes, points: Any, style: str, colour: str, marker: str, label: 
     axes.plot(points[:, 0], points[:, 1], style if joined else ".", color=colour, marker=few, ms=4, label=label)
 
 
-def _there(found: Map) -> dict[int, str]:
-    return {r: f"{REGIONS[r]}  {MEANING[r]}" for r in (1, 2, 3, 4, 0) if (found.regions == r).any()}
+def _there(result: Map) -> dict[int, str]:
+    return {r: f"{REGIONS[r]}  {MEANING[r]}" for r in (1, 2, 3, 4, 0) if (result.regions == r).any()}
 
 
 def _legend(axes: Axes, labels: dict[int, str], *others: Axes) -> None:
     from matplotlib.patches import Patch
 
     patches = [Patch(color=COLOURS[r], label=label) for r, label in labels.items()]
-    lines = [handle for one in (*others, axes) for handle in one.get_legend_handles_labels()[0]]
+    lines = [handle for panel in (*others, axes) for handle in panel.get_legend_handles_labels()[0]]
     axes.legend(handles=[*patches, *lines], loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
 
 
-def _bifurcation(figure: Figure, found: Map) -> None:
-    x = found.job.x.shown_values
+def _bifurcation(figure: Figure, result: Map) -> None:
+    x = result.job.x.shown_values
     panels = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1.2, 1.0))
-    settings, unit = found.job.settings, found.unit
+    settings, unit = result.job.settings, result.unit
     top, middle, bottom = panels
     edges = np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]])
     for axes in panels:
-        for i, region in enumerate(found.regions[0].tolist()):
+        for i, region in enumerate(result.regions[0].tolist()):
             axes.axvspan(edges[i], edges[i + 1], color=COLOURS[region], lw=0, zorder=0)
-        for onset in found.onsets[0]:
+        for onset in result.onsets[0]:
             label = "sliding loses stability (eigenvalue)" if axes is bottom else None
-            axes.axvline(onset / found.job.x.scale, color="black", lw=1.0, ls="--", label=label)
+            axes.axvline(onset / result.job.x.scale, color="black", lw=1.0, ls="--", label=label)
     for run in settings.runs:
         number, (colour, marker) = RUNS.index(run), RUN_STYLES[run]
         carried = run in ("up", "down")
         style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 5.5 if carried else 3.5, "mfc": "none"}
         style |= {"lw": 0.9 if carried else 0.0, "ls": "--" if run == "down" else "-"}
-        jumps = np.diff(found.moves[number, 0]) != 0
+        jumps = np.diff(result.moves[number, 0]) != 0
         for name in ("low", "high"):
             label = _LABELS[run] if name == "high" else None
-            top.plot(*apart(x, found.tables[name][number, 0], jumps), label=label, **style)
-        section = found.tables["section"][number, 0]
+            top.plot(*apart(x, result.tables[name][number, 0], jumps), label=label, **style)
+        section = result.tables["section"][number, 0]
         top.plot(np.repeat(x, section.shape[1]), section.ravel(), ".", color=colour, ms=1.5)
-        middle.plot(*apart(x, found.tables["rms"][number, 0], jumps), **style)
-        bottom.plot(*apart(x, found.tables["share"][number, 0], jumps), **style)
+        middle.plot(*apart(x, result.tables["rms"][number, 0], jumps), **style)
+        bottom.plot(*apart(x, result.tables["share"][number, 0], jumps), **style)
     top.set_ylabel(f"{plain(settings.output)} [{unit}]\nextremes, local maxima")
     middle.set_ylabel(f"rms about\nthe mean [{unit}]")
     bottom.set_ylabel("share of\ntime stuck")
-    bottom.set_xlabel(found.job.x.title)
-    _legend(bottom, _there(found), top)
+    bottom.set_xlabel(result.job.x.title)
+    _legend(bottom, _there(result), top)
     bottom.get_legend().set_bbox_to_anchor((0.0, -0.42))  # type: ignore[union-attr]
     top.set_xlim(edges[0], edges[-1])
     figure.align_ylabels(panels)
 
 
-def _dither(axes: Axes, found: Boundary) -> None:
-    x, y = found.job.x, found.job.y
+def _dither(axes: Axes, result: Boundary) -> None:
+    x, y = result.job.x, result.job.y
     assert y is not None
-    edge = np.clip(found.averaged / y.scale, y.shown_values[0], y.shown_values[-1])
+    edge = np.clip(result.averaged / y.scale, y.shown_values[0], y.shown_values[-1])
     axes.fill_between(x.shown_values, y.shown_values[0], edge, color=COLOURS[3], lw=0)
     axes.fill_between(x.shown_values, edge, y.shown_values[-1], color=COLOURS[1], lw=0)
-    seen = np.isfinite(found.simulated).all(axis=1)
-    middle, half = found.simulated[seen].mean(axis=1), 0.5 * np.diff(found.simulated[seen], axis=1).ravel()
-    for theory, style, label in ((found.averaged, "k", "averaged"), (found.leading, "k:", "leading order")):
+    seen = np.isfinite(result.simulated).all(axis=1)
+    middle, half = result.simulated[seen].mean(axis=1), 0.5 * np.diff(result.simulated[seen], axis=1).ravel()
+    for theory, style, label in ((result.averaged, "k", "averaged"), (result.leading, "k:", "leading order")):
         axes.plot(x.shown_values, np.where(np.isinf(theory), np.nan, theory) / y.scale, style, label=label)
     axes.errorbar(
         x.shown_values[seen],

@@ -94,9 +94,9 @@ class Track:
         self.scene, self.axis, self.settings = scene, axis, settings
         self.value = axis.values[0]
         first = axis.at(scene, self.value).parameters
-        one = self._assembled(first, {axis.key: "ramped"}).inputs.get(axis.key)
-        self._command = one.state if one is not None else ""
-        self._slope = one.slope if one is not None else ""
+        moved = self._assembled(first, {axis.key: "ramped"}).inputs.get(axis.key)
+        self._command = moved.state if moved is not None else ""
+        self._slope = moved.slope if moved is not None else ""
         self._moved = {axis.key: "ramped"} if self._slope else {}
         assembly = self._assembled(first, self._moved)
         self._row = assembly.outputs[settings.output].row
@@ -173,17 +173,19 @@ class Track:
         """
         try:
             at = at or self.sliding(value)
-            found = [at]
+            slidings = [at]
             if at.system.sectors:
                 patches, normals, limiters, _, thrown = at.system.modes(at.modes.key)
                 paths = product(*(range(len(sector.edges)) for sector in at.system.sectors))
-                found = [steady(at.system, at.system.key(patches, normals, limiters, path, thrown)) for path in paths]
+                slidings = [
+                    steady(at.system, at.system.key(patches, normals, limiters, path, thrown)) for path in paths
+                ]
         except Singular:
             return complex(math.nan, math.nan), 0.0
-        rates = [one.eigenvalues() for one in found if one.exists]
+        rates = [sliding.eigenvalues() for sliding in slidings if sliding.exists]
         if not rates:
             return complex(math.nan, math.nan), 0.0
-        worst = max(rates, key=lambda one: float(one[0].real))
+        worst = max(rates, key=lambda eigenvalues: float(eigenvalues[0].real))
         return complex(worst[0]), float(none(worst)[0])
 
     def near(self, at: Steady) -> Array:
@@ -254,8 +256,8 @@ class Track:
         point = Point(UNDECIDED, BLANK, 0.0)
         for _ in range(rounds):
             judge = Judge(self.settings.kick, near, turn > 0)
-            found = self.judged(judge, longest, turn)
-            point = found._replace(spent=point.spent + found.spent)
+            latest = self.judged(judge, longest, turn)
+            point = latest._replace(spent=point.spent + latest.spent)
             if point.state != UNDECIDED:
                 break
             longest, self.window_ticks = 2.0 * longest, 2 * self.window_ticks
@@ -448,9 +450,9 @@ class Row:
         It may be lost because the step was too large, and not because the cycle ends.
         """
         place = self.track.here()
-        found, maxima = self._tried(lambda: self.track.move(to))
-        if not alive or found.state in ALIVE or found.state == STOPPED:
-            return found, maxima
+        first, maxima = self._tried(lambda: self.track.move(to))
+        if not alive or first.state in ALIVE or first.state == STOPPED:
+            return first, maxima
         lost, dead = self.track.here(), to
         gap, least = 0.5 * (to - start), abs(to - start) * 0.5**self.settings.refine
         while abs(gap) > 0.75 * least:
@@ -467,7 +469,7 @@ class Row:
                 place = self.track.here()
         self.tables["end"][RUNS.index(name)] = place.value, dead
         self.track.back(lost)
-        return found, maxima
+        return first, maxima
 
     def _none(self) -> Array:
         return np.full(self.settings.section, np.nan)
@@ -478,8 +480,8 @@ class Row:
         if not kept:
             return np.zeros(0)
         y = self.track.values()
-        found = y[1:-1][(y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])][-kept:]
-        return np.concatenate([found, np.full(kept - len(found), np.nan)])
+        maxima = y[1:-1][(y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])][-kept:]
+        return np.concatenate([maxima, np.full(kept - len(maxima), np.nan)])
 
     def _write(self, name: str, i: int, point: Point, maxima: Array) -> None:
         run, t = RUNS.index(name), self.tables

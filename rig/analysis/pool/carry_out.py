@@ -145,9 +145,9 @@ def carry_out(
     say(done, work.total)
     if not todo:
         return ready
-    with pool(work, store, workers, len(todo), apart, cluster) as found:
-        found.compute(dict.fromkeys(todo, ()), lambda new: say(done + new, work.total))
-    return store.load() | {unit: work.given_up(unit, why) for unit, why in found.failed.items()}
+    with pool(work, store, workers, len(todo), apart, cluster) as computing:
+        computing.compute(dict.fromkeys(todo, ()), lambda new: say(done + new, work.total))
+    return store.load() | {unit: work.given_up(unit, why) for unit, why in computing.failed.items()}
 
 
 @contextmanager
@@ -182,14 +182,14 @@ class Here:
         """Compute units and save them, batch by batch; on an interruption also what is finished."""
         schedule = Schedule(units, 1, SPAN)
         while batch := schedule.batch():
-            begin, found = time.perf_counter(), dict[int, Arrays]()
+            begin, rows = time.perf_counter(), dict[int, Arrays]()
             try:
                 for unit in batch:
-                    found[unit] = self._work.compute(unit, *units[unit])
-                    progress(len(units) - schedule.left + len(found))
+                    rows[unit] = self._work.compute(unit, *units[unit])
+                    progress(len(units) - schedule.left + len(rows))
             finally:
-                if found:
-                    self._store.save(found)
+                if rows:
+                    self._store.save(rows)
             schedule.done(batch, time.perf_counter() - begin)
 
 

@@ -365,8 +365,8 @@ def _compute(
         try:
             work = _work(pickled)
             begin = time.perf_counter()
-            found = {int(unit): work.compute(int(unit), *given) for unit, *given in batch}
-            return "", found, time.perf_counter() - begin, this_processor()
+            rows = {int(unit): work.compute(int(unit), *given) for unit, *given in batch}
+            return "", rows, time.perf_counter() - begin, this_processor()
         except RigError as fault:  # some of these cannot be sent as they are
             return str(fault), {}, 0.0, ""
 

@@ -43,14 +43,14 @@ _UNITS, _PROCESSOR = "#units", "#processor"
 @cache
 def sources() -> str:
     """Return version and hash (12 hex digits) of all sources and of what the kernels depend on."""
-    found = hashlib.sha256(kernel.source_key().encode())
+    content = hashlib.sha256(kernel.source_key().encode())
     for path in sorted(_ROOT.rglob("*.py")):
-        found.update(path.relative_to(_ROOT).as_posix().encode() + path.read_bytes())
+        content.update(path.relative_to(_ROOT).as_posix().encode() + path.read_bytes())
     try:
         number = version("friction-rig")
     except PackageNotFoundError:  # run from the sources without installation
         number = "from sources"
-    return f"friction-rig {number}, sources {found.hexdigest()[:12]}"
+    return f"friction-rig {number}, sources {content.hexdigest()[:12]}"
 
 
 def digest(scene: Scene, text: str) -> str:
@@ -135,17 +135,17 @@ class Store:
                     "name another folder with --out, or move this one away"
                 )
 
-    def save(self, found: dict[int, Arrays], processor: str = "") -> None:
+    def save(self, rows: dict[int, Arrays], processor: str = "") -> None:
         """Save the results of a batch, computed on a type of `processor`, by default this one. Raises OutputError."""
-        flat = _flat(found) | {_PROCESSOR: np.array(processor or this_processor())}
-        with draft_of(self._at / f"{min(found):06d}.npz") as draft, draft.open("wb") as file:
+        flat = _flat(rows) | {_PROCESSOR: np.array(processor or this_processor())}
+        with draft_of(self._at / f"{min(rows):06d}.npz") as draft, draft.open("wb") as file:
             np.savez(file, allow_pickle=False, **flat)  # type: ignore[arg-type]
             file.flush()
             os.fsync(file.fileno())
 
     def load(self) -> dict[int, Arrays]:
         """Return the results of every finished unit; unreadable files are skipped."""
-        found: dict[int, Arrays] = {}
+        rows: dict[int, Arrays] = {}
         for path in sorted(self._at.glob("*.npz")):
             try:
                 regular(path)
@@ -158,21 +158,21 @@ class Store:
             for key, array in batch.items():
                 unit, slash, name = key.partition("/")
                 if slash:
-                    found.setdefault(int(unit), {})[name] = array
+                    rows.setdefault(int(unit), {})[name] = array
                 else:
-                    for number, one in zip(units, array):
-                        found.setdefault(number, {})[key] = one
-        return found
+                    for number, entry in zip(units, array):
+                        rows.setdefault(number, {})[key] = entry
+        return rows
 
 
-def _flat(found: dict[int, Arrays]) -> Arrays:
+def _flat(rows: dict[int, Arrays]) -> Arrays:
     """The arrays of a file: those of one shape and type in all units stacked."""
-    units = sorted(found)
+    units = sorted(rows)
     flat: Arrays = {_UNITS: np.array(units, dtype=np.int64)}
-    for name in dict.fromkeys(name for unit in units for name in found[unit]):
-        arrays = {unit: found[unit][name] for unit in units if name in found[unit]}
-        if len(arrays) == len(units) and len({(one.shape, one.dtype) for one in arrays.values()}) == 1:
+    for name in dict.fromkeys(name for unit in units for name in rows[unit]):
+        arrays = {unit: rows[unit][name] for unit in units if name in rows[unit]}
+        if len(arrays) == len(units) and len({(array.shape, array.dtype) for array in arrays.values()}) == 1:
             flat[name] = np.stack([*arrays.values()])
         else:
-            flat |= {f"{unit}/{name}": one for unit, one in arrays.items()}
+            flat |= {f"{unit}/{name}": array for unit, array in arrays.items()}
     return flat

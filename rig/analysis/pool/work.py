@@ -106,15 +106,15 @@ class Schedule:
     def batch(self) -> list[int]:
         """Return the next units for a worker; none if none waits."""
         if self._again:
-            found = [self._again.popleft()]
+            units = [self._again.popleft()]
         else:
             size = 1
             if self._done:
                 fits = int(self._span * self._done / max(self._seconds, 1e-9))
                 size = max(1, min(fits, len(self._waiting) // (_SHARE * self._workers)))
-            found = [self._waiting.popleft() for _ in range(min(size, len(self._waiting)))]
-        self._out += len(found)
-        return found
+            units = [self._waiting.popleft() for _ in range(min(size, len(self._waiting)))]
+        self._out += len(units)
+        return units
 
     def done(self, batch: list[int], seconds: float) -> None:
         """Take note that a batch is finished; it took `seconds`."""

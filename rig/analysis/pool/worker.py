@@ -50,40 +50,40 @@ def main() -> int:
 
 def _batches() -> IO[str]:
     """Standard input, on which units find nothing from now on: they would wait for ever, or take the batches."""
-    found = os.fdopen(os.dup(0), encoding="utf-8")
+    batches = os.fdopen(os.dup(0), encoding="utf-8")
     with Path(os.devnull).open() as nothing:
         os.dup2(nothing.fileno(), 0)
     sys.stdin = open(0, encoding="utf-8", closefd=False)
-    return found
+    return batches
 
 
 def _batch(work: Work, store: Store, batch: list[list[float]]) -> None:
     """Compute a batch and save it; after an interruption, what is finished of it."""
-    found: dict[int, Arrays] = {}
+    rows: dict[int, Arrays] = {}
     told = time.monotonic()
     leave = sys.unraisablehook
 
     def interrupted_in_a_callback(fault: sys.UnraisableHookArgs) -> None:  # `leave` ends the process, see as_process
         try:
-            if found and isinstance(fault.exc_value, KeyboardInterrupt):
-                store.save(found)
+            if rows and isinstance(fault.exc_value, KeyboardInterrupt):
+                store.save(rows)
         finally:
             leave(fault)
 
     sys.unraisablehook = interrupted_in_a_callback
     try:
         for unit, *given in batch:
-            found[int(unit)] = work.compute(int(unit), *given)
+            rows[int(unit)] = work.compute(int(unit), *given)
             if time.monotonic() - told >= _TELL:
                 told = time.monotonic()
-                tell("at", len(found))
+                tell("at", len(rows))
     except BaseException:
-        if found:
-            store.save(found)
+        if rows:
+            store.save(rows)
         raise
     finally:
         sys.unraisablehook = leave
-    store.save(found)
+    store.save(rows)
 
 
 if __name__ == "__main__":

@@ -46,25 +46,25 @@ class Distribution:
     @classmethod
     def parse(cls, text: str) -> Distribution:
         """Parse "normal(20 N, 2 N)" or "normal(0.4, 0.1, low=0.2)". Raises UsageError."""
-        found = _TEXT.fullmatch(text)
-        if found is None or found["kind"] not in FORMS:
+        form = _TEXT.fullmatch(text)
+        if form is None or form["kind"] not in FORMS:
             known = ", ".join(f"{kind}({', '.join(names)})" for kind, names in FORMS.items())
             raise UsageError(f"{text.strip()}: no distribution; known: {known}")
         given: dict[str, str] = {}
-        names = list(FORMS[found["kind"]])
-        for part in filter(None, (part.strip() for part in found["values"].split(","))):
+        names = list(FORMS[form["kind"]])
+        for part in filter(None, (part.strip() for part in form["values"].split(","))):
             name, equals, value = (text.strip() for text in part.partition("="))
             if not equals:
                 name, value = names.pop(0) if names else "", part
             if name in given and name:
                 raise UsageError(f"{text.strip()}: {name} is given twice")
             given[name] = value
-        alike = [name for name in given if (found["kind"], name) != _OF_LOGARITHM]
+        alike = [name for name in given if (form["kind"], name) != _OF_LOGARITHM]
         try:
             given |= dict(zip(alike, with_units([given[name] for name in alike])))
         except ValueError as fault:
             raise UsageError(f"{text.strip()}: {fault}") from None
-        return made(found["kind"], {name: number_or_text(value) for name, value in given.items()})
+        return made(form["kind"], {name: number_or_text(value) for name, value in given.items()})
 
     def __str__(self) -> str:
         texts = ((name, f"{value:g}" if isinstance(value, float | int) else value) for name, value in self.values)
@@ -73,15 +73,15 @@ class Distribution:
 
     def in_si(self, unit: str) -> dict[str, float]:
         """Return its values in `unit`, the SI unit of the parameter. Raises ValueError for a wrong value or unit."""
-        found = {}
+        in_unit = {}
         for name, value in self.values:
             plain = "1" if (self.kind, name) == _OF_LOGARITHM else unit
             try:
-                found[name] = si(value, plain)
+                in_unit[name] = si(value, plain)
             except ValueError as fault:
                 raise ValueError(f"{self}: {name} {fault}") from None
-        _check(str(self), self.kind, found)
-        return found
+        _check(str(self), self.kind, in_unit)
+        return in_unit
 
     def quantile(self, share: Array, unit: str) -> Array:
         """Return the values in `unit` below which `share` of the distribution lies, of the same shape."""
@@ -187,13 +187,13 @@ def factors(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
         raise SceneError(
             scene.name, [f'over = {brief(over)}: expected keys with values, such as {{"load.force": [10, 20]}}']
         )
-    known, found, faults = numbers(scene), [], []
+    known, varied, faults = numbers(scene), [], []
     for key, given in over.items():
         if key not in known:
             faults.append(unknown(str(key), known, scene))
             continue
         try:
-            found.append(_factor(scene, key, known[key], given))
+            varied.append(_factor(scene, key, known[key], given))
         except (ValueError, UsageError) as fault:
             faults.append(f"{key}: {fault}")
         except SceneError as error:
@@ -202,7 +202,7 @@ def factors(scene: Scene, over: Mapping[str, Any]) -> tuple[Factor, ...]:
         faults.append(f"no parameter is varied; {FORM}")
     if faults:
         raise SceneError(scene.name, faults)
-    return tuple(found)
+    return tuple(varied)
 
 
 def _factor(scene: Scene, key: str, unit: str, given: Any) -> Factor:

@@ -82,17 +82,17 @@ def read(path: Path) -> StudyFile:
     over, changes = (dict(tables.get(name, ())) for name in ("over", "set"))
     faults += [f"{key}: is set and varied; leave it out of [set] or of [over]" for key in over if key in changes]
     if faults:
-        raise UsageError("\n".join(f"{path}: {one}" for one in faults))
+        raise UsageError("\n".join(f"{path}: {line}" for line in faults))
     measure = raw.get("measure", [])
-    found: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         name: raw[name] for name in ("samples", "sampling", "repeat", "seed", "keep") if name in raw
     }
-    found |= {"duration": duration} if duration is not None else {}
-    found["over"] = over
-    found["measure"] = [_beside(path, one) for one in ([measure] if isinstance(measure, str) else measure)]
+    arguments |= {"duration": duration} if duration is not None else {}
+    arguments["over"] = over
+    arguments["measure"] = [_beside(path, name) for name in ([measure] if isinstance(measure, str) else measure)]
     scene, lines = raw["scene"], places.lines(text)
     given = {key: Place(str(path), lines[f"set.{key}"]) for key in changes}
-    return StudyFile(_beside(path, scene) if scene.endswith(".toml") else scene, changes, given, found)
+    return StudyFile(_beside(path, scene) if scene.endswith(".toml") else scene, changes, given, arguments)
 
 
 def _beside(path: Path, name: Any) -> Any:

@@ -49,30 +49,30 @@ class Function:
     def value(self, run: Run) -> tuple[float, str, str]:
         """Return its value, the unit and, for a value that is missing, the reason."""
         try:
-            found = (self._loaded() if self.portable else _OWN[self.text])(run)
+            returned = (self._loaded() if self.portable else _OWN[self.text])(run)
         except UsageError as fault:
             return math.nan, "", str(fault)
         except (Exception, SystemExit) as fault:
             why = " ".join(f"{type(fault).__name__}: {fault}".split())
             return math.nan, "", f"{self.name}: {why}{self._line(fault)}"
-        value, unit = found if isinstance(found, tuple) and len(found) == 2 else (found, "")
+        value, unit = returned if isinstance(returned, tuple) and len(returned) == 2 else (returned, "")
         number = None if isinstance(value, str) or not isinstance(unit, str) else _number(value)
         if number is None:
-            return math.nan, "", f"{self.name} returned {_shown(found)}: expected a number, or number and unit"
+            return math.nan, "", f"{self.name} returned {_shown(returned)}: expected a number, or number and unit"
         return (number, unit, "") if math.isfinite(number) else (math.nan, unit, f"{self.name} is {number}")
 
     def _line(self, fault: BaseException) -> str:
         """The last line of the function's own file that led to a fault."""
-        found = traceback.extract_tb(fault.__traceback__)[1:]  # without the call above
-        own = [at for at in found if at.filename == (self.file or found[0].filename)]
+        frames = traceback.extract_tb(fault.__traceback__)[1:]  # without the call above
+        own = [at for at in frames if at.filename == (self.file or frames[0].filename)]
         return f" (line {own[-1].lineno})" if own else ""
 
     def _loaded(self) -> Callable[[Run], Any]:
         module = _module(self.file, self.text)
-        found: Callable[[Run], Any] | None = getattr(module, self.name, None)
-        if not callable(found):
+        function: Callable[[Run], Any] | None = getattr(module, self.name, None)
+        if not callable(function):
             raise UsageError(f"{self.file}: defines no function {self.name}")
-        return found
+        return function
 
 
 def _number(value: Any) -> float | None:
@@ -85,11 +85,11 @@ def _number(value: Any) -> float | None:
         return None
 
 
-def _shown(found: Any) -> str:
+def _shown(returned: Any) -> str:
     try:
-        return shortened(" ".join(repr(found).split()))
+        return shortened(" ".join(repr(returned).split()))
     except Exception:  # of a class of the user
-        return f"a {type(found).__name__}"
+        return f"a {type(returned).__name__}"
 
 
 def function_of(given: str | Callable[[Run], Any]) -> Function:
@@ -97,11 +97,11 @@ def function_of(given: str | Callable[[Run], Any]) -> Function:
     if isinstance(given, str):
         file, _, name = given.rpartition(":")
         try:
-            found = Function(name, str(Path(file).resolve()), decode_source(contents(Path(file))))
+            function = Function(name, str(Path(file).resolve()), decode_source(contents(Path(file))))
         except (OSError, SyntaxError, UnicodeDecodeError) as fault:
             raise UsageError(f"{given}: {getattr(fault, 'strerror', None) or fault}") from None
-        found._loaded()  # noqa: SLF001 (its own kind)
-        return replace(found, beside=_beside(found.file, found.text))
+        function._loaded()  # noqa: SLF001 (its own kind)
+        return replace(function, beside=_beside(function.file, function.text))
     name = getattr(given, "__name__", type(given).__name__)
     try:
         file = inspect.getsourcefile(given) or ""
@@ -111,25 +111,29 @@ def function_of(given: str | Callable[[Run], Any]) -> Function:
     except (OSError, SyntaxError, TypeError, UnicodeDecodeError):
         here = False
     if here:
-        found = Function(name, str(Path(file).resolve()), text)
-        if hasattr(_module(found.file, text), name):  # as worker processes load it: not under if __name__ == "__main__"
-            return replace(found, beside=_beside(file, text))
-    known = next((text for text, one in _OWN.items() if one is given), None) or secrets.token_hex(8)
+        function = Function(name, str(Path(file).resolve()), text)
+        if hasattr(
+            _module(function.file, text), name
+        ):  # as worker processes load it: not under if __name__ == "__main__"
+            return replace(function, beside=_beside(file, text))
+    known = next((text for text, known_function in _OWN.items() if known_function is given), None) or secrets.token_hex(
+        8
+    )
     _OWN[known] = given
     return Function(name, text=known)
 
 
 def _beside(file: str, text: str) -> str:
     """Hash of the modules that a file imports from its folder, and of those that these import; "" if there are none."""
-    folder, found, todo = Path(file).resolve().parent, dict[str, str](), [text]
+    folder, texts, todo = Path(file).resolve().parent, dict[str, str](), [text]
     while todo:
         for name in _imports(todo.pop()):
             whole = folder.joinpath(*name.split("."))
             for path in (whole.with_suffix(".py"), whole / "__init__.py"):
-                if str(path) not in found and path.is_file():
-                    found[str(path)] = path.read_bytes().decode(errors="replace")
-                    todo.append(found[str(path)])
-    return hashlib.sha256(repr(sorted(found.items())).encode()).hexdigest()[:12] if found else ""
+                if str(path) not in texts and path.is_file():
+                    texts[str(path)] = path.read_bytes().decode(errors="replace")
+                    todo.append(texts[str(path)])
+    return hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest()[:12] if texts else ""
 
 
 def _imports(text: str) -> Iterator[str]:
@@ -139,7 +143,7 @@ def _imports(text: str) -> Iterator[str]:
     except (SyntaxError, ValueError):  # of a module that may never be imported
         return
     for node in ast.walk(tree):
-        names = [one.name for one in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
         if isinstance(node, ast.ImportFrom):
             head = [node.module] if node.module else []
             names = [*head, *(".".join([*head, name]) for name in names)]

@@ -81,34 +81,34 @@ def measures(scene: Scene, given: Iterable[str | Callable[[Run], Any]]) -> tuple
     """Return the measures of a study by name or function. Raises SceneError with every fault."""
     if not isinstance(given, Iterable):
         raise SceneError(scene.name, [f"measure = {brief(given)}: expected a list of names and functions"])
-    known, given = {one.name: one for one in _known(scene)}, list(given)
-    found, faults = [], []
-    for one in given:
-        if not (callable(one) or isinstance(one, str)):
-            faults.append(f"measure {one!r:.60}: expected a name, FILE.py:FUNCTION or a function of a Run")
-        elif callable(one) or ".py:" in one:
+    known, given = {each.name: each for each in _known(scene)}, list(given)
+    wanted, faults = [], []
+    for measure in given:
+        if not (callable(measure) or isinstance(measure, str)):
+            faults.append(f"measure {measure!r:.60}: expected a name, FILE.py:FUNCTION or a function of a Run")
+        elif callable(measure) or ".py:" in measure:
             try:
-                function = function_of(one)
-                found.append(Measure(function.name, "", function=function))
+                function = function_of(measure)
+                wanted.append(Measure(function.name, "", function=function))
             except RigError as fault:
                 faults.append(f"measure {fault}")
-        elif one in known:
-            found.append(known[one])
+        elif measure in known:
+            wanted.append(known[measure])
         else:
-            faults.append(f"measure {shortened(one)}: unknown; {near(one, known, 'docs/studies.md')}")
-    names = [one.name for one in found]
+            faults.append(f"measure {shortened(measure)}: unknown; {near(measure, known, 'docs/studies.md')}")
+    names = [each.name for each in wanted]
     faults += [f"measure {name}: is given twice" for name in sorted({n for n in names if names.count(n) > 1})]
     if not given:
         faults.append("no measure is given; such as cycle.amplitude, run.rms, or a function of a Run")
     if faults:
         raise SceneError(scene.name, faults)
-    return tuple(found)
+    return tuple(wanted)
 
 
 def _known(scene: Scene) -> Iterator[Measure]:
     """Every measure of a scene that needs no function."""
     assembly = scene.assemble()
-    units = {name: one.unit for name, one in assembly.outputs.items()}
+    units = {name: output.unit for name, output in assembly.outputs.items()}
     contacts = [patch.name for patch in assembly.system().patches]
     sensors = {name: section.delivers for name, section in scene.sensors.items()}
     lead = (portrait(assembly.outputs) or ("",))[0] or next(iter(units), "")
@@ -180,42 +180,42 @@ def one_unit(values: Sequence[float], units: Sequence[str]) -> tuple[NDArray[np.
 
 def _of_cycle(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
     cycle = limit_cycle(scene)
-    for one in some:
+    for measure in some:
         if not cycle.found:
-            yield math.nan, one.unit, cycle.why
-        elif one.kind in ("lowest", "highest"):
-            yield cycle.extremes[one.of][one.kind == "highest"], one.unit, ""
-        elif one.kind == "energy":
-            yield cycle.energy["friction"], one.unit, ""
+            yield math.nan, measure.unit, cycle.why
+        elif measure.kind in ("lowest", "highest"):
+            yield cycle.extremes[measure.of][measure.kind == "highest"], measure.unit, ""
+        elif measure.kind == "energy":
+            yield cycle.energy["friction"], measure.unit, ""
         else:
-            value = getattr(cycle, one.kind)
-            yield float(value[one.of] if one.of else value), one.unit, ""
+            value = getattr(cycle, measure.kind)
+            yield float(value[measure.of] if measure.of else value), measure.unit, ""
 
 
 def _of_motion(scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
     asked = problem(scene, patience=math.inf)
     seen = observe(asked, of(asked.scene, asked.system))
-    for one in some:
-        value = seen.values.get(f"{one.kind} {one.of}".strip(), math.nan)
-        missing = "" if math.isfinite(value) else f"a motion of kind {asked.kind} has no {one.name}"
-        yield value, one.unit, seen.fault or missing
+    for measure in some:
+        value = seen.values.get(f"{measure.kind} {measure.of}".strip(), math.nan)
+        missing = "" if math.isfinite(value) else f"a motion of kind {asked.kind} has no {measure.name}"
+        yield value, measure.unit, seen.fault or missing
 
 
 def _of_run(duration: float | None, scene: Scene, some: Sequence[Measure]) -> Iterator[tuple[float, str, str]]:
-    own = any(one.function is not None for one in some)  # it may read the summary
+    own = any(measure.function is not None for measure in some)  # it may read the summary
     run = simulate(scene, duration_ns=run_length_ns(duration), audited=own)
     stopped = run.fault.partition("\n")[0]
-    for one in some:
+    for measure in some:
         if stopped:
-            yield math.nan, one.unit, stopped
-        elif one.function is not None:
-            yield one.function.value(run if len(some) == 1 else _copied(run))
-        elif one.kind == "first_opening":
+            yield math.nan, measure.unit, stopped
+        elif measure.function is not None:
+            yield measure.function.value(run if len(some) == 1 else _copied(run))
+        elif measure.kind == "first_opening":
             opened = first_opening(run)
-            yield (math.nan if opened is None else opened), one.unit, "" if opened is not None else "no point opens"
+            yield (math.nan if opened is None else opened), measure.unit, "" if opened is not None else "no point opens"
         else:
-            value, why = _number(run, one)
-            yield value, one.unit, f"{one.name}: {why}" if why else ""
+            value, why = _number(run, measure)
+            yield value, measure.unit, f"{measure.name}: {why}" if why else ""
 
 
 def _copied(run: Run) -> Run:
@@ -225,14 +225,14 @@ def _copied(run: Run) -> Run:
     return replace(run, signals=signals, measurements=measured)
 
 
-def _number(run: Run, one: Measure) -> tuple[float, str]:
+def _number(run: Run, measure: Measure) -> tuple[float, str]:
     """A number of an output or a sensor of a run; if it is missing (nan), the reason."""
-    samples = run.measurements.get(one.of)
-    v = run.signals[one.of] if samples is None else samples.v
-    if one.kind in ("amplitude", "frequency"):
+    samples = run.measurements.get(measure.of)
+    v = run.signals[measure.of] if samples is None else samples.v
+    if measure.kind in ("amplitude", "frequency"):
         t = run.time if samples is None else np.asarray(samples.t_ns * 1e-9, dtype=np.float64)
-        found = index(t, v)
-        value = found.half if one.kind == "amplitude" else found.frequency
-        return value, found.why if math.isnan(value) else ""
+        cycles = index(t, v)
+        value = cycles.half if measure.kind == "amplitude" else cycles.frequency
+        return value, cycles.why if math.isnan(value) else ""
     here = v[np.isfinite(v)]
-    return (float(_HOW[one.kind](here)), "") if here.size else (math.nan, "no finite sample")
+    return (float(_HOW[measure.kind](here)), "") if here.size else (math.nan, "no finite sample")

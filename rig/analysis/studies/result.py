@@ -93,20 +93,20 @@ def _zarr(made: Dataset, path: Path) -> None:
         shutil.rmtree(draft, ignore_errors=True)
 
 
-def _suiting(found: StudyResult) -> dict[str, Callable[[StudyResult], Figure]]:
+def _suiting(result: StudyResult) -> dict[str, Callable[[StudyResult], Figure]]:
     """File name -> what draws it, for the figures that suit the plan."""
-    plan = found.work.plan
-    grid = [one for one in plan.grid if len(one.axis.values) > 1]
+    plan = result.work.plan
+    grid = [factor for factor in plan.grid if len(factor.axis.values) > 1]
     wanted: dict[str, Callable[[StudyResult], Figure]] = {}
-    if np.isfinite(found.values).any():
+    if np.isfinite(result.values).any():
         if len(grid) == 1:
-            wanted["curves.png"] = lambda found: _curves(found, grid[0])
+            wanted["curves.png"] = lambda result: _curves(result, grid[0])
         elif grid:
-            wanted["heat_map.png"] = lambda found: _heat_map(found, grid[0], grid[1])
+            wanted["heat_map.png"] = lambda result: _heat_map(result, grid[0], grid[1])
         if plan.drawn and plan.rows > 1:
             wanted["scatter.png"] = _scatter
-        if (indices := found.indices) is not None and np.isfinite(indices.whole).any():
-            wanted["tornado.png"] = lambda found: _tornado(found, indices)
+        if (indices := result.indices) is not None and np.isfinite(indices.whole).any():
+            wanted["tornado.png"] = lambda result: _tornado(result, indices)
     return wanted
 
 
@@ -117,50 +117,50 @@ def measure_in_words(measure: str, unit: str) -> str:
     return f"{words} [{unit or '1'}]"
 
 
-def study_figure(found: StudyResult) -> Figure:
+def study_figure(result: StudyResult) -> Figure:
     """Return the first of the figures that suit the plan. Raises UsageError if there is none."""
-    for make in _suiting(found).values():
-        return make(found)
-    values = "one point" if np.isfinite(found.values).any() else "no point has a value"
+    for make in _suiting(result).values():
+        return make(result)
+    values = "one point" if np.isfinite(result.values).any() else "no point has a value"
     raise UsageError(f"nothing to draw: {values}")
 
 
-def search_figure(found: SearchResult) -> Figure:
+def search_figure(result: SearchResult) -> Figure:
     """Return the value over each parameter and over the course of the search."""
-    count = len(found.factors) + 1
-    title = measure_in_words(found.measure, found.unit)
-    with page(9.6, 2.6 * count, f"{found.scene.title}: search", layout="constrained") as figure:
+    count = len(result.factors) + 1
+    title = measure_in_words(result.measure, result.unit)
+    with page(9.6, 2.6 * count, f"{result.scene.title}: search", layout="constrained") as figure:
         top, *rest = figure.subplots(count, 1, squeeze=False)[:, 0]
-        worst = -np.inf if found.largest else np.inf
-        course = np.where(np.isfinite(found.values), found.values, worst)
-        so_far = np.maximum.accumulate(course) if found.largest else np.minimum.accumulate(course)
+        worst = -np.inf if result.largest else np.inf
+        course = np.where(np.isfinite(result.values), result.values, worst)
+        so_far = np.maximum.accumulate(course) if result.largest else np.minimum.accumulate(course)
         numbers = np.arange(1, len(course) + 1)
-        top.plot(numbers, found.values, ".", ms=3.5, color=_BAND, label="points")
+        top.plot(numbers, result.values, ".", ms=3.5, color=_BAND, label="points")
         top.plot(numbers, np.where(np.isfinite(so_far), so_far, np.nan), color=_COLOUR, label="best so far")
         top.set(xlabel="number of the evaluation", ylabel=title)
         top.legend(loc="best")
-        for i, (axes, one) in enumerate(zip(rest, found.factors)):
-            axes.plot(found.points[:, i] / one.axis.scale, found.values, ".", ms=3.5, color=_COLOUR, alpha=0.5)
-            if found.best is not None:
-                axes.plot(found.points[found.best, i] / one.axis.scale, found.value, "o", color=_BEST, ms=6)
-            axes.set(xlabel=one.axis.title, ylabel=title)
+        for i, (axes, factor) in enumerate(zip(rest, result.factors)):
+            axes.plot(result.points[:, i] / factor.axis.scale, result.values, ".", ms=3.5, color=_COLOUR, alpha=0.5)
+            if result.best is not None:
+                axes.plot(result.points[result.best, i] / factor.axis.scale, result.value, "o", color=_BEST, ms=6)
+            axes.set(xlabel=factor.axis.title, ylabel=title)
         figure.align_ylabels()
     return figure
 
 
 @contextmanager
-def _page(found: StudyResult, width: float, height: float, what: str) -> Iterator[Figure]:
-    title = f"{found.work.scene.title}: {what}, {len(found.values)} points"
+def _page(result: StudyResult, width: float, height: float, what: str) -> Iterator[Figure]:
+    title = f"{result.work.scene.title}: {what}, {len(result.values)} points"
     with page(width, height, title, layout="constrained") as figure:
         yield figure
 
 
-def _over(found: StudyResult, measure: str, kept: list[Factor]) -> NDArray[np.float64]:
+def _over(result: StudyResult, measure: str, kept: list[Factor]) -> NDArray[np.float64]:
     """Values of a measure, [values of the kept parameters ..., everything else]."""
-    names = list(found.work.plan.dimensions)
-    at = [names.index(one.key) for one in kept]
-    values = np.moveaxis(found.values_of(measure), at, range(len(at)))
-    return values.reshape(*(len(one.axis.values) for one in kept), -1)
+    names = list(result.work.plan.dimensions)
+    at = [names.index(factor.key) for factor in kept]
+    values = np.moveaxis(result.values_of(measure), at, range(len(at)))
+    return values.reshape(*(len(factor.axis.values) for factor in kept), -1)
 
 
 def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -170,17 +170,17 @@ def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(some, np.nanmedian(filled, axis=-1), np.nan)
 
 
-def _title(found: StudyResult, number: int) -> str:
-    return measure_in_words(found.names[number], found.units[number])
+def _title(result: StudyResult, number: int) -> str:
+    return measure_in_words(result.names[number], result.units[number])
 
 
-def _curves(found: StudyResult, factor: Factor) -> Figure:
-    count = len(found.names)
-    with _page(found, 9.6, 1.4 + 2.4 * count, f"over {factor.axis.words}") as figure:
+def _curves(result: StudyResult, factor: Factor) -> Figure:
+    count = len(result.names)
+    with _page(result, 9.6, 1.4 + 2.4 * count, f"over {factor.axis.words}") as figure:
         x = factor.axis.shown_values
         order = np.argsort(x)
         for number, axes in enumerate(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]):
-            values = _over(found, found.names[number], [factor])[order]
+            values = _over(result, result.names[number], [factor])[order]
             if values.shape[1] > 1:
                 here = np.isfinite(values)
                 low = np.where(here, values, np.inf).min(axis=1)
@@ -189,7 +189,7 @@ def _curves(found: StudyResult, factor: Factor) -> Figure:
                 axes.fill_between(x[order][some], low[some], high[some], color=_BAND, lw=0, label="range")
             label = "median" if values.shape[1] > 1 else None
             axes.plot(x[order], _median(values), "o-", ms=3.5, color=_COLOUR, label=label)
-            axes.set_ylabel(_title(found, number).replace(" [", "\n["))
+            axes.set_ylabel(_title(result, number).replace(" [", "\n["))
             if number == 0 and label:
                 axes.legend(loc="best")
         axes.set_xlabel(factor.axis.title)
@@ -197,21 +197,21 @@ def _curves(found: StudyResult, factor: Factor) -> Figure:
     return figure
 
 
-def _heat_map(found: StudyResult, x: Factor, y: Factor) -> Figure:
-    count = len(found.names)
+def _heat_map(result: StudyResult, x: Factor, y: Factor) -> Figure:
+    count = len(result.names)
     columns = min(count, 2)
     rows = -(-count // columns)
-    hidden = len(found.values) > len(x.axis.values) * len(y.axis.values)
+    hidden = len(result.values) > len(x.axis.values) * len(y.axis.values)
     what = "median over the others" if hidden else "grid"
-    what += "" if np.isfinite(found.values[:, :count]).all() else " (white: no value)"
-    with _page(found, 5.6 * columns, 0.6 + 4.2 * rows, what) as figure:
+    what += "" if np.isfinite(result.values[:, :count]).all() else " (white: no value)"
+    with _page(result, 5.6 * columns, 0.6 + 4.2 * rows, what) as figure:
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
         for number, axes in enumerate(panels):
             if number >= count:
                 axes.set_axis_off()
                 continue
             axes.grid(visible=False)
-            values = _median(_over(found, found.names[number], [x, y]))
+            values = _median(_over(result, result.names[number], [x, y]))
             order = np.argsort(x.axis.shown_values), np.argsort(y.axis.shown_values)
             shown = values[np.ix_(*order)].T
             mesh = axes.pcolormesh(
@@ -222,7 +222,7 @@ def _heat_map(found: StudyResult, x: Factor, y: Factor) -> Figure:
                 at = np.sort(factor.axis.shown_values)
                 if len(at) <= _TICKS and np.diff(at).min() > _APART * np.ptp(at):
                     ticks(at)
-            bar = figure.colorbar(mesh, ax=axes, label=_title(found, number))
+            bar = figure.colorbar(mesh, ax=axes, label=_title(result, number))
             bar.outline.set_visible(False)  # type: ignore[operator]
             axes.label_outer()
             if number + columns >= count:
@@ -233,18 +233,20 @@ def _heat_map(found: StudyResult, x: Factor, y: Factor) -> Figure:
     return figure
 
 
-def _scatter(found: StudyResult) -> Figure:
+def _scatter(result: StudyResult) -> Figure:
     """Every drawn parameter and measure against every other one; their histograms on the diagonal."""
-    plan = found.work.plan
-    keys = [one.key for one in plan.factors]
+    plan = result.work.plan
+    keys = [factor.key for factor in plan.factors]
     named: list[tuple[str, NDArray[np.float64]]] = [
-        (one.axis.title, found.points[:, keys.index(one.key)] / one.axis.scale) for one in plan.drawn
+        (factor.axis.title, result.points[:, keys.index(factor.key)] / factor.axis.scale) for factor in plan.drawn
     ]
-    named += [(_title(found, m), found.values[:, m]) for m in range(len(found.names)) if _varies(found.values[:, m])]
+    named += [
+        (_title(result, m), result.values[:, m]) for m in range(len(result.names)) if _varies(result.values[:, m])
+    ]
     named = named[: max(_MOST, len(plan.drawn) + 1)]
     count = len(named)
     size = max(_PANEL * count / (1.0 + 0.12 * count), 5.0)
-    with _page(found, size, size, "samples") as figure:
+    with _page(result, size, size, "samples") as figure:
         panels = figure.subplots(count, count, squeeze=False)
         for row, column in np.ndindex(count, count):
             axes: Any = panels[row, column]
@@ -277,18 +279,18 @@ def _panel(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], row: int,
             axes.text(0.5, 0.5, f"rank\ncorrelation\n{rank:.2f}", ha="center", va="center", transform=axes.transAxes)
 
 
-def _tornado(found: StudyResult, indices: Indices) -> Figure:
+def _tornado(result: StudyResult, indices: Indices) -> Figure:
     """For each measure the shares of its variance, the largest on top: alone, and with all interactions."""
-    drawn = {one.key: one for one in found.work.plan.drawn}
-    shown = [m for m in range(len(found.names)) if np.isfinite(indices.whole[m]).all()]
+    drawn = {factor.key: factor for factor in result.work.plan.drawn}
+    shown = [m for m in range(len(result.names)) if np.isfinite(indices.whole[m]).all()]
     count = len(indices.keys)
-    with _page(found, 9.6, 1.0 + len(shown) * (0.9 + 0.45 * count), "Sobol indices") as figure:
+    with _page(result, 9.6, 1.0 + len(shown) * (0.9 + 0.45 * count), "Sobol indices") as figure:
         for m, axes in zip(shown, figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]):
             order = np.argsort(indices.whole[m])
             axes.barh(range(count), indices.whole[m][order], height=0.7, color=_BAND, label="with all interactions")
             axes.barh(range(count), indices.first[m][order], height=0.35, color=_COLOUR, label="alone")
             axes.set_yticks(range(count), [drawn[indices.keys[i]].axis.words for i in order])
-            axes.set_title(_title(found, m))
+            axes.set_title(_title(result, m))
             axes.grid(visible=False, axis="y")
             axes.axvline(0.0, color="black", lw=0.8)
         axes.set_xlabel("share of the variance")
@@ -322,14 +324,14 @@ class StudyResult(Result):
     @property
     def names(self) -> list[str]:
         """Names of the measures."""
-        return [one.name for one in self.work.measures]
+        return [measure.name for measure in self.work.measures]
 
     @cached_property
     def points(self) -> Array:
         """The values (SI) of the varied parameters, [point, parameter]."""
         plan = self.work.plan
-        keys = [one.key for one in plan.factors]
-        return np.array([[found[key] for key in keys] for found in map(plan.values, range(plan.total))])
+        keys = [factor.key for factor in plan.factors]
+        return np.array([[point[key] for key in keys] for point in map(plan.values, range(plan.total))])
 
     def values_of(self, measure: str) -> Array:
         """Return the values of a measure over the dimensions of the plan (`Plan.dimensions`)."""
@@ -352,9 +354,9 @@ class StudyResult(Result):
             if np.isfinite(row).all() and np.ptp(row[: 2 * n]) > 0.0:
                 twice = np.stack([row, row])  # scipy fails with one measure of one parameter
                 ab = twice[:, 2 * n :].reshape(2, count, n).transpose(1, 0, 2)
-                found = sobol_indices(func={"f_A": twice[:, :n], "f_B": twice[:, n : 2 * n], "f_AB": ab}, n=n)
-                first[m], whole[m] = found.first_order.reshape(2, -1)[0], found.total_order.reshape(2, -1)[0]
-        return Indices(tuple(one.key for one in plan.drawn), first, whole)
+                sobol = sobol_indices(func={"f_A": twice[:, :n], "f_B": twice[:, n : 2 * n], "f_AB": ab}, n=n)
+                first[m], whole[m] = sobol.first_order.reshape(2, -1)[0], sobol.total_order.reshape(2, -1)[0]
+        return Indices(tuple(factor.key for factor in plan.drawn), first, whole)
 
     def text(self) -> str:
         """Return the report as text."""
@@ -362,7 +364,9 @@ class StudyResult(Result):
 
     def _lines(self) -> Iterator[str]:
         plan = self.work.plan
-        over = ", ".join(f"{one.key} {one.distribution or f'{len(one.axis.values)} values'}" for one in plan.factors)
+        over = ", ".join(
+            f"{factor.key} {factor.distribution or f'{len(factor.axis.values)} values'}" for factor in plan.factors
+        )
         sizes = " x ".join(map(str, plan.dimensions.values()))
         yield f"{self.work.scene.name}: {len(self.values)} points ({sizes}) over {over}"
         if len(self.values) <= _FEW:
@@ -374,8 +378,8 @@ class StudyResult(Result):
             numbers = (f"{np.median(v):.5g}", f"{v.min():.5g}", f"{v.max():.5g}") if v.size else ("-", "-", "-")
             rows.append((name, *numbers, unit, f"{len(self.values) - v.size or ''}"))
         yield from columns(rows, "<>>><>")
-        if (found := self.indices) is not None:
-            yield from ["", *self._index_table(found)]
+        if (shares := self.indices) is not None:
+            yield from ["", *self._index_table(shares)]
         if computed := self.provenance.get("processors"):
             yield f"  computed on {computed}; results have the same bits on processors of one type only"
         counts = Counter(why for why in self.reasons if why)
@@ -386,48 +390,50 @@ class StudyResult(Result):
             yield f"  and {len(counts) - _REASONS} more reasons, in study.csv"
 
     def _at(self, point: int) -> str:
-        texts = [f"{one.key} = {one.axis.text(v)}" for one, v in zip(self.work.plan.factors, self.points[point])]
+        texts = [
+            f"{factor.key} = {factor.axis.text(v)}" for factor, v in zip(self.work.plan.factors, self.points[point])
+        ]
         return f"{', '.join(texts)}, seed {self.work.plan.seed_of(point)}"
 
     def _table(self) -> Iterator[str]:
-        rows = [(*(one.axis.label for one in self.work.plan.factors), *map(with_unit, self.names, self.units))]
+        rows = [(*(factor.axis.label for factor in self.work.plan.factors), *map(with_unit, self.names, self.units))]
         for at, values in zip(self.points, self.values):
-            keys = (f"{v / one.axis.scale:.6g}" for one, v in zip(self.work.plan.factors, at))
+            keys = (f"{v / factor.axis.scale:.6g}" for factor, v in zip(self.work.plan.factors, at))
             rows.append((*keys, *(f"{v:.6g}" if np.isfinite(v) else "-" for v in values)))
         return columns(rows, "<" * len(self.work.plan.factors) + ">" * len(self.names))
 
-    def _index_table(self, found: Indices) -> Iterator[str]:
-        rows = [("share of the variance", *(f"{key}" for key in found.keys))]
+    def _index_table(self, indices: Indices) -> Iterator[str]:
+        rows = [("share of the variance", *(f"{key}" for key in indices.keys))]
         for m, name in enumerate(self.names):
-            pairs = zip(found.first[m], found.whole[m])
+            pairs = zip(indices.first[m], indices.whole[m])
             rows.append((name, *(f"{a:.2f} alone, {b:.2f} in all" if np.isfinite(a) else "-" for a, b in pairs)))
-        return columns(rows, "<" + ">" * len(found.keys))
+        return columns(rows, "<" + ">" * len(indices.keys))
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield every point as a flat record: parameters (SI), seed, measures, reason."""
         plan = self.work.plan
         for k, (at, values) in enumerate(zip(self.points.tolist(), self.values.tolist())):
-            record: dict[str, Any] = {one.key: value for one, value in zip(plan.factors, at)}
+            record: dict[str, Any] = {factor.key: value for factor, value in zip(plan.factors, at)}
             yield record | {"seed": plan.seed_of(k)} | dict(zip(self.names, values)) | {"reason": self.reasons[k]}
 
     def csv(self) -> str:
         """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
         measures = map(with_unit, self.names, self.units)
-        head = [*(one.axis.si_label for one in self.work.plan.factors), "seed", *measures, "reason"]
+        head = [*(factor.axis.si_label for factor in self.work.plan.factors), "seed", *measures, "reason"]
         return csv_table([head, *(record.values() for record in self.records())]).decode()
 
     def to_json(self) -> dict[str, Any]:
         """Return the result as JSON values; parameters in SI."""
-        plan, found = self.work.plan, self.indices
+        plan, indices = self.work.plan, self.indices
         return {
             "scene": self.work.scene.name,
-            "over": {one.key: str(one.distribution or list(one.axis.values)) for one in plan.factors},
+            "over": {factor.key: str(factor.distribution or list(factor.axis.values)) for factor in plan.factors},
             "dimensions": plan.dimensions,
-            "units": dict(zip(self.names, self.units)) | {one.key: one.axis.unit for one in plan.factors},
+            "units": dict(zip(self.names, self.units)) | {factor.key: factor.axis.unit for factor in plan.factors},
             "points": list(self.records()),
-            "indices": None if found is None else {
-                name: {key: {"first": first[i], "whole": whole[i]} for i, key in enumerate(found.keys)}
-                for name, first, whole in zip(self.names, found.first.tolist(), found.whole.tolist())
+            "indices": None if indices is None else {
+                name: {key: {"first": first[i], "whole": whole[i]} for i, key in enumerate(indices.keys)}
+                for name, first, whole in zip(self.names, indices.first.tolist(), indices.whole.tolist())
             },
             "recordings": {str(point): str(path) for point, path in self.recordings.items()},
             "folder": str(self.folder),
@@ -449,11 +455,12 @@ class StudyResult(Result):
             return {"units": unit or "1", "long_name": words}
 
         coordinates: dict[str, Any] = {
-            one.key: ((one.key,), np.array(one.axis.values), about(one.axis.unit, one.axis.words)) for one in plan.grid
+            factor.key: ((factor.key,), np.array(factor.axis.values), about(factor.axis.unit, factor.axis.words))
+            for factor in plan.grid
         }
-        for one, draws in zip(plan.drawn, plan.draws.T):
-            words = about(one.axis.unit, one.axis.words) | {"distribution": str(one.distribution)}
-            coordinates[one.key] = ((SAMPLE,), draws, words)
+        for factor, draws in zip(plan.drawn, plan.draws.T):
+            words = about(factor.axis.unit, factor.axis.words) | {"distribution": str(factor.distribution)}
+            coordinates[factor.key] = ((SAMPLE,), draws, words)
         if plan.repeat > 1:
             coordinates[REPEAT] = ((REPEAT,), np.arange(plan.repeat))
         variables: dict[str, Any] = {  # NetCDF allows no slash in a name
@@ -502,18 +509,18 @@ class StudyResult(Result):
         return self.text()
 
 
-def gathered(work: StudyRuns, found: Mapping[int, Arrays], provenance: Mapping[str, str], folder: Path) -> StudyResult:
+def gathered(work: StudyRuns, rows: Mapping[int, Arrays], provenance: Mapping[str, str], folder: Path) -> StudyResult:
     """Assemble the result of a study from its points."""
     order = work.items
-    values = np.array([found[unit]["values"] for unit in order])
-    units = [one.unit for one in work.measures]
-    reasons = [str(found[unit]["reason"]) for unit in order]
-    for m, one in enumerate(work.measures):
+    values = np.array([rows[unit]["values"] for unit in order])
+    units = [measure.unit for measure in work.measures]
+    reasons = [str(rows[unit]["reason"]) for unit in order]
+    for m, measure in enumerate(work.measures):
         if units[m]:
             continue
-        told, raw = [str(found[k]["units"][m]) for k in order], values[:, m].copy()  # a function tells its unit
+        told, raw = [str(rows[k]["units"][m]) for k in order], values[:, m].copy()  # a function tells its unit
         values[:, m], units[m] = one_unit(raw.tolist(), told)
         for k in np.flatnonzero(np.isfinite(raw) & ~np.isfinite(values[:, m])).tolist():
-            why = f"{one.name} has the unit {told[k] or '1'} here, {units[m]} at other points"
+            why = f"{measure.name} has the unit {told[k] or '1'} here, {units[m]} at other points"
             reasons[k] = "; ".join(filter(None, (reasons[k], why)))
     return StudyResult(work, values, tuple(units), tuple(reasons), provenance, folder)

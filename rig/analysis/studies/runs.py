@@ -65,12 +65,12 @@ class Plan:
     @property
     def grid(self) -> list[Factor]:
         """The parameters with given values."""
-        return [one for one in self.factors if one.distribution is None]
+        return [factor for factor in self.factors if factor.distribution is None]
 
     @property
     def drawn(self) -> list[Factor]:
         """The parameters with a distribution."""
-        return [one for one in self.factors if one.distribution is not None]
+        return [factor for factor in self.factors if factor.distribution is not None]
 
     @property
     def rows(self) -> int:
@@ -82,9 +82,9 @@ class Plan:
     @property
     def dimensions(self) -> dict[str, int]:
         """The dimensions of the results: the keys of the grid, sample, repeat; the last two only where needed."""
-        found = {one.key: len(one.axis.values) for one in self.grid}
-        found |= {SAMPLE: self.rows} if self.drawn else {}
-        return found | ({REPEAT: self.repeat} if self.repeat > 1 else {})
+        sizes = {factor.key: len(factor.axis.values) for factor in self.grid}
+        sizes |= {SAMPLE: self.rows} if self.drawn else {}
+        return sizes | ({REPEAT: self.repeat} if self.repeat > 1 else {})
 
     @property
     def total(self) -> int:
@@ -112,15 +112,17 @@ class Plan:
     def draws(self) -> Array:
         """The drawn values (SI), [sample, drawn parameter]."""
         shares = np.clip(self.shares, _EDGE, 1.0 - _EDGE)  # a normal distribution has no value at 0 and 1
-        columns = [one.distribution.quantile(shares[:, i], one.axis.unit)  # type: ignore[union-attr]
-                   for i, one in enumerate(self.drawn)]  # fmt: skip
+        columns = [factor.distribution.quantile(shares[:, i], factor.axis.unit)  # type: ignore[union-attr]
+                   for i, factor in enumerate(self.drawn)]  # fmt: skip
         return np.column_stack(columns) if columns else np.zeros((1, 0))
 
     def values(self, number: int) -> dict[str, float]:
         """Return the values (SI) of the parameters of a point."""
-        *at, sample = np.unravel_index(number // self.repeat, (*(len(one.axis.values) for one in self.grid), self.rows))
-        found = {one.key: one.axis.values[i] for one, i in zip(self.grid, at)}
-        return found | {one.key: float(self.draws[sample, i]) for i, one in enumerate(self.drawn)}
+        *at, sample = np.unravel_index(
+            number // self.repeat, (*(len(factor.axis.values) for factor in self.grid), self.rows)
+        )
+        drawn = {factor.key: factor.axis.values[i] for factor, i in zip(self.grid, at)}
+        return drawn | {factor.key: float(self.draws[sample, i]) for i, factor in enumerate(self.drawn)}
 
     def seed_of(self, number: int) -> int:
         """Return the seed of a point."""
@@ -278,8 +280,8 @@ def keep(
 
     A run that the scene refuses has none.
     """
-    found = {point: folder / f"{point:06d}.mcap" for point in points}
-    missing = tuple(point for point, path in found.items() if not path.exists())
+    paths = {point: folder / f"{point:06d}.mcap" for point in points}
+    missing = tuple(point for point, path in paths.items() if not path.exists())
     if missing:
         folder.mkdir(parents=True, exist_ok=True)
         work = Work(partial(_record, study, folder), missing)
@@ -290,7 +292,7 @@ def keep(
             raise type(fault)(
                 f"{fault}. The values of the study are kept in {folder.parent}; the same command continues"
             ) from None
-    return {point: path for point, path in found.items() if path.exists()}
+    return {point: path for point, path in paths.items() if path.exists()}
 
 
 def _record(study: StudyRuns, folder: Path, point: int) -> Arrays:

@@ -82,7 +82,7 @@ class SearchResult(Result):
         """The parameters of the best point (SI); empty if no point has a value."""
         if self.best is None:
             return {}
-        return {one.key: float(v) for one, v in zip(self.factors, self.points[self.best])}
+        return {factor.key: float(v) for factor, v in zip(self.factors, self.points[self.best])}
 
     def text(self) -> str:
         """Return the report as text."""
@@ -94,11 +94,11 @@ class SearchResult(Result):
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
         lines = [f"{self.scene.name}: {what} {self.value:.6g}{unit}, point {self.best + 1} of {len(self.values)}", ""]
         rows: list[tuple[str, ...]] = [("parameter", "best", "from", "to", "")]
-        for one, value in zip(self.factors, self.points[self.best].tolist()):
-            low, high = one.axis.values
+        for factor, value in zip(self.factors, self.points[self.best].tolist()):
+            low, high = factor.axis.values
             near = min(value - low, high - value) < _CLOSE * (high - low)
             note = "at the end of its range: a wider one may hold a better point" if near else ""
-            rows.append((one.key, *(one.axis.text(v) for v in (value, low, high)), note))
+            rows.append((factor.key, *(factor.axis.text(v) for v in (value, low, high)), note))
         lines += [*columns(rows, "<>>><"), ""]
         lines += [f"  the points have {'converged' if self.settled else _APART}"]
         return "\n".join([*lines, *missing])
@@ -115,7 +115,7 @@ class SearchResult(Result):
             "largest": self.largest,
             "value": self.value,
             "parameters": self.parameters,
-            "ranges": {one.key: list(one.axis.values) for one in self.factors},
+            "ranges": {factor.key: list(factor.axis.values) for factor in self.factors},
             "evaluations": len(self.values),
             "settled": self.settled,
             "folder": str(self.folder),
@@ -123,7 +123,7 @@ class SearchResult(Result):
 
     def csv(self) -> str:
         """Return every point as a line of a CSV file with the units in its head; parameters in SI."""
-        head = [*(one.axis.si_label for one in self.factors), with_unit(self.measure, self.unit), "reason"]
+        head = [*(factor.axis.si_label for factor in self.factors), with_unit(self.measure, self.unit), "reason"]
         rows = zip(self.points.tolist(), self.values.tolist(), self.reasons)
         return csv_table([head, *([*point, value, why] for point, value, why in rows)]).decode()
 
