@@ -1,26 +1,9 @@
 """A recording as one page of HTML that is self-contained: no script, no request to any host.
 
-html      elements, with all texts escaped
-sketch    small curves as SVG
-outcome   damage, timing, measures of stages, energy balance, audit
-devices   controllers and sensors
-account   events, values, provenance, notes, commands
-style     its style
-page      the page: its sections in order
-
-HTML made of elements: every text is escaped, unless an element of this module made it.
-
-A small curve over time as inline SVG, in the colour of the text around it: sharp, light, and printed as it is.
-
-The style of the page: light and dark, wide and narrow, printed.
-
-What belongs to a run beside its numbers: events, values of the scene, provenance, notes, and how to repeat it.
-
-Controllers and sensors of a run: their settings, and how they did.
-
-How a run went: damage, timing verdict, what it did; measures of each stage; energy balance; audit of its effects.
-
-The page: its head, and its sections in order.
+elements  HTML, with every text escaped, unless an element of this module made it
+sketch    a small curve over time as SVG, in the colour of the text around it
+sections  verdicts, measures, energy, audit; controllers and sensors; events, values, provenance, notes, commands
+page      the page: its head, and its sections in order
 """
 
 from __future__ import annotations
@@ -31,6 +14,7 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from html import escape
 from itertools import pairwise
@@ -90,7 +74,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
 
     The first column names the row. Without rows the result is empty.
     """
-    body = [_row(row) for row in rows]
+    body = [element("tr", element("th", first, scope="row"), *map(_cell, others)) for first, *others in rows]
     if not body:
         return Html()
     head = element("tr", *(element("th", column, scope="col") for column in columns))
@@ -98,17 +82,10 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
     return element("div", made, class_="wide", role="region", tabindex=0, aria_label=title)
 
 
-def _row(cells: Sequence[object]) -> Html:
-    first, *others = cells
-    return element("tr", element("th", first, scope="row"), *map(_cell, others))
-
-
 def _cell(content: object) -> Html:
-    if isinstance(content, bool):
-        return element("td", "yes" if content else "no")
-    if isinstance(content, float | int):
+    if isinstance(content, float | int) and not isinstance(content, bool):
         return element("td", number(content), class_="number")
-    return element("td", content)
+    return element("td", "yes" if content is True else "no" if content is False else content)
 
 
 def number(value: float) -> str:
@@ -146,46 +123,24 @@ def sketch(t_ns: Integers, v: Reals, span: tuple[float, float], marks: list[floa
     y = HEIGHT * (0.96 - 0.92 * (v - low) / (high - low)) if high > low else np.full(v.size, 0.5 * HEIGHT)
     inside = [COLUMNS * (mark - begin) / (end - begin) for mark in marks if begin < mark < end]
     lines = [element("path", d=f"M{at:.1f} 0V{HEIGHT}", class_="mark") for at in inside]
-    dense = x.size > 2 * COLUMNS
-    shape = element("path", d=_outline(x, y, dense), class_="band" if dense else "line")
-    return element(
-        "svg",
-        *lines,
-        shape,
-        viewBox=f"0 0 {COLUMNS} {HEIGHT}",
-        preserveAspectRatio="none",
-        role="img",
-        aria_label=label,
-    )
+    lines.append(element("path", d="".join(_pieces(x, y)), class_="line"))
+    box = f"0 0 {COLUMNS} {HEIGHT}"
+    return element("svg", *lines, viewBox=box, preserveAspectRatio="none", role="img", aria_label=label)
 
 
-def _outline(x: Reals, y: Reals, dense: bool) -> str:
-    """The path of a line, or if it is `dense` the outline of what lies between lowest and highest in each column."""
-    pieces = list(pairwise([*_breaks(x), x.size]))
-    if not dense:
-        return "".join(_line(x[a:b], y[a:b]) for a, b in pieces)
-    parts = []
-    for a, b in pieces:
-        column = np.minimum(x[a:b].astype(np.int64), COLUMNS - 1)
-        first = np.flatnonzero(np.diff(column, prepend=-1))
-        top, bottom = np.minimum.reduceat(y[a:b], first), np.maximum.reduceat(y[a:b], first)
-        at = column[first] + 0.5
-        parts.append(_line(np.concatenate([at, at[::-1]]), np.concatenate([top, bottom[::-1]])) + "Z")
-    return "".join(parts)
-
-
-def _breaks(x: Reals) -> list[int]:
-    """Where a piece begins: at the start, and after each gap that is wider than a column."""
-    if x.size < 3:
-        return [0]
+def _pieces(x: Reals, y: Reals) -> Iterator[str]:
+    """The paths between gaps that are wider than a column; of many samples the lowest and highest in each column."""
     steps = np.diff(x)
-    longest = max(_GAP * float(np.median(steps)), 1.0)
-    return [0, *(np.flatnonzero(steps > longest) + 1).tolist()]
-
-
-def _line(x: Reals, y: Reals) -> str:
-    points = "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x.tolist(), y.tolist()))
-    return f"M{points}" if x.size > 1 else f"M{points}h1"
+    longest = max(_GAP * float(np.median(steps)), 1.0) if x.size > 2 else np.inf
+    for a, b in pairwise([0, *(np.flatnonzero(steps > longest) + 1).tolist(), x.size]):
+        at, ends = x[a:b], y[a:b]
+        if x.size > 2 * COLUMNS:
+            column = np.minimum(at.astype(np.int64), COLUMNS - 1)
+            first = np.flatnonzero(np.diff(column, prepend=-1))
+            at = np.repeat(column[first] + 0.5, 2)
+            ends = np.stack([np.minimum.reduceat(ends, first), np.maximum.reduceat(ends, first)], axis=1).ravel()
+        points = "L".join(f"{u:.1f} {v:.1f}" for u, v in zip(at.tolist(), ends.tolist()))
+        yield f"M{points}" if at.size > 1 else f"M{points}h1"
 
 
 STYLE = """
@@ -224,8 +179,7 @@ code { font-family: ui-monospace, monospace; font-size: .9rem; }
 .cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 24rem), 1fr)); gap: 1rem; }
 .cards figure { background: var(--card); border: 1px solid var(--line); border-radius: 4px; padding: .6rem; }
 svg { display: block; width: 100%; height: 6rem; margin: .4rem 0; color: var(--curve); }
-.band, .line, .mark { vector-effect: non-scaling-stroke; stroke: currentColor; fill: none; }
-.band { fill: currentColor; }
+.line, .mark { vector-effect: non-scaling-stroke; stroke: currentColor; fill: none; }
 .mark { stroke: var(--soft); stroke-dasharray: 4 3; }
 @media (max-width: 40rem) {
   body { font-size: 15px; }
@@ -293,12 +247,10 @@ def provenance(run: Run, digest: str) -> Html:
 
 def notes(found: user_notes.Notes) -> Html:
     """Return the notes of users on the recording. They are stored beside it; no checksum covers them."""
-    rows = [(one.date, one.text, " ".join(f"#{tag}" for tag in one.tags)) for one in found.found]
+    rows = [(note.date, note.text, " ".join(f"#{tag}" for tag in note.tags)) for note in found.found]
     odd = [(len(found.other), "on another recording that had this name"), (found.unreadable, "cannot be read")]
-    lines = [f"{count} {'note' if count == 1 else 'notes'} {what}" for count, what in odd if count]
-    return joined(
-        (table("Notes", ("date", "text", "tags"), rows) or element("p", "None."), *(element("p", one) for one in lines))
-    )
+    lines = (element("p", f"{counted(count, 'note')} {what}") for count, what in odd if count)
+    return joined((table("Notes", ("date", "text", "tags"), rows) or element("p", "None."), *lines))
 
 
 def commands(run: Run, log: Path) -> Html:
@@ -329,11 +281,9 @@ def value(content: object, unit: str = "") -> str:
 
 
 def settings(section: Any, recorded: object) -> Iterator[tuple[str, str]]:
-    """Yield the settings of an instrument or a controller with units; without its section, as they were recorded."""
-    if section is not None:
-        yield from ((key, value(found, unit)) for key, (found, unit) in values_of(section))
-    else:
-        yield from ((str(key), value(found)) for key, found in plain(recorded).items() if found is not None)
+    """Return the settings of an instrument or a controller with units; without its section, as they were recorded."""
+    known = ((key, (set_to, "")) for key, set_to in plain(recorded).items() if set_to is not None)
+    return ((str(key), value(*set_to)) for key, set_to in (known if section is None else values_of(section)))
 
 
 def controllers(run: Run, scene: Scene | None) -> Html:
@@ -482,9 +432,8 @@ def stick(modes: Integers) -> str:
 
 
 def _residual(run: Run) -> list[str]:
-    if "error" not in run.energy:
-        return []
-    return [f"Residual of the energy balance: {abs(run.energy['error']):.1e} of its largest term."]
+    known = [run.energy["error"]] if "error" in run.energy else []
+    return [f"Residual of the energy balance: {abs(error):.1e} of its largest term." for error in known]
 
 
 def course(run: Run) -> Html:
@@ -546,29 +495,20 @@ def energy(run: Run) -> Html:
 def audit(run: Run) -> Html:
     """Return which effects had no influence in this run and which were missing."""
     found = run.summary.get("audit")
-    judged = [one for one in found if plain(one)] if isinstance(found, list) else []
-    remarks = [element("li", one.get("text", "")) for one in judged if one.get("noted")]
-    rows = [
-        (one.get("effect", ""), "on" if one.get("on") else "absent", _share(one.get("share")), one.get("like", ""))
-        for one in judged
-    ]
+    judged = [effect for effect in found if plain(effect)] if isinstance(found, list) else []
     if not judged:
         why = "the run was too short, or no shipped scene of its plant has values for the absent effects"
         return element("p", f"No effect was judged: {why}.")
-    return joined(
-        (
-            element("ul", *remarks)
-            if remarks
-            else element("p", "Every judged effect had an influence, and none is missing."),
-            table(
-                "Effects", ("effect", "state", "share of the forces (limits: of the time)", "values as in scene"), rows
-            ),
-        )
-    )
-
-
-def _share(value: object) -> str:
-    return f"{value:.2g}" if isinstance(value, int | float) else ""
+    shares = (effect.get("share") for effect in judged)
+    rows = [
+        (effect.get("effect", ""), "on" if effect.get("on") else "absent",
+         f"{share:.2g}" if isinstance(share, int | float) else "", effect.get("like", ""))
+        for effect, share in zip(judged, shares)
+    ]  # fmt: skip
+    remarks = [element("li", effect.get("text", "")) for effect in judged if effect.get("noted")]
+    none = element("p", "Every judged effect had an influence, and none is missing.")
+    columns = ("effect", "state", "share of the forces (limits: of the time)", "values as in scene")
+    return joined((element("ul", *remarks) if remarks else none, table("Effects", columns, rows)))
 
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
@@ -587,8 +527,17 @@ def write(run: Run, log: Path, path: Path) -> int:
 
 def page(run: Run, log: Path) -> str:
     """Return the report of the recording `log`, read as `run`, as the text of an HTML page that is self-contained."""
-    scene, why = _scene(run)
-    modes = _modes(run)
+    scene, why, sha, noted = None, "", "", Notes(user_notes.path_of(log), unreadable=1)
+    try:
+        scene = Scene.from_json(run.scene_text())
+    except RigError as error:
+        why = str(error)
+    with suppress(LogError):  # a run that was never a file
+        sha = digest(log)
+    with suppress(LogError):
+        noted = user_notes.read(log)
+    modes, told = _modes(run), described(run.scene)
+    title = str(told.get("title") or told.get("name") or log.stem)
     marks = [stage.begin for stage in stages(run)]
     sections = {
         "What it shows": verdicts(run, modes),
@@ -601,8 +550,8 @@ def page(run: Run, log: Path) -> str:
         "Sensors": sensors(run, scene, marks),
         "Events": events(run),
         "Values of the scene": values(run, scene, why),
-        "Provenance": provenance(run, _digest(log)),
-        "Notes of users": notes(_notes(log)),
+        "Provenance": provenance(run, sha),
+        "Notes of users": notes(noted),
         "Check and repeat": commands(run, log),
     }
     shown = {f"part-{i}": one for i, one in enumerate(sections.items(), 1) if one[1]}
@@ -611,7 +560,6 @@ def page(run: Run, log: Path) -> str:
         element("section", element("h2", name, id=key), what, aria_labelledby=key)
         for key, (name, what) in shown.items()
     ]
-    title = _title(run, log)
     head = element(
         "head",
         element("meta", charset="utf-8"),
@@ -627,26 +575,13 @@ def page(run: Run, log: Path) -> str:
     return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n"
 
 
-def _title(run: Run, log: Path) -> str:
-    told = described(run.scene)
-    return str(told.get("title") or told.get("name") or log.stem)
-
-
 def _header(run: Run, log: Path, title: str) -> Html:
     told = described(run.scene)
     began = datetime.fromtimestamp(run.began_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC") if run.began_ns else ""
     known = [f"{word} {told[key]}" for word, key in (("scene", "name"), ("plant", "plant")) if told.get(key)]
     line = element("p", ", ".join(filter(None, (log.name, *known, began))), class_="soft")
-    about = [element("p", one) for one in str(told.get("about", "")).strip().split("\n\n") if one]
+    about = [element("p", part) for part in str(told.get("about", "")).strip().split("\n\n") if part]
     return element("header", element("h1", title), line, *about)
-
-
-def _scene(run: Run) -> tuple[Scene | None, str]:
-    """The scene, or why it cannot be read."""
-    try:
-        return Scene.from_json(run.scene_text()), ""
-    except RigError as error:
-        return None, str(error)
 
 
 def _modes(run: Run) -> Integers:
@@ -654,29 +589,12 @@ def _modes(run: Run) -> Integers:
 
     Empty too for a contact of many points, which open, stick and slip by themselves.
     """
-    if FRACTION in run.signals:
-        return np.empty(0, np.int64)
-    try:
-        system = contact.system_of(run.scene)
-    except RigError:  # of a plant whose code the user has not trusted
-        system = None
+    system = None
+    with suppress(RigError):  # of a plant whose code the user has not trusted
+        system = None if FRACTION in run.signals else contact.system_of(run.scene)
     if system is None:
         return np.empty(0, np.int64)
     return np.where(run.mode < 0, UNKNOWN, contact.Modes(system).indices(run.mode))
-
-
-def _notes(log: Path) -> Notes:
-    try:
-        return user_notes.read(log)
-    except LogError:
-        return Notes(user_notes.path_of(log), unreadable=1)
-
-
-def _digest(log: Path) -> str:
-    try:
-        return digest(log)
-    except LogError:  # a run that was never a file
-        return ""
 
 
 def _figure(run: Run, modes: Integers) -> Html:
