@@ -49,11 +49,11 @@ def _registry() -> Any:
 
 
 _POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
+# Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever
 _UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
-"""Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever."""
 _LONGEST_UNIT = 60
+# A number that a unit follows without a space: 2s, 40mm/s. No run of digits is split: that took quadratic time.
 _GLUED = re.compile(r"^([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)(?![eE][-+]?\d)(?=[^\W\d_]|[°%µμ])")
-"""A number that a unit follows without a space: 2s, 40mm/s. No run of digits is split: that took quadratic time."""
 _ALLOWED = 'expected an SI unit such as "m", "m/s", "N", "Pa", "V" or "1" (no unit)'
 
 
@@ -72,8 +72,8 @@ def _factor(text: str, unit: str) -> tuple[float, float]:
     return float(one - zero), float(zero)
 
 
+# Characters of typeset numbers: the minus sign, and spaces of fixed width
 _PASTED = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\xa0\u2007\u2009\u202f"), " ")
-"""Characters of typeset numbers: the minus sign, and spaces of fixed width."""
 _COMMA = re.compile(r"([-+]?(\d++)),(\d++)(?![.,])([^,]*)")
 _POINT = " with a decimal point, not a comma"
 

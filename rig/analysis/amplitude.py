@@ -19,8 +19,7 @@ from rig.record.run import Run
 from rig.view.curves import Span
 
 Array = NDArray[np.float64]
-_BAND = 0.25
-"""Hysteresis of a passage through the middle, as a share of half the range: noise does not count as cycles."""
+_BAND = 0.25  # hysteresis of a passage through the middle, as a share of half the range: noise does not count as cycles
 
 
 class Index(NamedTuple):

@@ -34,6 +34,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,10 +69,8 @@ class Rest:
         self._turn = abs(self.least)
         self._scale = self._distance(start)
 
-    @property
-    def stable(self) -> bool:
+        self.stable = self.least.real < 0.0
         """Whether every mode of sliding decays."""
-        return self.least.real < 0.0
 
     def share(self, x: Array) -> float:
         """Return the distance of state `x` from sliding, over the scale."""
@@ -105,8 +104,7 @@ _MOST = 4  # most turning points in one cycle
 _ROUNDS = 3  # compared cycles: two could agree by chance
 
 
-@dataclass(frozen=True)
-class Turn:
+class Turn(NamedTuple):
     """A turning point: time [s], state, and range of each state since the one before."""
 
     time: float
@@ -197,9 +195,7 @@ def _zero(polynomial: Array) -> float:
     """First zero in 0..1 of a polynomial that falls from above zero."""
     from scipy.optimize import brentq
 
-    def value(u: float) -> float:
-        return float(np.polynomial.polynomial.polyval(u, polynomial))
-
+    value = np.polynomial.Polynomial(polynomial)
     return 1.0 if value(1.0) >= 0.0 else float(brentq(value, 0.0, 1.0, xtol=1e-15))
 
 
@@ -296,15 +292,11 @@ _POINTS = 5  # of each step of the integrator, in the outputs over a period
 _LEFT = 1e-6  # of the period: largest remaining distance to a cycle that attracts slowly
 
 
-def _nobody(now: float, drift: float) -> None:
-    """Report progress to nobody: the default of `watch`."""
-
-
 def limit_cycle(
     scene: Scene,
     tolerance: float = TIGHT,
     longest: float | None = None,
-    watch: Callable[[float, float], object] = _nobody,
+    watch: Callable[[float, float], object] = lambda now, drift: None,
 ) -> Cycle:
     """Find the limit cycle of `scene` with every actuator held at its initial value, without controllers and sensors.
 
@@ -317,10 +309,11 @@ def limit_cycle(
     assembly = scene.assemble()
     system = assembly.system()
     sliding = steady(system, sliding_key(system))
-    if not np.any(_surfaces(sliding)):
-        why = (
-            "nothing slides, because no surface moves" if system.patches else "the rig has no contact that could slide"
-        )
+    surfaces = sliding.x.copy()
+    surfaces[: 2 * len(system.coordinates)] = 0.0
+    if not np.any(system.slip_rows @ surfaces):
+        still = "nothing slides, because no surface moves"
+        why = still if system.patches else "the rig has no contact that could slide"
         return Cycle(scene.name, chosen(scene.clock.method, system), False, f"no limit cycle: {why}", 0.0)
     return _Search(scene, assembly, sliding, tolerance, longest, watch).run()
 
@@ -369,7 +362,12 @@ class _Search:
         while self.now < self.longest and self.changes < self.most:
             if self.now - begun >= round_s:
                 if begun and self.changes - before > MOST:
-                    return self._none(_uneven(round_s, self.changes - before))
+                    return self._none(
+                        f"no limit cycle: the surface is uneven, and one turn of {round_s:.4g} s has "
+                        f"{self.changes - before} mode set changes. The motion follows the turn and does not repeat "
+                        "within it. An even surface may have a cycle (-p inhomogeneity=none, -p sector=none). Analyse "
+                        "the modulated motion with rig simulate and rig sound"
+                    )
                 begun, before = self.now, self.changes
             before_block = self.now
             met = self.orbit.block()
@@ -400,11 +398,9 @@ class _Search:
         self.asked = self.now
         count, self.drift = repeating(self.events, self.step, self.repeat)
         self.watch(self.now, self.drift)
-        if not count:
-            return None
         last = self.events[-count - 1 :]
         times = [time_of(event, last[0].tick, self.step) for event in last]
-        if not all_round(times[-1] - times[0], self.round_s):
+        if not count or not all_round(times[-1] - times[0], self.round_s):
             return None
         if self.drift <= self.repeat:
             return self._read(times[-1] - times[0], self.drift, stick_times(self.orbit, last[1:], times))
@@ -429,12 +425,9 @@ class _Search:
 
     def _read(self, period: float, drift: float, sticks: dict[str, float]) -> Cycle | None:
         """The cycle; None if it attracts so slowly that the remaining distance to it matters: the search continues."""
-        after = self.now
-        found = _read(self.orbit, period, drift, after, sticks, self.shot.steps if self.shot else 0)
-        slow = _SLOW < found.multiplier < 1.0
-        if self.shot is None and slow and drift > _LEFT * (1.0 - found.multiplier) and self._shoot(period):
-            return None
-        return found
+        cycle = _read(self.orbit, period, drift, self.now, sticks, self.shot.steps if self.shot else 0)
+        slow = self.shot is None and _SLOW < cycle.multiplier < 1.0
+        return None if slow and drift > _LEFT * (1.0 - cycle.multiplier) and self._shoot(period) else cycle
 
     def _shoot(self, period: float) -> bool:
         """Continue from a cycle found by Newton's method, if there is one that attracts."""
@@ -479,27 +472,13 @@ class _Search:
         return replace(self._none(why), decided=False)
 
 
-def _surfaces(sliding: Steady) -> Array:
-    """Speed of each surface [m/s]."""
-    x = sliding.x.copy()
-    x[: 2 * len(sliding.system.coordinates)] = 0.0
-    return np.asarray(sliding.system.slip_rows @ x)
-
-
-def _uneven(round_s: float, changes: int) -> str:
-    return (f"no limit cycle: the surface is uneven, and one turn of {round_s:.4g} s has {changes} mode set changes. "
-            "The motion follows the turn and does not repeat within it. An even surface may have a cycle "
-            "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and "
-            "rig sound")  # fmt: skip
-
-
 def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float], newton: int) -> Cycle:
     """Simulate one more cycle and return its properties."""
     one = orbit.round(period)
     time, values = one.dense.sampled(_POINTS)
-    met = [event for _, event in one.events]
-    held = [orbit.stuck(event.before, 0) for event in met]
+    held = [orbit.stuck(event.before, 0) for _, event in one.events]
     changes = list(zip(held, [*held[1:], *held[:1]]))
+    times = [0.0, *(t for t, _ in one.events), period] if held else []
 
     def at(change: tuple[bool, bool], after: bool) -> dict[str, float]:
         """The outputs where the first contact begins or ends to stick."""
@@ -527,16 +506,8 @@ def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[st
         newton=newton,
         time=time,
         outputs=dict(zip(orbit.outputs, values)),
-        sticking=_sticking(held, [t for t, _ in one.events], period),
+        sticking=tuple((a, b) for a, b, sticks in zip(times, times[1:], [*held, *held[:1]]) if sticks and b > a),
     )
-
-
-def _sticking(held: list[bool], times: list[float], period: float) -> tuple[tuple[float, float], ...]:
-    """Intervals of stick; `held`: whether the first contact stuck before each of the events at `times` [s]."""
-    if not times:
-        return ()
-    ends = zip([0.0, *times], [*times, period])
-    return tuple((a, b) for (a, b), stuck in zip(ends, [*held, held[0]]) if stuck and b > a)
 
 
 def stuck(system: System, x: Array) -> Array:

@@ -86,11 +86,7 @@ class Cycle(Result):
     @property
     def repels(self) -> bool:
         """Whether the cycle is unstable: a small disturbance grows from period to period."""
-        return self.multiplier > 1.0 + self._unsure
-
-    @property
-    def _unsure(self) -> float:
-        return max(10.0 * self.floquet.error, REPEAT)
+        return self.multiplier > 1.0 + max(10.0 * self.floquet.error, REPEAT)
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
@@ -106,10 +102,9 @@ class Cycle(Result):
         """Return the report as text."""
         if not self.found:
             return f"{self.scene}: {self.why}"
-        attracts = self.multiplier < 1.0 - self._unsure
-        kind = "limit cycle" if any(self.stick_time.values()) or attracts or self.repels else "periodic motion"
-        kind = f"unstable {kind}" if self.repels else kind
-        kind += "" if any(self.stick_time.values()) else " in which nothing sticks"
+        attracts, sticks = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT), any(self.stick_time.values())
+        kind = "limit cycle" if sticks or attracts or self.repels else "periodic motion"
+        kind = f"{'unstable ' * self.repels}{kind}{'' if sticks else ' in which nothing sticks'}"
         newton = f", the last of the way by {self.newton} steps of Newton's method" if self.newton else ""
         lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}"]
         lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]

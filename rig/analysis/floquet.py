@@ -286,7 +286,7 @@ def _closed(at: Steady, sine: int, cosine: int, amplitude: float, omega: float) 
     shapes[moved[vibrates]] = vectors
     counts = not why or not (reverses or modes.nonlinear.any() or system.products)
     means = states.mean(axis=0), T.mean(axis=0), friction.mean(axis=0), load.mean(axis=0)
-    return _sorted(Forced(_exponents(values, tau, at.eigenvalues()), shapes, not why, counts, why, means))
+    return _least_stable_first(values, tau, at, shapes, Forced(_NONE.diagonal(), _NONE, not why, counts, why, means))
 
 
 def _reverses(at: Steady, speed: Array) -> str:
@@ -330,20 +330,21 @@ def _with_events(
     why = "" if left.any() else "a contact sticks in every period, which ends every disturbance"
     shapes = np.zeros((at.system.n, int(left.sum())), dtype=np.complex128)
     shapes[found.moving] = found.size[found.moving, None] * (found.basis @ vectors[:, left])
-    return _sorted(Forced(_exponents(values[left], tau, at.eigenvalues()), shapes, True, True, why))
+    return _least_stable_first(values[left], tau, at, shapes, Forced(_NONE.diagonal(), _NONE, True, True, why))
 
 
-def _exponents(multipliers: Complex, tau: float, still: Complex) -> Complex:
-    """The exponents [1/s] of multipliers, with the frequencies nearest to the eigenvalues `still` without dither."""
+def _least_stable_first(multipliers: Complex, tau: float, at: Steady, shapes: Complex, motion: Forced) -> Forced:
+    """The motion with the exponents [1/s] of its multipliers: of their frequencies the one nearest to an eigenvalue of
+    sliding without dither.
+    """
+    still = at.eigenvalues()
     main = np.log(multipliers.astype(np.complex128)) / tau
     turn = 2.0 * math.pi / tau
     most = int(np.abs(still.imag).max(initial=0.0) / turn) + 1
     ways = main[:, None] + 1j * turn * np.arange(-most, most + 1)
     nearest = np.abs(ways[:, :, None] - still).min(axis=2).argmin(axis=1)
-    found = ways[np.arange(len(main)), nearest]
-    return np.asarray(np.where(np.isreal(multipliers), main, found))  # a real one: no beat, or half the frequency
-
-
-def _sorted(found: Forced) -> Forced:
-    order = np.lexsort((-found.exponents.imag, -found.exponents.real))
-    return replace(found, exponents=found.exponents[order], shapes=found.shapes[:, order])
+    exponents = np.where(
+        np.isreal(multipliers), main, ways[np.arange(len(main)), nearest]
+    )  # real: no beat, or half of it
+    order = np.lexsort((-exponents.imag, -exponents.real))
+    return replace(motion, exponents=exponents[order], shapes=shapes[:, order])

@@ -28,6 +28,7 @@ from rig.machine.files import own_bytes, own_file
 from rig.model.method import chosen, crowded
 from rig.model.system import System
 from rig.model.tables import UNROLLED
+from rig.printable import counted
 from rig.scenes.scene import Scene
 
 FRAMES = 3
@@ -79,51 +80,44 @@ def prepare(
     for scene in wanted_scenes:
         wanted.setdefault(shape(scene), []).append(scene)
     done = ready()
-    missing = {one: found[0] for one, found in wanted.items() if one not in done}
+    missing = {kind: scenes[0] for kind, scenes in wanted.items() if kind not in done}
     many = f"{len(wanted)} kernel shapes in {sum(map(len, wanted.values()))} scenes"
     say(f"{many}, {len(missing)} to prepare; there can be {len(VARIANTS)}")
-    workers = min(workers, len(missing))
-    progress = Progress(missing, max(workers, 1), say)
+    return compile_all(missing, min(workers, len(missing)), say)
+
+
+def compile_all(missing: Mapping[Shape, Scene], workers: int, say: Callable[[str], object]) -> dict[Shape, float]:
+    """Compile for these scenes, in this process or in several; return seconds for each shape."""
+    spent: dict[Shape, float] = {}
+    shapes = list(missing.items())
+
+    def left() -> str:
+        each = max(spent.values(), default=TYPICAL)
+        return f"at most {each * -(-(len(shapes) - len(spent)) // max(workers, 1)):.0f} s left"
+
+    def ends(number: int, seconds: float) -> None:
+        kind, scene = shapes[number]
+        spent[kind] = seconds
+        note(kind)
+        say(f"{len(spent)} of {len(shapes)}: {scene.name} ready after {seconds:.1f} s; {left()}")
+
+    def look(done: int, _: int) -> None:
+        if done > len(spent):
+            for number, arrays in store.load().items():
+                if shapes[number][0] not in spent:
+                    ends(number, float(arrays["seconds"]))
+
     if workers > 1:
-        together(list(missing.values()), workers, progress)
-    else:
-        for number, scene in enumerate(missing.values()):
-            progress.begins(number)
-            begin = time.perf_counter()
-            run_briefly(scene)
-            progress.ends(number, time.perf_counter() - begin)
-    return progress.spent
-
-
-class Progress:
-    """Messages on shapes that are compiled, by number."""
-
-    def __init__(self, missing: Mapping[Shape, Scene], workers: int, say: Callable[[str], object]) -> None:
-        self.spent: dict[Shape, float] = {}
-        self._missing, self._workers, self._say = list(missing.items()), workers, say
-
-    def starts(self) -> None:
-        """Report that all shapes are being compiled, in several processes."""
-        self._say(f"compiling {len(self._missing)} kernel shapes in {self._workers} processes; {self._left()}")
-
-    def begins(self, number: int) -> None:
-        """Report that a shape is being compiled."""
-        one, scene = self._missing[number]
-        states = "1 state" if one.states == 1 else f"{one.states or 'many'} states"
-        self._say(f"{number + 1} of {len(self._missing)}: {scene.name}, {states}; {self._left()}")
-
-    def ends(self, number: int, seconds: float) -> None:
-        """Report that a shape is ready."""
-        one, scene = self._missing[number]
-        self.spent[one] = seconds
-        note(one)
-        self._say(
-            f"{len(self.spent)} of {len(self._missing)}: {scene.name} ready after {seconds:.1f} s; {self._left()}"
-        )
-
-    def _left(self) -> str:
-        each = max(self.spent.values(), default=TYPICAL)
-        return f"at most {each * -(-(len(self._missing) - len(self.spent)) // self._workers):.0f} s left"
+        say(f"compiling {len(shapes)} kernel shapes in {workers} processes; {left()}")
+        work = Work(_compile, list(missing.values()))
+        with temporary(work) as store:
+            carry_out(work, store, workers, look, apart=True)
+        return spent
+    for number, (kind, scene) in enumerate(shapes):
+        states = counted(kind.states, "state") if kind.states else "many states"
+        say(f"{number + 1} of {len(shapes)}: {scene.name}, {states}; {left()}")
+        ends(number, float(_compile(scene)["seconds"]))
+    return spent
 
 
 def _compile(scene: Scene) -> Arrays:
@@ -134,23 +128,6 @@ def _compile(scene: Scene) -> Arrays:
     begin = time.perf_counter()
     run_briefly(scene)
     return {"seconds": np.array(time.perf_counter() - begin)}
-
-
-def together(scenes_: list[Scene], workers: int, progress: Progress) -> None:
-    """Compile for these scenes in several processes."""
-    work = Work(_compile, scenes_)
-    told: set[int] = set()
-    progress.starts()
-    with temporary(work) as store:
-
-        def look(done: int, _: int) -> None:
-            if done > len(told):
-                for number, arrays in store.load().items():
-                    if number not in told:
-                        told.add(number)
-                        progress.ends(number, float(arrays["seconds"]))
-
-        carry_out(work, store, workers, look, apart=True)
 
 
 def run_briefly(scene: Scene) -> None:
@@ -176,13 +153,11 @@ def notes() -> Path:
     return kernel.FOLDER.path / f"warm-{llvmlite.binding.get_host_cpu_name()}.json"
 
 
-def note(one: Shape) -> None:
+def note(kind: Shape) -> None:
     """Note that the kernels of a shape have been compiled."""
-    noted, place = sorted(ready() | {one}), notes()
+    noted, place = sorted(ready() | {kind}), notes()
     draft = place.with_suffix(f".{os.getpid()}")
-    try:
+    with suppress(OSError):  # a read-only cache: the next start compiles again
         draft.write_text(json.dumps(noted))
         own_file(draft)
         draft.replace(place)
-    except OSError:  # a read-only cache: the next start compiles again
-        return

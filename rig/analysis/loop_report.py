@@ -108,8 +108,7 @@ Array = NDArray[np.float64]
 RUNS = 8
 """Runs of an ensemble. # chosen"""
 _SHARE = 1e-3
-_DECADES = 8.0
-"""Change of ln(amplitude) that a run should reach, and the least number of periods that it has. # chosen"""
+_DECADES = 8.0  # change of ln(amplitude) that a run should reach, and the least number of periods that it has. [chosen]
 _PERIODS = (12, 400)
 
 
@@ -211,8 +210,7 @@ def _by_periods(values: Array, steps: float) -> Array:
 POINTS = 9
 """Values of each curve. # chosen"""
 _MOST_LOSS = 0.9
-_FREE = 20
-"""Frames of delay that the curve covers if the loop has no delay margin. # chosen"""
+_FREE = 20  # frames of delay that the curve covers if the loop has no delay margin. [chosen]
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ from rig.solve.frames import Surroundings
 from rig.solve.records import CLOSED, STICK
 from rig.stability.linearisation import Steady
 
+Array = NDArray[np.float64]
+BLOCK = 16  # ticks in one call
 REPEAT = 1e-9
 MOST = 24
 """Most mode set changes in one cycle."""
@@ -97,9 +99,6 @@ def stick_times(orbit: Orbit, events: Sequence[Event], times: list[float]) -> di
     }
 
 
-Array = NDArray[np.float64]
-
-
 class Dense:
     """Outputs over a range of time, smooth inside each segment, with jumps only between segments."""
 
@@ -142,26 +141,24 @@ class Dense:
         """Return the lowest and highest value of an output: at ends of segments, or where its polynomial has slope
         zero.
         """
-        coef = np.array([one[output] for one in self._coef])
+        _, _, coef = self.segments(output)
         values = np.polynomial.polynomial.polyval(np.linspace(0.0, 1.0, 9), coef.T)
         low, high = float(values.min()), float(values.max())
         near = {int(v.argmin()) // 9 for v in (values, -values)}
         for i in {j for n in near for j in (n - 1, n, n + 1) if 0 <= j < len(coef)}:
-            slope = np.trim_zeros(np.polynomial.polynomial.polyder(coef[i]), "b")
-            if len(slope) > 1:
-                level = np.polynomial.polynomial.polyroots(slope)
-                level = level[(np.abs(level.imag) < 1e-9) & (level.real >= 0.0) & (level.real <= 1.0)].real
-                found = np.polynomial.polynomial.polyval(level, coef[i])
-                low, high = min([low, *found.tolist()]), max([high, *found.tolist()])
+            level = np.polynomial.Polynomial(coef[i]).deriv().trim().roots()
+            level = level[(np.abs(level.imag) < 1e-9) & (level.real >= 0.0) & (level.real <= 1.0)].real
+            at_level = np.polynomial.polynomial.polyval(level, coef[i]).tolist()
+            low, high = min([low, *at_level]), max([high, *at_level])
         return low, high
-
-
-BLOCK = 16  # ticks in one call
 
 
 @dataclass(frozen=True)
 class OnePeriod:
-    """One period: outputs between samples, events with times [s], energy by term [J], states at ticks [tick, n]."""
+    """One period: outputs between samples, events with times [s], energy by term [J], states at ticks [tick, n].
+
+    `error` of the energy is the residual, relative to the largest term or to the stored energy.
+    """
 
     dense: Dense
     events: list[tuple[float, Event]]
@@ -268,7 +265,7 @@ class Orbit:
     def round(self, period: float) -> OnePeriod:
         """Step the plant by `period` [s] and record everything."""
         step_ns = self.scene.step_ns
-        dense, add_energy = Dense(), _EnergyBalance(self.motion)
+        dense, before = Dense(), _energy(self.motion)
         whole, rest = divmod(round(period * 1e9), step_ns)
         events: list[tuple[float, Event]] = []
         states = [self.motion.x[None].copy()]
@@ -280,21 +277,25 @@ class Orbit:
             events += [((e.tick - begun + e.place) * step_ns * 1e-9, e) for e in met]
             states.append(self.motion.states.copy())
             done = self.motion.tick - begun
-        add_energy.add(self.motion)
+        exchanged = _energy(self.motion) - before
         if rest:
             end = self.moving(self.motion.x.copy(), rest, 1)
-            add_energy.start(end)
+            before = _energy(end)
             end.advance(1)
             dense.add(whole * step_ns * 1e-9, end)
             events += [((whole * step_ns + e.place * rest) * 1e-9, e) for e in end.events()]
-            add_energy.add(end)
-        return OnePeriod(dense, events, add_energy.terms(), np.concatenate(states))
+            exchanged += _energy(end) - before
+        terms, stored = exchanged[:-1], float(exchanged[-1])
+        largest = max(float(np.abs(terms).max()), abs(float(before[-1])), 1e-30)
+        balance = {"stored": stored, "error": (float(terms @ energy_balance.SIGNS) - stored) / largest}
+        energy = energy_forms.by_name(self.system, terms) | balance
+        return OnePeriod(dense, events, energy, np.concatenate(states))
 
     def stuck(self, key: int, p: int) -> bool:
         """Whether contact p sticks in mode set `key`."""
         patches, normals, *_ = self.system.modes(key)
-        closed = any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, normals))
-        return patches[p] == STICK and closed
+        held = zip(self.system.normals, normals)
+        return patches[p] == STICK and any(k.patch == p and mode == CLOSED for k, mode in held)
 
 
 def in_frames(scene: Scene, steps: int) -> Frames:
@@ -304,27 +305,6 @@ def in_frames(scene: Scene, steps: int) -> Frames:
     return Frames(steps, Loan(Surroundings(bank.loan.content, controller_tables(), no_random_numbers())))
 
 
-class _EnergyBalance:
-    """The energy terms of one cycle."""
-
-    def __init__(self, motion: Motion) -> None:
-        self._system = motion.system
-        self._sum = np.zeros(energy_balance.TERMS)
-        self._stored = 0.0
-        self.start(motion)
-
-    def start(self, motion: Motion) -> None:
-        """Begin to count here."""
-        self._before = motion.terms()
-        self._held = energy_forms.stored(motion.system, motion.x, motion.key)
-
-    def add(self, motion: Motion) -> None:
-        """Add the energy that was exchanged since `start`."""
-        self._sum += motion.terms() - self._before
-        self._stored += energy_forms.stored(motion.system, motion.x, motion.key) - self._held
-
-    def terms(self) -> dict[str, float]:
-        """Return the terms by name; `error` is the residual, relative to the largest term or to the stored energy."""
-        largest = max(float(np.abs(self._sum).max()), abs(self._held), 1e-30)
-        error = (float(self._sum @ energy_balance.SIGNS) - self._stored) / largest
-        return {**energy_forms.by_name(self._system, self._sum), "stored": self._stored, "error": error}
+def _energy(motion: Motion) -> Array:
+    """The energy terms of a motion so far, and its stored energy behind them [J]."""
+    return np.append(motion.terms(), energy_forms.stored(motion.system, motion.x, motion.key))

@@ -42,8 +42,8 @@ from rig.view import contact, curves
 from rig.view.curves import described
 
 _EMPTY = frozenset({"img", "meta"})
+# What UTF-8 or HTML cannot contain, and what changes the direction of the text after it
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u202a-\u202e\u2066-\u2069\ufffe\uffff]")
-"""What UTF-8 or HTML cannot contain, and what changes the direction of the text after it."""
 
 
 class Html(str):
@@ -104,8 +104,7 @@ def facts(rows: Iterable[tuple[str, object]]) -> Html:
 COLUMNS = 480
 """Columns of a curve: in each of them it reaches from its lowest to its highest sample."""
 HEIGHT = 100
-_GAP = 1.5
-"""Longest distance of neighbouring samples without a gap, in median distances."""
+_GAP = 1.5  # longest distance of neighbouring samples without a gap, in median distances
 
 
 def sketch(t_ns: Integers, v: Reals, span: tuple[float, float], marks: list[float], label: str) -> Html:
@@ -199,8 +198,7 @@ svg { display: block; width: 100%; height: 6rem; margin: .4rem 0; color: var(--c
 
 SHOWN = 200
 """Most events that are shown open; longer lists are folded."""
-_COUNTED = "contact"
-"""Kind of events that are only counted: there may be thousands a second."""
+_COUNTED = "contact"  # kind of events that are only counted: there may be thousands a second
 
 
 def events(run: Run) -> Html:
@@ -266,8 +264,7 @@ def commands(run: Run, log: Path) -> Html:
     return facts((what, element("code", command)) for what, command in rows if command)
 
 
-_CLAMPED, _SAFE = 1, 2
-"""Status of a command (`rig.record.run.Commands`)."""
+_CLAMPED, _SAFE = 1, 2  # status of a command (`rig.record.run.Commands`)
 
 
 def value(content: object, unit: str = "") -> str:
@@ -511,8 +508,8 @@ def audit(run: Run) -> Html:
     return joined((element("ul", *remarks) if remarks else none, table("Effects", columns, rows)))
 
 
+# What the page may load: nothing. A browser then refuses what an escaped text must not have become.
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-"""What the page may load: nothing. A browser then refuses what an escaped text must not have become."""
 
 
 def write(run: Run, log: Path, path: Path) -> int:

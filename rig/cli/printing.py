@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 PROGRESS_S = 5.0
 """Shortest time between two lines of progress without a terminal [s]."""
+# Suffixes that name a file: no folder of results has one of them
 _FILES = {*FIGURES, ".csv", ".html", ".json", ".mcap", ".nc", ".parquet", ".txt", ".xml"}
-"""Suffixes that name a file: no folder of results has one of them."""
 
 
 def line(text: str = "") -> None:

@@ -154,8 +154,7 @@ def recover(
     printing.passed(saved.complete)
 
 
-_SHOWN = 60
-"""Most characters of a note in the list."""
+_SHOWN = 60  # most characters of a note in the list
 
 
 def runs(

@@ -264,10 +264,9 @@ def _step(scene):
 def test_several_processes_compile_together(compiled, monkeypatch):
     told = []
     scenes_ = {kernel_shapes.shape(one): one for one in map(rig.load, ("belt", "belt_c"))}
-    progress = kernel_shapes.Progress(scenes_, 2, told.append)
-    kernel_shapes.together(list(scenes_.values()), 2, progress)
-    assert progress.spent.keys() == scenes_.keys() == kernel_shapes.ready()
-    assert min(progress.spent.values()) > 0.0
+    spent = kernel_shapes.compile_all(scenes_, 2, told.append)
+    assert spent.keys() == scenes_.keys() == kernel_shapes.ready()
+    assert min(spent.values()) > 0.0
     assert sum("ready after" in line for line in told) == 2
 
 
@@ -277,4 +276,4 @@ def test_a_compiler_that_is_lost_is_told(compiled):
     broken = replace(scene, plant="nothing")
     shapes = {kernel_shapes.Shape(states, False, False, False): broken for states in (1, 2)}
     with pytest.raises(WorkerError, match=r"worker \d: the recorded scene"):
-        kernel_shapes.together([broken, broken], 2, kernel_shapes.Progress(shapes, 2, print))
+        kernel_shapes.compile_all(shapes, 2, print)

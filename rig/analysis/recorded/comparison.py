@@ -30,16 +30,14 @@ from rig.record.run import Run
 from rig.record.statistics import whole_signals
 from rig.results import Result
 
+# Parts of a recorded scene on which no result depends, or which only describe where values came from
 _PLAIN = ("format", "name", "title", "about", "origins", "models", "parts")
-"""Parts of a recorded scene on which no result depends, or which only describe where values came from."""
 _OPERATOR = "operator"
-_LISTED = 20
-"""Most values of the scenes that the text lists."""
+_LISTED = 20  # most values of the scenes that the text lists
 _RMS, _GROWTH = "RMS", "growth rate"
-_STILL = 1e-12
-"""An RMS below this share of the largest value is the rounding error of a constant. # chosen"""
+_STILL = 1e-12  # an RMS below this share of the largest value is the rounding error of a constant. [chosen]
+# A vibration whose size changes by less than this share over the time span has no growth rate to compare. [chosen]
 _STEADY = 0.01
-"""A vibration whose size changes by less than this share over the time span has no growth rate to compare. # chosen"""
 
 
 class Value(NamedTuple):

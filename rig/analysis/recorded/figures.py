@@ -39,17 +39,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_NAMED_PEAKS = 6
-"""Resonances that a picture labels, the largest ones."""
+_NAMED_PEAKS = 6  # resonances that a picture labels, the largest ones
+# Samples of a portrait, channels of a comparison (those that differ first), columns of a sound
 _DRAWN_SAMPLES, _DRAWN_CHANNELS, _COLUMNS = 40_000, 5, 2400
-"""Samples of a portrait, channels of a comparison (those that differ first), columns of a sound."""
 Floats = NDArray[np.floating[Any]]
-_RANGE = 70.0
-"""Range of a map [dB below its maximum]."""
-_NAMED, _APART = 3, 0.35
-"""Number of lines that a picture labels, and their smallest distance [decades]."""
-_ALL = 1e-4
-"""Share of the mean square that may lie above the range of a map."""
+_RANGE = 70.0  # range of a map [dB below its maximum]
+_NAMED, _APART = 3, 0.35  # number of lines that a picture labels, and their smallest distance [decades]
+_ALL = 1e-4  # share of the mean square that may lie above the range of a map
 
 
 @contextmanager

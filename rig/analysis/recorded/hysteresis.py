@@ -26,12 +26,9 @@ from rig.printable import columns
 from rig.record.run import Reals, Run
 from rig.results import Result, csv_text
 
-_TURN = 0.05
-"""Share of the whole range: a smaller reversal does not end a branch."""
-_HELD = 0.01
-"""Share of the range of a branch: the speed counts as held within this distance of its ends."""
-_ROUNDING = 1e-9
-"""Share of the largest speed: a smaller change counts as none."""
+_TURN = 0.05  # share of the whole range: a smaller reversal does not end a branch
+_HELD = 0.01  # share of the range of a branch: the speed counts as held within this distance of its ends
+_ROUNDING = 1e-9  # share of the largest speed: a smaller change counts as none
 
 
 class Branch(NamedTuple):
@@ -160,12 +157,9 @@ def _divided(count: int) -> tuple[int, int]:
     return next((parts, n // parts) for n in near for parts in range(PARTS, _MOST_PARTS + 1) if n % parts == 0)
 
 
-_PERIODS = 5.0
-"""Default window, in periods of the slowest strong vibration."""
-_LONGEST = 0.25
-"""Share of the shortest branch: a longer window blurs all of it."""
-_USUAL = 0.05
-"""Share of the shortest branch: the longest default window."""
+_PERIODS = 5.0  # default window, in periods of the slowest strong vibration
+_LONGEST = 0.25  # share of the shortest branch: a longer window blurs all of it
+_USUAL = 0.05  # share of the shortest branch: the longest default window
 _WHOLE = 0.95  # periods that count as one
 _BINS = 20
 _POINTS = 20_000  # samples of the speed that its branches are found from

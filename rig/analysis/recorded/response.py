@@ -257,12 +257,9 @@ def _fitted(f: Reals, h: Complex) -> complex | None:
     return scale * complex(-0.5 * a1, math.sqrt(inside))
 
 
-_WINDOWS = 16
-"""Hann windows, end to end, in the time span, by default."""
-_FLOOR = 1e-10
-"""Share of the input's largest spectral density: lines below it count as not excited."""
-_ROUNDING = 1e-12
-"""Share of its largest value: an input that changes by less is constant."""
+_WINDOWS = 16  # hann windows, end to end, in the time span, by default
+_FLOOR = 1e-10  # share of the input's largest spectral density: lines below it count as not excited
+_ROUNDING = 1e-12  # share of its largest value: an input that changes by less is constant
 _NARROW = 4.0  # lines in the bandwidth of a peak that its height needs
 _LASTS = 1e-3  # RMS at the end of a window over that of the window: more is reported
 

@@ -29,10 +29,8 @@ from rig.record.run_list import drives
 from rig.scenes.scene import Scene
 from rig.view.curves import described
 
-_VIBRATION = ("m/s^2", "m/s", "Pa", "m")
-"""Units of a vibration, the most informative first."""
-_WHOLE = 0.99
-"""Share of the plant's steps: an output with fewer recorded steps counts as decimated."""
+_VIBRATION = ("m/s^2", "m/s", "Pa", "m")  # units of a vibration, the most informative first
+_WHOLE = 0.99  # share of the plant's steps: an output with fewer recorded steps counts as decimated
 
 
 @dataclass(frozen=True)

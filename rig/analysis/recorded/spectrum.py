@@ -36,8 +36,7 @@ from rig.results import Result, csv_text
 FEWEST = 32
 """Samples in a window."""
 _OF_DENSITY, _OF_MAP, _OF_ORDERS = 8, 80, 60  # default number of windows: of a density, and of the two maps
-_PERIODS = 5.0
-"""Smallest number of periods of the slowest strong vibration in a default window of the spectrogram."""
+_PERIODS = 5.0  # smallest number of periods of the slowest strong vibration in a default window of the spectrogram
 _COLUMNS = 1200  # of a spectrogram, at most
 _LOBE = 2  # lines to each side of the middle of a Hann window's main lobe
 _STANDS_OUT = 10.0  # dB above the minima beside it
@@ -52,9 +51,9 @@ _SURE = 1.25  # Nyquist order over the highest one
 _TURNS_IN_WINDOW = 4.0  # least, if the stretch has twice as many: order one must be separated from zero
 _MOST = 1 << 24  # interpolated samples
 _EDGE = 40  # samples at either end that the band-limited interpolation falsifies
+# By unit: its factor, whether it is a speed, and the unit that an order is counted in
 _TURNS = {"rad": (1.0 / (2.0 * math.pi), False, "rev"), "rad/s": (1.0 / (2.0 * math.pi), True, "rev"),
           "m": (1.0, False, "m"), "m/s": (1.0, True, "m")}  # fmt: skip
-"""By unit: its factor, whether it is a speed, and the unit that an order is counted in."""
 
 
 class Line(NamedTuple):
