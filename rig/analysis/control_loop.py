@@ -213,12 +213,18 @@ class Loop(Result):
         lines += columns(rows, "<>>")
         lines += [f"  and {len(modes) - MOST} that decay faster"] if len(modes) > MOST else []
         lines += ["", *self._ranges()]
-        if (m := self.margins) is not None and math.isinf(m["phase"]):
-            lines += ["  no phase margin and no delay margin: the loop gain never reaches 1"]
-        elif m is not None:
-            lines += [f"  phase margin {math.degrees(m['phase']):.4g} deg at {m['phase_hertz']:.5g} Hz"]
-            lines += [f"  delay margin {1e3 * m['delay']:.5g} ms more, then it grows at {m['delay_hertz']:.5g} Hz"]
+        lines += self.margin_lines("ms more, then it grows at {delay_hertz:.5g} Hz") if self.margins else []
         return "\n".join(lines)
+
+    def margin_lines(self, delay: str) -> Iterator[str]:
+        """Lines of text on the margins; `delay`: what follows the delay margin."""
+        if (m := self.margins) is None:
+            yield "  no margins: the loop is unstable with the mean delay of its links"
+        elif math.isinf(m["delay"]):
+            yield "  no phase margin and no delay margin: the loop gain never reaches 1"
+        else:
+            yield f"  phase margin {math.degrees(m['phase']):.4g} deg at {m['phase_hertz']:.5g} Hz"
+            yield f"  delay margin {1e3 * m['delay']:.5g} {delay.format_map(m)}"
 
     def _ranges(self) -> Iterator[str]:
         """Lines of text on the stable gain ranges, and on the controller's own gain."""

@@ -32,7 +32,7 @@ from rig.bench.run.experiment import Experiment
 from rig.bench.run.simulate import begun, carry_on
 from rig.controllers import restored
 from rig.errors import NumericsError, SceneError
-from rig.printable import columns
+from rig.printable import columns, counted
 from rig.results import Result
 from rig.scenes.explain import explain
 from rig.scenes.network import Link, Network, described
@@ -52,56 +52,48 @@ class Item:
     origin: str
 
 
-def budget(scene: Scene, found: Loop, bus: float | None = None) -> list[Item]:
-    """The delays of the loop `found` of `scene` in the order of the signal.
-
-    `bus`: measured time [s] from a step to its answer over the bus; None: it was not measured.
-    """
-    return list(_items(scene, found, bus))
-
-
 def links(scene: Scene, name: str) -> tuple[Link, Link]:
     """The links of the loop of controller `name`: of its sensor, and of its commands."""
     network = scene.network
     return network.meas.get(ends(scene, name)[0], Link()), network.act.get(name, Link())
 
 
-def _items(scene: Scene, found: Loop, bus: float | None) -> Iterator[Item]:
-    name = found.controller
-    section, omega = scene.controllers[name], abs(found.spectrum.rates[0].imag)
+def budget(scene: Scene, closed: Loop, bus: float | None = None) -> Iterator[Item]:
+    """The delays of the loop `closed` of `scene` in the order of the signal.
+
+    `bus`: measured time [s] from a step to its answer over the bus; None: it was not measured.
+    """
+    name = closed.controller
+    section, omega = scene.controllers[name], abs(closed.spectrum.rates[0].imag)
     (sensor, drive), (meas, act), frame = ends(scene, name), links(scene, name), scene.frame_ns
     origins = {value.key: f"{value.key} ({value.origin.origin})" for value in explain(scene).values}
     end = scene.sensors[sensor].front_end()
+
+    def of_link(side: str, part: str, link: Link) -> Item:
+        known = part in getattr(scene.network, side)
+        origin = f"network.{side}.{part}: mean age of what arrives" if known else "a perfect link"
+        return Item(f"link {side}/{part}", mean_age(link, frame) * frame * 1e-9, origin)
+
     if omega:
         late = 1e-9 * end.delay_ns
         turn = -cmath.phase(end.response(1j * omega) / end.response(1e-9j * omega) * cmath.exp(1j * omega * late))
         turn = turn if abs(turn) > _ROUNDED else 0.0
         yield Item(f"filter of {sensor}", turn / omega, "computed from its transfer function")
     yield Item(f"delay of {sensor}", 1e-9 * end.delay_ns, origins.get(f"sensors.{sensor}.delay", "its instrument"))
-    yield _of_link(f"meas/{sensor}", meas, frame, f"network.meas.{sensor}" if sensor in scene.network.meas else "")
+    yield of_link("meas", sensor, meas)
     yield Item(f"computation of {name}", 1e-9 * section.delay, origins.get(f"controllers.{name}.delay", "default"))
-    yield _of_link(f"act/{name}", act, frame, f"network.act.{name}" if name in scene.network.act else "")
-    yield Item("sample and hold", 0.5 * found.model.period, "half a period, computed")
-    yield from _of_actuator(scene, drive, omega, origins)
-    if section.where == "process":
-        origin = "rig run --pace: not measured (--measure does)" if bus is None else f"{1e3 * bus:.2g} ms, measured"
-        frames = 1 if bus is None else max(math.ceil(bus * 1e9 / frame), 1)
-        yield Item("bus of a paced run", frames * frame * 1e-9, f"{origin}: {frames} frame{'s' * (frames > 1)}")
-
-
-def _of_link(topic: str, link: Link, frame: int, key: str) -> Item:
-    origin = f"{key}: mean age of what arrives" if key else "a perfect link"
-    return Item(f"link {topic}", mean_age(link, frame) * frame * 1e-9, origin)
-
-
-def _of_actuator(scene: Scene, drive: str, omega: float, origins: dict[str, str]) -> Iterator[Item]:
+    yield of_link("act", name, act)
+    yield Item("sample and hold", 0.5 * closed.model.period, "half a period, computed")
     key = f"{drive.partition('.')[0]}.lag"
     lag: Any = scene.values().get(key, (0.0, ""))[0]
-    one = scene.assemble().inputs[drive]
-    if one.lagging and isinstance(lag, float | int) and lag:
+    if scene.assemble().inputs[drive].lagging and isinstance(lag, float | int) and lag:
         yield Item(f"lag of {drive}", math.atan(omega * lag) / omega if omega else lag, origins.get(key, key))
     else:
         yield Item(f"lag of {drive}", 0.0, "none in the scene")
+    if section.where == "process":
+        origin = "rig run --pace: not measured (--measure does)" if bus is None else f"{1e3 * bus:.2g} ms, measured"
+        frames = 1 if bus is None else max(math.ceil(bus * 1e9 / frame), 1)
+        yield Item("bus of a paced run", frames * frame * 1e-9, f"{origin}: {counted(frames, 'frame')}")
 
 
 Array = NDArray[np.float64]
@@ -136,11 +128,9 @@ def simulated(scene: Scene, name: str, network: Network, expected: float, hertz:
     if expected > 0.0:
         long = min(long, 3.0 / expected)
     output = scene.sensors[ends(scene, name)[0]].reads
-    runs = [
-        _run(replace(alone, network=network.model_copy(update={"seed": seed})), name, output, long)
-        for seed in range(1, RUNS + 1)
-    ]
-    square = np.mean([_by_periods(one, 1e9 / hertz / alone.step_ns) for one in runs], axis=0)
+    seeded = (replace(alone, network=network.model_copy(update={"seed": seed})) for seed in range(1, RUNS + 1))
+    steps = 1e9 / hertz / alone.step_ns
+    square = np.mean([_by_periods(_run(scene, name, output, long), steps) for scene in seeded], axis=0)
     kept = square > 1e-20 * square.max()
     bins = np.flatnonzero(kept)[1:]  # after the first period: the links are still empty at the beginning
     if len(bins) < 3:
@@ -167,13 +157,15 @@ class _Linear:
 
 def _run(scene: Scene, name: str, output: str, seconds: float) -> Array:
     """The values of `output` at every sample step."""
-    shape, states, rest = _start(scene, name)
+    at, closed = plant(scene), loop(scene, name)
+    shape = np.real(closed.spectrum.right[: closed.model.own, 0])  # along the least stable mode
+    shape *= _SHARE * (np.abs(at.equilibrium).max() or 1e-3) / np.abs(shape).max()
     described = design.described(scene)
 
     def move(experiment: Experiment) -> None:
         motion = experiment.runner.motion
-        for state, value, by in zip(states, rest, shape):
-            motion.write(motion.system.names.index(state), float(value + by))
+        for state, value in zip(at.states, at.equilibrium + shape):
+            motion.write(motion.system.names.index(state), float(value))
 
     ticks = round(seconds * 1e9) // scene.frame_ns
     experiment, working = begun(scene, {name: restored(described[name])}, ticks * scene.frame_ns, before=move)
@@ -191,19 +183,9 @@ def _run(scene: Scene, name: str, output: str, seconds: float) -> Array:
     return np.asarray(values[runner.outputs.index(output)])
 
 
-def _start(scene: Scene, name: str) -> tuple[Array, tuple[str, ...], Array]:
-    """A small deflection along the least stable mode, the states that it moves, and their values at steady sliding."""
-    at = plant(scene)
-    found = loop(scene, name)
-    shape = np.real(found.spectrum.right[: found.model.own, 0])
-    size = np.abs(at.equilibrium).max() or 1e-3
-    return _SHARE * size * shape / np.abs(shape).max(), at.states, at.equilibrium
-
-
 def _by_periods(values: Array, steps: float) -> Array:
     """The variance of `values` in each whole period of `steps` rows."""
-    count = int(len(values) / steps)
-    ends = np.rint(np.arange(count + 1) * steps).astype(int)
+    ends = np.rint(np.arange(int(len(values) / steps) + 1) * steps).astype(int)
     return np.array([np.var(values[a:b]) for a, b in pairwise(ends.tolist())])
 
 
@@ -276,13 +258,7 @@ class LoopReport(Result):
 
     def _margins(self) -> Iterator[str]:
         yield f"  decay rate at steady sliding {-self.growth:.6g} 1/s, with its links in the mean square"
-        if (m := self.found.margins) is None:
-            yield "  no margins: the loop is unstable with the mean delay of its links"
-        elif math.isinf(m["delay"]):
-            yield "  no phase margin and no delay margin: the loop gain never reaches 1"
-        else:
-            yield f"  phase margin {math.degrees(m['phase']):.4g} deg at {m['phase_hertz']:.5g} Hz"
-            yield f"  delay margin {1e3 * m['delay']:.5g} ms more than the budget without the bus"
+        yield from self.found.margin_lines("ms more than the budget without the bus")
         if (ends := self.found.gain_range) is not None and self.found.gain:
             least, most = sorted(end / self.found.gain for end in ends)
             yield f"  gain margin: stable from {least:.4g} to {most:.4g} times its gain of {self.found.gain:g}"
@@ -329,19 +305,16 @@ def report(
     asked += [("jitter", j * 1e-9, about.model_copy(update={"jitter": j, "loss": 0.0})) for j in jitters]
     losses = np.round(steps * _MOST_LOSS, 4).tolist() if rates.jumps else []
     asked += [("loss", p, meas.model_copy(update={"loss": p})) for p in losses]
-    found_rates = []
-    for done, (_, _, link) in enumerate(asked):
+    drawn: dict[str, list[tuple[float, float]]] = {}
+    for done, (key, value, link) in enumerate(asked):
         progress(done, len(asked))
-        found_rates.append(rates.of(link, act)[0])
-    curves = [
-        Curve(key, [v for k, v, _ in asked if k == key], [r for r, (k, _, _) in zip(found_rates, asked) if k == key])
-        for key in ("delay", "jitter", *(("loss",) if rates.jumps else ()))
-    ]
+        drawn.setdefault(key, []).append((value, rates.of(link, act)[0]))
+    curves = [Curve(key, [v for v, _ in points], [g for _, g in points]) for key, points in drawn.items()]
     point, own = (meas, act), scene.network.links.keys() & {f"meas/{ends(scene, name)[0]}", f"act/{name}"}
     if not own:
         chosen = {"delay": half, "jitter": half // 2, "loss": 0.2} if rates.jumps else {"delay": half}
         point = Link().model_copy(update=chosen), Link()
-    result = LoopReport(scene.name, found, budget(scene, found, bus), growth, curves, "", math.nan)
+    result = LoopReport(scene.name, found, [*budget(scene, found, bus)], growth, curves, "", math.nan)
     _simulate(result, scene, rates, *point)
     result.notes += rates.notes
     progress(len(asked), len(asked))
@@ -354,22 +327,17 @@ class _Rates:
     def __init__(self, scene: Scene, name: str) -> None:
         self.scene, self.name = scene, name
         self.jumps = fits(scene, name)
-        self.notes: list[str] = []
-        if not self.jumps:
-            self._note("the loop does not work once in every frame: rates are those of the longest constant delay, "
-                       "and losses are left out")  # fmt: skip
+        why = "the loop does not work once in every frame: rates are those of the longest constant delay, and losses"
+        self.notes = [] if self.jumps else [f"{why} are left out"]
 
     def of(self, meas: Link, act: Link) -> tuple[float, float]:
         """Growth rate [1/s] and frequency [Hz] over a link of the sensor and one of the commands."""
         found = (jump_growth if self.jumps else worst_case)(self.scene, self.name, meas, act)
         if math.isfinite(found.mean_square):
             return found.mean_square, found.hertz
-        self._note("some rates are those of the mean: the mean square of a loop of many modes was not found")
+        note = "some rates are those of the mean: the mean square of a loop of many modes was not found"
+        self.notes += [note] if note not in self.notes else []
         return found.mean, found.hertz
-
-    def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
 
 
 def _simulate(result: LoopReport, scene: Scene, rates: _Rates, meas: Link, act: Link) -> None:
