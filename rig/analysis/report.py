@@ -25,6 +25,7 @@ import numpy as np
 
 from rig.analysis import amplitude
 from rig.analysis.amplitude import stages
+from rig.analysis.recorded.comparison import flattened
 from rig.bench.live import status
 from rig.errors import LogError, RigError
 from rig.machine.files import write_file
@@ -222,19 +223,9 @@ def values(run: Run, scene: Scene | None, why: str) -> Html:
             for one in explain(scene).values
         ]
         return table("Values in SI units", ("key", "value", "unit", "origin", "note"), rows)
-    found = [(key, value(one)) for key, one in _flat(described(run.scene), "")]
+    carried = {name: content for name, content in described(run.scene).items() if name != "parts"}  # their text is no value
+    found = [(key, value(content)) for key, content in flattened(carried)]
     return joined((element("p", why, class_="doubtful"), table("Values as recorded", ("key", "value"), found)))
-
-
-def _flat(content: Any, key: str) -> Iterator[tuple[str, Any]]:
-    if isinstance(content, dict) and key != "parts":  # of parts that it carries the text is no value
-        for name, one in content.items():
-            yield from _flat(one, f"{key}.{name}" if key else str(name))
-    elif isinstance(content, list) and any(isinstance(one, dict | list) for one in content):
-        for i, one in enumerate(content, 1):
-            yield from _flat(one, f"{key}[{i}]")
-    elif key != "parts":
-        yield key, content
 
 
 def provenance(run: Run, digest: str) -> Html:

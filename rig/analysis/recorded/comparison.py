@@ -9,10 +9,8 @@ stick share: of the instants with a recorded contact state       contact events 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
@@ -29,6 +27,7 @@ from rig.record.compare import compare as compare_signals
 from rig.record.run import Run
 from rig.record.statistics import whole_signals
 from rig.results import Result
+from rig.view.curves import described
 
 # Parts of a recorded scene on which no result depends, or which only describe where values came from
 _PLAIN = ("format", "name", "title", "about", "origins", "models", "parts")
@@ -161,11 +160,8 @@ class Compared(Result):
         for one in self.signals.signals:
             worst = f"{one.deviation:.3g} of the range, t = {one.worst:.6g} s" if one.differing else ""
             first = f"t = {one.time:.9g} s: {one.first!r} and {one.second!r}" if one.differing else ""
-            if any(one.alone):
-                first = "; ".join(
-                    filter(None, (first, f"samples in one only: {one.alone[0]} in A, {one.alone[1]} in B"))
-                )
-            yield one.topic, self.outcome(one), worst, first
+            alone = f"samples in one only: {one.alone[0]} in A, {one.alone[1]} in B" if any(one.alone) else ""
+            yield one.topic, self.outcome(one), worst, "; ".join(filter(None, (first, alone)))
 
 
 def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, tolerance: float = 0.0) -> Compared:
@@ -204,31 +200,32 @@ def _values(first: Run, second: Run) -> Iterator[Value]:
             yield Value(key, a, b)
 
 
+def flattened(content: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield dotted key and value of each value in the JSON of a scene; of a compiled part its file and hash."""
+    if is_binary(content):
+        yield key, f"{content['file']} (SHA-256 {content['sha256']:.12}...)"
+    elif isinstance(content, dict):
+        for name, inner in content.items():
+            yield from flattened(inner, f"{key}.{name}" if key else str(name))
+    elif isinstance(content, list) and any(isinstance(inner, dict | list) for inner in content):
+        for number, inner in enumerate(content, 1):
+            yield from flattened(inner, f"{key}[{number}]")
+    else:
+        yield key, content
+
+
 def _flat(run: Run) -> dict[str, str]:
     """Dotted key -> value as text, of a recorded scene, and the hash of each part from a file; empty if it is lost."""
-    found: dict[str, str] = {}
-
-    def walk(value: Any, key: str) -> None:
-        if is_binary(value):
-            found[key] = f"{value['file']} (SHA-256 {value['sha256']:.12}...)"
-        elif isinstance(value, dict):
-            for name, inner in value.items():
-                if key or name not in _PLAIN:
-                    walk(inner, f"{key}.{name}" if key and key != "parameters" else name)
-        elif isinstance(value, list) and any(isinstance(one, dict) for one in value):
-            for number, inner in enumerate(value, 1):
-                walk(inner, f"{key}[{number}]")
-        elif value is not None:
-            found[key] = f"{value:.9g}" if isinstance(value, float) else str(value)
-
-    with suppress(ValueError):
-        raw = json.loads(run.scene)
-        walk(raw, "")
-        listed = raw.get("parts") if isinstance(raw, dict) else None
-        for part in listed if isinstance(listed, list) else ():
-            if isinstance(part, dict):
-                found[f"source of {part.get('name')}"] = f"SHA-256 {part.get('sha256')!s:.12}..."
-    return found
+    told = described(run.scene)
+    values = flattened({name: value for name, value in told.items() if name not in _PLAIN})
+    texts = {
+        key.removeprefix("parameters."): f"{value:.9g}" if isinstance(value, float) else str(value)
+        for key, value in values
+        if value is not None
+    }
+    parts = told.get("parts")
+    files = [part for part in parts if isinstance(part, dict)] if isinstance(parts, list) else []
+    return texts | {f"source of {part.get('name')}": f"SHA-256 {part.get('sha256')!s:.12}..." for part in files}
 
 
 def _actions(first: Run, second: Run) -> Iterator[str]:
@@ -270,14 +267,8 @@ def _of(found: Series) -> dict[str, tuple[str, float]]:
     if not v.size:
         return {name: (unit, math.nan) for name, unit in _MEASURES.items()}
     cycles = index(t, v)
-    vibrates = cycles.cycles > 0
-    values = (
-        float(v.mean()),
-        float(v.std()),
-        cycles.half if vibrates else math.nan,
-        1.0 / cycles.frequency if vibrates else math.nan,
-        growth(t, v),
-    )
+    size, period = (cycles.half, 1.0 / cycles.frequency) if cycles.cycles else (math.nan, math.nan)
+    values = float(v.mean()), float(v.std()), size, period, growth(t, v)
     return {name: (unit, value) for (name, unit), value in zip(_MEASURES.items(), values)}
 
 
@@ -287,23 +278,21 @@ _MEASURES = {"mean": "{}", _RMS: "{}", "amplitude": "{}", "period": "s", _GROWTH
 def _notes(run: Run) -> Iterator[str]:
     """The warnings of the run, and why its share of stick is missing."""
     yield from run.notes
+    if why := _stuck(run)[1]:
+        yield f"the stick share is missing: {why}"
+
+
+def _stuck(run: Run) -> tuple[NDArray[np.bool_] | None, str]:
+    """Whether a loaded contact sticks at each time; None if that is not known, and why if it should be."""
     try:
-        _stuck(run)
+        return stuck(run) if run.scene else None, ""
     except RigError as fault:  # code that is not trusted, or a scene that this version cannot assemble
-        yield f"the stick share is missing: {fault}"
-
-
-def _stuck(run: Run) -> NDArray[np.bool_] | None:
-    return stuck(run) if run.scene else None
+        return None, str(fault)
 
 
 def _stick(run: Run, begin: float, end: float) -> float:
-    """The share of the recorded contact states in which a loaded contact sticks; NaN where `_notes` says why."""
-    try:
-        sticks = _stuck(run)
-    except RigError:
-        return math.nan
-    here = (run.time >= begin) & (run.time <= end)
+    """The share of the recorded contact states in which a loaded contact sticks; NaN where it is not known."""
+    sticks, here = _stuck(run)[0], (run.time >= begin) & (run.time <= end)
     return math.nan if sticks is None or not here.any() else float(np.mean(sticks[here]))
 
 
