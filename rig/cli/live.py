@@ -1,10 +1,8 @@
-"""Commands for a run that is going on.
-
-The commands that serve a browser, and programs that use WebSocket.
-"""
+"""Commands for a run that is going on, and those that serve a browser and programs that use WebSocket."""
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 import time
@@ -77,19 +75,10 @@ def tune(
     if as_json:
         printing.report({**found["values"], **({"overruled": overruled} if overruled else {}), "run": session.run})
         return
-    for name, new in found["values"].items():
-        if name == inner and name in overruled:
-            owner = overruled[name]
-            printing.line(
-                f"{owner} drives {key}; the value {printing.number(new)} takes effect when {owner} is disconnected"
-                f"{_of(session.run)}"
-            )
-        elif name == inner:
-            printing.line(f"{key} = {printing.number(new)}{_of(session.run)}")
-
-
-def _of(run: str) -> str:
-    return f"  (run {run})"
+    if inner in found["values"]:
+        new, owner = printing.number(found["values"][inner]), overruled.get(inner)
+        later = f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
+        printing.line(f"{later if owner else f'{key} = {new}'}  (run {session.run})")
 
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="A controller of the run, connected or not.")]
@@ -160,7 +149,7 @@ def _do(what: str, run: str | None, told: str, unchanged: str = "", **more: Any)
     with bus.join(run, role="operator", name=what) as session:
         answer = session.ask("cmd/plant", {"do": what, **more}, timeout=10.0)
     text = told if answer.get("changed", True) else unchanged
-    printing.line(f"{text.format(t=float(answer['t_ns']) * 1e-9)}{_of(session.run)}")
+    printing.line(f"{text.format(t=float(answer['t_ns']) * 1e-9)}  (run {session.run})")
 
 
 def _controllers(session: Session) -> list[str]:
@@ -171,34 +160,28 @@ def _owner(session: Session, key: str) -> tuple[str, str]:
     """Who has the parameter, and what it is called there: a key of the plant comes first."""
     first, _, rest = key.partition(".")
     here = _controllers(session)
-    if first == "controllers":
-        name, _, inner = rest.partition(".")
-        if not inner:
-            raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain; `rig tune` lists what can be tuned")
-        if name not in here:
-            raise UsageError(f"{key}: no controller {name} is in the run; there are: {', '.join(here) or 'none'}")
-        return name, inner
-    if first in here and not (rest and key in session.ask("param/plant", {"list": True}, timeout=10.0)["values"]):
-        if not rest:
-            raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain; `rig tune` lists what can be tuned")
-        return first, rest
-    return "plant", key
+    name, _, inner = rest.partition(".") if first == "controllers" else (first, "", rest)
+    if first != "controllers" and (
+        first not in here or (rest and key in session.ask("param/plant", {"list": True}, timeout=10.0)["values"])
+    ):
+        return "plant", key
+    if not inner:
+        raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain; `rig tune` lists what can be tuned")
+    if name not in here:
+        raise UsageError(f"{key}: no controller {name} is in the run; there are: {', '.join(here) or 'none'}")
+    return name, inner
 
 
 def _list_tunable(session: Session, as_json: bool) -> None:
-    rows = []
-    for name in ("plant", *_controllers(session)):
-        answer = session.ask(f"param/{name}", {"list": True}, timeout=10.0)
-        before = "" if name == "plant" else f"{name}."
-        rows += [
-            {"key": before + key, "value": value, "unit": answer["units"][key], "of": name}
-            for key, value in answer["values"].items()
-        ]
-    if as_json:
-        printing.report(rows)
-    else:
-        columns = ("key", "value", "unit", "of")
-        printing.table(f"run {session.run}", columns, [[printing.number(row[c]) for c in columns] for row in rows])
+    names = ("plant", *_controllers(session))
+    answers = {name: session.ask(f"param/{name}", {"list": True}, timeout=10.0) for name in names}
+    rows = [
+        {"key": key if name == "plant" else f"{name}.{key}", "value": value, "unit": answer["units"][key], "of": name}
+        for name, answer in answers.items()
+        for key, value in answer["values"].items()
+    ]
+    columns = ("key", "value", "unit", "of")
+    printing.listing(f"run {session.run}", dict(zip(columns, columns)), rows, as_json)
 
 
 @topic.command("ls", cls=Command, epilog="Example:  rig topic ls")
@@ -206,15 +189,10 @@ def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> N
     """List the active topics, their senders and their contents."""
     from rig.bus import topics
 
-    rows = []
-    for name, (count, _) in sorted(_heard("**", run, _time(listen)).items()):
-        row = topics.of(name)
-        rows.append({"topic": name, "message": row.message, "from": row.sender, "heard": count, "about": row.about})
-    if as_json:
-        printing.report(rows)
-    else:
-        columns = ("topic", "message", "from", "heard", "about")
-        printing.table("", columns, [[row[c] for c in columns] for row in rows])
+    heard = [(name, topics.of(name), count) for name, (count, _) in sorted(_heard("**", run, _time(listen)).items())]
+    columns = ("topic", "message", "from", "heard", "about")
+    rows = [dict(zip(columns, (name, of.message, of.sender, count, of.about))) for name, of, count in heard]
+    printing.listing("", dict(zip(columns, columns)), rows, as_json)
 
 
 @topic.command("hz", cls=Command, epilog='Example:  rig topic hz "meas/*" --for 5')
@@ -223,10 +201,7 @@ def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as
     length = _time(listen)
     heard = sorted(_heard(pattern, run, length).items())
     rows = [{"topic": name, "hz": count / length, "lost": lost} for name, (count, lost) in heard]
-    if as_json:
-        printing.report(rows)
-    else:
-        printing.table("", ("topic", "1/s", "lost"), [(r["topic"], r["hz"], r["lost"]) for r in rows])
+    printing.listing("", {"topic": "topic", "hz": "1/s", "lost": "lost"}, rows, as_json)
 
 
 @topic.command("echo", cls=Command, epilog="Example:  rig topic echo meas/vibrometer --count 3")
@@ -236,8 +211,6 @@ def topic_echo(
     count: Annotated[int, typer.Option(min=0, help="Number of messages; 0: all, until the run ends or Ctrl-C.")] = 0,
 ) -> None:
     """Print messages as they arrive, one JSON object per line."""
-    import json
-
     from google.protobuf.json_format import MessageToDict
 
     from rig import bus
@@ -273,10 +246,6 @@ def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int,
         return {name: (count.received, count.lost) for name, count in receiver.counts.items()}
 
 
-CLASSES = {"tune": Numbers, "knock": Numbers}
-"""Of commands that are read in a way of their own."""
-
-
 def web(
     port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port on loopback. 0: any free one.")] = 0,
     no_open: Annotated[
@@ -294,16 +263,18 @@ def web(
     _check_web("rig web")
     from rig.web.server import serve
 
-    def say(text: str) -> None:
-        printing.line(text)
-        sys.stdout.flush()  # whoever reads a pipe waits for the address
-
-    serve(port, not no_open, say)
+    serve(port, not no_open, _say)
 
 
 def _check_web(what: str) -> None:
     for name in ("starlette", "uvicorn", "websockets"):
         check(name, "web", what)
+
+
+def _say(text: str) -> None:
+    """Print an address at once: whoever reads a pipe waits for it."""
+    printing.line(text)
+    sys.stdout.flush()
 
 
 def bridge(
@@ -320,15 +291,14 @@ def bridge(
     from rig.web import bridge as server
 
     def say(made: server.Bridge) -> None:
-        if as_json:
-            printing.report({"run": made.run, "address": made.address})
-        else:
-            printing.line(f"run {made.run} is at {made.address}\nit ends with the run; Ctrl-C ends it before")
-        sys.stdout.flush()  # whoever reads a pipe waits for the address
+        text = f"run {made.run} is at {made.address}\nit ends with the run; Ctrl-C ends it before"
+        _say(json.dumps({"run": made.run, "address": made.address}, indent=2) if as_json else text)
 
     server.serve(run, port, say)
 
 
+CLASSES = {"tune": Numbers, "knock": Numbers}
+"""Of commands that are read in a way of their own."""
 COMMANDS = {
     "tune": (tune, 'rig tune load.force "15 N"'),
     "disconnect": (disconnect, "rig disconnect nf"),

@@ -17,9 +17,6 @@ from rig.errors import UsageError
 from rig.machine.files import write_file
 
 if TYPE_CHECKING:
-    from rig.qualify.cost import Table
-    from rig.qualify.cost.delay import Delayed
-    from rig.qualify.cost.effects import Paired
     from rig.qualify.torture import Cell
     from rig.scenes.scene import Scene
 
@@ -62,8 +59,9 @@ def cost(
     uses the table.
     """
     wanted, most = accuracy(target, "--target"), share(budget)
+    from rig.qualify import effects_measured
     from rig.qualify.cost import cost as measure
-    from rig.qualify.cost import folder_of, recommended
+    from rig.qualify.cost import delay, effects, folder_of, recommended
     from rig.qualify.cost.report import COLUMNS, CostReport, lines, notes
     from rig.qualify.cost.table import front
 
@@ -85,7 +83,9 @@ def cost(
         pick, why = recommended(found.rows, by, wanted, most), ""
     except UsageError as error:
         pick, why = None, str(error)
-    loops, parts = _loops(loaded, folder), _effects(loaded, folder)
+    loops = delay.delayed(loaded)
+    with printing.bar("effects") as progress:
+        parts = effects.effects(loaded, report=progress)
     if as_json:
         report = {**vars(found), "rows": [row.flat() for row in found.rows], "folder": str(folder)}
         report |= {"recommended": None if pick is None else pick.flat(), "why": why}
@@ -98,7 +98,13 @@ def cost(
         printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
     if front(found.rows, by):
         draw(CostReport(found, by, pick, most), folder / "cost.png")
-    _draw(found, loops, parts, folder)
+    if loops:
+        delay.write(loops, folder / "delay.csv")
+        delay.draw(loops, found, folder / "delay.png")
+    if parts:
+        effects.write(parts, folder / "effects.csv")
+    if effects_measured.drawn(parts):
+        effects_measured.draw(parts, f"{found.title}: its effects", found.machine, folder / "effects.png")
     if not as_json:
         printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
     printing.passed(pick is not None)
@@ -125,38 +131,6 @@ def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
         if any(one.fault == ABSENT for one in found):
             printing.line("to install missing solvers: pip install -e '.[peers]' in the project's folder")
     draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
-
-
-def _loops(scene: Scene, folder: Path) -> list[Delayed]:
-    """What delay and sampling of its loops cost."""
-    from rig.qualify.cost.delay import delayed, write
-
-    loops = delayed(scene)
-    if loops:
-        write(loops, folder / "delay.csv")
-    return loops
-
-
-def _effects(scene: Scene, folder: Path) -> list[Paired]:
-    """What its effects cost and change."""
-    from rig.qualify.cost.effects import effects, write
-
-    with printing.bar("effects") as progress:
-        parts = effects(scene, report=progress)
-    if parts:
-        write(parts, folder / "effects.csv")
-    return parts
-
-
-def _draw(found: Table, loops: list[Delayed], parts: list[Paired], folder: Path) -> None:
-    """The figures of loops and effects, where there are any."""
-    from rig.qualify import effects_measured
-    from rig.qualify.cost import delay
-
-    if loops:
-        delay.draw(loops, found, folder / "delay.png")
-    if effects_measured.drawn(parts):
-        effects_measured.draw(parts, f"{found.title}: its effects", found.machine, folder / "effects.png")
 
 
 def torture(

@@ -207,6 +207,12 @@ Accuracy = Annotated[
 ]
 
 
+def refuse_all(*mistakes: tuple[object, str]) -> None:
+    """Raise UsageError with the text of every mistake that was made, all at once; each is a condition and its text."""
+    if texts := [text for made, text in mistakes if made]:
+        raise UsageError("\n".join(texts))
+
+
 def changes(given: list[str] | None) -> dict[str, str]:
     """Dotted key -> value as text, of all `-p`."""
     pairs = (text.partition("=") for text in given or [])

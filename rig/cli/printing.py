@@ -11,7 +11,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -109,6 +109,14 @@ def table(name: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) ->
     if not console.is_terminal:
         console = Console(width=160)
     console.print(made, markup=False, highlight=False)
+
+
+def listing(title: str, heads: Mapping[str, str], rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
+    """Print rows as JSON, or as a table; `heads`: key of a row -> head of its column."""
+    if as_json:
+        report(rows)
+    else:
+        table(title, [*heads.values()], [[row[key] for key in heads] for row in rows])
 
 
 def pairs(rows: Iterable[tuple[str, str]]) -> None:

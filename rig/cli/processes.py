@@ -27,13 +27,13 @@ from rig.cli.options import (
     When,
     changes,
     pace,
+    refuse_all,
     seconds,
     the_scene,
     trigger,
 )
 from rig.cli.printing import new
 from rig.cli.recordings import opened, recording
-from rig.errors import UsageError
 from rig.extras import check
 from rig.printable import printable
 
@@ -137,14 +137,15 @@ def view(
 ) -> None:
     """Show a recording or a live run in rerun: the rig, its curves, events, commands and protocol."""
     patience = seconds(wait, "--wait", low=0.0) or 0.0
-    if log is not None and run is not None:
-        raise UsageError(f"{log} and --run {run}: name a recording or a live run, not both")
-    if foxglove is not None and (log is None or save is not None or web):
-        raise UsageError("--foxglove: needs a recording (rig view LOG --foxglove FILE), and neither --save nor --web")
-    if save is not None and save.suffix != ".rrd":
-        raise UsageError(f"--save {save}: is written in rerun's format, so its name must end in .rrd")
-    if foxglove is not None and foxglove.suffix != ".json":
-        raise UsageError(f"--foxglove {foxglove}: a layout is JSON, so its name must end in .json")
+    refuse_all(
+        (log and run is not None, f"{log} and --run {run}: name a recording or a live run, not both"),
+        (foxglove and (log is None or save or web),
+         "--foxglove: needs a recording (rig view LOG --foxglove FILE), and neither --save nor --web"),
+        (save and save.suffix != ".rrd",
+         f"--save {save}: is written in rerun's format, so its name must end in .rrd"),
+        (foxglove and foxglove.suffix != ".json",
+         f"--foxglove {foxglove}: a layout is JSON, so its name must end in .json"),
+    )  # fmt: skip
     if foxglove is None:
         check("rerun", "view", "rig view")
     if log is None:

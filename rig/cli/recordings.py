@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paired, plain
+from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paired, plain, refuse_all
 from rig.cli.printing import named, reads, refuse, writable
 from rig.errors import UsageError
 from rig.machine.files import RUNS
@@ -318,12 +318,12 @@ def export(
     There is one table for the outputs of the plant, one for the sensors of each
     rate, one for the commands of each controller and one for the events.
     """
-    if to not in NAMES:
-        raise UsageError(f"--to {to}: expected {_LIST}")
     hertz = None if rate is None else number(rate, "--rate", "Hz", *RATES)
     names = None if only is None else [name.strip() for name in only.split(",") if name.strip()]
-    if names == []:
-        raise UsageError("--only: expected names of outputs, sensors or controllers, separated by commas")
+    refuse_all(
+        (to not in NAMES, f"--to {to}: expected {_LIST}"),
+        (names == [], "--only: expected names of outputs, sensors or controllers, separated by commas"),
+    )
     from rig.record.export import FORMATS, tables
     from rig.record.export import export as write
     from rig.record.export.files import description, files

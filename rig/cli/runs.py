@@ -38,6 +38,7 @@ from rig.cli.options import (
     linked,
     pace,
     plain,
+    refuse_all,
     scene_file,
     seconds,
     share,
@@ -164,10 +165,10 @@ def run(
 def listed(only: str | None, figure: Path | None) -> list[str]:
     """The names that --only lists. Raises UsageError without a figure or without names."""
     names = [name.strip() for name in (only or "").split(",") if name.strip()]
-    if only is not None and figure is None:
-        raise UsageError("--only: chooses what --figure draws; add --figure FILE")
-    if only is not None and not names:
-        raise UsageError("--only: expected names of sensors or outputs, separated by commas")
+    refuse_all(
+        (only is not None and figure is None, "--only: chooses what --figure draws; add --figure FILE"),
+        (only is not None and not names, "--only: expected names of sensors or outputs, separated by commas"),
+    )
     return names
 
 
@@ -288,26 +289,17 @@ def simulate(
     names = listed(only, figure)
     links = linked(net, overrides)
     by_method = {} if method is None else {"clock.method": method}
-    if by_method.keys() & overrides.keys():
-        raise UsageError("--method and -p: both give clock.method; leave out one of them")
-    if repeat is not None and out is not None:
-        raise UsageError("--out: --repeat writes no recordings; leave out one of the two")
-    if repeat is not None and names:
-        raise UsageError("--only: --repeat draws the results of all runs; leave out one of the two")
-    if start is not None:
-        given = {
-            "SCENE": scene,
-            "--controller": controller,
-            "--net": net,
-            "--method": method,
-            "--accuracy": precision,
-            "--budget": budget,
-            "--repeat": repeat,
-        }
-        if wrong := [name for name, value in given.items() if value is not None]:
-            raise UsageError(f"--from {start}: {', '.join(wrong)} cannot be given with it; the recording decides")
-    elif scene is None:
-        raise UsageError("name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s")
+    given = {"SCENE": scene, "--controller": controller, "--net": net, "--method": method, "--accuracy": precision,
+             "--budget": budget, "--repeat": repeat}  # fmt: skip
+    wrong = ", ".join(name for name, value in given.items() if value is not None)
+    refuse_all(
+        (by_method.keys() & overrides.keys(), "--method and -p: both give clock.method; leave out one of them"),
+        (repeat and out, "--out: --repeat writes no recordings; leave out one of the two"),
+        (repeat and names, "--only: --repeat draws the results of all runs; leave out one of the two"),
+        (start is not None and wrong, f"--from {start}: {wrong} cannot be given with it; the recording decides"),
+        (start is None and scene is None,
+         "name a scene (rig list shows them), or a recording to continue: --from LOG@12.5s"),
+    )  # fmt: skip
     loaded: Scene | None = None
     if scene is not None:
         by_option: dict[str, Mapping[str, object]] = {
@@ -346,12 +338,9 @@ def simulate(
         printing.note(text)
     draw(found, figure, names)
     kinds = {event["kind"] for event in found.plant_events}
-    printing.passed(not failed)
-    if found.fault or "limit" in kinds:
-        raise typer.Exit(ExitCode.STOPPED)
-    printing.passed("lost" not in kinds)
-    if stop():
-        raise typer.Exit(ExitCode.INTERRUPTED)
+    stopped = not failed and (found.fault or "limit" in kinds)
+    codes = {ExitCode.STOPPED: stopped, ExitCode.FAILED: failed or "lost" in kinds, ExitCode.INTERRUPTED: stop()}
+    raise typer.Exit(next((code for code, holds in codes.items() if holds), ExitCode.DONE))
 
 
 def _simulated(
