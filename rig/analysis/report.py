@@ -223,7 +223,9 @@ def values(run: Run, scene: Scene | None, why: str) -> Html:
             for one in explain(scene).values
         ]
         return table("Values in SI units", ("key", "value", "unit", "origin", "note"), rows)
-    carried = {name: content for name, content in described(run.scene).items() if name != "parts"}  # their text is no value
+    carried = {
+        name: content for name, content in described(run.scene).items() if name != "parts"
+    }  # their text is no value
     found = [(key, value(content)) for key, content in flattened(carried)]
     return joined((element("p", why, class_="doubtful"), table("Values as recorded", ("key", "value"), found)))
 
