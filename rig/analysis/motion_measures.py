@@ -309,7 +309,8 @@ def _watched(first: Problem, patience: float) -> Problem:
     setting = of(scene, first.system)
     orbit = first.orbit(replace(setting, tolerance=TIGHT) if setting.tolerance else setting)
     turn = turn_of(steady(first.system, sliding_key(first.system)))
-    longest = min(max(scene.duration_ns or 10**10, _turns(turn)), int(_LONGEST * 1e9)) // scene.step_ns
+    turns_ns = 0 if math.isinf(turn) else int(3.1e9 * turn)  # enough of them that the last third is a whole one
+    longest = min(max(scene.duration_ns or 10**10, turns_ns), int(_LONGEST * 1e9)) // scene.step_ns
     events: list[Event] = []
     count, enough, asked = 0, longest, 0
     end = time.perf_counter() + patience
@@ -340,11 +341,6 @@ def _watched(first: Problem, patience: float) -> Problem:
     frames = min(length // whole, int((last + _dies(first.system)) / (scene.frame_ns * 1e-9)))
     length = max(frames, 3) * whole
     return replace(first, kind="smooth", length=length, window=_third(length, whole))
-
-
-def _turns(turn: float) -> int:
-    """Time [ns] of enough turns of `turn` [s] that the last third is a whole one; 0 without turns."""
-    return 0 if math.isinf(turn) else int(3.1e9 * turn)
 
 
 def _third(length: int, whole: int) -> int:
@@ -477,13 +473,13 @@ def _stretch(problem: Problem, orbit: Orbit) -> tuple[dict[str, float], list[Eve
     for name in names:
         output = orbit.outputs.index(name)
         if moves(*part.dense.extremes(output)):
-            measures[f"rms {name}"] = rms(part.dense, output, 0.0, length)
+            measures[f"rms {name}"] = moments(part.dense, output, 0.0, length)[1]
     lead = orbit.outputs.index(names[0])
-    turns = crossings(part.dense, lead, mean(part.dense, lead, 0.0, length))
+    turns = crossings(part.dense, lead, moments(part.dense, lead, 0.0, length)[0])
     if len(turns) > 2:
         measures["frequency"] = (len(turns) - 1) / (turns[-1] - turns[0])
     if problem.kind == "smooth":
-        early, late = (rms(part.dense, lead, a, a + 0.5 * length) for a in (0.0, 0.5 * length))
+        early, late = (moments(part.dense, lead, a, a + 0.5 * length)[1] for a in (0.0, 0.5 * length))
         if min(early, late) > 0.0:
             measures["growth rate"] = math.log(late / early) / (0.5 * length)
     else:
@@ -547,17 +543,11 @@ def _apart(seen: Seen, truth: Seen, at_once: int) -> float:
     return max((abs(ours[key] - theirs[key]) for key in ours.keys() & theirs.keys()), default=math.inf)
 
 
-def rms(dense: Dense, output: int, begin: float, end: float) -> float:
-    """Return the root mean square about the mean of an output between two times [s]."""
+def moments(dense: Dense, output: int, begin: float, end: float) -> tuple[float, float]:
+    """Return mean and root mean square about it of an output between two times [s]."""
     weights, values = _nodes(dense, output, begin, end)
-    middle = float(weights @ values / weights.sum())
-    return math.sqrt(float(weights @ (values - middle) ** 2 / weights.sum()))
-
-
-def mean(dense: Dense, output: int, begin: float, end: float) -> float:
-    """Return the mean of an output between two times [s]."""
-    weights, values = _nodes(dense, output, begin, end)
-    return float(weights @ values / weights.sum())
+    mean = float(weights @ values / weights.sum())
+    return mean, math.sqrt(float(weights @ (values - mean) ** 2 / weights.sum()))
 
 
 def _nodes(dense: Dense, output: int, begin: float, end: float) -> tuple[NDArray[Any], NDArray[Any]]:

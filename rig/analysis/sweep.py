@@ -18,24 +18,8 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.analysis import eigenvalue_curves as curves
 from rig.analysis.axis import Axis, fixed
-from rig.analysis.eigenvalue_curves import (
-    RELATIVE,
-    ROUNDING,
-    Bracket,
-    Growth,
-    Hole,
-    Spectra,
-    Spectrum,
-    brackets,
-    edge,
-    equilibrium,
-    follow,
-    looked,
-    none,
-    root,
-    stretches,
-)
 from rig.analysis.modes import dithers, motion, shape_text
 from rig.printable import columns
 from rig.results import Result
@@ -106,19 +90,19 @@ class Found(NamedTuple):
     resolution: float
 
 
-def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
+def search(values: Sequence[float], rates: Complex, spectra: curves.Spectra) -> Found:
     """Find all critical values between the ends of `values`. `rates` [value, branch]: the branches of the sweep."""
 
     @lru_cache(maxsize=4096)
-    def growths(value: float) -> Growth | None:
+    def growths(value: float) -> curves.Growth | None:
         spectrum = spectra(value)
-        return Growth(spectrum.rates.real, none(spectrum.rates)) if spectrum.counts else None
+        return curves.Growth(spectrum.rates.real, curves.none(spectrum.rates)) if spectrum.counts else None
 
     def look(grid: list[float]) -> Found:
         known: list[Critical] = list(_jamming(grid, spectra))
-        for stretch in stretches(grid, growths):
-            for bracket in brackets(stretch, growths):
-                critical = _at(spectra, bracket, root(bracket, growths), values, rates)
+        for stretch in curves.stretches(grid, growths):
+            for bracket in curves.brackets(stretch, growths):
+                critical = _at(spectra, bracket, curves.root(bracket, growths), values, rates)
                 span = _SAME * abs(values[-1] - values[0])
                 if not any(abs(c.value - critical.value) <= span and c.kind == critical.kind for c in known):
                     known.append(critical)
@@ -126,10 +110,10 @@ def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
         resolution = max(abs(b - a) for a, b in pairwise(grid))
         return Found(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), resolution)
 
-    return looked(values, growths, look)
+    return curves.looked(values, growths, look)
 
 
-def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
+def _with_sides(known: list[Critical], grid: Sequence[float], spectra: curves.Spectra) -> Iterator[Critical]:
     """Add what grows below and above, up to the next value of the grid or the next critical value."""
     places = sorted({*grid, *(critical.value for critical in known)})
     for critical in known:
@@ -139,7 +123,7 @@ def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) 
         yield replace(critical, below=sides[0], above=sides[1])
 
 
-def _beside(value: float, near: float, spectra: Spectra) -> int | None:
+def _beside(value: float, near: float, spectra: curves.Spectra) -> int | None:
     """Number of growing eigenvalues half-way to the next value; None where they are not valid.
 
     Raises Hole if there is no steady sliding there.
@@ -147,13 +131,13 @@ def _beside(value: float, near: float, spectra: Spectra) -> int | None:
     middle = 0.5 * (value + near)
     between = spectra(middle)
     if between.counts:
-        return int(np.count_nonzero(between.rates.real > none(between.rates)))
+        return int(np.count_nonzero(between.rates.real > curves.none(between.rates)))
     if spectra(value).counts and spectra(near).counts:
-        raise Hole(middle)
+        raise curves.Hole(middle)
     return None
 
 
-def _gaps(grid: Sequence[float], spectra: Spectra) -> Iterator[Gap]:
+def _gaps(grid: Sequence[float], spectra: curves.Spectra) -> Iterator[Gap]:
     """Ranges without steady sliding, and why."""
     notes, span = [spectra(value).note for value in grid], abs(grid[-1] - grid[0])
     starts = [i for i in range(len(grid)) if i == 0 or notes[i] != notes[i - 1]]
@@ -165,12 +149,12 @@ def _gaps(grid: Sequence[float], spectra: Spectra) -> Iterator[Gap]:
             return spectra(value).note == note
 
         last = beyond - 1
-        start = edge(grid[first], grid[first - 1], holds, span)[0] if first else grid[first]
-        end = edge(grid[last], grid[beyond], holds, span)[0] if beyond < len(grid) else grid[last]
+        start = curves.edge(grid[first], grid[first - 1], holds, span)[0] if first else grid[first]
+        end = curves.edge(grid[last], grid[beyond], holds, span)[0] if beyond < len(grid) else grid[last]
         yield Gap(start, end, note, spectra(grid[(first + last) // 2]).why)
 
 
-def _jamming(grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
+def _jamming(grid: Sequence[float], spectra: curves.Spectra) -> Iterator[Critical]:
     """Values at which the determinant of the mass matrix with friction changes its sign."""
     from scipy.optimize import brentq
 
@@ -178,12 +162,14 @@ def _jamming(grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
         first, other = spectra(a), spectra(b)
         if first.inertia * other.inertia < 0.0 or (first.inertia and not other.inertia):
             ends = sorted((a, b))
-            root = float(brentq(lambda value: spectra(value).inertia, *ends, xtol=1e-300, rtol=RELATIVE))
+            root = float(brentq(lambda value: spectra(value).inertia, *ends, xtol=1e-300, rtol=curves.RELATIVE))
             rises = (other.inertia > first.inertia) == (b > a)
             yield Critical(root, "jamming", "stable" if rises else "unstable", 0.0, -1, {}, {})
 
 
-def _at(spectra: Spectra, bracket: Bracket, root: float, values: Sequence[float], rates: Complex) -> Critical:
+def _at(
+    spectra: curves.Spectra, bracket: curves.Bracket, root: float, values: Sequence[float], rates: Complex
+) -> Critical:
     """The critical value at the root of a bracket."""
     k, a, b, how = bracket
     low, high = sorted((a, b))
@@ -246,7 +232,7 @@ class Sweep(Result):
 
     @property
     def _upper(self) -> NDArray[np.bool_]:
-        return np.asarray(self.rates.imag >= -ROUNDING * np.abs(self.rates))
+        return np.asarray(self.rates.imag >= -curves.ROUNDING * np.abs(self.rates))
 
     @property
     def largest(self) -> Array:
@@ -303,7 +289,7 @@ class Sweep(Result):
                 continue
             top = row[int(np.nanargmax(row.real))]
             there = row[np.isfinite(row)]
-            count = int(np.count_nonzero((there.real > none(there)) & (there.imag >= 0.0)))
+            count = int(np.count_nonzero((there.real > curves.none(there)) & (there.imag >= 0.0)))
             hertz = abs(top.imag) / (2.0 * math.pi)
             rows += [(axis.text(value), f"{top.real:.6g}", f"{hertz:.6g}", f"{count or ''}", note)]
         return "\n".join([*lines, "", *columns(rows, "<>>><")])
@@ -319,14 +305,14 @@ def sweep(scene: Scene, axis: Axis) -> Sweep:
     """
     dithered = dithers(scene, axis.key)
 
-    def spectrum(value: float) -> Spectrum:
-        return equilibrium(axis.at(scene, value), bool(dithered))
+    def spectrum(value: float) -> curves.Spectrum:
+        return curves.equilibrium(axis.at(scene, value), bool(dithered))
 
     how = {None: "", True: "friction averaged over the dither", False: "without the dither"}[dithered]
     return replace(along(scene.name, axis, spectrum, fixed=fixed(scene, [axis])), friction=how)
 
 
-def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "", fixed: str = "") -> Sweep:
+def along(name: str, axis: Axis, spectrum_at: curves.Spectra, loop: str = "", fixed: str = "") -> Sweep:
     """Compute the sweep of anything that has a spectrum at each value of an axis."""
     spectra = lru_cache(maxsize=4096)(spectrum_at)
     spectra_at = [spectra(value) for value in axis.values]
@@ -355,7 +341,7 @@ def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "", fixed: st
 
 
 def _branches(
-    values: tuple[float, ...], spectra_at: list[Spectrum], spectra: Spectra
+    values: tuple[float, ...], spectra_at: list[curves.Spectrum], spectra: curves.Spectra
 ) -> tuple[Complex, list[dict[int, int]]]:
     """Rates [value, branch], and for each value the branch of each of its rates."""
     order: list[dict[int, int]] = []
@@ -363,7 +349,7 @@ def _branches(
     for k, spectrum in enumerate(spectra_at):
         here: dict[int, int] = {}
         if k and spectrum.counts and spectra_at[k - 1].counts:
-            on = follow(spectra, values[k - 1], spectra_at[k - 1], values[k], spectrum)
+            on = curves.follow(spectra, values[k - 1], spectra_at[k - 1], values[k], spectrum)
             here = {int(on[i]): place for i, place in order[-1].items() if on[i] >= 0}
         for i in range(len(spectrum.rates) if spectrum.counts else 0):
             if i not in here:

@@ -210,43 +210,25 @@ class Map(Result):
 def gathered(job: Job, rows_of: dict[int, Arrays], folder: Path) -> Map:
     """Assemble the map of a job from its units."""
     count, rows = len(job.x.values), len(job.y.values) if job.y else 1
-    first = rows_of[0]
-
-    def table(name: str) -> NDArray[Any]:
-        shape, kind = first[name].shape, first[name].dtype
-        out = np.zeros((*shape[:1], rows, count, *shape[2:]), kind)
-        if kind.kind == "f":
-            out[:] = np.nan  # of runs that were not requested
-        for number, unit in enumerate(job.units):
-            for run in unit.runs:
-                at = RUNS.index(run)
-                out[at, unit.row, unit.first : unit.last] = rows_of[number][name][at]
-        return out
-
-    def line(name: str) -> Array:
-        out = np.zeros((rows, count))
-        for number, unit in enumerate(job.units):
-            if unit.curve:
-                out[unit.row, unit.first : unit.last] = rows_of[number][name]
-        return out
-
+    tables: dict[str, NDArray[Any]] = {}
+    for name in ("state", "why", "low", "high", "rms", "share", "period", "spent", "section"):
+        runs, _, *more = rows_of[0][name].shape
+        tables[name] = np.zeros((runs, rows, count, *more), rows_of[0][name].dtype)
+        if tables[name].dtype.kind == "f":
+            tables[name][:] = np.nan  # of runs that were not requested
+    growth, frequency = np.zeros((2, rows, count))
     onsets: list[list[float]] = [[] for _ in range(rows)]
     ends = np.full((2, rows, 2), np.nan)
     for number, unit in enumerate(job.units):
+        part, at = rows_of[number], (unit.row, slice(unit.first, unit.last))
+        for run in map(RUNS.index, unit.runs):
+            for name, table in tables.items():
+                table[run, *at] = part[name][run]
         if unit.curve:
-            onsets[unit.row] += rows_of[number]["onset"].tolist()
+            growth[at], frequency[at] = part["growth"], part["frequency"]
+            onsets[unit.row] += part["onset"].tolist()
         if set(unit.runs) & {*CARRIED}:
-            ends[:, unit.row] = rows_of[number]["end"]
-    names = ("low", "high", "rms", "share", "period", "spent", "section")
-    return Map(
-        job=job,
-        unit=job.scene.assemble().outputs[job.settings.output].unit,
-        state=table("state"),
-        tables={name: table(name) for name in names},
-        why=table("why"),
-        growth=line("growth"),
-        frequency=line("frequency"),
-        onsets=tuple(np.array(values) for values in onsets),
-        ends=ends,
-        folder=folder,
-    )
+            ends[:, unit.row] = part["end"]
+    unit_of_output = job.scene.assemble().outputs[job.settings.output].unit
+    state, why, lines = tables.pop("state"), tables.pop("why"), tuple(np.array(values) for values in onsets)
+    return Map(job, unit_of_output, state, tables, why, growth, frequency, lines, ends, folder)

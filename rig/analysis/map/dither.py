@@ -185,7 +185,19 @@ class _Shaken:
         step_ns = round(2.0 * math.pi / self.omega / _SAMPLES * 1e9)
         slowest = 2.0 * math.pi / float(np.abs(rates[np.abs(rates) > 1e-6 * np.abs(rates).max()]).min())
         third = round((self.longest or SLOW * slowest) / 3.0 / (step_ns * 1e-9) / _SAMPLES) * _SAMPLES
-        motion = self._motion(start, step_ns, third)
+        clock = self.scene.clock
+        motion = Motion(
+            replace(self.system, start=start),
+            step_ns,
+            chosen(clock.method, self.system),
+            tolerance=clock.tolerance,
+            substeps=clock.substeps(step_ns),
+            cap=clock.events_per_frame,
+            frame=max(self.scene.frame_ns // step_ns, 1),
+            limit=clock.limit,
+            with_energy=False,
+            longest=third,
+        )
         along = shape[:nq].conj() / float(np.linalg.norm(shape[:nq])) ** 2 / size
         swings = []
         try:
@@ -198,18 +210,3 @@ class _Shaken:
         except NumericsError:
             return True
         return swings[-1] > swings[0]
-
-    def _motion(self, start: Array, step_ns: int, ticks: int) -> Motion:
-        clock = self.scene.clock
-        return Motion(
-            replace(self.system, start=start),
-            step_ns,
-            chosen(clock.method, self.system),
-            tolerance=clock.tolerance,
-            substeps=clock.substeps(step_ns),
-            cap=clock.events_per_frame,
-            frame=max(self.scene.frame_ns // step_ns, 1),
-            limit=clock.limit,
-            with_energy=False,
-            longest=ticks,
-        )

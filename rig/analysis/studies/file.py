@@ -84,12 +84,12 @@ def read(path: Path) -> StudyFile:
     if faults:
         raise UsageError("\n".join(f"{path}: {line}" for line in faults))
     measure = raw.get("measure", [])
+    measure = [measure] if isinstance(measure, str) else measure
     arguments: dict[str, Any] = {
         name: raw[name] for name in ("samples", "sampling", "repeat", "seed", "keep") if name in raw
     }
     arguments |= {"duration": duration} if duration is not None else {}
-    arguments["over"] = over
-    arguments["measure"] = [_beside(path, name) for name in ([measure] if isinstance(measure, str) else measure)]
+    arguments |= {"over": over, "measure": [_beside(path, name) for name in measure]}
     scene, lines = raw["scene"], places.lines(text)
     given = {key: Place(str(path), lines[f"set.{key}"]) for key in changes}
     return StudyFile(_beside(path, scene) if scene.endswith(".toml") else scene, changes, given, arguments)
