@@ -30,7 +30,7 @@ SEEDS = 1 << 31  # seeds that an environment draws for itself are below this num
 
 def box(ranges: list[tuple[float, float]]) -> Any:
     """The space of values within these ranges."""
-    low, high = (np.array(one) for one in zip(*ranges))
+    low, high = (np.array(ends) for ends in zip(*ranges))
     return gymnasium.spaces.Box(low, high, dtype=np.float64)
 
 

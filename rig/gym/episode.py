@@ -82,8 +82,10 @@ class Episode:
         bank, inputs = self.runner.bank, self.runner.inputs
         units = dict(zip(bank.names, bank.units))
         self.observed, wrong_observed = _ranges("observe", observe, units, {})
-        limits = {name: (one.low, one.high) for name, one in inputs.items()}
-        self.driven, wrong_driven = _ranges("act", act, {name: one.unit for name, one in inputs.items()}, limits)
+        limits = {name: (actuator.low, actuator.high) for name, actuator in inputs.items()}
+        self.driven, wrong_driven = _ranges(
+            "act", act, {name: actuator.unit for name, actuator in inputs.items()}, limits
+        )
         faults = [*wrong_observed, *wrong_driven]
         faults += [f"act: {name}: each value needs new matrices; an agent cannot drive it"
                    for name in act if self.runner.coefficient(name)]  # fmt: skip
@@ -173,15 +175,15 @@ class Episode:
     def observation(self) -> list[float]:
         """The latest measurements within their ranges; where there is none, the last one."""
         latest, heard = self.runner.hearing.latest, self._heard
-        found = []
+        values = []
         for i, (column, (low, high)) in enumerate(zip(self._columns, self.observed)):
             value = latest.item(column)
             if isfinite(value):
                 heard[i] = value
             elif not isfinite(value := heard[i]):
                 value = 0.0
-            found.append(low if value < low else high if value > high else value)
-        return found
+            values.append(low if value < low else high if value > high else value)
+        return values
 
 
 def _unknown(what: str, given: Ranges, known: Iterable[str]) -> list[str]:
@@ -196,7 +198,7 @@ def _ranges(
     what: str, given: Ranges, units: Mapping[str, str], limits: Mapping[str, tuple[float, float]]
 ) -> tuple[list[tuple[float, float]], list[str]]:
     """The ranges in SI, and their faults. `limits`: what is possible at most."""
-    found, faults = [], []
+    in_si, faults = [], []
     for name, values in given.items():
         try:
             low, high = (finite(value, units[name]) for value in values)
@@ -205,10 +207,10 @@ def _ranges(
             least, most = limits.get(name, (low, high))
             if low < least or high > most:
                 raise ValueError(f"the actuator takes {least:g} to {most:g} {units[name]}")
-            found.append((low, high))
+            in_si.append((low, high))
         except (TypeError, ValueError) as fault:
             faults.append(f"{what}: {name} = {values!r:.80}: {fault}; state (least, largest) value")
-    return found, faults
+    return in_si, faults
 
 
 def _length(scene: Scene, duration: Any) -> tuple[int, list[str]]:
@@ -218,7 +220,7 @@ def _length(scene: Scene, duration: Any) -> tuple[int, list[str]]:
             return 0, [f"duration: {scene.name} has no protocol that ends; state one, e.g. duration=10.0"]
         return scene.duration_ns, []
     try:
-        found = nanoseconds(duration)
+        length = nanoseconds(duration)
     except ValueError as fault:
         return 0, [f"duration: {fault}"]
-    return found, [] if found > 0 else [f"duration = {duration}: must be above 0 s"]
+    return length, [] if length > 0 else [f"duration = {duration}: must be above 0 s"]

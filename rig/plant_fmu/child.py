@@ -101,7 +101,7 @@ def serve(link: socket.socket, scene: str, drives: Sequence[str], results: int) 
     plant: Plant | None = None
     while len(raw := link.recv(request.size, socket.MSG_WAITALL)) == request.size:
         kind, first, second, *values = request.unpack(raw)
-        found, text = [0.0] * results, ""
+        answered, text = [0.0] * results, ""
         try:
             if plant is None:
                 trust_scene(scene)  # its parts come with the FMU, whose code the user runs already
@@ -110,10 +110,10 @@ def serve(link: socket.socket, scene: str, drives: Sequence[str], results: int) 
                 plant.start(int(first), second)
             else:
                 plant.step(first, second, values)
-            found = plant.results()
+            answered = plant.results()
         except RigError as fault:
             text = str(fault).replace("\n", "; ")
-        link.sendall(answer.pack(float(bool(text)), *found, text.encode()[: _TEXT - 1]))
+        link.sendall(answer.pack(float(bool(text)), *answered, text.encode()[: _TEXT - 1]))
 
 
 def main() -> int:

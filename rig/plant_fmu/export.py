@@ -79,9 +79,9 @@ def text(scene: Scene, interface: Interface, guid: str, identifier: str, python:
 
 def _units(units: set[str]) -> Iterator[str]:
     for unit in sorted(units):
-        found = exponents(unit)
-        if found is not None:
-            powers = "".join(f' {base}="{power}"' for base, power in found.items())
+        powers_of = exponents(unit)
+        if powers_of is not None:
+            powers = "".join(f' {base}="{power}"' for base, power in powers_of.items())
             yield f"<Unit name={quoteattr(unit)}><BaseUnit{powers}/></Unit>"
 
 
@@ -170,7 +170,7 @@ def export(scene: Scene, path: Path, inputs: Sequence[str] = (), python: str = s
 def _possible(scene: Scene) -> list[str]:
     """Actuators that can be commanded without new matrices."""
     driven = replace(scene, driven=frozenset(scene.assemble().inputs)).assemble().inputs
-    return [name for name, one in driven.items() if one.state or one.write]
+    return [name for name, actuator in driven.items() if actuator.state or actuator.write]
 
 
 def _compiled(compiler: str, path: Path, guid: str, interface: Interface, seed: int, python: str) -> Path:

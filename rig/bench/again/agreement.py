@@ -112,7 +112,7 @@ def pairs(run: Run, again: Run, modes: bool = False) -> Iterator[Pair]:
         nothing = NOTHING * largest[run.units.get(name, "")]
         yield _common(name, *run.recorded(name), *again.recorded(name), nothing)
     if modes and run.mode.size:
-        (t_ns, key), (u_ns, other) = ((np.rint(one.time * 1e9).astype(np.int64), one.mode) for one in (run, again))
+        (t_ns, key), (u_ns, other) = ((np.rint(each.time * 1e9).astype(np.int64), each.mode) for each in (run, again))
         yield _common(MODE_SET, t_ns, key.astype(np.float64), u_ns, other.astype(np.float64), 0.0)
 
 
@@ -146,8 +146,8 @@ def other_mode_sets(run: Run, again: Run, end_ns: int) -> list[str]:
 
 def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals, nothing: float) -> Pair:
     once = bool(np.all(np.diff(t_ns) > 0))
-    shared, one, other = np.intersect1d(t_ns, u_ns, assume_unique=once, return_indices=True)
-    return Pair(name, shared, np.ascontiguousarray(v[one]), np.ascontiguousarray(u[other]), nothing)
+    shared, here, there = np.intersect1d(t_ns, u_ns, assume_unique=once, return_indices=True)
+    return Pair(name, shared, np.ascontiguousarray(v[here]), np.ascontiguousarray(u[there]), nothing)
 
 
 BEFORE = 1e-5
@@ -176,8 +176,8 @@ class Compared(NamedTuple):
     agrees: bool
 
     def __str__(self) -> str:
-        one, unit = self.recorded, "" if self.recorded.unit == "1" else f" {self.recorded.unit}"
-        return f"{one.name}: {one.value:.4g} and {self.simulated:.4g}{unit} ({self.allowed})"
+        statistic, unit = self.recorded, "" if self.recorded.unit == "1" else f" {self.recorded.unit}"
+        return f"{statistic.name}: {statistic.value:.4g} and {self.simulated:.4g}{unit} ({self.allowed})"
 
 
 class Openings(NamedTuple):
@@ -201,7 +201,7 @@ class Openings(NamedTuple):
         if self.recorded is None and self.simulated is None:
             return ""
         if self.recorded is None or self.simulated is None:
-            times = ["never" if one is None else f"at t = {one:.6g} s" for one in self]
+            times = ["never" if time is None else f"at t = {time:.6g} s" for time in self]
             return f"a contact point opens first {times[0]} in the recording and {times[1]} here"
         if abs(self.recorded - self.simulated) <= ONSET * self.recorded + step:
             return ""
@@ -239,7 +239,7 @@ def compared(run: Run, again: Run, first: float, last: float) -> Iterator[Compar
 
 def _thinned(run: Run, beside: Run, first: float, last: float) -> Run:
     """`run` with its outputs only at the instants of `beside`; without outputs if these are fewer than `FEWEST`."""
-    t_ns, other = (np.rint(one.time * 1e9).astype(np.int64) for one in (run, beside))
+    t_ns, other = (np.rint(each.time * 1e9).astype(np.int64) for each in (run, beside))
     here = np.isin(t_ns, other, assume_unique=True)
     inside = here & (run.time >= first) & (run.time <= last)
     enough = np.count_nonzero(inside) >= FEWEST

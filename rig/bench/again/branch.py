@@ -84,21 +84,22 @@ def history_end(run: Run) -> int:
     return int(stated) if stated.isdecimal() else -1
 
 
-def add_history(found: Run, run: Run, tick: int) -> None:
-    """Put the outputs, contacts and checkpoints of `run` up to `tick` before those of `found`, simulated from there on.
+def add_history(continued: Run, run: Run, tick: int) -> None:
+    """Put the outputs, contacts and checkpoints of `run` up to `tick` before those of `continued`.
 
-    `found` has one row of outputs at 0, then those after the checkpoint. Outputs of a live recording are farther apart.
+    `continued` was simulated from there on: it has one row of outputs at 0, then those after the checkpoint. Outputs of
+    a live recording are farther apart.
     """
-    now = tick * found.frame_ns
+    now = tick * continued.frame_ns
     old = run.time <= (now + 0.5) * 1e-9
-    new = np.arange(1, found.time.size) * found.step_ns + now
+    new = np.arange(1, continued.time.size) * continued.step_ns + now
 
-    found.time = np.concatenate([run.time[old], new * 1e-9])
-    found.signals = {name: np.concatenate([run.signals[name][old], v[1:]]) for name, v in found.signals.items()}
-    found.mode = np.concatenate([run.mode[old], found.mode[1:]])
+    continued.time = np.concatenate([run.time[old], new * 1e-9])
+    continued.signals = {name: np.concatenate([run.signals[name][old], v[1:]]) for name, v in continued.signals.items()}
+    continued.mode = np.concatenate([run.mode[old], continued.mode[1:]])
     contacts = [event for event in run.plant_events if event["kind"] == "contact" and event["t_ns"] <= now]
-    found.events = sorted([*contacts, *found.events], key=lambda event: int(event["t_ns"]))
-    found.checkpoints = {at: state for at, state in run.checkpoints.items() if at <= tick} | found.checkpoints
+    continued.events = sorted([*contacts, *continued.events], key=lambda event: int(event["t_ns"]))
+    continued.checkpoints = {at: state for at, state in run.checkpoints.items() if at <= tick} | continued.checkpoints
 
 
 def branch(
@@ -133,7 +134,7 @@ def branch(
         "ancestor_sha256": digest,
         "instant_ns": tick * run.frame_ns,
     }
-    acting = {name: controllers.restored(one) for name, one in design.described(scene).items()}
+    acting = {name: controllers.restored(description) for name, description in design.described(scene).items()}
     _check(begun(scene, acting)[0], acting, changes)
     asked: list[str] = []
 
@@ -147,26 +148,26 @@ def branch(
     def continued(resumption: Resumption | None) -> Run:
         recorded = Recorded(run.commands, events, tick, resumption)
         try:
-            found = simulate(scene, None, end, recorded, None if stop is None else ask)
+            continuation = simulate(scene, None, end, recorded, None if stop is None else ask)
         except LogError as fault:
             raise LogError(f"{log}: {fault}") from None
         if resumption is not None:
-            add_history(found, run, resumption.tick)
-        reached = round(float(found.time[-1]) * 1e9)
+            add_history(continuation, run, resumption.tick)
+        reached = round(float(continuation.time[-1]) * 1e9)
         if reached <= tick * run.frame_ns and not asked:
-            why = found.fault.partition("\n")[0] or found.summary["ended"]
+            why = continuation.fault.partition("\n")[0] or continuation.summary["ended"]
             raise UsageError(f"{log}: its run ended at {reached * 1e-9:g} s ({why}); name an instant before")
-        _repeats(log, run, found, scene, min(reached, tick * run.frame_ns) * 1e-9)
-        return found
+        _repeats(log, run, continuation, scene, min(reached, tick * run.frame_ns) * 1e-9)
+        return continuation
 
-    found: Run | None = None
+    result: Run | None = None
     if (resumption := nearest(run, scene, tick)) is not None:
         with suppress(RigError, ValueError, KeyError):  # the simulation from the begin on says what is wrong
-            found = continued(resumption)
+            result = continued(resumption)
             origin[CHECKPOINT] = resumption.tick * run.frame_ns
-    found = found or continued(None)
-    found.provenance = provenance(scene.seed) | {key: str(value) for key, value in origin.items()}
-    return found
+    result = result or continued(None)
+    result.provenance = provenance(scene.seed) | {key: str(value) for key, value in origin.items()}
+    return result
 
 
 def _tick(log: Path, run: Run, at: float | None) -> int:

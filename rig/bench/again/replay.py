@@ -41,15 +41,15 @@ def replay(
     that is not trusted, BusError if a controller does not join, leaves or does not answer.
     """
     setup = setup_of(head(log))
-    names = {_name(one): one for one in into}
+    names = {_name(given): given for given in into}
     if len(names) < len(into):
         raise UsageError(f"--into {', '.join(into)}: two controllers have the same name")
     wanted = _by_controller(changes or {}, names)
     taking_part: dict[str, Controller] = {}
     described: dict[str, Any] = {}
-    for name, one in names.items():
-        if one.endswith(".py"):
-            taking_part[name] = _of_file(one, name, setup)
+    for name, given in names.items():
+        if given.endswith(".py"):
+            taking_part[name] = _of_file(given, name, setup)
             if name in wanted:
                 retune(taking_part[name], wanted[name])  # refused before anything is started
         else:
@@ -81,7 +81,7 @@ def _name(given: str) -> str:
 def _recorded(setup: Setup, name: str) -> Any:
     """The recorded description of a controller."""
     if not setup.controllers.get(name):
-        known = ", ".join(one for one, description in setup.controllers.items() if description) or "none"
+        known = ", ".join(controller for controller, description in setup.controllers.items() if description) or "none"
         raise UsageError(
             f"the recording describes no controller {name}; it has: {known}. The name of a Python file must end in .py"
         )
@@ -107,17 +107,17 @@ def _of_file(path: str, name: str, setup: Setup) -> Controller:
 
 def _by_controller(changes: Mapping[str, object], names: Mapping[str, str]) -> dict[str, dict[str, object]]:
     """Controller -> changes of its parameters. Raises UsageError for a key of anything else."""
-    found: dict[str, dict[str, object]] = {}
+    by_controller: dict[str, dict[str, object]] = {}
     for key, value in changes.items():
         room, _, rest = key.partition(".")
         name, _, inner = rest.partition(".")
         if room != "controllers" or name not in names or not inner:
-            known = ", ".join(f"controllers.{one}.KEY" for one in names) or "none without --into"
+            known = ", ".join(f"controllers.{controller}.KEY" for controller in names) or "none without --into"
             raise UsageError(
                 f"-p {key}: the plant is recorded; a replay can change values of the controllers of --into: {known}"
             )
-        found.setdefault(name, {})[inner] = value
-    return found
+        by_controller.setdefault(name, {})[inner] = value
+    return by_controller
 
 
 def _described(setup: Setup, name: str, changes: Mapping[str, object]) -> dict[str, Any]:

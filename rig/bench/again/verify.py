@@ -76,7 +76,7 @@ def differences(run: Run, again: Run, end_ns: int, exact: bool = True) -> tuple[
         exact and not run.on_bus and run.time.size > 1 and round(float(run.time[1] - run.time[0]) * 1e9) == run.step_ns
     )
     kinds = _REPEATED | ({_CONTACT} if every_step else frozenset())
-    recorded, simulated = (_by_kind(one.events, kinds, end_ns) for one in (run, again))
+    recorded, simulated = (_by_kind(each.events, kinds, end_ns) for each in (run, again))
     agree, differing = 0, []
     for kind in sorted(recorded.keys() | simulated.keys()):
         pairs = list(zip_longest(recorded[kind], simulated[kind]))
@@ -287,9 +287,9 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
     elif scene.models and not run.models:
         notes.append("the recording has lost the model of its structure; the one that was built here is the same")
     common = list(pairs(run, again, modes=not (elsewhere or run.notes)))  # a lost one cannot be told from a mode set
-    found = agreement(common, scene, bool(elsewhere))
+    agreed = agreement(common, scene, bool(elsewhere))
     openings = Openings.of(run, again)
-    chaotic = found.first and elsewhere and found.deviation > ELSEWHERE and openings.first is not None
+    chaotic = agreed.first and elsewhere and agreed.deviation > ELSEWHERE and openings.first is not None
     faults, events = [*unknown(run, again), *_gaps(run, again)], 0
     if not run.damage:
         faults += [*command_faults(log, run, scene), *_network(run, again)]
@@ -313,23 +313,23 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
     parts: list[str] = []
     allowed = ELSEWHERE
     if chaotic and openings.first is not None:
-        found, allowed = agreement(common, scene, True, openings.first), BEFORE
+        agreed, allowed = agreement(common, scene, True, openings.first), BEFORE
         if fault := openings.fault(float(np.diff(run.time[:2]).sum())):
             faults.append(fault)
         else:
             parts, wrong = _statistics(run, again, openings.first)
             faults += wrong
-    if found.first and (not elsewhere or found.deviation > allowed):
-        faults.append(found.first)
+    if agreed.first and (not elsewhere or agreed.deviation > allowed):
+        faults.append(agreed.first)
     if not (run.sealed or run.damage):
         notes.append("no digest: an older version recorded it, and damage to its descriptions would not show")
     return Verification(
         log=str(log),
         seconds=duration_ns(run) * 1e-9,
-        compared=found.compared,
+        compared=agreed.compared,
         events=events,
-        identical=not found.first and not parts,
-        deviation=found.deviation,
+        identical=not agreed.first and not parts,
+        deviation=agreed.deviation,
         elsewhere=tuple(elsewhere),
         faults=tuple(faults),
         notes=tuple(notes),

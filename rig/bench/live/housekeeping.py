@@ -188,14 +188,14 @@ class Housekeeper:
         """Record time of the wall clock that was skipped; its frames count as late."""
         new = pacer.given_up[self._given_up :]
         self._given_up += len(new)
-        self._timing.given_up += sum(one.frames for one in new)
+        self._timing.given_up += sum(skipped.frames for skipped in new)
         journal = self._experiment.journal
-        for one in new:
-            if one.late_ns > pace.PAUSE:
-                journal.note("pause", _passed(one.late_ns), frame=one.frame, late_ns=one.late_ns)
-                self._tell_passed(one.late_ns)
+        for skipped in new:
+            if skipped.late_ns > pace.PAUSE:
+                journal.note("pause", _passed(skipped.late_ns), frame=skipped.frame, late_ns=skipped.late_ns)
+                self._tell_passed(skipped.late_ns)
             else:
-                journal.repeated("overrun", "time of the wall clock was given up", frames=one.frames)
+                journal.repeated("overrun", "time of the wall clock was given up", frames=skipped.frames)
         if (asleep := pace.asleep_ns()) > self._asleep + ATTEND_NS:
             text = f"the machine was suspended for {(asleep - self._asleep) / 1e9:.3g} s"
             journal.note("pause", text)

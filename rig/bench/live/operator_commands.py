@@ -104,8 +104,8 @@ class Operator:
         """The answer to a request or, if it takes time, a function that returns it later."""
 
         def later() -> dict[str, Any] | None:
-            found = self._done(body, how)
-            return None if found is None else {"tick": self._runner.tick, "t_ns": self._runner.t_ns, **found}
+            answer = self._done(body, how)
+            return None if answer is None else {"tick": self._runner.tick, "t_ns": self._runner.t_ns, **answer}
 
         return later() or later
 
@@ -145,9 +145,9 @@ class Operator:
             return {key: tuning.value(key) for key in wanted}
 
         def answer(values: dict[str, Any]) -> dict[str, Any]:
-            found = values | now()
-            overruled = {key: owner for key in found if (owner := tuning.exchange.overruler(key))}
-            return {"values": json.loads(json.dumps(found, default=_plain)), "overruled": overruled}
+            present = values | now()
+            overruled = {key: owner for key in present if (owner := tuning.exchange.overruler(key))}
+            return {"values": json.loads(json.dumps(present, default=_plain)), "overruled": overruled}
 
         if not changes:  # an empty change is not an event
             return lambda: answer({})

@@ -64,9 +64,9 @@ class Job:
     @classmethod
     def from_json(cls, text: str) -> Job:
         """The job from the JSON text of `to_json`."""
-        found = json.loads(text)
-        found["expect"] = tuple((role, name) for role, name in found["expect"])
-        return cls(**{**found, "command": tuple(found["command"])})
+        fields = json.loads(text)
+        fields["expect"] = tuple((role, name) for role, name in fields["expect"])
+        return cls(**{**fields, "command": tuple(fields["command"])})
 
 
 def keeps_up(scene: Scene, pace: float | None) -> None:

@@ -165,18 +165,18 @@ def timing_verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> Ti
 
 def _counters(plant: Plant) -> dict[str, dict[str, int]]:
     """Controller -> its counters (`Loop.counters`); those of another process are asked for, if it is still here."""
-    found, here = plant.in_plant.counters(), plant.hub.watch.present
+    counters, here = plant.in_plant.counters(), plant.hub.watch.present
     for name in plant.experiment.exchange.queues:
-        if name not in found and ("controller", name) in here:
+        if name not in counters and ("controller", name) in here:
             with suppress(BusError, LookupError, TypeError, ValueError):  # one in another language has none
                 told = plant.session.ask(f"param/{name}", {"get": []}, COUNTERS_S)["counters"]
-                found[name] = {what: int(told[what]) for what in ("updates", "held", "refused")}
-    return found
+                counters[name] = {what: int(told[what]) for what in ("updates", "held", "refused")}
+    return counters
 
 
 def _unanswered(plant: Plant) -> dict[str, int]:
     """Return the number of steps without an answer, for each controller that was connected during the whole run."""
-    hub, found = plant.hub, {}
+    hub, unanswered = plant.hub, {}
     if plant.job.in_lockstep:  # a step in lockstep is repeated until it is answered
         return {}
     here = plant.from_start & hub.watch.present
@@ -186,8 +186,8 @@ def _unanswered(plant: Plant) -> dict[str, int]:
         while hub.commands.unanswered(name) > 0 and (left := deadline - time.monotonic()) > 0.0:
             hub.commands.next(left)
         if (count := hub.commands.unanswered(name)) > 0:
-            found[f"step to {name}"] = count
-    return found
+            unanswered[f"step to {name}"] = count
+    return unanswered
 
 
 def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:

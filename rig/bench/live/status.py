@@ -45,8 +45,8 @@ class Live:
         self._thread.join(1.0)
 
     def _write(self) -> None:
-        while (found := self._queue.get()) is not None:
-            text, stays = found
+        while (entry := self._queue.get()) is not None:
+            text, stays = entry
             if self._terminal:
                 text = text if stays else text[: shutil.get_terminal_size().columns - 1]
                 end = "\n" if stays else ""
@@ -79,28 +79,28 @@ def line(health: Mapping[str, Any]) -> str:
     return " ".join(words)
 
 
-def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
+def summary(outcome: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
     """The summary of a run; `log`: state of the recording, `following`: commands to try next."""
-    audit = [one["text"] for one in found.get("audit", ()) if one["noted"]]
-    return _table([*parts(found), ("audit", audit), ("log", [log]), ("next", [" | ".join(following)])])
+    audit = [effect["text"] for effect in outcome.get("audit", ()) if effect["noted"]]
+    return _table([*parts(outcome), ("audit", audit), ("log", [log]), ("next", [" | ".join(following)])])
 
 
-def parts(found: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
+def parts(outcome: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
     """The summary of a run without its audit: label and lines of each part; a part without lines says nothing."""
-    refused = sorted(found.get("refused", {}).items(), key=lambda sender: -sender[1])
+    refused = sorted(outcome.get("refused", {}).items(), key=lambda sender: -sender[1])
     others = [f"{sum(count for _, count in refused[REFUSED:])} others"] if refused[REFUSED:] else []
-    lost = [f"{count} of {topic}" for topic, count in found["lost"].items()]
-    late_share, machine = found["timing"].get("late_share", 0.0), found.get("machine", {})
+    lost = [f"{count} of {topic}" for topic, count in outcome["lost"].items()]
+    late_share, machine = outcome["timing"].get("late_share", 0.0), outcome.get("machine", {})
     return [
-        ("timing", _timing(found)),
-        ("busy", [pace.advice(found["verdict"], late_share, machine)]),
-        ("loop", _loop(found)),
-        ("network", [link(topic, counts) for topic, counts in found.get("network", {}).items()]),
-        ("lost", [*lost, *(f"unknown losses on the way to {who}" for who in found["unknown"])]),
+        ("timing", _timing(outcome)),
+        ("busy", [pace.advice(outcome["verdict"], late_share, machine)]),
+        ("loop", _loop(outcome)),
+        ("network", [link(topic, counts) for topic, counts in outcome.get("network", {}).items()]),
+        ("lost", [*lost, *(f"unknown losses on the way to {who}" for who in outcome["unknown"])]),
         ("refused", [*(f"{count} from {sender}" for sender, count in refused[:REFUSED]), *others]),
-        ("plant", [plant(found["plant"], found["energy"]["error"])] if found["plant"] else []),
-        ("protocol", _postponed(found.get("postponed"))),
-        ("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]),
+        ("plant", [plant(outcome["plant"], outcome["energy"]["error"])] if outcome["plant"] else []),
+        ("protocol", _postponed(outcome.get("postponed"))),
+        ("note", [*outcome["faults"], *outcome["fault"].splitlines(), *outcome.get("died", ())]),
     ]
 
 
@@ -120,16 +120,16 @@ def _table(labelled: Iterable[tuple[str, Iterable[str]]]) -> str:
     return "\n".join(rows)
 
 
-def _timing(found: Mapping[str, Any]) -> list[str]:
-    wall = f" in {found['wall_seconds']:.3g} s" if found["wall_seconds"] else ""  # unknown of a plant that died
-    frames = f"{found['ticks']} frames, {found['seconds']:g} s simulated{wall}"
+def _timing(outcome: Mapping[str, Any]) -> list[str]:
+    wall = f" in {outcome['wall_seconds']:.3g} s" if outcome["wall_seconds"] else ""  # unknown of a plant that died
+    frames = f"{outcome['ticks']} frames, {outcome['seconds']:g} s simulated{wall}"
     lines = [
-        f"{found['verdict']}: {'; '.join(found['reasons'])}",
-        f"{frames} ({found['mode']}); ended: {found['ended']}",
+        f"{outcome['verdict']}: {'; '.join(outcome['reasons'])}",
+        f"{frames} ({outcome['mode']}); ended: {outcome['ended']}",
     ]
-    timing = found["timing"]
+    timing = outcome["timing"]
     if timing:
-        late, waiting = timing["lateness"], found["waiting"]
+        late, waiting = timing["lateness"], outcome["waiting"]
         how = f"{'sleep and spin' if waiting.get('spin_ns') else 'sleep'} ({waiting.get('why', '')})"
         lines.append(f"lateness {late['p50']:.0f} / {late['p95']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us "
                      f"(p50, p95, p99, worst); the plant waits by {how}")  # fmt: skip
@@ -137,7 +137,7 @@ def _timing(found: Mapping[str, Any]) -> list[str]:
         each = timing.get("each", 1)
         what = "compute time per frame" if each == 1 else f"compute time per piece of {each} frames"
         lines.append(f"{what}: {', '.join(spans)} us (mean/p95/worst)")
-        lines.append(f"scheduling {found['scheduling'] or 'real-time'}; {found['memory'] or 'memory is locked'}")
+        lines.append(f"scheduling {outcome['scheduling'] or 'real-time'}; {outcome['memory'] or 'memory is locked'}")
         if causes := [f"{count} {cause}" for cause, count in timing["overruns"].items()]:
             lines.append(f"overruns by cause: {', '.join(causes)}")
         if timing["given_up"]:
@@ -145,13 +145,13 @@ def _timing(found: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _loop(found: Mapping[str, Any]) -> list[str]:
+def _loop(outcome: Mapping[str, Any]) -> list[str]:
     lines = []
-    trip = found["round_trip"]
+    trip = outcome["round_trip"]
     if trip["max"]:
         lines.append(f"time from step to command {trip['p50'] / 1e3:.2f} / {trip['p99'] / 1e3:.2f} / "
                      f"{trip['max'] / 1e3:.2f} ms (p50, p99, worst)")  # fmt: skip
-    for name, counts in found["loop"].items():
+    for name, counts in outcome["loop"].items():
         if name == "refused":
             lines += [f"{sender}: {count} commands refused" for sender, count in counts.items()]
         else:
@@ -161,7 +161,7 @@ def _loop(found: Mapping[str, Any]) -> list[str]:
             words = [f"{counts['taken']} commands", *(f"{n} {what}" for what, n in others)]
             words += [f"oldest {counted(counts['oldest'], 'frame')}"] if counts["oldest"] else []
             lines.append(f"{name}: {', '.join(words)}")
-    for name, counts in found.get("controllers", {}).items():
+    for name, counts in outcome.get("controllers", {}).items():
         lines += [f"{name}: {', '.join(words)}"] if (words := unanswered(counts)) else []
     return lines
 

@@ -151,7 +151,7 @@ def run(
     """
     address.directory()  # on a system without live runs this raises before anything starts
     if record and out is None:
-        where = next(one for one in (RUNS, *RUNS.parents) if one.exists())
+        where = next(existing for existing in (RUNS, *RUNS.parents) if existing.exists())
         if not os.access(where, os.W_OK | os.X_OK):
             raise UsageError(
                 f"{RUNS} cannot be written: you may not write to {where.resolve()}; name a file with --out"
@@ -360,7 +360,7 @@ class RunProcesses:
             fault = UsageError(summary["failed"])
             fault.exit_code = ExitCode(summary["exit_code"])
             raise fault
-        recorder, files = self._recorder, [Path(one) for one in self._recording.get("files", [self._file])]
+        recorder, files = self._recorder, [Path(file) for file in self._recording.get("files", [self._file])]
         log = next((str(path) for path in files if self._owns(path)), "")
         account = self._recording.get("text", "")
         if recorder is None or not (why := self._incomplete(recorder, files, summary["seconds"])):

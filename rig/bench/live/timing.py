@@ -93,7 +93,7 @@ class Interruptions(event.Listener):  # type: ignore[misc]
 
     def forget(self, before: int) -> None:
         """Forget what ended before a time."""
-        self.seen = [one for one in self.seen if one[2] >= before]
+        self.seen = [interruption for interruption in self.seen if interruption[2] >= before]
 
     @contextmanager
     def watched(self) -> Iterator[None]:

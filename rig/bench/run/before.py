@@ -45,7 +45,7 @@ def meets_edge(scene: Scene, duration: float | None = None) -> str:
     film = assembly.film
     if film is None or not assembly.signals[film.travel] or (scene.protocol and scene.duration_ns is None):
         return ""
-    if SPEED in scene.driven or any(SPEED in controller_drives(one) for one in scene.controllers.values()):
+    if SPEED in scene.driven or any(SPEED in controller_drives(section) for section in scene.controllers.values()):
         return ""
     left, rest = (math.inf, 0.0) if duration is None else (duration, duration)
     given: Any = scene.parameters

@@ -43,22 +43,22 @@ def interval(frame_ns: int, step_ns: int) -> int:
 
 def packed(arrays: Arrays) -> bytes:
     """The arrays as bytes: a line of JSON with type and shape of each, then their contents."""
-    found = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
-    head = {name: [array.dtype.str, list(array.shape)] for name, array in found.items()}
-    return json.dumps(head).encode() + b"\n" + b"".join(array.tobytes() for array in found.values())
+    contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    head = {name: [array.dtype.str, list(array.shape)] for name, array in contiguous.items()}
+    return json.dumps(head).encode() + b"\n" + b"".join(array.tobytes() for array in contiguous.values())
 
 
 def unpacked(content: bytes) -> Arrays:
     """The arrays of `packed`. Raises LogError for bytes of another form."""
     line, _, rest = content.partition(b"\n")
-    found: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, NDArray[Any]] = {}
     try:
         at = 0
         for name, (kind, shape) in json.loads(line).items():
             if kind not in _KINDS:
                 raise ValueError(f"{name} has the unknown type {kind}")
-            found[name] = np.frombuffer(rest, kind, int(np.prod(shape)), at).reshape(shape)
-            at += found[name].nbytes
+            arrays[name] = np.frombuffer(rest, kind, int(np.prod(shape)), at).reshape(shape)
+            at += arrays[name].nbytes
     except (ValueError, TypeError, AttributeError, RecursionError) as fault:
         raise LogError(f"the recording contains a checkpoint that cannot be read: {fault}") from None
-    return found
+    return arrays

@@ -108,10 +108,10 @@ class CommandQueue:
         ticks, answered, status, values = self._columns
         if not ticks:
             return None
-        found = ticks[:], answered[:], status[:], values[:]
+        rows = ticks[:], answered[:], status[:], values[:]
         for column in self._columns:
             del column[:]
-        return found
+        return rows
 
     def commands(self) -> Commands:
         """The recorded commands that were not taken yet."""

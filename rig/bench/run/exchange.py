@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 def in_range(inputs: Mapping[str, Input], drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
     """Return the values clamped to the ranges of this tick; a parameter of the rig may have changed the ranges."""
     for drive, value in zip(drives, values):
-        one = inputs[drive]
-        if not one.low <= value <= one.high:  # rare, but checked at every command
+        actuator = inputs[drive]
+        if not actuator.low <= value <= actuator.high:  # rare, but checked at every command
             return tuple([min(max(v, inputs[d].low), inputs[d].high) for d, v in zip(drives, values)])
     return tuple(values)
 
@@ -56,7 +56,7 @@ class ProtocolValues:
 
     def __init__(self, runner: PlantRunner) -> None:
         self._runner = runner
-        self._values = {name: one.value for name, one in runner.inputs.items()}
+        self._values = {name: actuator.value for name, actuator in runner.inputs.items()}
         # Actuator -> first and last value of its move, first tick, number of ticks.
         self._moves: dict[str, tuple[float, float, int, int]] = {}
 
@@ -94,7 +94,7 @@ class ProtocolValues:
     def make_safe(self) -> None:
         """Set the safe value of every actuator; all moves end."""
         self._moves.clear()
-        self._values = {name: one.safe for name, one in self._runner.inputs.items()}
+        self._values = {name: actuator.safe for name, actuator in self._runner.inputs.items()}
 
 
 LONGEST_NS = 3600 * 10**9
@@ -234,7 +234,7 @@ class Exchange:
 
         `but`: controllers whose commands another caller puts into force meanwhile.
         """
-        found = self._next_step()
+        first = self._next_step()
         for queue in self._order:
             if queue.name in but:
                 continue
@@ -243,8 +243,8 @@ class Exchange:
                 missing = max(queue.last + queue.period, self._runner.tick + 1)
                 tick = missing if tick is None else min(tick, missing)
             if tick is not None:
-                found = tick if found is None else min(found, tick)
-        return found
+                first = tick if first is None else min(first, tick)
+        return first
 
     def _take(self, queue: CommandQueue, tick: int, answered: int, given: Sequence[float]) -> None:
         counts, status = queue.counts, AS_SENT
@@ -367,11 +367,11 @@ class Exchange:
             queue.values = queue.wanted = ()
         self._protocol.make_safe()
         self._steps.clear()
-        for name, one in self._runner.inputs.items():
-            if one.slope:
-                self._ramp(name, one.safe, ticks)
+        for name, actuator in self._runner.inputs.items():
+            if actuator.slope:
+                self._ramp(name, actuator.safe, ticks)
             else:
-                self._write(name, one.safe)
+                self._write(name, actuator.safe)
 
     def given_back(self, queue: CommandQueue) -> dict[str, float]:
         """Return the values of the protocol to which the actuators of a disconnected controller return."""
@@ -454,8 +454,10 @@ class Playback(Exchange):
     def play(self, recorded: Mapping[str, Commands], end: int | None = None) -> None:
         """Take the commands of each controller before tick `end` from a recording; all without `end`."""
         self.end = end
-        readable = [(name, found) for name, found in recorded.items() if found.tick.size]  # damage may leave none
-        self.played = {name: PlayedCommands(_before(end, found)) for name, found in readable}
+        readable = [
+            (name, commands) for name, commands in recorded.items() if commands.tick.size
+        ]  # damage may leave none
+        self.played = {name: PlayedCommands(_before(end, commands)) for name, commands in readable}
         for queue in self.queues.values():
             self._fits(queue)
 
@@ -498,8 +500,8 @@ class Playback(Exchange):
         if not self.plays:
             return super().until(but)
         due = [] if (step := self._next_step()) is None else [step]
-        played = [(name, one) for name, one in self.played.items() if name in self.queues]
-        ticks = [one.due(ROWS if name in but else 0) for name, one in played]
+        played = [(name, commands) for name, commands in self.played.items() if name in self.queues]
+        ticks = [commands.due(ROWS if name in but else 0) for name, commands in played]
         return min([*due, *(tick for tick in ticks if tick is not None)], default=None)
 
     def take_over(self) -> list[CommandQueue]:
@@ -509,18 +511,18 @@ class Playback(Exchange):
         tick, changed = self._runner.tick, self._changed
         changed.clear()
         for queue in self._order:
-            one = self.played.get(queue.name)
-            while one is not None and (due := one.due()) is not None and due <= tick:
-                _, answered, status, values = (column[one.done].tolist() for column in one.commands)
+            played = self.played.get(queue.name)
+            while played is not None and (due := played.due()) is not None and due <= tick:
+                _, answered, status, values = (column[played.done].tolist() for column in played.commands)
                 self.impose(queue, answered, status, tuple(values))
-                one.done += 1
+                played.done += 1
                 changed.append(queue)
         if self._steps:
             self._step()
         return changed
 
 
-def _before(end: int | None, found: Commands) -> Commands:
+def _before(end: int | None, commands: Commands) -> Commands:
     """The commands before tick `end`; all of them without it."""
-    count = found.tick.size if end is None else int(np.searchsorted(found.tick, end))
-    return Commands(found.tick[:count], found.answered[:count], found.status[:count], found.values[:count])
+    count = commands.tick.size if end is None else int(np.searchsorted(commands.tick, end))
+    return Commands(commands.tick[:count], commands.answered[:count], commands.status[:count], commands.values[:count])

@@ -56,14 +56,14 @@ class FaultTimes:
 
     def __init__(self, scene: Scene, runner: PlantRunner, journal: Journal) -> None:
         self._runner, self._journal = runner, journal
-        units = {name: one.unit for name, one in runner.inputs.items()} | dict(
+        units = {name: actuator.unit for name, actuator in runner.inputs.items()} | dict(
             zip(runner.bank.names, runner.bank.units)
         )
         self._words = {name: described(fault, units[fault.part]) for name, fault in scene.faults.items()}
         frame = scene.frame_ns
-        found = [(fault.at // frame, 1, name, fault) for name, fault in scene.faults.items()]
-        found += [(fault.end // frame, 0, name, fault) for name, fault in scene.faults.items() if fault.end is not None]
-        self._due: deque[tuple[int, int, str, PartFault]] = deque(sorted(found, key=lambda one: one[:3]))
+        times = [(fault.at // frame, 1, name, fault) for name, fault in scene.faults.items()]
+        times += [(fault.end // frame, 0, name, fault) for name, fault in scene.faults.items() if fault.end is not None]
+        self._due: deque[tuple[int, int, str, PartFault]] = deque(sorted(times, key=lambda time: time[:3]))
 
     @property
     def next(self) -> int | None:
@@ -148,14 +148,14 @@ class Tuning:
                 if key not in known:
                     faults.append(f"{shortened(key)}: unknown key; {near(key, self.tunable())}")
                 continue
-            one = inputs[key]
+            actuator = inputs[key]
             try:
-                actuators[key] = si(value, one.unit)
+                actuators[key] = si(value, actuator.unit)
             except ValueError as fault:
                 faults.append(f"{key} {fault}")
                 continue
-            if not one.low <= actuators[key] <= one.high:
-                faults.append(f"{key} = {shown(value)}: must be {one.low:g} to {one.high:g} {one.unit}")
+            if not actuator.low <= actuators[key] <= actuator.high:
+                faults.append(f"{key} = {shown(value)}: must be {actuator.low:g} to {actuator.high:g} {actuator.unit}")
         if faults:
             raise UsageError("\n".join(faults))
         return actuators, parameters
@@ -166,7 +166,7 @@ class Tuning:
         known = {
             key: unit for key, (_, unit) in values_of(runner.scene.parameters) if unit and not key.startswith("start.")
         }
-        return {name: one.unit for name, one in runner.inputs.items()} | {
+        return {name: actuator.unit for name, actuator in runner.inputs.items()} | {
             key: unit for key, unit in known.items() if key not in runner.inputs
         }
 
@@ -286,8 +286,8 @@ class Experiment:
             raise UsageError(f"the scene already has a controller {controller}; give yours another name")
         self.exchange.check(controller, drives, period_ns, gone)
         lacking = self.runner.lacking(drives)
-        found = [wanted for other in gone for wanted in self.given_back(other)]
-        return [*found, *([Wanted({}, lacking)] if lacking else []), *self.given_back(controller)]
+        returned = [wanted for other in gone for wanted in self.given_back(other)]
+        return [*returned, *([Wanted({}, lacking)] if lacking else []), *self.given_back(controller)]
 
     def given_back(self, controller: str) -> list[Wanted]:
         """The rigs that are needed, one after the other, to disconnect a controller."""
@@ -377,7 +377,7 @@ class Experiment:
         tick = self.runner.tick
         due = [self._end, None if self.aborted else self.protocol.until(tick)]
         due += [self._faults.next, self.postponed.until(), self._outside[0]["tick"] if self._outside else None]
-        return max(min((one for one in due if one is not None), default=tick + 1), tick + 1)
+        return max(min((at for at in due if at is not None), default=tick + 1), tick + 1)
 
     def take_over(self) -> list[CommandQueue]:
         """Put the commands of this tick into force; returns the command queues that changed."""
@@ -444,8 +444,8 @@ class Experiment:
                 wanted = self.tuning.needed({action.key: action.value})
                 return [wanted] if wanted else []
             if isinstance(action, protocol.Apply) and not self.exchange.overruler(action.name):
-                one = self.runner.inputs[action.name]
-                value = min(max(action.value, one.low), one.high)
+                actuator = self.runner.inputs[action.name]
+                value = min(max(action.value, actuator.low), actuator.high)
                 return [Wanted({action.name: value})] if self.runner.rebuilds(action.name, value) else []
         except RigError:  # reported when the action is carried out
             pass

@@ -40,25 +40,25 @@ class HeardOverLinks:
             before = [at * self._frame for at in ticks[:-1]]
             sent = {i: self._bank.published(i, before) + sent[i] for i in self._heard}
         for k, at in enumerate(ticks):
-            heard = {i: one.tick(at, sent[i][k]) for i, one in self._heard.items()}
+            heard = {i: sensor.tick(at, sent[i][k]) for i, sensor in self._heard.items()}
             self._past.append({i: (self._heard[i].latest, samples) for i, samples in heard.items()})
         self._tick = tick
 
     @property
     def latest(self) -> NDArray[np.float64]:
         """See `Bank`."""
-        found = self._bank.latest.copy()
+        values = self._bank.latest.copy()
         for i, (latest, _) in self._past[-1].items():
-            found[i] = latest
-        return found
+            values[i] = latest
+        return values
 
     @property
     def fresh(self) -> NDArray[np.int64]:
         """See `Bank`."""
-        found = self._bank.fresh.copy()
+        counts = self._bank.fresh.copy()
         for i, (_, samples) in self._past[-1].items():
-            found[i] = len(samples)
-        return found
+            counts[i] = len(samples)
+        return counts
 
     def samples(self, i: int) -> NDArray[np.float64]:
         """See `Bank`."""

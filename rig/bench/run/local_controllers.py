@@ -52,14 +52,14 @@ def divided(given: Mapping[str, Any], by_name: bool) -> tuple[dict[str, object],
 
     `by_name`: the scene is given by its name, and not loaded yet. Raises UsageError for a file that is none.
     """
-    files = {name: one for name, one in given.items() if isinstance(one, str | Path)}
+    files = {name: object_ for name, object_ in given.items() if isinstance(object_, str | Path)}
     if files and not by_name:
         name, file = next(iter(files.items()))
         raise UsageError(
             f"controller {name}: {file} is a file, and the scene is loaded already; load the scene with it: "
             f'rig.load(SCENE, {{"controllers.{name}.kind": "{file}"}}), or name the scene instead'
         )
-    return changes(files), {name: one for name, one in given.items() if name not in files}
+    return changes(files), {name: object_ for name, object_ in given.items() if name not in files}
 
 
 def placed(scene: Scene, given: Mapping[str, Any]) -> tuple[Scene, dict[str, Guest]]:
@@ -70,27 +70,27 @@ def placed(scene: Scene, given: Mapping[str, Any]) -> tuple[Scene, dict[str, Gue
     sections: dict[str, LTI] = {}
     guests: dict[str, Guest] = {}
     faults: list[str] = []
-    for name, one in given.items():
+    for name, object_ in given.items():
         former = scene.controllers.get(name)
-        if type(one).__module__.partition(".")[0] == "control":
+        if type(object_).__module__.partition(".")[0] == "control":
             kept = {} if former is None else former.model_dump(include={"delay", "where"})
             try:
-                sections[name] = _linear(one, kept)
+                sections[name] = _linear(object_, kept)
             except ValidationError as error:
-                lines = [one["msg"].removeprefix("Value error, ") for one in error.errors(include_url=False)]
+                lines = [fault["msg"].removeprefix("Value error, ") for fault in error.errors(include_url=False)]
                 faults += [f"{name}: {line}" for line in lines]
             except ValueError as fault:
                 faults.append(f"{name}: {fault}")
-        elif isinstance(one, type):
-            faults.append(f"{name}: is the class {one.__name__}; give an object of it, {one.__name__}()")
+        elif isinstance(object_, type):
+            faults.append(f"{name}: is the class {object_.__name__}; give an object of it, {object_.__name__}()")
         else:
-            faults += [f"{name}: {fault}" for fault in faults_of(one)]
-            guests[name] = Guest(one, 0 if former is None else former.delay)
+            faults += [f"{name}: {fault}" for fault in faults_of(object_)]
+            guests[name] = Guest(object_, 0 if former is None else former.delay)
     if faults:
         raise UsageError("\n".join(faults))
     if not given:
         return scene, guests
-    stay = {name: one for name, one in scene.controllers.items() if name not in guests}
+    stay = {name: section for name, section in scene.controllers.items() if name not in guests}
     made = replace(scene, controllers=stay | sections)
     if sections:
         _check(made)
@@ -111,13 +111,13 @@ def _linear(system: Any, kept: Mapping[str, Any]) -> LTI:
 def _check(scene: Scene) -> None:
     """Raise SceneError if a controller does not fit the frames, sensors, actuators or protocol of its scene."""
     inputs = scene.assemble().inputs
-    found = [
+    wrong = [
         *checks.periods(scene.clock, scene.controllers, {}),
         *checks.wiring(scene.controllers, scene.sensors, inputs, scene.plant),
         *checks.hands_off(scene.protocol, scene.controllers),
     ]
-    if found:
-        raise SceneError(scene.name, [line for _, line in found])
+    if wrong:
+        raise SceneError(scene.name, [line for _, line in wrong])
 
 
 TRIALS = 200
@@ -309,7 +309,7 @@ class CompiledQueue(NamedTuple):
     queue: CommandQueue
     reads: slice
     drives: slice
-    one: ControllerInProcess | None
+    controller: ControllerInProcess | None
     native: Native | None
     played: PlayedCommands | None
 
@@ -335,16 +335,21 @@ class CompiledControllers:
         """
         c = self._tables
         c.clock[NOW], c.clock[COUNT], c.clock[UNUSUAL] = self._runner.tick, 0, 0
-        for one in working:
-            if one.queue.values and not one.queue.wanted and one.queue.status != SAFE and one.queue.link is None:
-                self._lend(one.queue, one, None)
+        for controller in working:
+            if (
+                controller.queue.values
+                and not controller.queue.wanted
+                and controller.queue.status != SAFE
+                and controller.queue.link is None
+            ):
+                self._lend(controller.queue, controller, None)
         if isinstance(self._exchange, Playback) and self._exchange.plays:
             for name, played in self._exchange.played.items():
                 if name in self._exchange.queues:
                     self._lend(self._exchange.queues[name], None, played)
-        return [found.queue.name for found in self._compiled]
+        return [compiled.queue.name for compiled in self._compiled]
 
-    def _lend(self, queue: CommandQueue, one: ControllerInProcess | None, played: PlayedCommands | None) -> None:
+    def _lend(self, queue: CommandQueue, controller: ControllerInProcess | None, played: PlayedCommands | None) -> None:
         c, i = self._tables, len(self._compiled)
         read, driven = (self._compiled[-1].reads.stop, self._compiled[-1].drives.stop) if i else (0, 0)
         places = [self._runner.plain(drive) for drive in queue.drives]
@@ -352,29 +357,29 @@ class CompiledControllers:
         if not fits or None in places or not self._exchange.faulty.keys().isdisjoint(queue.drives):
             return
         native = None
-        columns: Sequence[int] = () if one is None else one.columns
-        if one is not None and read + len(columns) <= len(c.columns):
-            native = one.native()
+        columns: Sequence[int] = () if controller is None else controller.columns
+        if controller is not None and read + len(columns) <= len(c.columns):
+            native = controller.native()
         reads = slice(read, read + (0 if native is None else len(columns)))
         drives = slice(driven, driven + len(places))
         c.columns[reads] = columns[: reads.stop - read]
         c.place[drives], c.slope[drives] = zip(*places)
         c.force[drives] = [self._exchange.in_force.get(drive, nan) for drive in queue.drives]
-        found = CompiledQueue(queue, reads, drives, one, native, played)
+        compiled = CompiledQueue(queue, reads, drives, controller, native, played)
         record = c.controllers[i]
         record["hears"], record["deaf"] = reads.start, reads.stop
         record["drives"], record["driven"] = drives.start, drives.stop
         record["given"], record["updates"], record["kept"], record["clamped"] = -1, 0, 0, 0
         record["oldest"] = 0
-        if one is not None:
-            self._lay_working(record, i, found, one)
+        if controller is not None:
+            self._lay_working(record, i, compiled, controller)
         else:
-            self._lay_played(record, i, found)
-        self._compiled.append(found)
+            self._lay_played(record, i, compiled)
+        self._compiled.append(compiled)
         c.clock[COUNT] = i + 1
 
-    def _lay_working(self, record: Any, i: int, found: CompiledQueue, one: ControllerInProcess) -> None:
-        queue, reads, drives, _, native, _ = found
+    def _lay_working(self, record: Any, i: int, compiled: CompiledQueue, controller: ControllerInProcess) -> None:
+        queue, reads, drives, _, native, _ = compiled
         c, inputs = self._tables, self._runner.inputs
         c.low[drives] = [inputs[drive].low for drive in queue.drives]
         c.high[drives] = [inputs[drive].high for drive in queue.drives]
@@ -386,46 +391,46 @@ class CompiledControllers:
         record["command_at"] = c.command.ctypes.data + c.command.itemsize * drives.start
         record["memory_at"] = 0 if native is None else native.memory.ctypes.data
         record["period"], record["delay"], record["waiting"] = queue.period, queue.delay, len(queue.queue)
-        record["due"], record["last"] = one.due, queue.last
+        record["due"], record["last"] = controller.due, queue.last
 
-    def _lay_played(self, record: Any, i: int, found: CompiledQueue) -> None:
-        c, played = self._tables, found.played
+    def _lay_played(self, record: Any, i: int, compiled: CompiledQueue) -> None:
+        c, played = self._tables, compiled.played
         assert played is not None
         tick, answered, status, values = (column[played.done : played.done + ROWS] for column in played.commands)
         count = len(tick)
         c.queue[i, :count, DUE], c.queue[i, :count, ANSWERED], c.queue[i, :count, AS] = tick, answered, status
-        c.queued[:count, found.drives] = values
-        c.low[found.drives], c.high[found.drives] = -inf, inf  # recorded commands are already clamped
+        c.queued[:count, compiled.drives] = values
+        c.low[compiled.drives], c.high[compiled.drives] = -inf, inf  # recorded commands are already clamped
         record["answer"], record["due"], record["waiting"] = 0, -1, count
         record["period"], record["last"] = NEVER, 0
 
     def take_back(self) -> None:
         """Update queues, counts and states of the lent controllers with what the loop has done."""
         c = self._tables
-        for i, found in enumerate(self._compiled):
-            queue, record, drives = found.queue, c.controllers[i], found.drives
-            if found.one is not None:
-                self._take_back_working(record, i, found, found.one)
+        for i, compiled in enumerate(self._compiled):
+            queue, record, drives = compiled.queue, c.controllers[i], compiled.drives
+            if compiled.controller is not None:
+                self._take_back_working(record, i, compiled, compiled.controller)
             if kept := int(record["kept"]):
                 queue.adopt(c.rows[i, :kept], c.values[:kept, drives])
-                if found.played is not None:
-                    found.played.done += kept
+                if compiled.played is not None:
+                    compiled.played.done += kept
                 for name, value in zip(queue.drives, queue.values):
                     self._exchange.in_force[name] = self._runner.values[name] = value
         self._compiled.clear()
         c.clock[COUNT] = 0
 
-    def _take_back_working(self, record: Any, i: int, found: CompiledQueue, one: ControllerInProcess) -> None:
-        c, queue, drives = self._tables, found.queue, found.drives
+    def _take_back_working(self, record: Any, i: int, compiled: CompiledQueue, controller: ControllerInProcess) -> None:
+        c, queue, drives = self._tables, compiled.queue, compiled.drives
         updates, kept = int(record["updates"]), int(record["kept"])
-        if found.native is not None:
-            one.due = int(record["due"])
+        if compiled.native is not None:
+            controller.due = int(record["due"])
             if updates:
-                t_ns = (one.due - queue.period) * self._runner.frame_ns
-                heard, command = tuple(c.heard[found.reads].tolist()), tuple(c.command[drives].tolist())
-                one.loop.adopt(updates, t_ns, heard, found.native.state(), command)
+                t_ns = (controller.due - queue.period) * self._runner.frame_ns
+                heard, command = tuple(c.heard[compiled.reads].tolist()), tuple(c.command[drives].tolist())
+                controller.loop.adopt(updates, t_ns, heard, compiled.native.state(), command)
         if c.clock[UNUSUAL] and record["given"] == c.clock[NOW]:
-            one.given = tuple(c.command[drives].tolist())
+            controller.given = tuple(c.command[drives].tolist())
         queue.queue.clear()
         for k in range(int(record["waiting"])):
             at = (int(record["oldest"]) + k) % ROWS
@@ -450,15 +455,15 @@ class CompiledControllers:
                     i = 0
                     i = yield result
                     result = 0
-                    queue, _, drives, one, _, _ = self._compiled[i]
-                    values, first = one.ask(self._clock[NOW]), drives.start  # type: ignore[union-attr]
+                    queue, _, drives, controller, _, _ = self._compiled[i]
+                    values, first = controller.ask(self._clock[NOW]), drives.start  # type: ignore[union-attr]
                     if len(values) == len(queue.drives):
                         for value in values:
                             self._command[first] = value
                             first += 1
-                        one.given = None  # type: ignore[union-attr]
+                        controller.given = None  # type: ignore[union-attr]
                         result = 1
             except GeneratorExit:
                 return
             except BaseException as fault:
-                self._compiled[i].one.fault, result = fault, 0  # type: ignore[union-attr]
+                self._compiled[i].controller.fault, result = fault, 0  # type: ignore[union-attr]

@@ -63,7 +63,7 @@ class Measurements:
 
     def __init__(self, bank: Bank, length_ns: int) -> None:
         self._bank = bank
-        self._taken = [GrowingRows(1, np.float64, one.count(length_ns)) for one in bank.instants]
+        self._taken = [GrowingRows(1, np.float64, instants.count(length_ns)) for instants in bank.instants]
 
     def take(self) -> None:
         """Keep the samples published since the last call."""
@@ -76,9 +76,9 @@ class Measurements:
         """Sensor -> its samples: times [ns], one shared array for sensors of the same rate, and values."""
         self.take()
         series = [(instants, taken.count) for instants, taken in zip(self._bank.instants, self._taken)]
-        times = {one: one[0].at(np.arange(one[1])) for one in set(series)}
+        times = {times_of: times_of[0].at(np.arange(times_of[1])) for times_of in set(series)}
         return {
-            name: Samples(times[one], taken.all()[0]) for name, one, taken in zip(self._bank.names, series, self._taken)
+            name: Samples(times[key], taken.all()[0]) for name, key, taken in zip(self._bank.names, series, self._taken)
         }
 
 
@@ -122,15 +122,15 @@ class Truth:
 
         A squeal has thousands of events per second between two mode sets, so the texts are cached.
         """
-        found: list[dict[str, Any]] = []
+        contacts: list[dict[str, Any]] = []
         for _, group in groupby(self._met, lambda met: id(met[0])):
             systems, begins, events, places = zip(*group)
             describe, happens = cache(systems[0].describe), cache(systems[0].event_text)
-            ticks = np.concatenate(events)[:, 0] + np.repeat(begins, [len(one) for one in events])
+            ticks = np.concatenate(events)[:, 0] + np.repeat(begins, [len(part) for part in events])
             share = np.concatenate(places)
             times = np.rint((ticks + share) * self._step_ns).astype(np.int64)
             rows = zip(times.tolist(), ticks.tolist(), share.tolist(), np.concatenate(events)[:, 1:].tolist())
-            found += [
+            contacts += [
                 {
                     "t_ns": t_ns,
                     "tick": tick,
@@ -141,7 +141,7 @@ class Truth:
                 }
                 for t_ns, tick, place, (kind, owner, before) in rows
             ]
-        return found
+        return contacts
 
 
 def _write_keys(motion: Motion, mode_sets: NDArray[np.int64], keys: NDArray[np.int64]) -> None:
@@ -208,9 +208,9 @@ def _band(
     first = np.arange(0, keys.size, span)
     last = np.minimum(first + span, keys.size)
     low, high = (by.reduceat(values, first, axis=1).T for by in (np.fmin, np.fmax))
-    one = keys[:1] if (keys == keys[0]).all() else None  # the usual case, in a tenth of the time
-    modes = [np.unique(keys[begin:end]) if one is None else one for begin, end in zip(first, last)]
-    counts = np.array([len(one) for one in modes], np.int64)
+    same = keys[:1] if (keys == keys[0]).all() else None  # the usual case, in a tenth of the time
+    modes = [np.unique(keys[begin:end]) if same is None else same for begin, end in zip(first, last)]
+    counts = np.array([len(present) for present in modes], np.int64)
     ends = begin_ns + last * step_ns
     recent = slice(-PAIRS, None)
     rows, at = (values[list(pair), recent].T, keys[recent]) if pair else (np.empty(0), np.empty(0, np.int64))

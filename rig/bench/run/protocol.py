@@ -186,7 +186,7 @@ class Protocol:
         self.done = not steps
         self._frame_ns = frame_ns
         self._columns = {name: column for column, name in enumerate(sensors)}
-        self._inputs = {name: one.unit for name, one in inputs.items()}
+        self._inputs = {name: actuator.unit for name, actuator in inputs.items()}
         self._sensors = dict(sensors)
         self._steps = unrolled(steps)
         self._count = number(steps)

@@ -148,7 +148,7 @@ class PlantRunner:
         self.tick = 0
         assembly = scene.assemble()
         self.inputs: dict[str, Input] = assembly.inputs
-        self.values = {name: one.value for name, one in assembly.inputs.items()}
+        self.values = {name: actuator.value for name, actuator in assembly.inputs.items()}
         needs = Bank.needs(scene.sensors)
         self.outputs: tuple[str, ...] = (*needs, *(name for name in assembly.outputs if name not in needs))
         self.units = {name: assembly.outputs[name].unit for name in self.outputs}
@@ -160,14 +160,14 @@ class PlantRunner:
         except ValueError as error:
             raise SceneError(scene.name, [f"clock.method = {clock.method!r}: {error}"]) from None
         self.findings = findings(scene, system)
-        errors = [one for one in self.findings if one.level == "error"]
+        errors = [finding for finding in self.findings if finding.level == "error"]
         if errors and clock.unstable == "refuse":
-            faults = [f"{one.what} ({one.number:.4g}): {one.remedy}" for one in errors]
-            if all(isfinite(one.number) for one in errors):
+            faults = [f"{finding.what} ({finding.number:.4g}): {finding.remedy}" for finding in errors]
+            if all(isfinite(finding.number) for finding in errors):
                 faults.append('clock.unstable = "run" runs it nevertheless, up to clock.limit')
             raise SceneError(scene.name, faults)
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed, 8 * CHUNK if truthful else CHUNK)
-        broken = {name: one for name, one in scene.faults.items() if isinstance(one, SensorFault)}
+        broken = {name: fault for name, fault in scene.faults.items() if isinstance(fault, SensorFault)}
         self._faulty_sensors = FaultySensors(self.bank, broken, self.frame_ns) if broken else None
         sections = scene.controllers.values()
         reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
@@ -192,7 +192,9 @@ class PlantRunner:
         self._index = {name: i for i, name in enumerate(system.names)}
         driven = replace(scene, driven=frozenset(self.inputs)).assemble().inputs
         # Actuators that have no command state even when somebody drives them: each value needs its own matrices.
-        self._coefficients = frozenset(name for name, one in driven.items() if not (one.state or one.write))
+        self._coefficients = frozenset(
+            name for name, actuator in driven.items() if not (actuator.state or actuator.write)
+        )
         self._look = True
         self.state_samples = StateSamples(scene, self.values)
         self._needs, self._truthful, self._piece = len(needs), truthful, piece
@@ -211,10 +213,10 @@ class PlantRunner:
         Actuators with a lag have reached their commands, and the instruments have settled.
         """
         motion = self.motion
-        for one in self.inputs.values():
-            if one.lagging:
-                command = float(motion.x[self._index[one.state]]) if one.state else one.value
-                motion.write(self._index[one.lagging], min(max(command, one.low), one.high))
+        for actuator in self.inputs.values():
+            if actuator.lagging:
+                command = float(motion.x[self._index[actuator.state]]) if actuator.state else actuator.value
+                motion.write(self._index[actuator.lagging], min(max(command, actuator.low), actuator.high))
         motion.begin()
         self.bank.start(motion.outputs_now()[: self._needs].copy())
         if self._faulty_sensors is not None:
@@ -357,26 +359,31 @@ class PlantRunner:
 
         For actuators with a slope: those that the protocol of the scene ramps.
         """
-        one = self.inputs[name]
-        start = float(self.motion.x[self._index[one.state]])
+        actuator = self.inputs[name]
+        start = float(self.motion.x[self._index[actuator.state]])
         self.values[name] = to
-        self.motion.write(self._index[one.slope], (to - start) / (ticks * self.frame_ns * 1e-9))
+        self.motion.write(self._index[actuator.slope], (to - start) / (ticks * self.frame_ns * 1e-9))
 
     def reached(self, name: str) -> float:
         """The value that an actuator has reached: what follows its command, or else the command itself."""
-        one = self.inputs[name]
-        return float(self.motion.x[self._index[one.lagging or one.state]])
+        actuator = self.inputs[name]
+        return float(self.motion.x[self._index[actuator.lagging or actuator.state]])
 
     def plain(self, name: str) -> tuple[int, int] | None:
         """The state that a command to this actuator is written to, and that of its slope (-1: none), where that is all.
 
         None where a command means more than that.
         """
-        one = self.inputs[name]
-        if not one.state or one.write or name in self.state_samples.open or self.motion.integration.method == "kick":
+        actuator = self.inputs[name]
+        if (
+            not actuator.state
+            or actuator.write
+            or name in self.state_samples.open
+            or self.motion.integration.method == "kick"
+        ):
             return None
-        at = self._index[one.state]
-        return None if at < 2 * len(self.motion.system.coordinates) else (at, self._index.get(one.slope, -1))
+        at = self._index[actuator.state]
+        return None if at < 2 * len(self.motion.system.coordinates) else (at, self._index.get(actuator.slope, -1))
 
     def lacking(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return those of these actuators that need a command state and do not have one yet."""
@@ -404,8 +411,8 @@ class PlantRunner:
 
     def coefficient(self, name: str) -> bool:
         """Whether an actuator has no command state: each value needs its own matrices."""
-        one = self.inputs[name]
-        return not (one.state or one.write)
+        actuator = self.inputs[name]
+        return not (actuator.state or actuator.write)
 
     def rebuilds(self, name: str, value: float) -> bool:
         """Whether `apply` makes a new matrix of this value: the actuator has no command state and another value."""
@@ -417,13 +424,13 @@ class PlantRunner:
 
     def parameter(self, key: str) -> Any:
         """The value of a parameter of the rig now. Raises SceneError for an unknown key."""
-        found: Any = self.scene.parameters
+        value: Any = self.scene.parameters
         for part in key.split("."):
-            inside = found if isinstance(found, dict) else dict(found) if isinstance(found, BaseModel) else {}
+            inside = value if isinstance(value, dict) else dict(value) if isinstance(value, BaseModel) else {}
             if part not in inside:
                 raise SceneError(shortened(key), ["is not a parameter of this rig"])
-            found = inside[part]
-        return found
+            value = inside[part]
+        return value
 
     def knock(self, impulse: float, duration_ns: int = 0) -> None:
         """Strike the body with `impulse` [N s], along the sliding direction unless its plant says where.
@@ -451,14 +458,14 @@ class PlantRunner:
             return b""
         return packed({**motion, **self.bank.checkpoint(), "random": np.array([self.random_numbers.used])})
 
-    def resume(self, found: Arrays) -> None:
+    def resume(self, kept: Arrays) -> None:
         """Continue from the `checkpoint` of this tick, made by a runner with the same rig and the same instruments.
 
         The instruments have published the samples of this tick already. Raises ValueError or KeyError for another rig.
         """
-        self.motion.resume(found, self.tick * self.steps)
-        self.bank.resume(found, self.t_ns)
-        self.random_numbers.resume(int(found["random"][0]))
+        self.motion.resume(kept, self.tick * self.steps)
+        self.bank.resume(kept, self.t_ns)
+        self.random_numbers.resume(int(kept["random"][0]))
         self._look = True
 
     def keep(self) -> KeptState:
@@ -505,7 +512,7 @@ class PlantRunner:
             **self.motion.counts(),
             **({"stick_share": self.motion.stick_share()} if self.motion.system.patches else {}),
             **({"kick_residual": residual} if (residual := self.motion.residual()) is not None else {}),
-            "findings": [one.to_json() for one in self.findings if one.level != "info"],
+            "findings": [finding.to_json() for finding in self.findings if finding.level != "info"],
             "energy": energy,
             "energy_error": energy["error"],
         }

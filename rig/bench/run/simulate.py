@@ -78,8 +78,8 @@ def simulate(
         controllers = {name: restored(description) for name, description in own.items()}
     with model_store.collected() as models:
         carried = carry_out(scene, controllers, duration_ns, recorded, stop, tell, guests)
-    for one in models.values():  # drawing the run assembles its rig again
-        model_store.offer(one)
+    for model in models.values():  # drawing the run assembles its rig again
+        model_store.offer(model)
     run = _run(scene.made_with(models), tuple(models.values()), audited, carried)
     run.controllers, run.failure = own, carried.failed
     return run
@@ -129,8 +129,8 @@ def carry_out(
     except NumericsError as error:
         fault = str(error)
         experiment.journal.note("diverged", fault)
-        for one in working:
-            one.catch_up(runner.tick + 1)
+        for asked in working:
+            asked.catch_up(runner.tick + 1)
     except ControllerFailed as error:
         fault, failed = str(error), error
         experiment.stop("a controller failed")
@@ -181,8 +181,8 @@ def begun(
         _welcome(experiment, guests)
     experiment.open()
     working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(loops.items())]
-    for one in working:
-        one.expect(frames // one.queue.period)
+    for asked in working:
+        asked.expect(frames // asked.queue.period)
     return experiment, working
 
 
@@ -214,24 +214,26 @@ def carry_on(
         return
     inside = inside or CompiledControllers(experiment)
     plays = exchange.plays
-    heard, others = ([one for one in working if (one.queue.connected and not plays) is on] for on in (True, False))
+    heard, others = (
+        [asked for asked in working if (asked.queue.connected and not plays) is on] for on in (True, False)
+    )
     while True:
-        for one in working:
-            one.answer()
+        for asked in working:
+            asked.answer()
         experiment.take_over()
         tick, end = runner.tick, until
         compiled = inside.lend(heard) if end - tick > 1 else ()
-        for one in heard:
-            if one.name not in compiled:
-                end = min(end, one.due)
+        for asked in heard:
+            if asked.name not in compiled:
+                end = min(end, asked.due)
         if end - tick > 1 and (waits := exchange.until(compiled)) is not None:
             end = min(end, waits)
         try:
             runner.frames(end - tick)
         finally:
             inside.take_back()
-        for one in others:
-            one.catch_up(runner.tick, plays)
+        for asked in others:
+            asked.catch_up(runner.tick, plays)
         if runner.tick >= until or runner.limited:
             return
 
@@ -313,7 +315,7 @@ class RestartableRig:
         else:
             self.runner.back(self._kept, seed)
         experiment = Experiment(self.scene, self.runner, length_ns, self._retune)
-        self._loops = {name: Loop(restored(one)) for name, one in self._described.items()}
+        self._loops = {name: Loop(restored(description)) for name, description in self._described.items()}
         self.working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(self._loops.items())]
         return experiment
 
