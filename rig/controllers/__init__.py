@@ -49,9 +49,14 @@ def _section(module: ModuleType, kind: str) -> Any:
     return named(module, bases, "kind", kind, {"period": (Nanoseconds, period)} if whole else {})
 
 
-def _is_controller(kind: type) -> bool:
-    works = callable(getattr(kind, "start", None)) and callable(getattr(kind, "update", None))
-    return kind.__name__ == "Controller" or (works and not issubclass(kind, Section))
+def _missing(made: type) -> list[str]:
+    """The methods of a controller that a class does not have; a compiled one declares `update` and sets it."""
+    stated = {name for base in made.__mro__ for name in vars(base).get("__annotations__", ())}
+    return [name for name in ("start", "update") if not callable(getattr(made, name, None)) and name not in stated]
+
+
+def _is_controller(made: type) -> bool:
+    return made.__name__ == "Controller" or not (_missing(made) or issubclass(made, Section))
 
 
 @cache
@@ -62,12 +67,9 @@ def class_of(module: ModuleType) -> Any:
 
 def _unfinished(module: ModuleType) -> Iterator[str]:
     """The classes of a module that have one of the two methods of a controller, in words."""
-    for kind in (
-        kind for kind in vars(module).values() if isinstance(kind, type) and kind.__module__ == module.__name__
-    ):
-        missing = [name for name in ("start", "update") if not callable(getattr(kind, name, None))]
-        if len(missing) == 1:
-            yield f"; {kind.__name__} has no {missing[0]}"
+    for made in vars(module).values():
+        if isinstance(made, type) and made.__module__ == module.__name__ and len(missing := _missing(made)) == 1:
+            yield f"; {made.__name__} has no {missing[0]}"
 
 
 @cache

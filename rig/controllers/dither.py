@@ -17,6 +17,7 @@ Source: Kroeger, Neubauer, Popp (2008), section 1, which mentions dither; averag
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import model_validator
@@ -29,6 +30,7 @@ from rig.controllers.blocks.base import (
     OptionalHertz,
     OptionalSpeed,
     SceneController,
+    Update,
     Values,
 )
 from rig.controllers.blocks.design import Rig
@@ -37,6 +39,9 @@ from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second
 
 FALLING = 0.8  # largest ratio of the oscillations of two successive windows that counts as decay
 SPEED_BAND = 0.1  # bandwidth of the filter of a measured belt speed, which contains the dither, as a share of `band`
+
+
+_STATED = ("highest", "lowest", "margin", "step", "back_off", "quiet", "alarm")
 
 
 class Dither(ControllerSection):
@@ -83,10 +88,82 @@ class Search(NamedTuple):
     speed: float = -1.0
 
 
+class Rules(NamedTuple):
+    """The constants of the search; velocities at the contact [m/s], times [ns]."""
+
+    read_scale: float
+    smoothing: float
+    speed_column: int  # of the measured belt speed among the measurements; 0 if it is not measured
+    speed_scale: float
+    speed_smoothing: float
+    speed: float  # belt speed that is not measured
+    frequency: float
+    drive_scale: float
+    highest: float
+    lowest: float
+    margin: float
+    step: float
+    back_off: float
+    quiet: float
+    alarm: float
+    enable_ns: int
+    hold_ns: int
+    full_ns: int
+
+
+def law(p: Rules, state: Search, t_ns: int, values: Values) -> tuple[Search, Values]:
+    """State of the search after a sample, and the command of the generator."""
+    amplitude, margin, since, top, bottom, last, smooth, slow, speed = state
+    smooth += p.smoothing * (p.read_scale * values[0] - smooth)
+    slow += p.smoothing * (smooth - slow)
+    if p.speed_column > 0:
+        measured = abs(p.speed_scale * values[p.speed_column])
+        speed = measured if speed < 0.0 else speed + p.speed_smoothing * (measured - speed)
+    else:
+        speed = p.speed
+    if t_ns < p.enable_ns or p.margin * speed > p.highest:
+        return Search(0.0, margin, -1, -math.inf, math.inf, math.inf, smooth, slow, speed), (0.0, p.frequency, 0.0)
+    if since < 0:
+        amplitude, since = p.highest, t_ns
+    elif t_ns - since > p.hold_ns:
+        top = slow if slow > top else top
+        bottom = slow if slow < bottom else bottom
+        whole = t_ns - since >= p.full_ns
+        if whole or 0.5 * (top - bottom) > p.alarm:
+            amplitude, margin, changed = _judged(p, amplitude, margin, speed, 0.5 * (top - bottom), last, whole)
+            last = math.inf if changed else 0.5 * (top - bottom)
+            since = t_ns if changed else t_ns - p.hold_ns
+            top, bottom = -math.inf, math.inf
+    amplitude = max(amplitude, _least(p, margin, speed))
+    command = (p.drive_scale * amplitude, p.frequency, 1.0)
+    return Search(amplitude, margin, since, top, bottom, last, smooth, slow, speed), command
+
+
+def _judged(
+    p: Rules, amplitude: float, margin: float, speed: float, oscillation: float, last: float, whole: bool
+) -> tuple[float, float, bool]:
+    """Amplitude [m/s], margin, and whether the amplitude changes, after a window with this oscillation [m/s]."""
+    stays = whole and oscillation > p.quiet and oscillation > FALLING * last
+    if (stays or oscillation > p.alarm) and amplitude < p.highest:
+        failed = (1.0 + p.back_off) * amplitude / speed if speed > 0.0 else 0.0
+        return p.highest, max(margin, failed), True
+    if oscillation < p.quiet:
+        lower = max((1.0 - p.step) * amplitude, _least(p, margin, speed))
+        return lower, margin, lower < amplitude
+    return amplitude, margin, False
+
+
+def _least(p: Rules, margin: float, speed: float) -> float:
+    """The smallest allowed amplitude [m/s] at this belt speed [m/s]."""
+    return min(max(p.lowest, max(p.margin, margin) * speed), p.highest)
+
+
 class DitherSearch(SceneController[Dither]):
     """The controller; it commands amplitude, frequency and enable of the generator."""
 
     drives = ("dither.amplitude", "dither.frequency", "dither.enable")
+
+    update: Update
 
     def __init__(self, section: Dither, numbers: Numbers) -> None:
         super().__init__(section, numbers)
@@ -94,21 +171,27 @@ class DitherSearch(SceneController[Dither]):
         speed = section.speed if section.speed is not None else numbers.get("nominal")
         if speed is None and section.speed_sensor is None:
             raise UsageError("speed: is neither stated nor measured, and dither below the belt speed makes it worse")
-        self.speed = abs(float(speed or 0.0))
-        self.read_scale = float(numbers.get("read_scale", 1.0))
-        self.speed_scale = float(numbers.get("speed_scale", 1.0))
         frequency = section.frequency if section.frequency is not None else numbers.get("frequency")
         if frequency is None:
             raise UsageError("frequency: is not stated, and the design step gives no number for it")
-        self.frequency = float(frequency)
-        # a generator on the belt gets a velocity; one on the mass the force that causes it far above resonance
-        self.drive_scale = float(numbers["force_per_hertz"]) * self.frequency if "force_per_hertz" in numbers else 1.0
         turn = -2.0 * math.pi * section.band * section.period * 1e-9
-        self.smoothing = -math.expm1(turn)
-        self.speed_smoothing = -math.expm1(SPEED_BAND * turn)
-        self.enable_ns = round(section.enable_at * 1e9)
-        self.hold_ns = round(section.hold_off * 1e9)
-        self.full_ns = self.hold_ns + round(section.window * 1e9)
+        hold_ns = round(section.hold_off * 1e9)
+        rules = Rules(
+            read_scale=float(numbers.get("read_scale", 1.0)),
+            smoothing=-math.expm1(turn),
+            speed_column=len(self.reads) - 1,
+            speed_scale=float(numbers.get("speed_scale", 1.0)),
+            speed_smoothing=-math.expm1(SPEED_BAND * turn),
+            speed=abs(float(speed or 0.0)),
+            frequency=float(frequency),
+            # a generator on the belt gets a velocity; one on the mass the force that causes it far above resonance
+            drive_scale=float(numbers["force_per_hertz"]) * frequency if "force_per_hertz" in numbers else 1.0,
+            enable_ns=round(section.enable_at * 1e9),
+            hold_ns=hold_ns,
+            full_ns=hold_ns + round(section.window * 1e9),
+            **{key: getattr(section, key) for key in _STATED},
+        )
+        self.update = partial(law, rules)
 
     @staticmethod
     def design(rig: Rig, section: Dither) -> dict[str, Any]:
@@ -129,51 +212,3 @@ class DitherSearch(SceneController[Dither]):
     def start(self) -> Search:
         """The state before the first sample: dither is off."""
         return Search()
-
-    def update(self, state: Search, t_ns: int, values: Values) -> tuple[Search, Values]:
-        """State of the search after a sample, and the command of the generator."""
-        amplitude, margin, since, top, bottom, last, smooth, slow, speed = state
-        smooth += self.smoothing * (self.read_scale * values[0] - smooth)
-        slow += self.smoothing * (smooth - slow)
-        if len(values) > 1:
-            measured = abs(self.speed_scale * values[1])
-            speed = measured if speed < 0.0 else speed + self.speed_smoothing * (measured - speed)
-        else:
-            speed = self.speed
-        if t_ns < self.enable_ns or self.section.margin * speed > self.section.highest:
-            off = Search(margin=state.margin, smooth=smooth, slow=slow, speed=speed)
-            return off, (0.0, self.frequency, 0.0)
-        if since < 0:
-            amplitude, since = self.section.highest, t_ns
-        elif t_ns - since > self.hold_ns:
-            top = slow if slow > top else top
-            bottom = slow if slow < bottom else bottom
-            whole = t_ns - since >= self.full_ns
-            if whole or 0.5 * (top - bottom) > self.section.alarm:
-                amplitude, margin, changed = self._judge(amplitude, margin, speed, 0.5 * (top - bottom), last, whole)
-                last = math.inf if changed else 0.5 * (top - bottom)
-                since = t_ns if changed else t_ns - self.hold_ns
-                top, bottom = -math.inf, math.inf
-        amplitude = max(amplitude, self._least(margin, speed))
-        command = (self.drive_scale * amplitude, self.frequency, 1.0)
-        return Search(amplitude, margin, since, top, bottom, last, smooth, slow, speed), command
-
-    def _judge(
-        self, amplitude: float, margin: float, speed: float, oscillation: float, last: float, whole: bool
-    ) -> tuple[float, float, bool]:
-        """Amplitude [m/s], margin, and whether the amplitude changes, after a window with this oscillation [m/s]."""
-        section = self.section
-        stays = whole and oscillation > section.quiet and oscillation > FALLING * last
-        if (stays or oscillation > section.alarm) and amplitude < section.highest:
-            failed = (1.0 + section.back_off) * amplitude / speed if speed > 0.0 else 0.0
-            return section.highest, max(margin, failed), True
-        if oscillation < section.quiet:
-            lower = max((1.0 - section.step) * amplitude, self._least(margin, speed))
-            return lower, margin, lower < amplitude
-        return amplitude, margin, False
-
-    def _least(self, margin: float, speed: float) -> float:
-        """The smallest allowed amplitude [m/s] at this belt speed [m/s]."""
-        section = self.section
-        least: float = min(max(section.lowest, max(section.margin, margin) * speed), section.highest)
-        return least

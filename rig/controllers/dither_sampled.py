@@ -11,11 +11,12 @@ errors: see `dither`.
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, Self
+from functools import partial
+from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
-from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalSpeed, SceneController, Values
+from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalSpeed, SceneController, Update, Values
 from rig.controllers.blocks.design import Rig
 from rig.errors import UsageError
 from rig.quantities import Hertz, MetrePerSecond, PositiveMetrePerSecond, Second, Speed
@@ -40,19 +41,42 @@ class SampledDither(ControllerSection):
         return self
 
 
+class Signal(NamedTuple):
+    """The constants: nominal and amplitude [m/s], frequency [Hz], limits [m/s], command per unit of the speed."""
+
+    enable_ns: int
+    nominal: float
+    amplitude: float
+    frequency: float
+    lowest: float
+    highest: float
+    scale: float
+
+
+def law(p: Signal, state: tuple[()], t_ns: int, values: Values) -> tuple[tuple[()], Values]:
+    """The surface speed of this sample [unit of the drive]."""
+    v = p.nominal
+    if t_ns >= p.enable_ns:
+        turns = (t_ns - p.enable_ns) * 1e-9 * p.frequency
+        v += p.amplitude * math.sin(2.0 * math.pi * (turns - math.floor(turns)))
+    return state, (p.scale * min(max(v, p.lowest), p.highest),)
+
+
 class SampledDitherSignal(SceneController[SampledDither]):
     """A sine of the simulated time; it has no sensor and no state."""
 
     reads = ()
+
+    update: Update
 
     def __init__(self, section: SampledDither, numbers: Numbers) -> None:
         super().__init__(section, numbers)
         nominal = section.nominal if section.nominal is not None else numbers.get("nominal")
         if nominal is None:
             raise UsageError("nominal: is not stated, and the design step gives no number for it")
-        self.nominal = float(nominal)
-        self.scale = float(numbers.get("drive_scale", 1.0))
-        self.enable_ns = round(section.enable_at * 1e9)
+        levels = float(nominal), section.amplitude, section.frequency, section.lowest, section.highest
+        scale = float(numbers.get("drive_scale", 1.0))
+        self.update = partial(law, Signal(round(section.enable_at * 1e9), *levels, scale))
 
     @staticmethod
     def design(rig: Rig, section: SampledDither) -> dict[str, Any]:
@@ -62,11 +86,3 @@ class SampledDitherSignal(SceneController[SampledDither]):
     def start(self) -> tuple[()]:
         """The empty state."""
         return ()
-
-    def update(self, state: tuple[()], t_ns: int, values: Values) -> tuple[tuple[()], Values]:
-        """The surface speed of this sample [unit of the drive]."""
-        section, v = self.section, self.nominal
-        if t_ns >= self.enable_ns:
-            turns = math.fmod((t_ns - self.enable_ns) * 1e-9 * section.frequency, 1.0)
-            v += section.amplitude * math.sin(2.0 * math.pi * turns)
-        return state, (self.scale * min(max(v, section.lowest), section.highest),)

@@ -10,14 +10,15 @@ read: scene and recording contain the discrete matrices, and need the file no mo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Gt
 from pydantic import Strict, field_validator, model_validator
 
-from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Values, dot
+from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Update, Values, dot, mapped
 from rig.controllers.blocks.design import Actuator, Linear, Rig
 from rig.controllers.blocks.system_file import (
     DEFAULT,
@@ -173,25 +174,67 @@ def of_python_control(given: Any, **keys: Any) -> LTI:
     return LTI.model_validate({"kind": "lti", **keys, **table(of_control(given), keys)})
 
 
+class Constants(NamedTuple):
+    """The constants of the controller: discrete matrices, gain and its inverse (0 for none), levels of the commands."""
+
+    a: Rows
+    b: Rows
+    c: Rows
+    d: Rows
+    back: Rows
+    gain: float
+    inverse: float
+    nominal: Values
+    low: Values
+    high: Values
+
+
+def _free(nominal: float, c: Values, d: Values, gain: float, state: Values, values: Values) -> float:
+    return nominal + gain * (dot(c, state) + dot(d, values))
+
+
+def _within(free: float, low: float, high: float) -> float:
+    return low if free < low else high if free > high else free
+
+
+def _cut(given: float, free: float, inverse: float) -> float:
+    return inverse * (given - free)
+
+
+def _after(a: Values, b: Values, back: Values, state: Values, values: Values, cut: Values) -> float:
+    return dot(a, state) + dot(b, values) + dot(back, cut)
+
+
+def law(p: Constants, state: Values, t_ns: int, values: Values) -> tuple[Values, Values]:
+    """Next state, and the commands [unit of each actuator]."""
+    free: Values = mapped(p.nominal, _free, (p.gain, state, values), p.nominal, p.c, p.d)
+    given: Values = mapped(free, _within, (), free, p.low, p.high)
+    cut: Values = mapped(free, _cut, (p.inverse,), given, free)
+    return mapped(state, _after, (state, values, cut), p.a, p.b, p.back), given
+
+
 class LinearController:
     """The controller. Its state is that of the linear system."""
+
+    update: Update
 
     def __init__(self, section: LTI, numbers: Numbers) -> None:
         self.section, self.numbers = section, numbers
         self.reads, self.drives, self.period_ns = section.reads, section.drives, section.period
-        self.a, self.b, self.c, self.d, self.back = (getattr(section, name) for name in MATRICES)
+        matrices = section.A, section.B, section.C, section.D, section.L
         count = len(self.drives)
         units = numbers.get("unit", (None,) * count)
-        self.gain = section.gain
-        self.inverse = 1.0 / self.gain if self.gain else 0.0
-        self.nominal = self._levels("nominal", units, numbers.get("value", (0.0,) * count))
-        self.low = self._levels("lowest", units, numbers.get("low", (-np.inf,) * count))
-        self.high = self._levels("highest", units, numbers.get("high", (np.inf,) * count))
-        for drive, low, level, high in zip(self.drives, self.low, self.nominal, self.high):
-            if not low < high:
-                raise UsageError(f"highest: is {high:g} for {drive}, not above lowest = {low:g}")
-            if not low <= level <= high:
-                raise UsageError(f"nominal: is {level:g} for {drive}, outside {low:g} to {high:g}")
+        nominal = self._levels("nominal", units, numbers.get("value", (0.0,) * count))
+        low = self._levels("lowest", units, numbers.get("low", (-np.inf,) * count))
+        high = self._levels("highest", units, numbers.get("high", (np.inf,) * count))
+        inverse = 1.0 / section.gain if section.gain else 0.0
+        self.constants = Constants(*matrices, section.gain, inverse, nominal, low, high)
+        self.update = partial(law, self.constants)
+        for drive, lowest, level, highest in zip(self.drives, low, nominal, high):
+            if not lowest < highest:
+                raise UsageError(f"highest: is {highest:g} for {drive}, not above lowest = {lowest:g}")
+            if not lowest <= level <= highest:
+                raise UsageError(f"nominal: is {level:g} for {drive}, outside {lowest:g} to {highest:g}")
 
     @property
     def parameter_units(self) -> dict[str, str]:
@@ -228,29 +271,15 @@ class LinearController:
 
     def linear(self) -> Linear:
         """See `Linear`; for one input and one output."""
+        p = self.constants
 
         def step(xi: Sequence[float], y: float) -> tuple[Sequence[float], float]:
             x = tuple(xi)
-            after = [dot(a, x) + dot(b, (y,)) for a, b in zip(self.a, self.b)]
-            return after, self.gain * (dot(self.c[0], x) + dot(self.d[0], (y,)))
+            after = [dot(a, x) + dot(b, (y,)) for a, b in zip(p.a, p.b)]
+            return after, p.gain * (dot(p.c[0], x) + dot(p.d[0], (y,)))
 
-        return Linear(len(self.a), step, gain="gain")
+        return Linear(len(p.a), step, gain="gain")
 
     def start(self) -> Values:
         """The state at rest."""
-        return (0.0,) * len(self.a)
-
-    def update(self, state: Values, t_ns: int, values: Values) -> tuple[Values, Values]:
-        """Next state, and the commands [unit of each actuator]."""
-        free = tuple([
-            nominal + self.gain * (dot(c, state) + dot(d, values))
-            for nominal, c, d in zip(self.nominal, self.c, self.d)
-        ])  # fmt: skip
-        given = tuple([
-            low if v < low else high if v > high else v for v, low, high in zip(free, self.low, self.high)
-        ])  # fmt: skip
-        cut = tuple([self.inverse * (u - v) for low, u, v in zip(self.low, given, free)])
-        after = tuple([
-            dot(a, state) + dot(b, values) + dot(back, cut) for a, b, back in zip(self.a, self.b, self.back)
-        ])  # fmt: skip
-        return after, given
+        return (0.0,) * len(self.constants.a)

@@ -14,12 +14,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from functools import partial
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.controllers.blocks.base import ControllerSection, Gain, Numbers, SceneController, Values, require
+from rig.controllers.blocks import base
+from rig.controllers.blocks.base import ControllerSection, Gain, Numbers, Update, Values, mapped
 from rig.controllers.blocks.design import Linear, Rig
 from rig.quantities import Hertz, PositiveVolt, Second, Speed
 
@@ -53,16 +55,51 @@ class NarrowBand(ControllerSection):
     drive: str = "amplifier.voltage"
 
 
-class NarrowBandFeedback(SceneController[NarrowBand]):
+class Band(NamedTuple):
+    """The constants of the controller: one entry for each mode."""
+
+    poles: Modes
+    driven: Modes
+    corrected: Modes
+    fed_back: Modes
+    enable_ns: int
+    limit: float
+
+
+def _corrected(z: complex, gain: complex, e: float) -> complex:
+    return z + gain * e
+
+
+def _advanced(z: complex, pole: complex, driven: complex, u: float) -> complex:
+    return pole * z + driven * u
+
+
+def law(p: Band, state: Modes, t_ns: int, values: Values) -> tuple[Modes, Values]:
+    """State of the modes at the next sample, and the voltage [V] until then."""
+    poles, driven, corrected, fed_back, enable_ns, limit = p
+    expected = 0j
+    for z in state:
+        expected += z
+    modes: Modes = mapped(state, _corrected, (values[0] - 2.0 * expected.real,), state, corrected)
+    u = 0.0
+    if t_ns >= enable_ns:
+        for k, z in zip(fed_back, modes):
+            u -= k.real * z.real + k.imag * z.imag
+        u = -limit if u < -limit else limit if u > limit else u
+    return mapped(modes, _advanced, (u,), modes, poles, driven), (u,)
+
+
+class NarrowBandFeedback(base.SceneController[NarrowBand]):
     """The controller; its state is one complex number for each mode of the band."""
 
+    update: Update
+
     def __init__(self, section: NarrowBand, numbers: Numbers) -> None:
-        require(numbers, KEYS)
+        base.require(numbers, KEYS)
         super().__init__(section, numbers)
-        self.poles, self.driven, self.corrected, self.fed_back = (
-            tuple(complex(*pair) for pair in numbers[key]) for key in KEYS
-        )
-        self.enable_ns = round(section.enable_at * 1e9)
+        modes = {key: tuple([complex(*pair) for pair in numbers[key]]) for key in KEYS}
+        self.constants = Band(**modes, enable_ns=round(section.enable_at * 1e9), limit=section.limit)
+        self.update = partial(law, self.constants)
 
     @staticmethod
     def design(rig: Rig, section: NarrowBand) -> dict[str, Any]:
@@ -99,33 +136,17 @@ class NarrowBandFeedback(SceneController[NarrowBand]):
 
     def linear(self) -> Linear:
         """See `Linear`: for a connected controller within its limit; states: real and imaginary parts in turn."""
-        within = self.section.model_copy(update={"limit": math.inf, "enable_at": 0.0})
-        free = NarrowBandFeedback(within, self.numbers)
+        free = self.constants._replace(enable_ns=0, limit=math.inf)
 
         def step(xi: Sequence[float], y: float) -> tuple[Sequence[float], float]:
-            state, (u,) = free.update(tuple(map(complex, xi[0::2], xi[1::2])), 0, (y,))
+            state, (u,) = law(free, tuple(map(complex, xi[0::2], xi[1::2])), 0, (y,))
             return [part for z in state for part in (z.real, z.imag)], u
 
-        return Linear(2 * len(self.poles), step)
+        return Linear(2 * len(self.constants.poles), step)
 
     def start(self) -> Modes:
         """The state of a brake at rest."""
-        return (0j,) * len(self.poles)
-
-    def update(self, state: Modes, t_ns: int, values: Values) -> tuple[Modes, Values]:
-        """State of the modes at the next sample, and the voltage [V] until then."""
-        expected = 0j
-        for z in state:
-            expected += z
-        e = values[0] - 2.0 * expected.real
-        modes = tuple([z + gain * e for z, gain in zip(state, self.corrected)])
-        u = 0.0
-        if t_ns >= self.enable_ns:
-            for k, z in zip(self.fed_back, modes):
-                u -= k.real * z.real + k.imag * z.imag
-            limit = self.section.limit
-            u = -limit if u < -limit else limit if u > limit else u
-        return tuple([p * z + g * u for p, z, g in zip(self.poles, modes, self.driven)]), (u,)
+        return (0j,) * len(self.constants.poles)
 
 
 def _parts(numbers: NDArray[np.complex128]) -> NDArray[np.float64]:

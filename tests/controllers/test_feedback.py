@@ -1,6 +1,7 @@
 """The velocity feedbacks against the closed-loop tables of Kroeger et al. (2008), on the hand-written belt."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from pydantic import ValidationError
 from rig import controllers
 from rig.controllers.belt_velocity import BeltVelocity
 from rig.controllers.blocks.base import retune
-from rig.controllers.blocks.velocity import VelocityPath, VelocitySection
 from rig.controllers.normal_force import NormalForce
 from rig.errors import UsageError
 
@@ -24,6 +24,12 @@ def normal_force(**given):
 def belt_velocity(**given):
     section = BeltVelocity(**{"kind": "belt_velocity", "sensor": "v", "nominal": 0.06} | given)
     return controllers.build(section, {})
+
+
+def velocity_of(controller):
+    """The velocity that a feedback follows, in place of its command: (state, t_ns, (sample,)) -> state, (velocity,)."""
+    bare = {"enable_ns": 0, "nominal": 0.0, "slope": 1.0, "low": -math.inf, "high": math.inf}
+    return partial(controller.law, controller.constants._replace(**bare))
 
 
 @pytest.mark.parametrize(
@@ -122,26 +128,25 @@ def test_the_nominal_value_may_come_from_the_scene():
 
 @pytest.mark.parametrize("ahead", [0.005, 0.02, 0.06])
 def test_the_prediction_is_exact_for_an_oscillation_of_its_frequency(ahead):
-    section = VelocitySection(sensor="v", compensation=ahead, frequency=3.5)
-    path = VelocityPath(section, {})
-    state, w = path.start(), 2.0 * math.pi * 3.5
+    controller = normal_force(compensation=ahead, frequency=3.5)
+    state, w, velocity = controller.start(), 2.0 * math.pi * 3.5, velocity_of(controller)
     for k in range(3000):
-        state, v = path.update(state, k * 1_000_000, math.sin(w * k * 1e-3))
+        state, (v,) = velocity(state, k * 1_000_000, (math.sin(w * k * 1e-3),))
     assert v == pytest.approx(math.sin(w * (2.999 + ahead)), abs=1e-9)
 
 
 def test_the_filter_is_three_decibels_down_at_its_corner():
-    path = VelocityPath(VelocitySection(sensor="v", filter=20.0), {})
-    state, out = path.start(), []
+    controller = normal_force(filter=20.0)
+    state, out, velocity = controller.start(), [], velocity_of(controller)
     for k in range(2000):
-        state, v = path.update(state, k * 1_000_000, math.sin(2.0 * math.pi * 20.0 * k * 1e-3))
+        state, (v,) = velocity(state, k * 1_000_000, (math.sin(2.0 * math.pi * 20.0 * k * 1e-3),))
         out.append(v)
     assert max(out[1000:]) == pytest.approx(math.sqrt(0.5), rel=0.02)
 
 
 def test_a_first_sample_does_not_kick_the_filter():
-    path = VelocityPath(VelocitySection(sensor="v", filter=1.0), {})
-    _, v = path.update(path.start(), 0, 0.06)
+    controller = normal_force(filter=1.0)
+    _, (v,) = velocity_of(controller)(controller.start(), 0, (0.06,))
     assert v == 0.06
 
 

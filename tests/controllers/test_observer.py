@@ -1,14 +1,14 @@
 """The observer's arithmetic with numbers made by scipy for one oscillator, m = 5, d = 2, c = 2500."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 import scipy.linalg
 
 from rig import controllers
-from rig.controllers.blocks.observer import Observer, propagated
-from rig.controllers.blocks.velocity import VelocityPath, VelocitySection
+from rig.controllers.blocks.observer import advanced, advanced3, advanced4, at_rest, observer, propagated
 from rig.controllers.normal_force import NormalForce
 from rig.errors import UsageError
 
@@ -40,49 +40,49 @@ def swing(t, w=22.0, a=3e-3):
 
 
 def test_the_estimate_converges_to_the_velocity():
-    observer = Observer(numbers())
-    z = observer.start(0.0)  # wrong: the rig moves
+    o = observer(numbers())
+    z = at_rest(o, 0.0)  # wrong: the rig moves
     errors = []
     for k in range(400):
         x, v = swing(k * 1e-3)
-        z, estimate = observer.update(z, x)
+        z, estimate = advanced3(o, z, x)
         errors.append(abs(estimate - v))
     assert errors[0] > 0.05
     assert max(errors[100:]) < 2e-3  # of 0.066; what is left is the force that swings unknown
 
 
 def test_the_estimate_is_exact_for_a_free_oscillation_from_the_right_state():
-    observer = Observer(numbers())
+    o = observer(numbers())
     x = np.array([2e-3, 0.03, 4.0])
     z, step = tuple(x), scipy.linalg.expm(A * 1e-3)
     for _ in range(200):
-        z, estimate = observer.update(z, x[0])
+        z, estimate = advanced3(o, z, x[0])
         assert estimate == pytest.approx(x[1], abs=1e-12)
         x = step @ x
 
 
 def test_a_rig_at_rest_is_recognised_at_once():
-    observer = Observer(numbers())
-    z = observer.start(2e-3)
+    o = observer(numbers())
+    z = at_rest(o, 2e-3)
     for _ in range(5):
-        z, estimate = observer.update(z, 2e-3)
+        z, estimate = advanced3(o, z, 2e-3)
         assert abs(estimate) < 1e-12
 
 
-@pytest.mark.parametrize("size", [4, 5])
-def test_the_written_out_steps_equal_the_general_one(size):
-    written, other = Observer(numbers(), 0.004), Observer(numbers(size=size), 0.004)
-    a, b = written.start(1e-3), other.start(1e-3)
+@pytest.mark.parametrize(("size", "step"), [(3, advanced3), (4, advanced4)])
+def test_the_written_out_steps_equal_the_general_one(size, step):
+    o = observer(numbers(size=size), 0.004)
+    a = b = at_rest(o, 1e-3)
     for k in range(50):
-        a, va = written.update(a, swing(k * 1e-3)[0])
-        b, vb = other.update(b, swing(k * 1e-3)[0])
+        a, va = step(o, a, swing(k * 1e-3)[0])
+        b, vb = advanced(o, b, swing(k * 1e-3)[0])
         assert va == pytest.approx(vb, abs=1e-13)
 
 
 def test_the_prediction_follows_the_model():
     x = np.array([2e-3, 0.03, 4.0])
-    observer = Observer(numbers(), ahead=0.03)
-    _, v = observer.update(tuple(x), x[0])
+    o = observer(numbers(), ahead=0.03)
+    _, v = advanced3(o, tuple(x), x[0])
     assert v == pytest.approx((scipy.linalg.expm(A * 0.03) @ x)[1], abs=1e-12)
 
 
@@ -94,24 +94,35 @@ def test_propagated_rows_agree_with_scipy(time):
         assert propagated(row, matrix, time) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
+def velocity_of(controller):
+    """The velocity that a feedback follows, in place of its command: (state, t_ns, (sample,)) -> state, (velocity,)."""
+    bare = {"enable_ns": 0, "nominal": 0.0, "slope": 1.0, "low": -math.inf, "high": math.inf}
+    return partial(controller.law, controller.constants._replace(**bare))
+
+
+def observing():
+    """A feedback of an observed velocity."""
+    section = NormalForce(kind="normal_force", sensor="x", nominal=20.0, velocity="observed")
+    return controllers.build(section, {"observer": numbers()})
+
+
 def test_missing_samples_are_bridged_by_the_model():
-    section = VelocitySection(sensor="x", velocity="observed")
-    path = VelocityPath(section, {"observer": numbers()})
-    state = path.start()
+    controller = observing()
+    state, velocity = controller.start(), velocity_of(controller)
     for k in range(600):
         if 300 <= k < 310:  # ten samples are lost
             continue
         x, v = swing(k * 1e-3)
-        state, estimate = path.update(state, k * 1_000_000, x)
+        state, (estimate,) = velocity(state, k * 1_000_000, (x,))
         if k > 300:
             assert estimate == pytest.approx(v, abs=8e-3)
 
 
 def test_after_a_long_silence_the_observer_starts_anew():
-    section = VelocitySection(sensor="x", velocity="observed")
-    path = VelocityPath(section, {"observer": numbers()})
-    state, _ = path.update(path.start(), 0, 5e-3)
-    _, estimate = path.update(state, 10_000_000_000, 1e-3)
+    controller = observing()
+    velocity = velocity_of(controller)
+    state, _ = velocity(controller.start(), 0, (5e-3,))
+    _, (estimate,) = velocity(state, 10_000_000_000, (1e-3,))
     assert abs(estimate) < 1e-12
 
 
@@ -120,13 +131,13 @@ def test_an_observer_needs_its_numbers():
     with pytest.raises(UsageError, match="design step"):
         controllers.build(section, {})
     with pytest.raises(UsageError, match="missing: transition, gain"):
-        Observer({k: v for k, v in numbers().items() if k not in ("transition", "gain")})
+        observer({k: v for k, v in numbers().items() if k not in ("transition", "gain")})
 
 
 def test_the_state_is_never_changed():
-    observer = Observer(numbers())
-    z = observer.start(1e-3)
+    o = observer(numbers())
+    z = at_rest(o, 1e-3)
     again = tuple(z)
-    first = observer.update(z, 2e-3)
-    assert observer.update(z, 2e-3) == first
+    first = advanced3(o, z, 2e-3)
+    assert advanced3(o, z, 2e-3) == first
     assert z == again

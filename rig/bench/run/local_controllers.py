@@ -32,7 +32,7 @@ from rig.controllers.blocks.base import Controller, Values
 from rig.controllers.lti import LTI, of_python_control
 from rig.controllers.runtime.file import faults_of
 from rig.controllers.runtime.loop import NOT_FINITE, Loop, failure
-from rig.controllers.runtime.native import Native, Untranslatable
+from rig.controllers.runtime.native import Native, Uncompiled
 from rig.errors import ControllerLost, SceneError, Untrusted, UsageError
 from rig.scenes import checks
 from rig.scenes.scene import Scene
@@ -260,7 +260,7 @@ class ControllerInProcess:
             return None
         if self._worth and self._native is None:
             self._worth = False
-            with suppress(Untranslatable):
+            with suppress(Uncompiled):
                 self._native = Native(self.loop.controller, self.loop.state)
                 self._trial = 0 if self._native.address in _TRIED else TRIALS
                 self._native.resume(self.loop.controller, self.loop.state)

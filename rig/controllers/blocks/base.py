@@ -12,12 +12,16 @@ A controller with `every_sample = True` gets a tuple of all samples of each sens
 of the latest one; its period is one frame. In this way a loop at 1 kHz reads a sensor at 50 kHz.
 
 A controller whose class takes `(section, numbers)` and stores the section can be retuned during a run.
+
+A controller whose `update` is `functools.partial(law, constants)` can be compiled (`runtime.native`): the control law
+`law(constants, state, t_ns, values)` is a function of a module, constants and state are (named) tuples of numbers.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import repeat
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, runtime_checkable
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -31,6 +35,9 @@ Numbers = Mapping[str, Any]
 Values = tuple[float, ...]
 Samples = tuple[Sequence[float], ...]
 State = Any
+Update = Callable[[Any, int, Any], tuple[Any, Values]]
+"""Type of `update` where it is `functools.partial(law, constants)`."""
+Entry = TypeVar("Entry", float, complex)
 
 
 @runtime_checkable
@@ -109,14 +116,6 @@ def require(numbers: Numbers, keys: Iterable[str], what: str = "needs numbers of
         raise UsageError(f"{what}; missing: {', '.join(missing)}")
 
 
-def dot(a: Values, b: Values) -> float:
-    """The scalar product; `sum` rounds differently in newer Python versions."""
-    total = 0.0
-    for x, y in zip(a, b):
-        total += x * y
-    return total
-
-
 def retune(controller: C, changes: Mapping[str, object]) -> C:
     """The same controller with all of `changes` to its parameters. Raises UsageError with the faults of all changes.
 
@@ -172,3 +171,19 @@ def explain(error: ValidationError) -> list[str]:
 def _near(key: str, known: Mapping[str, object]) -> str:
     near = difflib.get_close_matches(key, known, n=3)
     return f"; near: {', '.join(near)}" if near else f"; known: {', '.join(known)}"
+
+
+def mapped(like: tuple[Entry, ...], entry: Callable[..., Entry], given: tuple[Any, ...], *columns: Any) -> Any:
+    """The tuple of `entry(a, b, ..., *given)` for the entries a, b, ... of the columns, in turn.
+
+    `like`: a tuple of equal length and type. Compiled code has a function of its own for this.
+    """
+    return tuple(map(entry, *columns, *map(repeat, given)))
+
+
+def dot(a: Values, b: Values) -> float:
+    """The sum of products in this order; compiled code has its own for tuples without entries."""
+    total = 0.0
+    for x, y in zip(a, b):  # `sum` rounds differently in newer Python versions
+        total += x * y
+    return total

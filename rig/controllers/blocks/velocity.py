@@ -13,17 +13,13 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
-from rig.controllers.blocks.base import Ahead, ControllerSection, Numbers, OptionalForce, OptionalHertz, Values
+from rig.controllers.blocks.base import Ahead, ControllerSection, Numbers, OptionalForce, OptionalHertz
 from rig.controllers.blocks.design import Rig
-from rig.controllers.blocks.observer import Observer
+from rig.controllers.blocks.observer import Observer, observer
 from rig.errors import UsageError
 from rig.quantities import Second
-
-PathState = tuple[Values, int, float, float]
-GAP = 1000  # longest gap that an observer bridges [periods]; after a longer one it starts again
 
 
 class VelocitySection(ControllerSection):
@@ -47,57 +43,35 @@ def designed(rig: Rig, section: VelocitySection) -> dict[str, Any]:
     return {"frequency": rig.frequency, "read_scale": rig.read_scale(section.sensor)}
 
 
-class VelocityPath:
+class Path(NamedTuple):
+    """The constants of a velocity path; `observer` is empty for a measured velocity."""
+
+    period_ns: int
+    scale: float
+    smoothing: float
+    lagging: float
+    direct: float
+    lagged: float
+    observer: Observer | tuple[()]
+
+
+def path(section: VelocitySection, numbers: Numbers) -> Path:
     """The path from one sensor to the velocity predicted by `compensation` [s]."""
-
-    def __init__(self, section: VelocitySection, numbers: Numbers) -> None:
-        self.period_ns = section.period
-        period = section.period * 1e-9
-        self.scale = float(numbers.get("read_scale", 1.0))
-        self.observer: Observer | None = None
-        ahead = section.compensation
-        if section.velocity == "observed":
-            if "observer" not in numbers:
-                raise UsageError("velocity = 'observed' needs an observer from the design step, and it gave none")
-            self.observer = Observer(numbers["observer"], ahead)
-            ahead = 0.0
-        self.smoothing = 1.0 if section.filter is None else -math.expm1(-2.0 * math.pi * section.filter * period)
-        frequency = section.frequency if section.frequency is not None else numbers.get("frequency")
-        self.lagging, self.direct, self.lagged = 1.0, 1.0, 0.0
-        if frequency is not None:
-            self.lagging, self.direct, self.lagged = lead(2.0 * math.pi * frequency, period, ahead)
-        elif ahead > 0.0:
-            raise UsageError("compensation: needs the frequency of the oscillation to predict a measured velocity")
-
-    def start(self) -> PathState:
-        """The state before the first sample."""
-        return (), -1, 0.0, 0.0
-
-    def update(self, state: PathState, t_ns: int, y: float) -> tuple[PathState, float]:
-        """Next state, and velocity [m/s] from the sample y of time t_ns [ns]."""
-        z, expected, smooth, lag = state
-        if self.observer is None:
-            v = self.scale * y
-        else:
-            if t_ns != expected or not z:
-                late = (t_ns - expected) // self.period_ns
-                z = self.observer.skip(z, late) if z and 0 < late <= GAP else self.observer.start(y)
-            z, v = self.observer.update(z, y)
-        if expected < 0:
-            smooth = lag = v
-        smooth += self.smoothing * (v - smooth)
-        lag += self.lagging * (smooth - lag)
-        return (z, t_ns + self.period_ns, smooth, lag), self.direct * smooth + self.lagged * lag
-
-    @property
-    def states(self) -> int:
-        """Number of states of `linear`."""
-        return (0 if self.observer is None else len(self.observer.start(0.0))) + 2
-
-    def linear(self, xi: Sequence[float], y: float) -> tuple[Sequence[float], float]:
-        """The linear form of `update`: the states after a sample, and the velocity."""
-        (z, _, smooth, lag), v = self.update((tuple(xi[:-2]), 0, xi[-2], xi[-1]), 0, y)
-        return [*z, smooth, lag], v
+    period = section.period * 1e-9
+    observing: Observer | tuple[()] = ()
+    ahead = section.compensation
+    if section.velocity == "observed":
+        if "observer" not in numbers:
+            raise UsageError("velocity = 'observed' needs an observer from the design step, and it gave none")
+        observing, ahead = observer(numbers["observer"], ahead), 0.0
+    smoothing = 1.0 if section.filter is None else -math.expm1(-2.0 * math.pi * section.filter * period)
+    frequency = section.frequency if section.frequency is not None else numbers.get("frequency")
+    prediction = 1.0, 1.0, 0.0
+    if frequency is not None:
+        prediction = lead(2.0 * math.pi * frequency, period, ahead)
+    elif ahead > 0.0:
+        raise UsageError("compensation: needs the frequency of the oscillation to predict a measured velocity")
+    return Path(section.period, float(numbers.get("read_scale", 1.0)), smoothing, *prediction, observing)
 
 
 def lead(w: float, period: float, ahead: float) -> tuple[float, float, float]:

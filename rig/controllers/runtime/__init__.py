@@ -4,5 +4,5 @@ loop       a controller in operation: state, command in force, handling of value
 process    a controller in its own process
 service    events and parameters of a controller on the bus
 file       a user's own controller from a file
-native     a controller with compiled `update`, whose source text is translated for the compiler
+native     a controller whose control law is compiled
 """
