@@ -14,7 +14,7 @@ import scipy.linalg
 
 from rig import controllers, design
 from rig.controllers.belt_velocity import BeltVelocity
-from rig.controllers.blocks.observer import Observer
+from rig.controllers.blocks.observer import advanced, at_rest, observer
 from rig.controllers.dither import Dither
 from rig.controllers.dither_sampled import SampledDither
 from rig.controllers.normal_force import NormalForce
@@ -144,11 +144,11 @@ def test_the_gain_is_that_of_the_riccati_equation():
 
 @pytest.mark.parametrize("sensor", ["laser", "accelerometer"])
 def test_a_wrong_zero_of_the_instrument_is_no_velocity(sensor):
-    observer = Observer(design.numbers(scene(a=normal_force(sensor=sensor)), rig())["a"]["observer"])
+    o = observer(design.numbers(scene(a=normal_force(sensor=sensor)), rig())["a"]["observer"])
     zero = {"laser": 1e-3, "accelerometer": 0.02}[sensor]
-    z = observer.start(zero)
+    z = at_rest(o, zero)
     for _ in range(10_000):
-        z, v = observer.update(z, zero)
+        z, v = advanced(o, z, zero)
     assert abs(v) < 1e-3
 
 
