@@ -221,13 +221,19 @@ from rig.controllers.normal_force import NormalForceFeedback
 def strike(number, frame):
     raise KeyboardInterrupt
 
-def first(self, *given):
-    if due:
-        signal.setitimer(signal.ITIMER_PROF, due.pop())  # s; in the frames: before, numba may swallow it
-    return update(self, *given)
+def made(self, *given):
+    init(self, *given)
+    law = self.update
 
-due, update = [], NormalForceFeedback.update
-NormalForceFeedback.update = first
+    def first(*asked):
+        if due:
+            signal.setitimer(signal.ITIMER_PROF, due.pop())  # s; in the frames: before, numba may swallow it
+        return law(*asked)
+
+    self.update = first
+
+due, init = [], NormalForceFeedback.__init__
+NormalForceFeedback.__init__ = made
 local_controllers.WORTH = 10**12  # controllers stay in Python
 signal.signal(signal.SIGPROF, strike)
 scene, struck, draw = rig.load("belt_normal_force"), 0, random.Random(1)
