@@ -11,8 +11,6 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,15 +19,14 @@ from pydantic_core import CoreSchema, core_schema
 
 from rig.errors import PartError
 from rig.machine.files import contents
-from rig.parts.code import known_hashes, require, trust_hashes
+from rig.parts.code import SHOWN, Hashed, require, trust_hashes
 
 LARGEST = 16 << 20
 """Largest file of a compiled part [bytes]. # chosen: every recording of a run contains it"""
-_SHOWN = 12  # digits of a hash
 _NAME = re.compile(r"[^/\\\0]{1,100}")
 
 
-class Binary(str):
+class Binary(str, Hashed):
     """A compiled part as the value of a scene: its text is the base name of the file.
 
     `content`: the bytes of the file. `about`: what the part says of itself (sizes, parameters), as plain JSON values.
@@ -67,25 +64,14 @@ class Binary(str):
         except OSError as error:
             raise PartError(f"{path}: cannot be read: {error.strerror}") from None
 
-    @cached_property
-    def sha256(self) -> str:
-        """SHA-256 of the content [64 hex digits]."""
-        return sha256(self.content).hexdigest()
+    def data(self) -> bytes:
+        """See `Hashed`."""
+        return self.content
 
     @property
-    def file(self) -> str:
+    def file(self) -> str:  # type: ignore[override]
         """Base name of the file."""
         return str(self)
-
-    @property
-    def short(self) -> str:
-        """The first digits of the hash."""
-        return self.sha256[:_SHOWN]
-
-    @property
-    def trusted(self) -> bool:
-        """Whether this process may run it."""
-        return self.sha256 in known_hashes()
 
     @contextmanager
     def unpacked(self) -> Iterator[Path]:
@@ -116,7 +102,7 @@ class Binary(str):
         if binary.sha256 != raw.get("sha256"):
             raise PartError(
                 f"{binary.file}: its content has the SHA-256 {binary.short}..., the recording states "
-                f"{str(raw.get('sha256'))[:_SHOWN]}...: it was changed or is damaged, and is not run"
+                f"{str(raw.get('sha256'))[:SHOWN]}...: it was changed or is damaged, and is not run"
             )
         return binary
 

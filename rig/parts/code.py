@@ -19,14 +19,14 @@ from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 from rig.errors import PartError, RigError, Untrusted
 from rig.machine.files import contents
 from rig.machine.process import copies, end_copy
 
 _TRUSTED = "RIG_TRUSTED"
-_SHOWN = 12  # digits of a hash
+SHOWN = 12  # digits of a hash
 _FILE = re.compile(r"[^/\\\0]{1,100}\.py")
 MOVED = {
     "controllers": "rig.controllers",
@@ -46,32 +46,46 @@ _PATHS: dict[str, str] = {}
 """Name under which Python knows a text -> the file that the user knows."""
 
 
-@dataclass(frozen=True)
-class Code:
-    """The source text of a part; `file`: base name of the file that held it."""
+class Hashed:
+    """A text or content from elsewhere that may be run if it is trusted; `file`: base name of its file."""
 
-    file: str
-    text: str
+    file: Any
+
+    def data(self) -> bytes:
+        """What is hashed."""
+        raise NotImplementedError
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the text [64 hex digits]."""
-        return sha256(self.text.encode()).hexdigest()
+        """SHA-256 of the text or content [64 hex digits]."""
+        return sha256(self.data()).hexdigest()
 
     @property
     def short(self) -> str:
         """The first digits of the hash."""
-        return self.sha256[:_SHOWN]
-
-    @property
-    def called(self) -> str:
-        """Name of the module: two versions of a file are two modules."""
-        return f"rig_part_{re.sub(r'[^A-Za-z0-9_]', '_', Path(self.file).stem)}_{self.sha256}"
+        return self.sha256[:SHOWN]
 
     @property
     def trusted(self) -> bool:
         """Whether this process may run it."""
         return self.sha256 in known_hashes()
+
+
+@dataclass(frozen=True)
+class Code(Hashed):
+    """The source text of a part; `file`: base name of the file that held it."""
+
+    file: str
+    text: str
+
+    def data(self) -> bytes:
+        """See `Hashed`."""
+        return self.text.encode()
+
+    @property
+    def called(self) -> str:
+        """Name of the module: two versions of a file are two modules."""
+        return f"rig_part_{re.sub(r'[^A-Za-z0-9_]', '_', Path(self.file).stem)}_{self.sha256}"
 
     @classmethod
     def read(cls, path: Path) -> Code:
@@ -97,7 +111,7 @@ class Code:
         if code.sha256 != stated:
             raise PartError(
                 f"part {file}: its source has the SHA-256 {code.short}..., the recording states "
-                f"{str(stated)[:_SHOWN]}...: it was changed or is damaged, and is not run"
+                f"{str(stated)[:SHOWN]}...: it was changed or is damaged, and is not run"
             )
         return code
 
@@ -189,22 +203,6 @@ def trust_hashes(hashes: Iterable[str]) -> None:
 def trust(codes: Iterable[Code]) -> None:
     """Let this process, and those that it starts, run these texts."""
     trust_hashes(code.sha256 for code in codes)
-
-
-class Hashed(Protocol):
-    """A text or content from elsewhere that may be run if it is trusted."""
-
-    @property
-    def file(self) -> str:
-        """Base name of its file."""
-
-    @property
-    def short(self) -> str:
-        """The first digits of its hash."""
-
-    @property
-    def trusted(self) -> bool:
-        """Whether this process may run it."""
 
 
 def require(codes: Iterable[Hashed]) -> None:
