@@ -7,19 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.model.assembly import Assembly
 from rig.model.system import System
+from rig.scenes.scene import Scene
 from rig.view import contact
 from rig.view.palette import LINES
-
-if TYPE_CHECKING:
-    from rig.model.assembly import Assembly
-    from rig.scenes.scene import Scene
-
 
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.model.assembly import Assembly
 from rig.model.system import System
+from rig.scenes.scene import Scene
 from rig.stability.linearisation import sliding_key, steady
 from rig.view import contact
 from rig.view.base import (
@@ -37,10 +39,6 @@ from rig.view.base import (
     word,
     zigzag,
 )
-
-if TYPE_CHECKING:
-    from rig.model.assembly import Assembly
-    from rig.scenes.scene import Scene
 
 BODIES = ("disc", "inner_pad", "outer_pad", "calliper", "free_carrier", "supporting_carrier")
 _PLACES = {"disc": (0.0, 0.0), "inner_pad": (0.0, -0.225), "outer_pad": (0.0, 0.225), "calliper": (0.0, 0.0),

@@ -8,16 +8,13 @@ dark of the viewer. Source: M. Okabe, K. Ito, Color universal design (2008), htt
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from rig.model.assembly import portrait
+from rig.model.assembly import Assembly, portrait
 from rig.picture import Plot, plot_of
 from rig.record.film_points import numbered
+from rig.scenes.scene import Scene
 from rig.view.palette import LINES
-
-if TYPE_CHECKING:
-    from rig.model.assembly import Assembly
-    from rig.scenes.scene import Scene
 
 
 class Channel(NamedTuple):

@@ -7,7 +7,6 @@ stick   no slip                slip+   w > 0, the surface is faster         slip
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +14,8 @@ from numpy.typing import NDArray
 from rig.errors import SceneError
 from rig.model.assembly import Assembly
 from rig.model.system import System
+from rig.scenes.scene import Scene
 from rig.solve.records import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
-
-if TYPE_CHECKING:
-    from rig.scenes.scene import Scene
 
 NAMES = ("stick", "slip+", "slip-", "open")
 COLOURS = ("#3b6fb6", "#e08b3c", "#b4508a", "#9a9a9a")
@@ -30,8 +27,6 @@ _MOST_KNOWN = 1 << 16
 
 def read(scene: str) -> tuple[Scene, Assembly] | None:
     """The scene in a JSON text and its rig; None if the text is no valid scene, e.g. in a foreign recording."""
-    from rig.scenes.scene import Scene
-
     try:
         parsed = Scene.from_json(scene)
         assembly = parsed.assemble()

@@ -15,12 +15,14 @@ The moving picture of the tip of a clamped beam: the beam hangs from its clamp, 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
+from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.picture import OnBelt, OnDisc
+from rig.scenes.scene import Scene
 from rig.view.base import (
     DISC,
     LYING,
@@ -42,11 +44,6 @@ from rig.view.base import (
     word,
     zigzag,
 )
-
-if TYPE_CHECKING:
-    from rig.model.assembly import Assembly
-    from rig.scenes.scene import Scene
-
 
 _PITCH = 0.25
 _BELT = 1.5

@@ -10,10 +10,11 @@ The vibration is faster than any picture: each frame shows one instant, not a me
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
+from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.plants.plate import Parameters
 from rig.record.film_points import Points, largest_load
@@ -34,9 +35,6 @@ from rig.view.base import (
     round_down,
     word,
 )
-
-if TYPE_CHECKING:
-    from rig.model.assembly import Assembly
 
 _LENGTH = 0.05  # m
 _LIFTED = 0.3
