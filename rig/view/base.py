@@ -33,8 +33,9 @@ LYING = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 class Shape:
     """A solid, a line, an arrow or a motion in plain data, so that rerun and the page of `rig web` can draw it.
 
-    `kind` and the names in `fields` are those of rerun's archetypes: `Boxes3D`, `Cylinders3D`, `LineStrips3D`,
-    `Arrows3D`, `Points3D`, `Mesh3D`, `Transform3D`. Of a shape that moves, each field has its rows frame by frame.
+    `kind` and the names in `fields` are those of rerun's archetypes; pictures consist of `Boxes3D`, `Cylinders3D`,
+    `LineStrips3D`, `Arrows3D`, `Points3D`, `Mesh3D`, `Transform3D`. Of a shape that moves, each field has its rows
+    frame by frame.
     """
 
     def __init__(self, kind: str, **fields: Any) -> None:
@@ -46,11 +47,11 @@ Log = Callable[[str, Shape], object]
 
 
 class Columns(NamedTuple):
-    """Rows of one entity: its path, the times [ns], and a shape, or component columns of rerun."""
+    """Rows of one entity: its path, the times [ns], and a shape whose fields have the rows one after the other."""
 
     path: str
     t_ns: Integers
-    columns: Any
+    columns: Shape
 
 
 def coloured(modes: Integers) -> list[tuple[int, int, int]]:

@@ -61,8 +61,6 @@ class Portrait:
         """The curve up to the last state, and the frame if its scale has changed."""
         if not self._points:
             return []
-        import rerun as rr
-
         last = self._points[-1][0]
         while self._points[0][0] < last - SHOWN_NS:
             self._points.popleft()
@@ -74,10 +72,8 @@ class Portrait:
         cuts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
         strips = [table[begin : end + 1] for begin, end in pairwise(cuts)]
         colours = [contact.rgb(contact.COLOURS[modes[begin]]) for begin in cuts[:-1]]
-        curve = rr.LineStrips2D.columns(strips=strips, colors=colours, radii=[0.012] * len(strips)).partition(
-            [len(strips)]
-        )
-        dot = rr.Points2D.columns(positions=table[-1:], colors=colours[-1:], radii=[0.035])
+        curve = Shape("LineStrips2D", strips=strips, colors=colours, radii=[0.012] * len(strips))
+        dot = Shape("Points2D", positions=table[-1:], colors=colours[-1:], radii=[0.035])
         return [*frame, Columns("portrait/curve", now, curve), Columns("portrait/now", now, dot)]
 
     def _frame(self, now: NDArray[np.int64], largest: Any) -> list[Columns]:
@@ -85,13 +81,11 @@ class Portrait:
         if scale == self._scale:
             return []
         self._scale = (scale[0], scale[1])
-        import rerun as rr
-
         words = [_with_unit(scale[0], self._units[0]), _with_unit(scale[1], self._units[1])]
-        frame = rr.LineStrips2D.columns(strips=_FRAME, colors=[_GREY] * 3, radii=[0.004] * 3).partition([3])
-        labels = rr.Points2D.columns(
-            positions=[(1.0, 0.0), (0.0, -1.0)], labels=words, colors=[_GREY] * 2, radii=[0.0] * 2
-        ).partition([2])
+        frame = Shape("LineStrips2D", strips=_FRAME, colors=[_GREY] * 3, radii=[0.004] * 3)
+        labels = Shape(
+            "Points2D", positions=[(1.0, 0.0), (0.0, -1.0)], labels=words, colors=[_GREY] * 2, radii=[0.0] * 2
+        )
         return [Columns("portrait/frame", now, frame), Columns("portrait/edges", now, labels)]
 
 
@@ -249,10 +243,7 @@ class Drawing:
 
     def commands(self, controller: str, t_ns: Integers, values: Reals) -> list[Columns]:
         """Commands [row, drive] as they took effect."""
-        import rerun as rr
-
-        columns = rr.Scalars.columns(scalars=values.ravel()).partition([values.shape[1]] * len(values))
-        return [Columns(f"command/{controller}", t_ns, columns)]
+        return [_curve(f"command/{controller}", t_ns, values.ravel())]
 
     def health(self, t_ns: Integers, health: Mapping[str, Sequence[float]]) -> list[Columns]:
         """Curves of the fields of Health messages: name -> values at `t_ns`."""
@@ -264,15 +255,12 @@ class Drawing:
 
     def events(self, events: Iterable[Mapping[str, Any]]) -> list[Columns]:
         """Events as lines of the log; protocol steps and switched controllers also as strips."""
-        import rerun as rr
-
         drawn = []
         for event in events:
             now, kind = np.array([event["t_ns"]], np.int64), event["kind"]
             text = f"{kind}: {event['text']}"
             level = "DEBUG" if kind == "contact" else topics.LEVELS.get(kind, "info").upper()
-            columns = rr.TextLog.columns(text=[text], level=[level])
-            drawn.append(Columns(f"event/{event['source']}", now, columns))
+            drawn.append(Columns(f"event/{event['source']}", now, Shape("TextLog", text=[text], level=[level])))
             if event["source"] != "plant":  # the strips show what happened in the run
                 continue
             if kind == "step":
@@ -282,9 +270,7 @@ class Drawing:
         return drawn
 
     def _strip(self, lane: str, t_ns: Integers, words: list[str]) -> Columns:
-        import rerun as rr
-
-        return Columns(f"strip/{lane}", t_ns, rr.StateChange.columns(state=words))
+        return Columns(f"strip/{lane}", t_ns, Shape("StateChange", state=words))
 
 
 def _plain(name: str) -> str:
@@ -301,19 +287,20 @@ def _mixed(colours: Sequence[tuple[int, int, int]]) -> list[int]:
 
 
 def _curve(path: str, t_ns: Integers, v: Reals) -> Columns:
-    import rerun as rr
-
-    return Columns(path, t_ns, rr.Scalars.columns(scalars=v))
+    return Columns(path, t_ns, Shape("Scalars", scalars=v))
 
 
 def send(rec: rr.RecordingStream, batch: Iterable[Columns]) -> None:
     """Send rows to rerun."""
     import rerun as rr
 
-    for path, t_ns, columns in batch:
+    for path, t_ns, shape in batch:
         if len(t_ns):
             time = rr.TimeColumn(TIMELINE, duration=np.asarray(t_ns).astype("timedelta64[ns]"))
-            rec.send_columns(path, indexes=[time], columns=_rows(columns, len(t_ns)))
+            rows = getattr(rr, shape.kind).columns(**shape.fields)
+            each = len(next(iter(shape.fields.values()))) // len(t_ns)
+            columns = rows if each == 1 else rows.partition([each] * len(t_ns))
+            rec.send_columns(path, indexes=[time], columns=columns)
 
 
 def _archetype(shape: Shape) -> Any:
@@ -325,14 +312,3 @@ def _archetype(shape: Shape) -> Any:
         fields = {"fill_mode": "solid", **fields}
     partial = shape.kind == "Arrows3D" and "vectors" not in fields
     return (kind.from_fields if partial else kind)(**fields)
-
-
-def _rows(columns: Any, frames: int) -> Any:
-    """The component columns of rerun for `frames` rows of one entity."""
-    if not isinstance(columns, Shape):
-        return columns
-    import rerun as rr
-
-    batch = getattr(rr, columns.kind).columns(**columns.fields)
-    each = len(next(iter(columns.fields.values()))) // frames
-    return batch if each == 1 else batch.partition([each] * frames)
