@@ -82,10 +82,10 @@ def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Sc
     """
     from rig import scenes
 
-    found = scenes.load(str(scene), overrides or {})
-    for note in found.notes:
+    loaded = scenes.load(str(scene), overrides or {})
+    for note in loaded.notes:
         _warn(note)
-    return found
+    return loaded
 
 
 def _scene(scene: Scene | str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
@@ -130,9 +130,9 @@ def simulate(
 
     files, objects = divided(controllers or {}, isinstance(scene, str | Path))
     loaded, guests = placed(_scene(scene, files), objects)
-    found = run(loaded, duration_ns=run_length_ns(duration), stop=stop, guests=guests)
-    found.provenance = provenance(loaded.seed)
-    return found.checked()
+    result = run(loaded, duration_ns=run_length_ns(duration), stop=stop, guests=guests)
+    result.provenance = provenance(loaded.seed)
+    return result.checked()
 
 
 def branch(

@@ -22,7 +22,7 @@ def unprintable(text: str) -> list[str]:
 
 def printable(text: str) -> str:
     r"""Return `text` with each such character as its escape, e.g. `\u001b`, which means the same in JSON."""
-    return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return _UNPRINTABLE.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
 def counted(number: int, noun: str) -> str:

@@ -73,10 +73,10 @@ class Range:
 
     def read(self, value: Any) -> float:
         """Read `value` as `si` does, without checking the range. Raises ValueError if it is not finite."""
-        found = si(value, self.unit)
-        if not math.isfinite(found):
+        number = si(value, self.unit)
+        if not math.isfinite(number):
             raise ValueError(f"must be a finite number, {self}")
-        return found
+        return number
 
     def check(self, value: float) -> float:
         """Return `value` if it is in the range. Raises ValueError, which states the range."""
@@ -202,8 +202,8 @@ def refused(faults: Iterable[tuple[str, str]]) -> ValidationError:
 def faults_of(error: ValidationError) -> list[tuple[str, str, Any]]:
     """Dotted key, fault in words and given value of each fault that pydantic found in a section."""
     return [
-        (".".join(map(str, one["loc"])), in_words(one["type"], one["msg"], one.get("ctx")), one["input"])
-        for one in error.errors(include_url=False)
+        (".".join(map(str, fault["loc"])), in_words(fault["type"], fault["msg"], fault.get("ctx")), fault["input"])
+        for fault in error.errors(include_url=False)
     ]
 
 
@@ -224,10 +224,10 @@ def nanoseconds(value: Any, within: Range | None = None) -> int:
     Raises ValueError, which states the range `within`, if it is not finite or longer than `LONGEST`.
     """
     within = within or Range("s")
-    found = within.read(value)
-    if abs(found) > 1e-9 * LONGEST:  # much longer durations have no exact number of nanoseconds
+    seconds = within.read(value)
+    if abs(seconds) > 1e-9 * LONGEST:  # much longer durations have no exact number of nanoseconds
         raise ValueError(f"must be {within}")
-    return round(found * 1e9)
+    return round(seconds * 1e9)
 
 
 def duration(least: int = 1, most: int = LONGEST) -> Any:

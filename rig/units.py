@@ -68,8 +68,8 @@ def _factor(text: str, unit: str) -> tuple[float, float]:
     if source == target:
         return 1.0, 0.0
     zero = registry.Quantity(0.0, source).to(target).magnitude
-    one = registry.Quantity(1.0, source).to(target).magnitude
-    return float(one - zero), float(zero)
+    unit_size = registry.Quantity(1.0, source).to(target).magnitude
+    return float(unit_size - zero), float(zero)
 
 
 # Characters of typeset numbers: the minus sign, and spaces of fixed width
@@ -131,7 +131,7 @@ def si(value: Any, unit: str) -> float:
         except OverflowError:
             return math.inf if value > 0 else -math.inf
     if not isinstance(value, str):
-        parts = isinstance(value, list | tuple) and len(value) in (2, 3, 4) and [type(one) for one in value[:2]]
+        parts = isinstance(value, list | tuple) and len(value) in (2, 3, 4) and [type(part) for part in value[:2]]
         comma = _POINT if parts == [int, int] else ""  # [0,1, "chosen"]
         raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}{comma}")
     number, rest = parted(value)
@@ -173,12 +173,12 @@ def unit_fault(unit: Any) -> str:
     )
 
 
-def same_unit(one: str, other: str) -> bool:
+def same_unit(first: str, other: str) -> bool:
     """Whether two SI units are the same, however they are written ("N*s/m", "kg/s"); Hz is not rad/s."""
-    if one == other:
+    if first == other:
         return True
-    turns = [("Hz" in unit, "rad" in unit) for unit in (one, other)]
-    return sorted(turns) != [(False, True), (True, False)] and _exponents(one) == _exponents(other)
+    turns = [("Hz" in unit, "rad" in unit) for unit in (first, other)]
+    return sorted(turns) != [(False, True), (True, False)] and _exponents(first) == _exponents(other)
 
 
 @cache
@@ -199,10 +199,10 @@ def _named(unit: str) -> str:
 def exponents(unit: str) -> dict[str, int] | None:
     """The exponents of kg, m, s, A, K, mol, cd and rad in an SI unit; None if one is not whole, or another base is."""
     registry = _registry()
-    _, found = registry.get_root_units(registry.parse_units("" if unit == "1" else unit))
+    _, root = registry.get_root_units(registry.parse_units("" if unit == "1" else unit))
     names = {"kilogram": "kg", "gram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol"}
     names |= {"candela": "cd", "radian": "rad"}
-    powers = {names.get(name, ""): power for name, power in found._units.items()}  # noqa: SLF001
+    powers = {names.get(name, ""): power for name, power in root._units.items()}  # noqa: SLF001
     if "" in powers or any(power != int(power) for power in powers.values()):
         return None
     return {name: int(power) for name, power in powers.items()}

@@ -99,11 +99,11 @@ def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Spa
         return []
     marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.plant_events if event["kind"] == "mark"]
     end = min(last, float(run.time[-1]))
-    found = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]
+    begins = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]
     if not marks or marks[0][0] > first:
-        found.insert(0, (first, "before" if marks else "whole"))
+        begins.insert(0, (first, "before" if marks else "whole"))
     return [
-        Span(t, then, text) for (t, text), (then, _) in pairwise([*((t, s) for t, s in found if t < end), (end, "")])
+        Span(t, then, text) for (t, text), (then, _) in pairwise([*((t, s) for t, s in begins if t < end), (end, "")])
     ]
 
 

@@ -108,15 +108,15 @@ class Loop(Result):
     def gain_ranges(self) -> list[tuple[float, float]]:
         """Return the gains of both signs between which the loop is stable, rising; ends may be infinite."""
         limits = sorted({0.0, *self._limits()})
-        found: list[tuple[float, float]] = []
+        ranges: list[tuple[float, float]] = []
         for low, high in pairwise([-math.inf, *limits, math.inf]):
             inside = (
                 2.0 * high - 1.0 if low == -math.inf else 2.0 * low + 1.0 if high == math.inf else 0.5 * (low + high)
             )
             if np.abs(np.linalg.eigvals(self.model.closed(inside))).max() < 1.0:
-                joined = bool(found) and found[-1][1] == low
-                found = [*found[:-1], (found[-1][0], high)] if joined else [*found, (low, high)]
-        return found
+                joined = bool(ranges) and ranges[-1][1] == low
+                ranges = [*ranges[:-1], (ranges[-1][0], high)] if joined else [*ranges, (low, high)]
+        return ranges
 
     @cached_property
     def gain_range(self) -> tuple[float, float] | None:
@@ -157,12 +157,12 @@ class Loop(Result):
 
         w = self.frequencies
         values = f(w)
-        found = []
+        roots = []
         for i in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0):
             root = float(brentq(lambda x: float(f(np.array([x]))[0]), w[i], w[i + 1], xtol=1e-14 * w[i + 1]))
             if abs(f(np.array([root]))[0]) <= abs(values[i]) + abs(values[i + 1]):  # not a pole
-                found.append(root)
-        return found
+                roots.append(root)
+        return roots
 
     @cached_property
     def frequencies(self) -> Array:
@@ -189,7 +189,7 @@ class Loop(Result):
             "stable": self.growth < 0.0,
             "modes": [{"growth": g, "frequency": f} for g, f in self._closed_modes()],
             "gain_range": None if ends is None else list(ends),
-            "gain_ranges": [list(one) for one in self.gain_ranges],
+            "gain_ranges": [list(limits) for limits in self.gain_ranges],
             "margins": self.margins,
         }
 

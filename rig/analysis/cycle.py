@@ -160,7 +160,7 @@ class Turns:
         if len(self.found) == self._asked:
             return None
         self._asked = len(self.found)
-        period, off = min((self._off(count) for count in range(1, _MOST + 1)), key=lambda one: one[1] > repeat)
+        period, off = min((self._off(count) for count in range(1, _MOST + 1)), key=lambda fit: fit[1] > repeat)
         self._history.append(off)
         late, before = self._history[-SETTLED:], self._history[-2 * SETTLED : -SETTLED]
         settled = len(before) == SETTLED and max(late) <= ROUGH and min(late) >= 0.5 * min(before)
@@ -175,7 +175,10 @@ class Turns:
         period = last[-1].time - last[-1 - count].time
         off = [abs((b.time - a.time) / period - 1.0) for a, b in zip(last, last[count:])]
         away = [np.abs(b.x - a.x)[self._moving] for a, b in zip(last, last[count:])]
-        off += [float(np.divide(one, span, out=np.full(len(span), math.inf), where=span > 0.0).max()) for one in away]
+        off += [
+            float(np.divide(distance, span, out=np.full(len(span), math.inf), where=span > 0.0).max())
+            for distance in away
+        ]
         return period, max(off)
 
     def dying(self, since: float) -> bool:
@@ -253,8 +256,8 @@ def _newton(at: Return) -> tuple[Array, float]:
     n = len(at.miss)
     A = np.zeros((n + 1, n + 1))
     A[:n, :n], A[:n, n], A[n, :n] = at.matrix - np.eye(n), at.flow, at.flow
-    found = np.linalg.lstsq(A, np.append(-at.miss, 0.0), rcond=1e-13)[0]
-    return found[:n], float(found[n])
+    step = np.linalg.lstsq(A, np.append(-at.miss, 0.0), rcond=1e-13)[0]
+    return step[:n], float(step[n])
 
 
 def _along(orbit: Orbit, at: Return, by: Array, later: float, period: float) -> tuple[Array, float] | None:
@@ -377,15 +380,15 @@ class _Search:
                 self.touched = self.now
             if met:
                 since = self.now
-                found = self._after(met)
+                cycle = self._after(met)
             elif self._held():
-                since, found = self.now, None
+                since, cycle = self.now, None
             else:
-                found = self._between(since)
+                cycle = self._between(since)
                 if self.now - since > QUIET * self.slowest:
                     since = self.now
-            if found is not None:
-                return found
+            if cycle is not None:
+                return cycle
         return self._undecided()
 
     def _after(self, met: list[Event]) -> Cycle | None:
@@ -474,17 +477,17 @@ class _Search:
 
 def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float], newton: int) -> Cycle:
     """Simulate one more cycle and return its properties."""
-    one = orbit.round(period)
-    time, values = one.dense.sampled(_POINTS)
-    held = [orbit.stuck(event.before, 0) for _, event in one.events]
+    turn = orbit.round(period)
+    time, values = turn.dense.sampled(_POINTS)
+    held = [orbit.stuck(event.before, 0) for _, event in turn.events]
     changes = list(zip(held, [*held[1:], *held[:1]]))
-    times = [0.0, *(t for t, _ in one.events), period] if held else []
+    times = [0.0, *(t for t, _ in turn.events), period] if held else []
 
     def at(change: tuple[bool, bool], after: bool) -> dict[str, float]:
         """The outputs where the first contact begins or ends to stick."""
         if change not in changes:
             return {}
-        return dict(zip(orbit.outputs, one.dense.at(one.events[changes.index(change)][0], after).tolist()))
+        return dict(zip(orbit.outputs, turn.dense.at(turn.events[changes.index(change)][0], after).tolist()))
 
     return Cycle(
         scene=orbit.scene.name,
@@ -496,13 +499,13 @@ def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[st
         period=period,
         repeats=drift,
         stick_time=sticks,
-        extremes={name: one.dense.extremes(i) for i, name in enumerate(orbit.outputs)},
+        extremes={name: turn.dense.extremes(i) for i, name in enumerate(orbit.outputs)},
         units=orbit.units,
         stick_start=at((False, True), after=True),
         stick_end=at((True, False), after=False),
-        energy=one.energy,
-        events=tuple((t, event.what) for t, event in one.events),
-        floquet=floquet(orbit, one, period),
+        energy=turn.energy,
+        events=tuple((t, event.what) for t, event in turn.events),
+        floquet=floquet(orbit, turn, period),
         newton=newton,
         time=time,
         outputs=dict(zip(orbit.outputs, values)),

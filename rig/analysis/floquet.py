@@ -119,28 +119,28 @@ def returned(orbit: Orbit, x: Array, period: float, span: Array, steps: Sequence
     rate = modes.A @ x + modes.b @ inputs(system, modes, x, own_law(system, modes))[0]
     whole, met = orbit.carried(x, period)
     none = np.zeros(basis.shape[1])
-    found = Return(x, np.eye(len(none)), none, none, met, basis, moving, size)
+    return_map = Return(x, np.eye(len(none)), none, none, met, basis, moving, size)
     for step in steps:
         columns = []
         for unit in np.eye(len(none)):
-            ends = [orbit.carried(found.shifted(share * step * unit), period) for share, _ in RUNS]
+            ends = [orbit.carried(return_map.shifted(share * step * unit), period) for share, _ in RUNS]
             if any(events != met for _, events in ends):
                 break
             slope = np.sum([weight * (end - whole) for (end, _), (_, weight) in zip(ends, RUNS)], axis=0) / step
-            columns.append(found.apart(slope, np.zeros(system.n)))
+            columns.append(return_map.apart(slope, np.zeros(system.n)))
         if len(columns) == len(none):
-            flow = found.apart(rate, np.zeros(system.n))
-            return replace(found, matrix=np.array(columns).T, miss=found.apart(whole, x), flow=flow)
+            flow = return_map.apart(rate, np.zeros(system.n))
+            return replace(return_map, matrix=np.array(columns).T, miss=return_map.apart(whole, x), flow=flow)
     return None
 
 
 def floquet(orbit: Orbit, around: OnePeriod, period: float) -> Floquet:
     """Compute the multipliers of the cycle `around`, which repeats after `period` [s]."""
     x, span = around.states[middle(orbit, around)], np.ptp(around.states, axis=0)
-    found = returned(orbit, x, period, span)
-    if found is None:
+    return_map = returned(orbit, x, period, span)
+    if return_map is None:
         return Floquet(why="the return map is not smooth: displaced runs meet other events")
-    return multipliers(found.matrix, driven=bool(np.any(np.delete(span, found.moving) > 0.0)))
+    return multipliers(return_map.matrix, driven=bool(np.any(np.delete(span, return_map.moving) > 0.0)))
 
 
 def multipliers(matrix: Array, driven: bool) -> Floquet:
@@ -274,7 +274,7 @@ def _closed(at: Steady, sine: int, cosine: int, amplitude: float, omega: float) 
     else:
         return none
     states = run.y[:n, :-1].T
-    T = np.array([linearised(system, modes, one, law)[1] for one in states])
+    T = np.array([linearised(system, modes, state_at, law)[1] for state_at in states])
     over_x, over_t = loads(system, modes)
     load = states @ over_x.T + T @ over_t.T
     friction = states @ modes.friction.T + T @ modes.friction_t.T
@@ -299,7 +299,7 @@ def _reverses(at: Steady, speed: Array) -> str:
 def _pulls(at: Steady, normal: Array) -> str:
     """The contact whose normal force [time, normal] would have to be negative, in words; "" if none would."""
     lowest = [(contact.name, N) for contact, N in zip(at.system.normals, normal.min(axis=0)) if contact.opens]
-    name, N = min(lowest, key=lambda one: one[1], default=("", 1.0))
+    name, N = min(lowest, key=lambda contact_force: contact_force[1], default=("", 1.0))
     return f"in the forced motion {name} would have to pull, with up to {-N:.4g} N" if N <= 0.0 else ""
 
 
@@ -314,22 +314,24 @@ def _with_events(
         shaking = replace(scene, parameters=with_values(scene.parameters, {"dither.enable": True}), controllers={})
         orbit = Orbit(shaking, assembly, x, chosen(scene.clock.method, at.system), _TIGHT)
         for _ in range(_ROUNDS):
-            found = returned(orbit, x, tau, 2.0 * np.abs(fast), STEPS[1:])  # with the first an erased one may be 1e-4
-            if found is None:
+            return_map = returned(
+                orbit, x, tau, 2.0 * np.abs(fast), STEPS[1:]
+            )  # with the first an erased one may be 1e-4
+            if return_map is None:
                 return _unknown(f"{why}, and displaced motions meet other events")
-            if np.abs(found.miss).max(initial=0.0) <= _CLOSED:
+            if np.abs(return_map.miss).max(initial=0.0) <= _CLOSED:
                 break
-            step = np.linalg.lstsq(np.eye(len(found.miss)) - found.matrix, found.miss, rcond=None)[0]
-            x = found.shifted(np.asarray(step, dtype=np.float64))
+            step = np.linalg.lstsq(np.eye(len(return_map.miss)) - return_map.matrix, return_map.miss, rcond=None)[0]
+            x = return_map.shifted(np.asarray(step, dtype=np.float64))
         else:
             return _unknown(f"{why}, and Newton's method finds no motion that repeats with the dither")
     except (NumericsError, Singular) as error:
         return _unknown(f"{why}, and its simulation ends: {' '.join(str(error).split())}")
-    values, vectors = np.linalg.eig(found.matrix)
+    values, vectors = np.linalg.eig(return_map.matrix)
     left = np.abs(values) > _ERASED
     why = "" if left.any() else "a contact sticks in every period, which ends every disturbance"
     shapes = np.zeros((at.system.n, int(left.sum())), dtype=np.complex128)
-    shapes[found.moving] = found.size[found.moving, None] * (found.basis @ vectors[:, left])
+    shapes[return_map.moving] = return_map.size[return_map.moving, None] * (return_map.basis @ vectors[:, left])
     return _least_stable_first(values[left], tau, at, shapes, Forced(_NONE.diagonal(), _NONE, True, True, why))
 
 

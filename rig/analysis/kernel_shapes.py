@@ -143,7 +143,7 @@ def run_briefly(scene: Scene) -> None:
 def ready() -> set[Shape]:
     """Return the shapes that have been compiled for these sources and this processor."""
     try:
-        return {Shape(*one) for one in json.loads(own_bytes(notes(), INSTEAD))}
+        return {Shape(*fields) for fields in json.loads(own_bytes(notes(), INSTEAD))}
     except (OSError, ValueError, TypeError):  # not there, or damaged: what is compiled is found all the same
         return set()
 

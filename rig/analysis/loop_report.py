@@ -122,7 +122,7 @@ def simulated(scene: Scene, name: str, network: Network, expected: float, hertz:
     section = scene.controllers[name]
     if "enable_at" in type(section).model_fields:
         section = section.model_copy(update={"enable_at": 0})
-    sensors: dict[str, Any] = {key: _Linear(one) for key, one in scene.sensors.items()}
+    sensors: dict[str, Any] = {key: _Linear(sensor) for key, sensor in scene.sensors.items()}
     alone = replace(scene, controllers={name: section}, sensors=sensors, protocol=(), faults={}, limits={})
     long = min(max(_DECADES / max(abs(expected), 1e-9), _PERIODS[0] / hertz), _PERIODS[1] / hertz)
     if expected > 0.0:
@@ -233,10 +233,10 @@ class LoopReport(Result):
         return {
             "scene": self.scene,
             "controller": self.found.controller,
-            "budget": [asdict(one) for one in self.items],
+            "budget": [asdict(record) for record in self.items],
             "growth": self.growth,
             "loop": self.found.to_json(),
-            "curves": [asdict(one) for one in self.curves],
+            "curves": [asdict(record) for record in self.curves],
             "check": {
                 "links": self.point,
                 "computed": self.computed,
@@ -249,7 +249,7 @@ class LoopReport(Result):
     def text(self) -> str:
         """The report as text."""
         hertz = abs(self.found.spectrum.rates[0].imag) / (2.0 * math.pi)
-        total = sum(one.seconds for one in self.items)
+        total = sum(item.seconds for item in self.items)
         rows = [("delay budget", f"ms at {hertz:.4g} Hz", "deg", "origin")]
         rows += [(o.part, f"{1e3 * o.seconds:.4g}", f"{360 * o.seconds * hertz:.3g}", o.origin) for o in self.items]
         rows += [("sum", f"{1e3 * total:.4g}", f"{360 * total * hertz:.3g}", "")]
@@ -274,10 +274,10 @@ class LoopReport(Result):
     def _check(self) -> Iterator[str]:
         yield f"  one point checked by simulation: {self.point}"
         if self.checked is not None and self.error is not None:
-            one = self.checked
-            found = f"decay rate computed {-self.computed:.6g}, simulated {-one.growth:.6g} 1/s"
-            yield f"  {found} ({one.runs} runs of {one.seconds:.3g} s); relative error {self.error:.2g}"
-        yield from (f"  {one}" for one in self.notes)
+            checked = self.checked
+            rates = f"decay rate computed {-self.computed:.6g}, simulated {-checked.growth:.6g} 1/s"
+            yield f"  {rates} ({checked.runs} runs of {checked.seconds:.3g} s); relative error {self.error:.2g}"
+        yield from (f"  {checked}" for checked in self.notes)
 
 
 def report(
@@ -290,7 +290,7 @@ def report(
     late = (mean_age(meas, frame), mean_age(act, frame))
     if not all(map(math.isfinite, late)):
         raise SceneError(scene.name, ["network: a link of this loop loses every message, so there is no loop"])
-    found = loop(scene, name, sum(map(round, late)) * frame)
+    delayed = loop(scene, name, sum(map(round, late)) * frame)
     rates = _Rates(scene, name)
     growth, _ = rates.of(meas, act)
     frames = (
@@ -314,7 +314,7 @@ def report(
     if not own:
         chosen = {"delay": half, "jitter": half // 2, "loss": 0.2} if rates.jumps else {"delay": half}
         point = Link().model_copy(update=chosen), Link()
-    result = LoopReport(scene.name, found, [*budget(scene, found, bus)], growth, curves, "", math.nan)
+    result = LoopReport(scene.name, delayed, [*budget(scene, delayed, bus)], growth, curves, "", math.nan)
     _simulate(result, scene, rates, *point)
     result.notes += rates.notes
     progress(len(asked), len(asked))
@@ -332,12 +332,12 @@ class _Rates:
 
     def of(self, meas: Link, act: Link) -> tuple[float, float]:
         """Growth rate [1/s] and frequency [Hz] over a link of the sensor and one of the commands."""
-        found = (jump_growth if self.jumps else worst_case)(self.scene, self.name, meas, act)
-        if math.isfinite(found.mean_square):
-            return found.mean_square, found.hertz
+        decay = (jump_growth if self.jumps else worst_case)(self.scene, self.name, meas, act)
+        if math.isfinite(decay.mean_square):
+            return decay.mean_square, decay.hertz
         note = "some rates are those of the mean: the mean square of a loop of many modes was not found"
         self.notes += [note] if note not in self.notes else []
-        return found.mean, found.hertz
+        return decay.mean, decay.hertz
 
 
 def _simulate(result: LoopReport, scene: Scene, rates: _Rates, meas: Link, act: Link) -> None:
@@ -354,4 +354,4 @@ def _simulate(result: LoopReport, scene: Scene, rates: _Rates, meas: Link, act: 
     try:
         result.checked = simulated(scene, name, network, result.computed, hertz)
     except SceneError as fault:
-        result.notes += [f"not checked: {one}" for one in fault.faults]
+        result.notes += [f"not checked: {text}" for text in fault.faults]

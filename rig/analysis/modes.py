@@ -91,7 +91,7 @@ def modes(scene: Scene) -> Modes:
     except Singular as error:
         raise SceneError(scene.name, [error.why]) from None
     system = at.system
-    found = Modes(
+    result = Modes(
         scene=scene.name,
         mode=system.describe(at.modes.key),
         sliding=_sliding(assembly, at),
@@ -101,12 +101,12 @@ def modes(scene: Scene) -> Modes:
         limits=assembly.limits,
     )
     if GENERATOR[0] not in system.names:
-        return found
+        return result
     sine, cosine = (system.names.index(name) for name in GENERATOR)
     generator = assembly.inputs["dither.amplitude"]
     slow = not_fast(system, sine, cosine) if generator.value else ""
     return replace(
-        found,
+        result,
         dithered=_forced(assembly, at, forced(scene, assembly, at, sine, cosine, generator.value))
         if slow
         else _sliding(assembly, averaged(system, sine, cosine, generator.value)),
@@ -324,10 +324,17 @@ class Modes(Result):
 
     def table(self) -> list[tuple[str, float, float, float, str]]:
         """Return a row for each mode, in the order of COLUMNS."""
-        found, how = [(mode.kind, mode) for mode in self.sliding.modes], "forced" if self.slow else "dithered"
-        found += [(f"{mode.kind}, {how}", mode) for mode in (self.dithered.modes if self.dithered else ())]
+        rows, how = [(mode.kind, mode) for mode in self.sliding.modes], "forced" if self.slow else "dithered"
+        rows += [(f"{mode.kind}, {how}", mode) for mode in (self.dithered.modes if self.dithered else ())]
         return [
-            (kind, one.growth, one.frequency, one.damping, shape_text(one.shape, one.energy)) for kind, one in found
+            (
+                kind,
+                vibration.growth,
+                vibration.frequency,
+                vibration.damping,
+                shape_text(vibration.shape, vibration.energy),
+            )
+            for kind, vibration in rows
         ]
 
     def to_json(self) -> dict[str, Any]:

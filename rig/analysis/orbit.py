@@ -113,7 +113,7 @@ class Dense:
         n = int(segments.count[0])
         self._start += (offset + segments.start[:n]).tolist()
         self._length += segments.length[:n].tolist()
-        self._coef += [one.copy() for one in segments.coef[:n]]
+        self._coef += [coef.copy() for coef in segments.coef[:n]]
 
     def at(self, t: float, after: bool) -> Array:
         """Return every output at t [s], just after or just before it."""
@@ -128,13 +128,13 @@ class Dense:
         """Return starts [s] and lengths [s] of all segments, and the polynomials [segment, power] of an output
         in them.
         """
-        return np.array(self._start), np.array(self._length), np.array([one[output] for one in self._coef])
+        return np.array(self._start), np.array(self._length), np.array([coef[output] for coef in self._coef])
 
     def sampled(self, points: int) -> tuple[Array, Array]:
         """Return times [n] and values [output, n]: `points` of each segment, its ends among them."""
         u = np.linspace(0.0, 1.0, points)
         t = np.array(self._start)[:, None] + np.array(self._length)[:, None] * u
-        values = [np.polynomial.polynomial.polyval(u, one.T) for one in self._coef]
+        values = [np.polynomial.polynomial.polyval(u, coef.T) for coef in self._coef]
         return t.ravel(), np.concatenate(values, axis=1)
 
     def extremes(self, output: int) -> tuple[float, float]:

@@ -98,8 +98,8 @@ def number(value: float) -> str:
 
 def facts(rows: Iterable[tuple[str, object]]) -> Html:
     """Return names and what is known under them; without rows the result is empty."""
-    found = joined(joined((element("dt", name), element("dd", what))) for name, what in rows)
-    return element("dl", found) if found else Html()
+    terms = joined(joined((element("dt", name), element("dd", what))) for name, what in rows)
+    return element("dl", terms) if terms else Html()
 
 
 COLUMNS = 480
@@ -206,40 +206,40 @@ def events(run: Run) -> Html:
     """Return the events of all processes in order. What a process other than the plant says, it says of itself."""
     shown = [event for event in run.events if event["kind"] != _COUNTED]
     rows = [(f"{event['t_ns'] * 1e-9:.6f}", event["source"], event["kind"], event["text"]) for event in shown]
-    found = table("Events", ("time [s]", "process", "kind", "text"), rows) or element("p", "No event was recorded.")
+    listed = table("Events", ("time [s]", "process", "kind", "text"), rows) or element("p", "No event was recorded.")
     if len(shown) > SHOWN:
         kinds = ", ".join(f"{kind} {count}" for kind, count in Counter(event["kind"] for event in shown).most_common())
-        found = element("details", element("summary", f"{counted(len(shown), 'event')}: {kinds}"), found)
+        listed = element("details", element("summary", f"{counted(len(shown), 'event')}: {kinds}"), listed)
     count = len(run.events) - len(shown)
     contacts = f"{counted(count, 'event')} of contacts (stick, slip, lift-off, contact) left out of the list."
-    return joined((found, element("p", contacts) if count else ""))
+    return joined((listed, element("p", contacts) if count else ""))
 
 
 def values(run: Run, scene: Scene | None, why: str) -> Html:
     """Return every value of the scene with unit and origin; without a readable scene (`why`), as it was recorded."""
     if scene is not None:
         rows = [
-            (one.key, value(one.value), "" if one.unit == "1" else one.unit, one.origin.origin, one.origin.note)
-            for one in explain(scene).values
+            (row.key, value(row.value), "" if row.unit == "1" else row.unit, row.origin.origin, row.origin.note)
+            for row in explain(scene).values
         ]
         return table("Values in SI units", ("key", "value", "unit", "origin", "note"), rows)
     carried = {
         name: content for name, content in described(run.scene).items() if name != "parts"
     }  # their text is no value
-    found = [(key, value(content)) for key, content in flattened(carried)]
-    return joined((element("p", why, class_="doubtful"), table("Values as recorded", ("key", "value"), found)))
+    texts = [(key, value(content)) for key, content in flattened(carried)]
+    return joined((element("p", why, class_="doubtful"), table("Values as recorded", ("key", "value"), texts)))
 
 
 def provenance(run: Run, digest: str) -> Html:
     """Return versions, machine, command, seed and commit, and the SHA-256 that the recording states of itself."""
     known = dict(plain(run.provenance)) | ({"SHA-256 of the recording": digest} if digest else {})
-    return facts((str(key), str(one)) for key, one in known.items()) or element("p", "Not recorded.")
+    return facts((str(key), str(content)) for key, content in known.items()) or element("p", "Not recorded.")
 
 
-def notes(found: user_notes.Notes) -> Html:
+def notes(noted: user_notes.Notes) -> Html:
     """Return the notes of users on the recording. They are stored beside it; no checksum covers them."""
-    rows = [(note.date, note.text, " ".join(f"#{tag}" for tag in note.tags)) for note in found.found]
-    odd = [(len(found.other), "on another recording that had this name"), (found.unreadable, "cannot be read")]
+    rows = [(note.date, note.text, " ".join(f"#{tag}" for tag in note.tags)) for note in noted.found]
+    odd = [(len(noted.other), "on another recording that had this name"), (noted.unreadable, "cannot be read")]
     lines = (element("p", f"{counted(count, 'note')} {what}") for count, what in odd if count)
     return joined((table("Notes", ("date", "text", "tags"), rows) or element("p", "None."), *lines))
 
@@ -263,7 +263,7 @@ _CLAMPED, _SAFE = 1, 2  # status of a command (`rig.record.run.Commands`)
 def value(content: object, unit: str = "") -> str:
     """A value of a scene with its unit, in words."""
     if isinstance(content, list | tuple):
-        return ", ".join(value(one, unit) for one in content)
+        return ", ".join(value(part, unit) for part in content)
     if isinstance(content, bool):
         return "yes" if content else "no"
     words = number(content) if isinstance(content, int | float) else str(content)
@@ -280,16 +280,16 @@ def controllers(run: Run, scene: Scene | None) -> Html:
     """Return each controller with its settings, its numbers from the design, and what happened to its commands."""
     recorded = plain(described(run.scene).get("controllers"))
     counted = plain(run.summary.get("loop", run.summary.get("exchange")))
-    found = []
+    parts = []
     for name in dict.fromkeys((*run.commands, *run.controllers, *recorded)):
         section = scene.controllers.get(name) if scene else None
         own = plain(run.controllers.get(name))
         numbers = plain(own.get("numbers"))
         rows = [*settings(section, recorded.get(name) or own.get("section"))]
-        rows += [(f"{key} (design)", value(one)) for key, one in numbers.items()]
+        rows += [(f"{key} (design)", value(constant)) for key, constant in numbers.items()]
         rows += _loop(run, name, plain(counted.get(name)))
-        found.append(joined((element("h3", name), facts(rows))))
-    return joined(found) or element("p", "No controller took part.")
+        parts.append(joined((element("h3", name), facts(rows))))
+    return joined(parts) or element("p", "No controller took part.")
 
 
 def _loop(run: Run, name: str, counts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -302,7 +302,7 @@ def _loop(run: Run, name: str, counts: Mapping[str, Any]) -> Iterator[tuple[str,
             yield str(key).replace("_", " "), str(count)
     trip = plain(run.summary.get("round_trip"))
     if trip.get("max"):
-        times = (f"{float(trip[one]) / 1e3:.2f}" for one in ("p50", "p99", "max") if one in trip)
+        times = (f"{float(trip[quantile]) / 1e3:.2f}" for quantile in ("p50", "p99", "max") if quantile in trip)
         yield "latency", f"{' / '.join(times)} ms from step to command (p50, p99, worst; all controllers)"
     for topic, count in plain(run.summary.get("lost")).items():
         if str(topic).endswith(f" to {name}"):
@@ -364,9 +364,9 @@ UNKNOWN = -1
 _MARKS = {"VALID": "good", "DEGRADED": "doubtful", "INVALID": "bad"}
 
 
-def plain(found: object) -> Mapping[str, Any]:
+def plain(content: object) -> Mapping[str, Any]:
     """What a summary says under a key; nothing where an older or damaged recording has something else."""
-    return found if isinstance(found, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def verdicts(run: Run, modes: Integers) -> Html:
@@ -456,7 +456,7 @@ def measures(run: Run, modes: Integers) -> Html:
         words = ", ".join(f"{kind} {count}" for kind, count in kinds.most_common())
         rows.append((stage.text, stage.begin, stage.end, *(_mean(v[here]) for v in shares.values()), words or "none"))
     columns = ("stage", "from [s]", "to [s]", *shares, "events")
-    found = [
+    sizes = [
         (row.stage, row.sensor, row.mean, row.found.half if row.found.cycles else float("nan"), row.unit,
          row.found.cycles, row.found.frequency)
         for row in amplitude.measured(run, begin)
@@ -465,7 +465,7 @@ def measures(run: Run, modes: Integers) -> Html:
     return joined(
         (
             table("Stages: events, and mean shares of the contact", columns, rows),
-            table("Sensors: mean, and half of peak to valley as mean over the cycles", names, found),
+            table("Sensors: mean, and half of peak to valley as mean over the cycles", names, sizes),
         )
     )
 
@@ -478,14 +478,14 @@ def _mean(shares: Reals) -> str:
 def energy(run: Run) -> Html:
     """Return the terms of the energy balance [J], and its residual in words."""
     terms = [(name, float(value), _TERMS.get(name, "")) for name, value in run.energy.items() if name != "error"]
-    found = table("Energy since the start", ("term", "energy [J]", "meaning"), terms)
-    return joined((found, *(element("p", line) for line in _residual(run))))
+    listed = table("Energy since the start", ("term", "energy [J]", "meaning"), terms)
+    return joined((listed, *(element("p", line) for line in _residual(run))))
 
 
 def audit(run: Run) -> Html:
     """Return which effects had no influence in this run and which were missing."""
-    found = run.summary.get("audit")
-    judged = [effect for effect in found if plain(effect)] if isinstance(found, list) else []
+    told = run.summary.get("audit")
+    judged = [effect for effect in told if plain(effect)] if isinstance(told, list) else []
     if not judged:
         why = "the run was too short, or no shipped scene of its plant has values for the absent effects"
         return element("p", f"No effect was judged: {why}.")
@@ -544,7 +544,7 @@ def page(run: Run, log: Path) -> str:
         "Notes of users": notes(noted),
         "Check and repeat": commands(run, log),
     }
-    shown = {f"part-{i}": one for i, one in enumerate(sections.items(), 1) if one[1]}
+    shown = {f"part-{i}": section for i, section in enumerate(sections.items(), 1) if section[1]}
     links = [element("a", name, href=f"#{key}") for key, (name, _) in shown.items()]
     parts = [
         element("section", element("h2", name, id=key), what, aria_labelledby=key)

@@ -137,16 +137,16 @@ def cycle(
     printing.warnings(loaded)
     with printing.status() as show:
         agree = "s simulated, successive periods agree to"
-        found = limit_cycle(
+        motion = limit_cycle(
             loaded, longest=most, watch=lambda now, drift: show(f"{now:.3g} {agree} {drift:.0e} of a period")
         )
-    printing.result(found, as_json)
+    printing.result(motion, as_json)
     parts = ("controller", loaded.controllers), ("sensor", loaded.sensors)
     left = " and ".join(f"{what}{'s' * (len(names) > 1)} {', '.join(names)}" for what, names in parts if names)
     if left and not as_json:
         printing.line(f"  plant alone: without {left}")
-    draw(found, figure)
-    printing.passed(found.decided)
+    draw(motion, figure)
+    printing.passed(motion.decided)
 
 
 def identify(

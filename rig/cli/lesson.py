@@ -39,25 +39,31 @@ def lesson(
     if number is None:
         _list(lessons(), as_json)
         return
-    one = of(number)
+    chosen = of(number)
     if as_json:
-        printing.report(_card(one) | {"page": one.file.read_text(encoding="utf-8")})
+        printing.report(_card(chosen) | {"page": chosen.file.read_text(encoding="utf-8")})
     elif sys.stdin.isatty() and sys.stdout.isatty():
-        _walk(one)
+        _walk(chosen)
     else:
-        for text in for_a_terminal(one.file.read_text(encoding="utf-8")).splitlines():
+        for text in for_a_terminal(chosen.file.read_text(encoding="utf-8")).splitlines():
             printing.line(text)
 
 
-def _card(one: Lesson) -> dict[str, Any]:
-    return {"number": one.number, "title": one.title, **one.facts, "scene": one.scene, "question": one.question}
+def _card(lesson: Lesson) -> dict[str, Any]:
+    return {
+        "number": lesson.number,
+        "title": lesson.title,
+        **lesson.facts,
+        "scene": lesson.scene,
+        "question": lesson.question,
+    }
 
 
 def _list(all_of_them: list[Lesson], as_json: bool) -> None:
     if as_json:
-        printing.report([_card(one) for one in all_of_them])
+        printing.report([_card(lesson) for lesson in all_of_them])
         return
-    rows = [(one.number, one.title, one.facts["time"], one.asked) for one in all_of_them]
+    rows = [(lesson.number, lesson.title, lesson.facts["time"], lesson.asked) for lesson in all_of_them]
     printing.table("", ("lesson", "title", "time", "question"), rows)
     printing.line("\nnext: rig lesson 1")
 
@@ -66,24 +72,24 @@ class _Left(Exception):
     """The user wants to stop."""
 
 
-def _walk(one: Lesson) -> None:
+def _walk(lesson: Lesson) -> None:
     """Show the parts of a lesson one by one. Exits with 1 if a number did not agree."""
-    _show(f"# Lesson {one.number}: {one.title}")
-    _show("\n\n".join(f"{name}: {one.facts[name]}" for name in ("time", "needed before", "you learn")))
-    _show(f"## Question\n\n{one.question}")
+    _show(f"# Lesson {lesson.number}: {lesson.title}")
+    _show("\n\n".join(f"{name}: {lesson.facts[name]}" for name in ("time", "needed before", "you learn")))
+    _show(f"## Question\n\n{lesson.question}")
     disagreed = 0
     try:
         own = _ask("Think first, then type your answer. Enter: continue, q: quit", "q", free=True)
-        for part in one.experiment:
+        for part in lesson.experiment:
             if isinstance(part, str):
                 _show(part)
             else:
-                disagreed += _offer(part, one)
+                disagreed += _offer(part, lesson)
         _ask("\nEnter: show the solutions, q: quit", "q")
         if own:
             printing.line(f"Your answer was: {own}\n")
-        _show(f"## Solutions\n\n{one.solutions}")
-        _show(f"## What to try next\n\n{one.next}")
+        _show(f"## Solutions\n\n{lesson.solutions}")
+        _show(f"## What to try next\n\n{lesson.next}")
     except _Left:
         pass
     if disagreed:
@@ -91,7 +97,7 @@ def _walk(one: Lesson) -> None:
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _offer(command: Command, one: Lesson) -> int:
+def _offer(command: Command, lesson: Lesson) -> int:
     """Run a command if the user wants to; returns how many numbers did not agree."""
     from rig.lessons import attempt, compare
 
@@ -102,7 +108,7 @@ def _offer(command: Command, one: Lesson) -> int:
             printing.table("", ("quantity", "expected"), rows)
             printing.line()
         return 0
-    folder = RESULTS / str(one.number)
+    folder = RESULTS / str(lesson.number)
     folder.mkdir(parents=True, exist_ok=True)
     try:
         with printing.status("running ... (Ctrl-C stops it)"):
@@ -113,13 +119,13 @@ def _offer(command: Command, one: Lesson) -> int:
     if outcome.notes:
         printing.note(outcome.notes.rstrip())
     _print(command)
-    found = compare(command, outcome)
-    compared = [(each.expected.quantity, each.expected.text, each.text, each.agrees) for each in found]
+    comparisons = compare(command, outcome)
+    compared = [(each.expected.quantity, each.expected.text, each.text, each.agrees) for each in comparisons]
     printing.table("", ("quantity", "expected", "found", "agrees"), compared)
     printing.line()
     if "--figure" in (words := [*command.words]):
         printing.line(f"figure: {folder / words[words.index('--figure') + 1]}\n")
-    return sum(not each.agrees for each in found)
+    return sum(not each.agrees for each in comparisons)
 
 
 def _print(command: Command) -> None:

@@ -35,8 +35,11 @@ class Numbers(Command):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put what is a negative number behind the options, where nothing is taken for one."""
         if "--" not in args:
-            negative = [one for one in args if re.match(r"-\.?\d", one)]
-            args = [*(one for one in args if one not in negative), *(["--", *negative] if negative else [])]
+            negative = [argument for argument in args if re.match(r"-\.?\d", argument)]
+            args = [
+                *(argument for argument in args if argument not in negative),
+                *(["--", *negative] if negative else []),
+            ]
         return super().parse_args(ctx, args)
 
 
@@ -68,15 +71,15 @@ def tune(
         process, inner = _owner(session, key)
         body = {"get": [inner]} if value is None else {"set": {inner: plain(with_point(value, key))}}
         try:
-            found = session.ask(f"param/{process}", body, timeout=10.0)
+            answer = session.ask(f"param/{process}", body, timeout=10.0)
         except BusError as fault:
             raise UsageError(f"{fault}\n`rig tune` without a key lists what can be tuned") from None
-    overruled = {} if value is None else found.get("overruled", {})  # a value that was asked for is the one in force
+    overruled = {} if value is None else answer.get("overruled", {})  # a value that was asked for is the one in force
     if as_json:
-        printing.report({**found["values"], **({"overruled": overruled} if overruled else {}), "run": session.run})
+        printing.report({**answer["values"], **({"overruled": overruled} if overruled else {}), "run": session.run})
         return
-    if inner in found["values"]:
-        new, owner = printing.number(found["values"][inner]), overruled.get(inner)
+    if inner in answer["values"]:
+        new, owner = printing.number(answer["values"][inner]), overruled.get(inner)
         later = f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
         printing.line(f"{later if owner else f'{key} = {new}'}  (run {session.run})")
 

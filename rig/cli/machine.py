@@ -74,37 +74,39 @@ def cost(
         return
     try:
         with printing.bar("settings") as progress:
-            found = measure(loaded, out, progress)
+            measured = measure(loaded, out, progress)
     except KeyboardInterrupt:
         printing.note(f"interrupted; the results so far are in {folder}")
         raise
-    by = found.metric(metric)
+    by = measured.metric(metric)
     try:
-        pick, why = recommended(found.rows, by, wanted, most), ""
+        pick, why = recommended(measured.rows, by, wanted, most), ""
     except UsageError as error:
         pick, why = None, str(error)
     loops = delay.delayed(loaded)
     with printing.bar("effects") as progress:
         parts = effects.effects(loaded, report=progress)
     if as_json:
-        report = {**vars(found), "rows": [row.flat() for row in found.rows], "folder": str(folder)}
+        report = {**vars(measured), "rows": [row.flat() for row in measured.rows], "folder": str(folder)}
         report |= {"recommended": None if pick is None else pick.flat(), "why": why}
-        printing.report({**report, "loops": [vars(one) for one in loops], "effects": [one.to_json() for one in parts]})
+        printing.report(
+            {**report, "loops": [vars(result) for result in loops], "effects": [result.to_json() for result in parts]}
+        )
     else:
-        printing.table(f"{found.scene}: error and compute time on this machine", COLUMNS, lines(found, by, pick))
+        printing.table(f"{measured.scene}: error and compute time on this machine", COLUMNS, lines(measured, by, pick))
         printing.line()
-        for line in [*notes(found, by), *(one.text() for one in loops), *(effect.text() for effect in parts)]:
+        for line in [*notes(measured, by), *(result.text() for result in loops), *(effect.text() for effect in parts)]:
             printing.line(f"  {line}")
         printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.text(by)}")  # type: ignore[union-attr]
-    if front(found.rows, by):
-        draw(CostReport(found, by, pick, most), folder / "cost.png")
+    if front(measured.rows, by):
+        draw(CostReport(measured, by, pick, most), folder / "cost.png")
     if loops:
         delay.write(loops, folder / "delay.csv")
-        delay.draw(loops, found, folder / "delay.png")
+        delay.draw(loops, measured, folder / "delay.png")
     if parts:
         effects.write(parts, folder / "effects.csv")
     if effects_measured.drawn(parts):
-        effects_measured.draw(parts, f"{found.title}: its effects", found.machine, folder / "effects.png")
+        effects_measured.draw(parts, f"{measured.title}: its effects", measured.machine, folder / "effects.png")
     if not as_json:
         printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
     printing.passed(pick is not None)
@@ -116,21 +118,21 @@ def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
     from rig.record.provenance import provenance
 
     with printing.bar("runs") as progress:
-        found = race(scene, report=progress)
+        times = race(scene, report=progress)
     folder.mkdir(parents=True, exist_ok=True)
-    write(found, folder / "peers.csv")
+    write(times, folder / "peers.csv")
     if as_json:
-        printing.report([vars(one) for one in found])
+        printing.report([vars(timed) for timed in times])
     else:
         printing.table(
             f"{scene.name}: the fastest setting that meets a relative error of {target:g}",
             COLUMNS,
-            lines(found, target),
+            lines(times, target),
         )
         printing.line(f"\n{folder}/peers.png, peers.csv")
-        if any(one.fault == ABSENT for one in found):
+        if any(timed.fault == ABSENT for timed in times):
             printing.line("to install missing solvers: pip install -e '.[peers]' in the project's folder")
-    draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
+    draw(times, scene.title, provenance(scene.seed), target, folder / "peers.png")
 
 
 def torture(
@@ -208,19 +210,19 @@ def _search(wanted: list[str], as_json: bool) -> None:
     from rig.qualify.torture.case import load
     from rig.qualify.torture.search import search
 
-    found = {}
+    failures = {}
     for name in wanted:
         case = load(name)
         if not case.box:
             continue
         hit = search(case)
-        found[name] = None if hit is None else {"file": str(hit[0]), **hit[1].to_json()}
+        failures[name] = None if hit is None else {"file": str(hit[0]), **hit[1].to_json()}
         if not as_json:
             what = "no failure found" if hit is None else f"{hit[1].result.detail}; kept as {hit[0]}"
             printing.line(f"{name}: {what}")
     if as_json:
-        printing.report(found)
-    printing.passed(not any(found.values()))
+        printing.report(failures)
+    printing.passed(not any(failures.values()))
 
 
 def doctor(
@@ -241,15 +243,15 @@ def doctor(
     """Measure this machine and predict which scenes run in real time with the timing verdict VALID."""
     from rig.qualify.doctor import doctor as examine
 
-    found = examine(report=printing.note, names=scene or ())
-    printing.result(found, as_json)
+    diagnosis = examine(report=printing.note, names=scene or ())
+    printing.result(diagnosis, as_json)
     if bundle is not None:
         from rig.qualify.bug_report import bundle as packed
 
-        content, names = packed(found)
+        content, names = packed(diagnosis)
         write_file(bundle, content)
         printing.note(f"{bundle}: {', '.join(names)}; look into it before you send it")
-    printing.passed(found.ok)
+    printing.passed(diagnosis.ok)
 
 
 def warmup(

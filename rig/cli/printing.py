@@ -50,9 +50,9 @@ def warnings(scene: Scene) -> None:
     from rig.bench.run.before import findings
 
     levels = ("error", "warning") if scene.clock.unstable == "run" else ("warning",)  # an error refuses the run itself
-    for one in findings(scene):
-        if one.level in levels:
-            note(f"warning: {one.what}\n  {one.remedy}")
+    for finding in findings(scene):
+        if finding.level in levels:
+            note(f"warning: {finding.what}\n  {finding.remedy}")
 
 
 def run_warnings(scene: Scene, duration: float | None) -> None:
@@ -60,8 +60,8 @@ def run_warnings(scene: Scene, duration: float | None) -> None:
     from rig.bench.run.before import meets_edge
 
     warnings(scene)
-    if found := meets_edge(scene, duration):
-        note(f"warning: {found}")
+    if why := meets_edge(scene, duration):
+        note(f"warning: {why}")
 
 
 def report(values: Any) -> None:
@@ -69,12 +69,12 @@ def report(values: Any) -> None:
     line(json.dumps(_plain(values), indent=2, ensure_ascii=False))
 
 
-def result(found: Any, as_json: bool, **more: object) -> None:
+def result(shown: Any, as_json: bool, **more: object) -> None:
     """Print a result: its text, or as JSON, with `more`."""
     if as_json:
-        report(found.to_json() | more)
+        report(shown.to_json() | more)
     else:
-        line(found.text())
+        line(shown.text())
 
 
 def passed(good: bool) -> None:

@@ -109,9 +109,9 @@ def record(
     chosen = trigger(when, before, after, most)
     from rig.record.recorder import record as write
 
-    found = write(run, out, wait=patience, replace=force, trigger=chosen, say=printing.note)
-    printing.line(found.text())
-    printing.passed(found.complete)
+    recorded = write(run, out, wait=patience, replace=force, trigger=chosen, say=printing.note)
+    printing.line(recorded.text())
+    printing.passed(recorded.complete)
 
 
 def view(

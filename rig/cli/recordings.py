@@ -191,23 +191,23 @@ def runs(
         _warn(recording.notes)
     if as_json:
         printing.report([
-            {"path": one.path, "size": one.size, **(vars(one.contents) if one.contents else {}), "fault": one.fault,
-             "notes": [vars(note) for note in one.notes.found], "tags": one.notes.tags}
-            for one in wanted
+            {"path": of.path, "size": of.size, **(vars(of.contents) if of.contents else {}), "fault": of.fault,
+             "notes": [vars(note) for note in of.notes.found], "tags": of.notes.tags}
+            for of in wanted
         ])  # fmt: skip
     elif wanted:
         columns = ("recording", "scene", "date", "length", "timing", "notes")
-        printing.table(f"recordings in {folder}", columns, [_row(one, folder) for one in wanted])
+        printing.table(f"recordings in {folder}", columns, [_row(listing, folder) for listing in wanted])
     else:
         printing.line(f"{folder}: {f'none of {len(listed)} recordings fits' if listed else 'no recordings'}")
 
 
-def _row(one: Listed, folder: Path) -> tuple[str, ...]:
-    last = next((note.text for note in reversed(one.notes.found) if note.text), "")
+def _row(listing: Listed, folder: Path) -> tuple[str, ...]:
+    last = next((note.text for note in reversed(listing.notes.found) if note.text), "")
     short = last if len(last) <= _SHOWN else f"{last[: _SHOWN - 1]}…"
-    noted = " ".join(filter(None, (short, *(f"#{tag}" for tag in one.notes.tags))))
-    name, said = str(one.path.relative_to(folder)), "; ".join(filter(None, (one.fault, noted)))
-    if (contents := one.contents) is None:
+    noted = " ".join(filter(None, (short, *(f"#{tag}" for tag in listing.notes.tags))))
+    name, said = str(listing.path.relative_to(folder)), "; ".join(filter(None, (listing.fault, noted)))
+    if (contents := listing.contents) is None:
         return name, "", "", "", "", said
     began = datetime.fromtimestamp(contents.began_ns * 1e-9, UTC).astimezone().strftime("%Y-%m-%d %H:%M:%S")
     length = "unknown" if contents.seconds is None else f"{contents.seconds:.3f} s"

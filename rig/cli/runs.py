@@ -318,27 +318,29 @@ def simulate(
     begin, failed = time.perf_counter(), False
     with _asked_to_stop() as stop:
         try:
-            found = _simulated(loaded, start, overrides, length, trust, stop)
+            simulated = _simulated(loaded, start, overrides, length, trust, stop)
         except ControllerFailed as error:  # what was computed is kept
             if error.run is None:  # it could not start
                 raise
-            found, failed = error.run, True
+            simulated, failed = error.run, True
     wall = time.perf_counter() - begin
     if out is not None:
         from rig.record.save_run import save
 
-        save(found, out, replace=force)  # another command may have written it since this one began
+        save(simulated, out, replace=force)  # another command may have written it since this one began
     if as_json:
-        printing.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
+        printing.report(
+            {**simulated.summary, "energy": simulated.energy, "events": simulated.events, "fault": simulated.fault}
+        )
     else:
         from rig.scenes.scene import Scene
 
-        printing.pairs(_summary(found, loaded or Scene.from_json(found.scene), wall, out, figure))
-    for text in _notes(found):
+        printing.pairs(_summary(simulated, loaded or Scene.from_json(simulated.scene), wall, out, figure))
+    for text in _notes(simulated):
         printing.note(text)
-    draw(found, figure, names)
-    kinds = {event["kind"] for event in found.plant_events}
-    stopped = not failed and (found.fault or "limit" in kinds)
+    draw(simulated, figure, names)
+    kinds = {event["kind"] for event in simulated.plant_events}
+    stopped = not failed and (simulated.fault or "limit" in kinds)
     codes = {ExitCode.STOPPED: stopped, ExitCode.FAILED: failed or "lost" in kinds, ExitCode.INTERRUPTED: stop()}
     raise typer.Exit(next((code for code, holds in codes.items() if holds), ExitCode.DONE))
 

@@ -251,12 +251,12 @@ def _print_faults(scene: Scene) -> None:
     """The faults of sensors and actuators of a scene, in order of time."""
     from rig.scenes.part_faults import described
 
-    units = {name: one.unit for name, one in scene.assemble().inputs.items()}
+    units = {name: named.unit for name, named in scene.assemble().inputs.items()}
     units |= {name: sensor.unit for name, sensor in scene.sensors.items()}
     rows = [
         (f"{fault.at / 1e9:g} s", "the end" if fault.end is None else f"{fault.end / 1e9:g} s", name,
          described(fault, units[fault.part]))
-        for name, fault in sorted(scene.faults.items(), key=lambda one: one[1].at)
+        for name, fault in sorted(scene.faults.items(), key=lambda named: named[1].at)
     ]  # fmt: skip
     printing.table("faults of sensors and actuators", ("from", "to", "fault", ""), rows)
     printing.line()
@@ -349,7 +349,7 @@ def _print_measured(
     printing.pairs(methods.items())
     for title, computed in rates.items():
         printing.line()
-        lines = [(one.name, f"{one.rate:g}" if one.rate else "", one.asked) for one in computed]
+        lines = [(row.name, f"{row.rate:g}" if row.rate else "", row.asked) for row in computed]
         printing.table(title, ("", "per s", "used by"), lines)
 
 
@@ -379,11 +379,11 @@ def fmu(
     from rig.plant_fmu.export import export
 
     loaded = the_scene(scene, overrides)
-    found = export(loaded, out, inputs or ())
+    exported = export(loaded, out, inputs or ())
     if as_json:
-        printing.report({"path": out, "inputs": found.inputs, "outputs": found.results})
+        printing.report({"path": out, "inputs": exported.inputs, "outputs": exported.results})
         return
-    for label, names in (("inputs", found.inputs), ("outputs", found.results)):
+    for label, names in (("inputs", exported.inputs), ("outputs", exported.results)):
         printing.line(f"{label:9}{', '.join(f'{name} [{unit}]' for name, unit in names.items())}")
     printing.line(f"step     {loaded.frame_ns * 1e-9:g} s, or a whole number of these")
     printing.line(f"fmu      {out}")

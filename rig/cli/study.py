@@ -129,25 +129,25 @@ def study(
     work = prepared(loaded, given.pop("over", {}), given.pop("measure", []), **given)
     printing.warnings(loaded)
     if not work.of_run:
-        idle(loaded, *(one.axis for one in work.plan.factors))
+        idle(loaded, *(factor.axis for factor in work.plan.factors))
     if scripted(cluster, dry_run, workers):
         return
     store = Store.of(work.work, at(out))
     refuse(store.folder, ("study.csv",), force)
     with printing.kept(store, "points", len(work.items)), printing.bar("points") as progress:
-        found = carry_out(work, out, workers, progress, given.get("keep"), cluster)
-    printing.result(found, as_json)
-    figures = found.draw(store.folder)
-    write_file(store.folder / "study.csv", found.csv().encode())
+        result = carry_out(work, out, workers, progress, given.get("keep"), cluster)
+    printing.result(result, as_json)
+    figures = result.draw(store.folder)
+    write_file(store.folder / "study.csv", result.csv().encode())
     if to is not None:
-        found.save(to)
+        result.save(to)
     if not as_json:
         printing.line(f"\n{store.folder}/{', '.join(['study.csv', *(path.name for path in figures)])}")
-        if found.recordings:
-            printing.line(f"{len(found.recordings)} recordings in {store.folder / 'runs'}")
+        if result.recordings:
+            printing.line(f"{len(result.recordings)} recordings in {store.folder / 'runs'}")
         if to is not None:
             printing.line(str(to))
-    printing.passed(not np.isnan(found.values).all())
+    printing.passed(not np.isnan(result.values).all())
 
 
 def _asked(name: str, overrides: dict[str, str]) -> tuple[Scene, dict[str, Any]]:
@@ -165,14 +165,14 @@ def _asked(name: str, overrides: dict[str, str]) -> tuple[Scene, dict[str, Any]]
 def values(given: list[str] | None, option: str, changed: Mapping[str, object]) -> dict[str, str]:
     """Dotted key -> values as text, of all options of this name; `changed`: keys of -p, which cannot be varied too."""
     texts: dict[str, str] = {}
-    for one in given or []:
-        key, _, text = (part.strip() for part in one.partition("="))
+    for assignment in given or []:
+        key, _, text = (part.strip() for part in assignment.partition("="))
         if not key or not text:
-            raise UsageError(f'{option} {one}: expected KEY=VALUES, such as {option} "load.force=10 N:30 N:5"')
+            raise UsageError(f'{option} {assignment}: expected KEY=VALUES, such as {option} "load.force=10 N:30 N:5"')
         if key in texts:
-            raise UsageError(f"{option} {one}: {key} is given twice")
+            raise UsageError(f"{option} {assignment}: {key} is given twice")
         if key in changed:
-            raise UsageError(f"{option} {one}: {key} is set with -p; leave one of the two out")
+            raise UsageError(f"{option} {assignment}: {key} is set with -p; leave one of the two out")
         texts[key] = text
     return texts
 
@@ -253,19 +253,19 @@ def optimise(
     work = prepared(loaded, ranges, measure, maximise is not None, evaluations, seed, seconds(duration))
     printing.warnings(loaded)
     if not work.of_run:
-        idle(loaded, *(one.axis for one in work.plan.factors))
+        idle(loaded, *(factor.axis for factor in work.plan.factors))
     if scripted(cluster, dry_run, workers):
         return
     store = Store.of(work.work, at(out))
     refuse(store.folder, ("search.csv",), force)
     with printing.kept(store, "points"), printing.bar("points") as progress:
-        found = search(work, out, workers, progress, cluster)
-    printing.result(found, as_json)
+        result = search(work, out, workers, progress, cluster)
+    printing.result(result, as_json)
     if not as_json:
         printing.line(f"\n{store.folder}/search.csv, search.png")
-    draw(found, store.folder / "search.png")
-    write_file(store.folder / "search.csv", found.csv().encode())
-    printing.passed(found.best is not None)
+    draw(result, store.folder / "search.png")
+    write_file(store.folder / "search.csv", result.csv().encode())
+    printing.passed(result.best is not None)
 
 
 COMMANDS = {

@@ -94,11 +94,11 @@ class Compared(Result):
         """Whether all channels are equal at the common instants, or within the tolerance."""
         return self.signals.agree or self.signals.within(self.tolerance)
 
-    def outcome(self, one: Difference) -> str:
+    def outcome(self, channel: Difference) -> str:
         """The outcome of one channel: equal, within tolerance, differs; other length if only the time span differs."""
-        if one.beyond and one.deviation <= self.tolerance:
+        if channel.beyond and channel.deviation <= self.tolerance:
             return "other length"
-        return "equal" if one.equal else "within tolerance" if one.within(self.tolerance) else "differs"
+        return "equal" if channel.equal else "within tolerance" if channel.within(self.tolerance) else "differs"
 
     def to_json(self) -> dict[str, Any]:
         """The comparison as plain values."""
@@ -109,11 +109,11 @@ class Compared(Result):
             "from": self.begin,
             "to": self.end,
             "tolerance": self.tolerance,
-            "scene": [one._asdict() for one in self.values],
+            "scene": [record._asdict() for record in self.values],
             "actions": list(self.actions),
-            "signals": [{**vars(one), "outcome": self.outcome(one)} for one in self.signals.signals],
+            "signals": [{**vars(record), "outcome": self.outcome(record)} for record in self.signals.signals],
             "missing": list(self.signals.missing),
-            "measures": [{**one._asdict(), "percent": one.percent} for one in self.measures],
+            "measures": [{**record._asdict(), "percent": record.percent} for record in self.measures],
             "notes": list(self.notes),
         }
 
@@ -122,14 +122,14 @@ class Compared(Result):
         return "\n".join(self._lines())
 
     def _lines(self) -> Iterator[str]:
-        found = self.signals
-        if found.identical:
-            yield f"identical: {found.compared} numbers, bit by bit"
+        signals = self.signals
+        if signals.identical:
+            yield f"identical: {signals.compared} numbers, bit by bit"
         elif self.agree:
-            how = "bit by bit" if found.agree else f"to {self.tolerance:g} of the range of each channel"
-            yield f"agree at all common instants: {found.compared} numbers, {how}"
+            how = "bit by bit" if signals.agree else f"to {self.tolerance:g} of the range of each channel"
+            yield f"agree at all common instants: {signals.compared} numbers, {how}"
         else:
-            yield f"differ; {found.compared} numbers compared at common instants"
+            yield f"differ; {signals.compared} numbers compared at common instants"
         yield from self.notes
         if self.values:
             yield "scene"
@@ -138,18 +138,25 @@ class Compared(Result):
                 yield f"  and {len(self.values) - _LISTED} more; --json lists all"
         if self.actions:
             yield "done by operators in one of the runs only"
-            yield from (f"  {one}" for one in self.actions)
-        if not found.identical:
+            yield from (f"  {measure}" for measure in self.actions)
+        if not signals.identical:
             yield "channels"
             yield from columns(self._signals(), "<<<<")
-        for name in found.missing:
+        for name in signals.missing:
             yield f"{name} is in only one of the two recordings"
-        other = [one for one in self.measures if not one.same]
+        other = [measure for measure in self.measures if not measure.same]
         if other:
             yield f"measures from {self.begin:g} s to {self.end:g} s that differ"
             rows = [
-                (one.channel, one.name, _number(one.first), _number(one.second), one.unit, _percent(one.percent))
-                for one in other
+                (
+                    measure.channel,
+                    measure.name,
+                    _number(measure.first),
+                    _number(measure.second),
+                    measure.unit,
+                    _percent(measure.percent),
+                )
+                for measure in other
             ]
             yield from columns((("channel", "measure", "A", "B", "unit", "B - A"), *rows), "<<>><>")
         if self.measures and len(other) < len(self.measures):
@@ -157,11 +164,13 @@ class Compared(Result):
 
     def _signals(self) -> Iterator[tuple[str, str, str, str]]:
         yield "channel", "outcome", "largest deviation", "first difference"
-        for one in self.signals.signals:
-            worst = f"{one.deviation:.3g} of the range, t = {one.worst:.6g} s" if one.differing else ""
-            first = f"t = {one.time:.9g} s: {one.first!r} and {one.second!r}" if one.differing else ""
-            alone = f"samples in one only: {one.alone[0]} in A, {one.alone[1]} in B" if any(one.alone) else ""
-            yield one.topic, self.outcome(one), worst, "; ".join(filter(None, (first, alone)))
+        for channel in self.signals.signals:
+            worst = f"{channel.deviation:.3g} of the range, t = {channel.worst:.6g} s" if channel.differing else ""
+            first = f"t = {channel.time:.9g} s: {channel.first!r} and {channel.second!r}" if channel.differing else ""
+            alone = (
+                f"samples in one only: {channel.alone[0]} in A, {channel.alone[1]} in B" if any(channel.alone) else ""
+            )
+            yield channel.topic, self.outcome(channel), worst, "; ".join(filter(None, (first, alone)))
 
 
 def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, tolerance: float = 0.0) -> Compared:
@@ -193,9 +202,9 @@ def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, 
 
 
 def _values(first: Run, second: Run) -> Iterator[Value]:
-    one, two = (_flat(run) for run in (first, second))
-    for key in dict.fromkeys([*one, *two]):
-        a, b = one.get(key, ""), two.get(key, "")
+    ours, two = (_flat(run) for run in (first, second))
+    for key in dict.fromkeys([*ours, *two]):
+        a, b = ours.get(key, ""), two.get(key, "")
         if a != b:
             yield Value(key, a, b)
 
@@ -230,21 +239,21 @@ def _flat(run: Run) -> dict[str, str]:
 
 def _actions(first: Run, second: Run) -> Iterator[str]:
     """Actions of operators that only one run has, in words."""
-    one, two = (
+    ours, two = (
         [(e["t_ns"], e["text"]) for e in run.plant_events if e["data"].get("by") == _OPERATOR]
         for run in (first, second)
     )
-    for which, mine, other in (("A", one, two), ("B", two, one)):
+    for which, mine, other in (("A", ours, two), ("B", two, ours)):
         yield from (f"{which}: t = {t_ns * 1e-9:g} s: {text}" for t_ns, text in mine if (t_ns, text) not in other)
 
 
 def _measures(first: Run, second: Run, begin: float, end: float) -> Iterator[Measure]:
-    one, two = (series_of(run, begin, end) for run in (first, second))
+    ours, two = (series_of(run, begin, end) for run in (first, second))
     names = [*whole_signals(first), *(f"meas/{name}" for name in first.measurements)]
     for name in names:
         if name in two:
-            a, b = (_of(series) for series in _alike(one[name], two[name]))
-            unit, size = first.units.get(name, ""), float(np.nanmax(np.abs(one[name].values), initial=0.0))
+            a, b = (_of(series) for series in _alike(ours[name], two[name]))
+            unit, size = first.units.get(name, ""), float(np.nanmax(np.abs(ours[name].values), initial=0.0))
             zeros = {_RMS: _STILL * size, _GROWTH: _STEADY / (end - begin) if end > begin else 0.0}
             for measure, (of, value) in a.items():
                 yield Measure(name, measure, of.format(unit), value, b[measure][1], zeros.get(measure, 0.0))
@@ -252,18 +261,18 @@ def _measures(first: Run, second: Run, begin: float, end: float) -> Iterator[Mea
     yield Measure("contact", "events", "1/s", *(_events(run, begin, end) for run in (first, second)))
 
 
-def _alike(one: Series, two: Series) -> tuple[Series, Series]:
+def _alike(ours: Series, two: Series) -> tuple[Series, Series]:
     """Both series at the same instants, if all instants of one are in the other; else as they are."""
-    shared, at_one, at_two = np.intersect1d(one.t_ns, two.t_ns, return_indices=True)
-    if not shared.size or shared.size < min(one.t_ns.size, two.t_ns.size):
-        return one, two
-    return Series(shared, one.values[at_one]), Series(shared, two.values[at_two])
+    shared, at_one, at_two = np.intersect1d(ours.t_ns, two.t_ns, return_indices=True)
+    if not shared.size or shared.size < min(ours.t_ns.size, two.t_ns.size):
+        return ours, two
+    return Series(shared, ours.values[at_one]), Series(shared, two.values[at_two])
 
 
-def _of(found: Series) -> dict[str, tuple[str, float]]:
+def _of(channel: Series) -> dict[str, tuple[str, float]]:
     """Measure -> unit and value, of one channel."""
-    here = np.isfinite(found.values)
-    t, v = np.multiply(found.t_ns[here], 1e-9, dtype=np.float64), found.values[here]
+    here = np.isfinite(channel.values)
+    t, v = np.multiply(channel.t_ns[here], 1e-9, dtype=np.float64), channel.values[here]
     if not v.size:
         return {name: (unit, math.nan) for name, unit in _MEASURES.items()}
     cycles = index(t, v)

@@ -56,13 +56,13 @@ def sheet(title: str, size: tuple[float, float]) -> Iterator[Figure]:
         figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
 
 
-def hysteresis_figure(found: Hysteresis) -> Figure:
+def hysteresis_figure(hysteresis: Hysteresis) -> Figure:
     """Draw the RMS over the speed, and both over time."""
-    over, name = plain(found.over), plain(found.name)
-    with sheet(f"{found.scene}: {name} over {over}", (12.0, 8.0)) as figure:
+    over, name = plain(hysteresis.over), plain(hysteresis.name)
+    with sheet(f"{hysteresis.scene}: {name} over {over}", (12.0, 8.0)) as figure:
         loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
         rms.sharex(speed)
-        for curve in found.curves:
+        for curve in hysteresis.curves:
             way, colour, dashes = ("rising", BLUE, "-") if curve.branch.rises else ("falling", AMBER, "--")
             label = f"{over} {way}" if f"{over} {way}" not in loop.get_legend_handles_labels()[1] else None
             loop.plot(*thinned(curve.speed, curve.rms), color=colour, ls=dashes, label=label)
@@ -71,16 +71,16 @@ def hysteresis_figure(found: Hysteresis) -> Figure:
             if math.isfinite(curve.stick):
                 what = "last stick" if curve.branch.rises else "first stick"
                 loop.axvline(
-                    curve.stick, color=colour, lw=0.9, ls=":", label=f"{what}: {curve.stick:.4g} {found.over_unit}"
+                    curve.stick, color=colour, lw=0.9, ls=":", label=f"{what}: {curve.stick:.4g} {hysteresis.over_unit}"
                 )
-        loop.set_title(f"RMS about the mean, centred window of {found.window:.4g} s")
-        loop.set(xlabel=f"{over} [{found.over_unit}]", ylabel=f"RMS of {name} [{found.unit}]")
+        loop.set_title(f"RMS about the mean, centred window of {hysteresis.window:.4g} s")
+        loop.set(xlabel=f"{over} [{hysteresis.over_unit}]", ylabel=f"RMS of {name} [{hysteresis.unit}]")
         loop.set_ylim(0.0, None)
         loop.legend(loc="best")
-        rms.set(ylabel=f"RMS [{found.unit}]")
+        rms.set(ylabel=f"RMS [{hysteresis.unit}]")
         rms.set_ylim(0.0, None)
         rms.tick_params(labelbottom=False)
-        speed.set(ylabel=f"{over}\n[{found.over_unit}]", xlabel="time [s]")
+        speed.set(ylabel=f"{over}\n[{hysteresis.over_unit}]", xlabel="time [s]")
         figure.align_ylabels([rms, speed])
     return figure
 
@@ -130,13 +130,13 @@ def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, a
                           bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 0.5})  # fmt: skip
 
 
-def _map(axes: Axes, found: Map, density: Density, unit: str) -> None:
+def _map(axes: Axes, course: Map, density: Density, unit: str) -> None:
     above = np.cumsum(density.s[::-1])[::-1] / max(float(density.s.sum()), 1e-300)
     top = density.f[min(int(np.count_nonzero(above > _ALL)), density.f.size - 1)]
-    shown = found.f <= max(1.3 * top, found.f[min(20, found.f.size - 1)])
-    s = 10.0 * np.log10(np.maximum(found.s[shown], 1e-30))
+    shown = course.f <= max(1.3 * top, course.f[min(20, course.f.size - 1)])
+    s = 10.0 * np.log10(np.maximum(course.s[shown], 1e-30))
     best = float(np.nanmax(s, initial=-300.0))
-    _levels(axes, found.t, found.f[shown], s, best, unit)
+    _levels(axes, course.t, course.f[shown], s, best, unit)
 
 
 def _levels(axes: Axes, t: Reals, f: Reals, levels: Floats, best: float, unit: str) -> None:
@@ -148,23 +148,23 @@ def _levels(axes: Axes, t: Reals, f: Reals, levels: Floats, best: float, unit: s
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
-def pressure_figure(found: Pressure) -> Figure:
+def pressure_figure(pressure: Pressure) -> Figure:
     """Draw the maps, all on one scale."""
-    across = 3 if len(found.maps) in (3, 5, 6, 9) else min(len(found.maps), 4)
-    down = -(-len(found.maps) // across)
-    with sheet(f"{found.scene}: pressure of the film", (1.2 + 3.0 * across, 1.9 + 2.4 * down)) as figure:
+    across = 3 if len(pressure.maps) in (3, 5, 6, 9) else min(len(pressure.maps), 4)
+    down = -(-len(pressure.maps) // across)
+    with sheet(f"{pressure.scene}: pressure of the film", (1.2 + 3.0 * across, 1.9 + 2.4 * down)) as figure:
         drawn = figure.subplots(down, across, squeeze=False)
-        largest = max(one.largest for one in found.maps)
-        scale = found.points.scale
+        largest = max(shown.largest for shown in pressure.maps)
+        scale = pressure.points.scale
         for number, axes in enumerate(drawn.flat):
-            if number >= len(found.maps):
+            if number >= len(pressure.maps):
                 axes.set_axis_off()
                 continue
-            one = found.maps[number]
-            draw_map(axes, found.points, one.pressures, scale, one.centre)
-            head = f"({chr(ord('a') + number)}) {one.time:.5g} s, {100 * one.fraction:.0f} % in contact"
-            axes.set_title("\n".join(filter(None, (head, one.why))), fontsize=9.5)
-            if number + across >= len(found.maps):
+            shown = pressure.maps[number]
+            draw_map(axes, pressure.points, shown.pressures, scale, shown.centre)
+            head = f"({chr(ord('a') + number)}) {shown.time:.5g} s, {100 * shown.fraction:.0f} % in contact"
+            axes.set_title("\n".join(filter(None, (head, shown.why))), fontsize=9.5)
+            if number + across >= len(pressure.maps):
                 axes.set_xlabel("x on the slider [mm]")
             if number % across == 0:
                 axes.set_ylabel("y on the slider [mm]")
@@ -172,34 +172,34 @@ def pressure_figure(found: Pressure) -> Figure:
     return figure
 
 
-def response_figure(found: Response) -> Figure:
+def response_figure(response: Response) -> Figure:
     """Draw magnitude with its random error, phase and coherence over frequency."""
-    title = f"{found.scene}: response of {plain(found.output)} to {plain(found.input)}"
+    title = f"{response.scene}: response of {plain(response.output)} to {plain(response.input)}"
     with sheet(title, (12.0, 8.4)) as figure:
         size, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.2, 0.9))
-        h = np.abs(found.h)
-        size.loglog(found.f, h, color=BLUE)
-        band = np.isfinite(h * found.error) & (found.error < 1.0)
-        edges = h * (1.0 - found.error), h * (1.0 + found.error)
-        size.fill_between(found.f, *edges, where=band, color=BLUE, alpha=0.2, lw=0, label="random error (68 %)")
-        size.set_ylabel(f"magnitude [{found.unit}]")
+        h = np.abs(response.h)
+        size.loglog(response.f, h, color=BLUE)
+        band = np.isfinite(h * response.error) & (response.error < 1.0)
+        edges = h * (1.0 - response.error), h * (1.0 + response.error)
+        size.fill_between(response.f, *edges, where=band, color=BLUE, alpha=0.2, lw=0, label="random error (68 %)")
+        size.set_ylabel(f"magnitude [{response.unit}]")
         if band.any():
             size.legend(loc="best")
-        for one in sorted(found.resonances, key=lambda one: -one.magnitude)[:_NAMED_PEAKS]:
-            text = f"{one.frequency:.5g} Hz\n{100.0 * one.damping:.3g} %"
-            size.annotate(text, (one.at, one.magnitude), (0, 4), textcoords="offset points", ha="center", fontsize=9,
+        for peak in sorted(response.resonances, key=lambda peak: -peak.magnitude)[:_NAMED_PEAKS]:
+            text = f"{peak.frequency:.5g} Hz\n{100.0 * peak.damping:.3g} %"
+            size.annotate(text, (peak.at, peak.magnitude), (0, 4), textcoords="offset points", ha="center", fontsize=9,
                           color=GREY)  # fmt: skip
         low, high = size.get_ylim()
         size.set_ylim(low, 4.0 * high)
-        kind = "Hann windows" if found.tapered else "windows from pulse to pulse"
-        size.set_title(f"H1, mean of {found.windows} {kind} of {found.window:.4g} s")
-        angle = np.degrees(np.angle(found.h))
+        kind = "Hann windows" if response.tapered else "windows from pulse to pulse"
+        size.set_title(f"H1, mean of {response.windows} {kind} of {response.window:.4g} s")
+        angle = np.degrees(np.angle(response.h))
         angle[1:][np.abs(np.diff(angle)) > 180.0] = np.nan  # a step of a turn is no line
-        phase.semilogx(found.f, angle, color=BLUE)
+        phase.semilogx(response.f, angle, color=BLUE)
         phase.set(ylabel="phase [degree]", ylim=(-190.0, 190.0), yticks=(-180, -90, 0, 90, 180))
-        coherence.semilogx(found.f, found.coherence, color=BLUE)
-        if np.isfinite(found.certain):
-            coherence.axhline(found.certain, color=GREY, lw=0.9, ls="--", label="unrelated channels (95 %)")
+        coherence.semilogx(response.f, response.coherence, color=BLUE)
+        if np.isfinite(response.certain):
+            coherence.axhline(response.certain, color=GREY, lw=0.9, ls="--", label="unrelated channels (95 %)")
             coherence.legend(loc="best")
         else:
             coherence.set_title("unknown from a single window")
@@ -208,36 +208,39 @@ def response_figure(found: Response) -> Figure:
     return figure
 
 
-def portrait_figure(found: Portrait) -> Figure:
+def portrait_figure(portrait: Portrait) -> Figure:
     """Draw the portrait, with its section and the points of the section over time."""
-    section = found.section
-    title = f"{found.scene}: {plain(found.y_name)} over {plain(found.x_name)}"
+    section = portrait.section
+    title = f"{portrait.scene}: {plain(portrait.y_name)} over {plain(portrait.x_name)}"
     with sheet(title, (7.6, 6.6) if section is None else (14.0, 6.6)) as figure:
         curve, *beside = figure.subplots(1, 1 if section is None else 2, squeeze=False)[0]
-        every = max(found.t.size // _DRAWN_SAMPLES, 1)
-        curve.plot(found.x[::every], found.y[::every], color=BLUE, lw=0.8)
-        curve.set(xlabel=f"{plain(found.x_name)} [{found.x_unit}]", ylabel=f"{plain(found.y_name)} [{found.y_unit}]")
+        every = max(portrait.t.size // _DRAWN_SAMPLES, 1)
+        curve.plot(portrait.x[::every], portrait.y[::every], color=BLUE, lw=0.8)
+        curve.set(
+            xlabel=f"{plain(portrait.x_name)} [{portrait.x_unit}]",
+            ylabel=f"{plain(portrait.y_name)} [{portrait.y_unit}]",
+        )
         curve.set_title("phase portrait")
         if section is not None:
-            _cut(curve, found, section)
-            _points(beside[0], found, section)
+            _cut(curve, portrait, section)
+            _points(beside[0], portrait, section)
     return figure
 
 
-def _cut(axes: Axes, found: Portrait, section: Section) -> None:
+def _cut(axes: Axes, portrait: Portrait, section: Section) -> None:
     at = f"{plain(section.name)} rises through {section.value:.4g} {section.unit}"
     axes.plot(section.x, section.y, "o", ms=4, color=ALARM, label=at, zorder=3)
-    if section.name == found.x_name:
+    if section.name == portrait.x_name:
         axes.axvline(section.value, color=GREY, lw=0.9, ls="--")
-    elif section.name == found.y_name:
+    elif section.name == portrait.y_name:
         axes.axhline(section.value, color=GREY, lw=0.9, ls="--")
     axes.legend(loc="best")
 
 
-def _points(axes: Axes, found: Portrait, section: Section) -> None:
-    name, unit, values, whole = found.x_name, found.x_unit, section.x, found.x
-    if section.name == found.x_name:
-        name, unit, values, whole = found.y_name, found.y_unit, section.y, found.y
+def _points(axes: Axes, portrait: Portrait, section: Section) -> None:
+    name, unit, values, whole = portrait.x_name, portrait.x_unit, section.x, portrait.x
+    if section.name == portrait.x_name:
+        name, unit, values, whole = portrait.y_name, portrait.y_unit, section.y, portrait.y
     axes.plot(section.t, values, "o", ms=3, color=ALARM)
     title = f"{section.t.size} points"
     if section.returns:
@@ -247,11 +250,11 @@ def _points(axes: Axes, found: Portrait, section: Section) -> None:
     axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))  # as in the portrait: what repeats is a line
 
 
-def comparison_figure(found: Compared) -> Figure:
+def comparison_figure(compared: Compared) -> Figure:
     """Draw up to five channels of two runs, those that differ first, with their difference."""
-    first, second = found.runs
-    one, two = (series_of(run, found.begin, found.end) for run in (first, second))
-    known = {signal.topic: signal for signal in found.signals.signals}
+    first, second = compared.runs
+    ours, two = (series_of(run, compared.begin, compared.end) for run in (first, second))
+    known = {signal.topic: signal for signal in compared.signals.signals}
     names = [
         name for name in (*whole_signals(first), *(f"meas/{name}" for name in first.measurements)) if name in known
     ]
@@ -262,14 +265,14 @@ def comparison_figure(found: Compared) -> Figure:
         for (over, apart), name in zip(rows, names):
             unit = first.units.get(name, "")
             for which, series, style in (
-                ("A", one[name], {"color": BLUE}),
+                ("A", ours[name], {"color": BLUE}),
                 ("B", two[name], {"color": AMBER, "ls": "--"}),
             ):
                 t = np.multiply(series.t_ns, 1e-9, dtype=np.float64)
                 over.plot(*thinned(t, series.values), lw=1.0, label=which, **style)
             over.set_ylabel(f"{plain(name.removeprefix('meas/'))}\n[{unit}]")
-            shared, at_one, at_two = np.intersect1d(one[name].t_ns, two[name].t_ns, return_indices=True)
-            away = two[name].values[at_two] - one[name].values[at_one]
+            shared, at_one, at_two = np.intersect1d(ours[name].t_ns, two[name].t_ns, return_indices=True)
+            away = two[name].values[at_two] - ours[name].values[at_one]
             apart.plot(*thinned(np.multiply(shared, 1e-9, dtype=np.float64), away), lw=0.9, color=GREY)
             apart.set_ylabel(f"difference B - A\n[{unit}]")
             signal = known[name]
@@ -301,7 +304,7 @@ def sound_figure(sound: Sound) -> Figure:
                 for axes in (signal, level):
                     axes.axvspan(span.begin, span.end, color=GREEN, alpha=0.12, lw=0)
                 signal.annotate(span.text, (span.begin, 1.01), xycoords=("data", "axes fraction"), color=GREEN)
-        shown = sound.frequencies <= max(6e3, 1.5 * max((one.highest for one in sound.squeals), default=0.0))
+        shown = sound.frequencies <= max(6e3, 1.5 * max((squeal.highest for squeal in sound.squeals), default=0.0))
         top = float(sound.spectrum.max())
         khz, levels = 1e-3 * sound.frequencies[shown], sound.spectrum[:, shown].T
         _levels(spectrum, sound.times, khz, levels, top, f"level [{sound.reference}]")

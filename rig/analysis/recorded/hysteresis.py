@@ -59,14 +59,14 @@ def branches(t: Reals, v: Reals) -> list[Branch]:
     if v.size < 2 or np.ptp(v) <= least:
         return []
     turns = _turns(v, _TURN * float(np.ptp(v)))
-    found = []
+    made = []
     for a, b in pairwise(turns):
         part, near = v[a : b + 1], _HELD * abs(v[b] - v[a])
         leaves = int(np.flatnonzero(np.abs(part - part[0]) <= near)[-1])
         comes = leaves + int(np.flatnonzero(np.abs(part[leaves:] - part[-1]) <= near)[0])
         if comes > leaves:
-            found.append(Branch(float(t[a + leaves]), float(t[a + comes]), float(v[a]), float(v[b])))
-    return found
+            made.append(Branch(float(t[a + leaves]), float(t[a + comes]), float(v[a]), float(v[b])))
+    return made
 
 
 def _turns(v: Reals, least: float) -> list[int]:

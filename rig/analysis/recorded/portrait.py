@@ -150,18 +150,19 @@ def portrait(
     if section is not None:
         names["section"] = section[0]
     faults = Faults()
-    found = [*channels(run, names, first, last, faults).values()]
+    known = [*channels(run, names, first, last, faults).values()]
     if not faults.found and same(run, names["x"], names["y"]):
-        faults.found.append(f"x and y are both {found[0].name}; name two channels (--x, --y)")
-    if section is not None and not faults.found and not np.nanmin(found[2].v) < section[1] <= np.nanmax(found[2].v):
-        faults.found.append(f"section: {found[2].name} never crosses {section[1]:g} {found[2].unit}; it stays from "
-                      f"{np.nanmin(found[2].v):.6g} to {np.nanmax(found[2].v):.6g} {found[2].unit}")  # fmt: skip
+        faults.found.append(f"x and y are both {known[0].name}; name two channels (--x, --y)")
+    if section is not None and not faults.found and not np.nanmin(known[2].v) < section[1] <= np.nanmax(known[2].v):
+        faults.found.append(f"section: {known[2].name} never crosses {section[1]:g} {known[2].unit}; it stays from "
+                      f"{np.nanmin(known[2].v):.6g} to {np.nanmax(known[2].v):.6g} {known[2].unit}")  # fmt: skip
     faults.raise_found()
-    (one, other, *across), _ = aligned(found)
-    crossed = None if section is None else _crossed(one, other, across[0], section[1])
-    gaps = tuple(dict.fromkeys(filter(None, (channel.notes() for channel in found))))
+    (horizontal, other, *across), _ = aligned(known)
+    crossed = None if section is None else _crossed(horizontal, other, across[0], section[1])
+    gaps = tuple(dict.fromkeys(filter(None, (channel.notes() for channel in known))))
     return Portrait(
-        scene_name(run), one.name, one.unit, other.name, other.unit, one.t, one.v, other.v, crossed, gaps
+        scene_name(run), horizontal.name, horizontal.unit, other.name, other.unit, horizontal.t, horizontal.v,
+        other.v, crossed, gaps,
     )  # fmt: skip
 
 
@@ -181,8 +182,8 @@ def _crossed(x: Series, y: Series, over: Series, value: float) -> Section:
         low, high = np.where(below, middle, low), np.where(below, high, middle)
     place = 0.5 * (low + high)
     t = over.start + (index[:, 1] + place) / over.rate
-    points = np.stack([_cubic(one.v[index], place) for one in (x, y)])
-    ranges = np.array([[max(float(np.nanmax(one.v) - np.nanmin(one.v)), 1e-300)] for one in (x, y)])
+    points = np.stack([_cubic(side.v[index], place) for side in (x, y)])
+    ranges = np.array([[max(float(np.nanmax(side.v) - np.nanmin(side.v)), 1e-300)] for side in (x, y)])
     returns, spread = _returns(points / ranges)
     times = t[returns:] - t[:-returns] if returns else np.full(1, np.nan)
     return Section(

@@ -66,18 +66,20 @@ class Pressure(Result):
         ]
         head = ("time s", "in contact", "centre x mm", "y mm", "force N", "largest MPa", "at x mm", "y mm", "")
         rows: list[tuple[str, ...]] = [head]
-        for one in self.maps:
-            i, j = np.unravel_index(int(np.nanargmax(one.pressures)), one.pressures.shape)
-            pressed = one.largest > 0.0
-            places = [1e3 * one.centre[0], 1e3 * one.centre[1]], [1e3 * float(p.x[i]), 1e3 * float(p.y[j])]
+        for shown in self.maps:
+            i, j = np.unravel_index(int(np.nanargmax(shown.pressures)), shown.pressures.shape)
+            pressed = shown.largest > 0.0
+            places = [1e3 * shown.centre[0], 1e3 * shown.centre[1]], [1e3 * float(p.x[i]), 1e3 * float(p.y[j])]
             centre, at = ([f"{round(v, 1) + 0.0:.1f}" if pressed else "-" for v in place] for place in places)
-            rows.append((f"{one.time:.5f}", f"{100 * one.fraction:.0f} %", *centre, f"{one.force:.1f}",
-                         f"{1e-6 * one.largest:.3f}", *at, one.why))  # fmt: skip
+            rows.append((f"{shown.time:.5f}", f"{100 * shown.fraction:.0f} %", *centre, f"{shown.force:.1f}",
+                         f"{1e-6 * shown.largest:.3f}", *at, shown.why))  # fmt: skip
         return "\n".join([*lines, *columns(rows, ">>>>>>>><")])
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values in SI; pressures by lines across, from the rear."""
-        maps = [{**one._asdict(), "pressures": one.pressures.tolist(), "largest": one.largest} for one in self.maps]
+        maps = [
+            {**shown._asdict(), "pressures": shown.pressures.tolist(), "largest": shown.largest} for shown in self.maps
+        ]
         p = self.points
         size = {"length": p.length, "width": p.width, "x": p.x.tolist(), "y": p.y.tolist()}
         return {"scene": self.scene, **size, "spacing": self.spacing, "maps": maps}
@@ -100,18 +102,18 @@ def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
     if points is None or run.signals.keys().isdisjoint(points.names):
         raise UsageError(f"{scene_name(run)}: this recording has no film whose points open; rig pressure reads runs of "
                          f"the plant plate with a slider and film.opens = true, as of the scene plate")  # fmt: skip
-    found = _asked(run, at) if at else characteristic(run)
-    rows = [instant.sample for instant in found]
+    instants = _asked(run, at) if at else characteristic(run)
+    rows = [instant.sample for instant in instants]
     names = (*points.names, "contact_fraction", "pressure_centre_x", "pressure_centre_y", "normal_force")
     picked = {name: run.output(name)[rows] for name in names}
     pressures = points.maps(picked)
-    lost = [float(run.time[row]) for row, one in zip(rows, pressures) if np.isnan(one).any()]
+    lost = [float(run.time[row]) for row, pressed in zip(rows, pressures) if np.isnan(pressed).any()]
     if lost:
         raise UsageError(f"the recording has lost the pressures at {', '.join(f'{t:g} s' for t in lost)}; name others")
     fraction, x, y, force = (picked[name].tolist() for name in names[-4:])
     maps = tuple(
         Map(float(run.time[instant.sample]), instant.why, fraction[k], (x[k], y[k]), force[k], pressures[k])
-        for k, instant in enumerate(found)
+        for k, instant in enumerate(instants)
     )
     gaps = np.diff(run.time)
     return Pressure(scene_name(run), points, maps, float(np.median(gaps)) if gaps.size else 0.0)

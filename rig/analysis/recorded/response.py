@@ -94,10 +94,10 @@ def averaged(x: Reals, y: Reals, rate: float, count: int, begins: Integers) -> A
     for part in (used[a : a + rows] for a in range(0, used.size, rows)):
         index = part[:, None] + np.arange(count)
         taken = [v[index] - v[index].mean(axis=1, keepdims=True) for v in (x, y)]
-        one, other = (np.fft.rfft(v * weights, axis=1) for v in taken)
-        sxx += (np.abs(one) ** 2).sum(axis=0)
+        inputs, other = (np.fft.rfft(v * weights, axis=1) for v in taken)
+        sxx += (np.abs(inputs) ** 2).sum(axis=0)
         syy += (np.abs(other) ** 2).sum(axis=0)
-        sxy += (one.conj() * other).sum(axis=0)
+        sxy += (inputs.conj() * other).sum(axis=0)
         late += float(taken[1][:, -max(count // 10, 1) :].var(axis=1).sum())
         whole += float((taken[1] ** 2).mean(axis=1).sum())
     scale = 2.0 / (rate * float(weights @ weights) * max(used.size, 1))
@@ -141,13 +141,13 @@ def pulses(x: Reals) -> Pulses | None:
     return Pulses(np.maximum(begins, 0), np.minimum(ends, x.size))
 
 
-def force_window(x: Reals, found: Pulses, count: int) -> Reals:
+def force_window(x: Reals, blows: Pulses, count: int) -> Reals:
     """Return `x` without its baseline in the pulses and zero between them, in the windows of `count` samples.
 
     The baseline is the line through the samples of the window that follow the pulse.
     """
     made = np.zeros(x.size)
-    for begin, end in zip(found.begins.tolist(), found.ends.tolist()):
+    for begin, end in zip(blows.begins.tolist(), blows.ends.tolist()):
         at = np.arange(end, min(begin + count, x.size))
         at = at[np.isfinite(x[at])]
         line = np.polyfit(at - begin, x[at], 1) if at.size > 1 else np.zeros(2)
@@ -198,7 +198,7 @@ def resonances(f: Reals, h: Complex, coherence: Reals, error: Reals) -> tuple[Re
     level = 20.0 * np.log10(np.maximum(size[lines], 1e-15 * size.max()))
     tops, _ = find_peaks(level, prominence=_STANDS_OUT)
     sure = [int(top) for top in lines[tops] if not _random(error, int(top)) > _SURE]
-    found: list[Resonance] = []
+    made: list[Resonance] = []
     for top in sorted(sure, key=lambda top: -size[top])[:_TRIED]:
         low, high = _about(size, known, top)
         pole = _fitted(f[low:high], h[low:high]) if high - low > 2 * _LINES_BESIDE else None
@@ -207,8 +207,8 @@ def resonances(f: Reals, h: Complex, coherence: Reals, error: Reals) -> tuple[Re
         bandwidth = -pole.real / math.pi
         if bandwidth >= _NARROWEST * (f[1] - f[0]):
             at_top = (float(v[top]) for v in (f, size, coherence, error))
-            found.append(Resonance(hertz, -pole.real / abs(pole), bandwidth, *at_top))
-    return tuple(sorted(found[:_MOST]))
+            made.append(Resonance(hertz, -pole.real / abs(pole), bandwidth, *at_top))
+    return tuple(sorted(made[:_MOST]))
 
 
 def _random(error: Reals, top: int) -> float:
@@ -395,7 +395,7 @@ class Response(Result):
             "coherence_of_unrelated": self.certain,
             "samples_bridged": self.bridged,
             "gaps": list(self.gaps),
-            "resonances": [one._asdict() for one in self.resonances],
+            "resonances": [resonance._asdict() for resonance in self.resonances],
         }
 
     def csv(self) -> str:
@@ -419,17 +419,19 @@ def response(
     too short, too long, or has a gap everywhere.
     """
     faults = Faults()
-    found = [*channels(run, {"input": source, "output": answer}, first, last, faults).values()]
+    known = [*channels(run, {"input": source, "output": answer}, first, last, faults).values()]
     faults.raise_found()
     if same(run, source, answer):
-        raise UsageError(f"input and output are both {found[0].name}: its response to itself is 1; name two channels")
-    gaps = tuple(filter(None, (one.notes() for one in found)))
-    whole = [bridge(one.v) for one in found]
-    (x, y), highest = aligned([Series(one.name, one.unit, one.rate, one.start, v) for one, (v, _) in zip(found, whole)])
+        raise UsageError(f"input and output are both {known[0].name}: its response to itself is 1; name two channels")
+    gaps = tuple(filter(None, (channel.notes() for channel in known)))
+    whole = [bridge(channel.v) for channel in known]
+    (x, y), highest = aligned(
+        [Series(channel.name, channel.unit, channel.rate, channel.start, v) for channel, (v, _) in zip(known, whole)]
+    )
     faults.found += [
-        f"{what}: {one.name} {why}; {remedy}"
-        for what, one, remedy in (("input", x, _EXCITE), ("output", y, "choose another channel or range of time"))
-        if (why := _still(one))
+        f"{what}: {channel.name} {why}; {remedy}"
+        for what, channel, remedy in (("input", x, _EXCITE), ("output", y, "choose another channel or range of time"))
+        if (why := _still(channel))
     ]
     faults.raise_found()
     blows = pulses(x.v)
@@ -460,12 +462,12 @@ _EXCITE = (
 )
 
 
-def _still(one: Series) -> str:
+def _still(channel: Series) -> str:
     """Why a channel has no spectrum; "" if it has one."""
-    v = one.v[np.isfinite(one.v)]
+    v = channel.v[np.isfinite(channel.v)]
     if not v.size:
         return "has no sample in the time span that input and output share"
-    return f"is constant ({v.mean():.6g} {one.unit})" if np.ptp(v) <= _ROUNDING * np.abs(v).max() else ""
+    return f"is constant ({v.mean():.6g} {channel.unit})" if np.ptp(v) <= _ROUNDING * np.abs(v).max() else ""
 
 
 def _count(x: Series, begins: Integers, window: float | None, span: str) -> int:

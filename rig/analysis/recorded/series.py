@@ -112,8 +112,8 @@ def drive(run: Run) -> str:
 
     Raises UsageError for a recording without one, or without its scene, and Untrusted as `drives` does.
     """
-    if found := drives(run):
-        return TRUE + found[0]
+    if names := drives(run):
+        return TRUE + names[0]
     lost = "" if run.scene else " (the recording has lost its scene)"
     raise UsageError(f"no output is known to be the speed of a drive{lost}; name one: {_listed(run)}")
 
@@ -166,11 +166,11 @@ def channels(
     return known
 
 
-def same(run: Run, one: str, other: str) -> bool:
+def same(run: Run, name: str, other: str) -> bool:
     """Return whether two names of `run` are one channel: a sensor may share its name with an output. Raises UsageError
     for an unknown name.
     """
-    return one == other or _samples(run, one)[1].v is _samples(run, other)[1].v
+    return name == other or _samples(run, name)[1].v is _samples(run, other)[1].v
 
 
 def _samples(run: Run, name: str) -> tuple[str, Samples, str]:
@@ -217,15 +217,15 @@ def squared(unit: str) -> str:
 
 def scene_name(run: Run) -> str:
     """Return name or title of the scene; "recording" if damage removed the scene."""
-    found = described(run.scene)
-    return str(found.get("name") or found.get("title") or found.get("plant") or "recording")
+    told = described(run.scene)
+    return str(told.get("name") or told.get("title") or told.get("plant") or "recording")
 
 
 def _reads(run: Run) -> dict[str, str]:
     """The quantity that each sensor of the scene reads; empty if the recording has lost its scene."""
     sections = described(run.scene).get("sensors")
-    found = sections.items() if isinstance(sections, dict) else ()
-    return {name: str(section.get("reads", "")) for name, section in found if isinstance(section, dict)}
+    tables = sections.items() if isinstance(sections, dict) else ()
+    return {name: str(section.get("reads", "")) for name, section in tables if isinstance(section, dict)}
 
 
 _PASS, _STOP, _RIPPLE = 0.4, 0.6, 80.0  # shares of the rate of the grid; decibels
@@ -239,60 +239,62 @@ def aligned(channels: Sequence[Series]) -> tuple[list[Series], float]:
     A sample that depends on a missing one is missing (NaN). Raises UsageError if the channels share less than two
     instants.
     """
-    grid = min(channels, key=lambda one: one.rate)
-    spans = [_span(one, grid) for one in channels]
+    grid = min(channels, key=lambda channel: channel.rate)
+    spans = [_span(channel, grid) for channel in channels]
     begin, end = max(low for low, _ in spans), min(high for _, high in spans)
     if end - begin < 2:
-        names = ", ".join(one.name for one in channels)
+        names = ", ".join(channel.name for channel in channels)
         raise UsageError(f"{names}: the time that they share is too short; take a longer range of time")
-    whole = all(_in_step(one, grid) for one in channels)
-    found = [_on(one, grid, begin, end) for one in channels]
-    return found, (0.5 if whole else _PASS) * grid.rate
+    whole = all(_in_step(channel, grid) for channel in channels)
+    evened = [_on(channel, grid, begin, end) for channel in channels]
+    return evened, (0.5 if whole else _PASS) * grid.rate
 
 
-def _in_step(one: Series, grid: Series) -> bool:
+def _in_step(channel: Series, grid: Series) -> bool:
     """Whether a channel is sampled at the instants of `grid`."""
-    drift = abs(one.rate / grid.rate - 1.0) * max(one.v.size, grid.v.size)
-    offset = (one.start - grid.start) * grid.rate
+    drift = abs(channel.rate / grid.rate - 1.0) * max(channel.v.size, grid.v.size)
+    offset = (channel.start - grid.start) * grid.rate
     return drift < _SAME and abs(offset - round(offset)) < _SAME
 
 
-def _span(one: Series, grid: Series) -> tuple[int, int]:
+def _span(channel: Series, grid: Series) -> tuple[int, int]:
     """The instants of `grid` at which a channel can be evaluated: the first, and the one after the last."""
-    first = (one.start - grid.start) * grid.rate
-    if _in_step(one, grid):
-        return round(first), round(first) + one.v.size
-    reach = _reach(one, grid)
-    last = first + (one.v.size - 1 - reach) * grid.rate / one.rate
-    return math.ceil(first + reach * grid.rate / one.rate), math.floor(last) + 1
+    first = (channel.start - grid.start) * grid.rate
+    if _in_step(channel, grid):
+        return round(first), round(first) + channel.v.size
+    reach = _reach(channel, grid)
+    last = first + (channel.v.size - 1 - reach) * grid.rate / channel.rate
+    return math.ceil(first + reach * grid.rate / channel.rate), math.floor(last) + 1
 
 
-def _on(one: Series, grid: Series, begin: int, end: int) -> Series:
+def _on(channel: Series, grid: Series, begin: int, end: int) -> Series:
     """A channel at the instants `begin` to `end` of `grid`."""
     start = grid.start + begin / grid.rate
-    if _in_step(one, grid):
-        first = begin - round((one.start - grid.start) * grid.rate)
-        return replace(one, start=start, v=one.v[first : first + end - begin])
-    return replace(one, rate=grid.rate, start=start, v=_filtered(one, grid, start + np.arange(end - begin) / grid.rate))
+    if _in_step(channel, grid):
+        first = begin - round((channel.start - grid.start) * grid.rate)
+        return replace(channel, start=start, v=channel.v[first : first + end - begin])
+    return replace(
+        channel, rate=grid.rate, start=start, v=_filtered(channel, grid, start + np.arange(end - begin) / grid.rate)
+    )
 
 
-def _reach(one: Series, grid: Series) -> int:
+def _reach(channel: Series, grid: Series) -> int:
     """Half the length of the filter [samples of the channel]."""
     from scipy.signal import kaiserord
 
-    taps, _ = kaiserord(_RIPPLE, (_STOP - _PASS) * grid.rate / (0.5 * one.rate))
+    taps, _ = kaiserord(_RIPPLE, (_STOP - _PASS) * grid.rate / (0.5 * channel.rate))
     return int(taps) // 2 + 1
 
 
-def _filtered(one: Series, grid: Series, at: Reals) -> Reals:
+def _filtered(channel: Series, grid: Series, at: Reals) -> Reals:
     """The channel behind the low-pass filter at the times `at` [s]."""
     from scipy.signal import kaiser_beta
     from scipy.special import i0
 
-    reach, beta = _reach(one, grid), kaiser_beta(_RIPPLE)
-    cut = 0.5 * (_PASS + _STOP) * grid.rate / one.rate  # cycles per sample
+    reach, beta = _reach(channel, grid), kaiser_beta(_RIPPLE)
+    cut = 0.5 * (_PASS + _STOP) * grid.rate / channel.rate  # cycles per sample
     offsets = np.arange(-reach, reach + 1)
-    place = (at - one.start) * one.rate
+    place = (at - channel.start) * channel.rate
     middle = np.rint(place).astype(np.int64)
     made = np.empty(at.size)
     rows = max(_CHUNK // offsets.size, 1)
@@ -301,5 +303,5 @@ def _filtered(one: Series, grid: Series, at: Reals) -> Reals:
         index = middle[part, None] + offsets
         away = index - place[part, None]
         weights = np.sinc(2.0 * cut * away) * i0(beta * np.sqrt(np.maximum(1.0 - (away / (reach + 0.5)) ** 2, 0.0)))
-        made[part] = (one.v[index] * weights).sum(axis=1) / weights.sum(axis=1)
+        made[part] = (channel.v[index] * weights).sum(axis=1) / weights.sum(axis=1)
     return made

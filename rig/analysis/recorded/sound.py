@@ -195,9 +195,9 @@ def hear(run: Run, channel: str = "") -> Sound:
 
 
 def _microphone(run: Run) -> str:
-    found = [name for name in run.measurements if run.units.get(f"meas/{name}") == "Pa"]
-    if found:
-        return found[0]
+    microphones = [name for name in run.measurements if run.units.get(f"meas/{name}") == "Pa"]
+    if microphones:
+        return microphones[0]
     others = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
     sensors = ", ".join(f"{name} [{unit}]" for name, unit in others.items()) or "none"
     near = next((name for name, unit in others.items() if unit in REFERENCE), "")
