@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from rig.errors import UsageError
-
-if TYPE_CHECKING:
-    from rig.scenes.scene import Scene
+from rig.scenes.scene import Scene
 
 
 def refuse(scene: Scene, study: str) -> None:

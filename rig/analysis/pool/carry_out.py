@@ -182,14 +182,8 @@ class Here:
         """Compute units and save them, batch by batch; on an interruption also what is finished."""
         schedule = Schedule(units, 1, SPAN)
         while batch := schedule.batch():
-            begin, rows = time.perf_counter(), dict[int, Arrays]()
-            try:
-                for unit in batch:
-                    rows[unit] = self._work.compute(unit, *units[unit])
-                    progress(len(units) - schedule.left + len(rows))
-            finally:
-                if rows:
-                    self._store.save(rows)
+            begin, given = time.perf_counter(), [(unit, *units[unit]) for unit in batch]
+            self._store.compute(self._work, given, {}, lambda done: progress(len(units) - schedule.left + done))
             schedule.done(batch, time.perf_counter() - begin)
 
 

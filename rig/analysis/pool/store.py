@@ -17,7 +17,7 @@ import hashlib
 import io
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -134,6 +134,21 @@ class Store:
                     f"{self.folder}: holds the results of another work ({digest}, not {work.digest}); "
                     "name another folder with --out, or move this one away"
                 )
+
+    def compute(
+        self, work: Work, batch: Iterable[Sequence[float]], rows: dict[int, Arrays], progress: Callable[[int], object]
+    ) -> None:
+        """Compute a batch of [unit, value, ...] into `rows` and save it; after an interruption, what is finished of it.
+
+        `progress` gets the number of finished units.
+        """
+        try:
+            for unit, *given in batch:
+                rows[int(unit)] = work.compute(int(unit), *given)
+                progress(len(rows))
+        finally:
+            if rows:
+                self.save(rows)
 
     def save(self, rows: dict[int, Arrays], processor: str = "") -> None:
         """Save the results of a batch, computed on a type of `processor`, by default this one. Raises OutputError."""

@@ -70,20 +70,17 @@ def _batch(work: Work, store: Store, batch: list[list[float]]) -> None:
         finally:
             leave(fault)
 
+    def progress(done: int) -> None:
+        nonlocal told
+        if time.monotonic() - told >= _TELL:
+            told = time.monotonic()
+            tell("at", done)
+
     sys.unraisablehook = interrupted_in_a_callback
     try:
-        for unit, *given in batch:
-            rows[int(unit)] = work.compute(int(unit), *given)
-            if time.monotonic() - told >= _TELL:
-                told = time.monotonic()
-                tell("at", len(rows))
-    except BaseException:
-        if rows:
-            store.save(rows)
-        raise
+        store.compute(work, batch, rows, progress)
     finally:
         sys.unraisablehook = leave
-    store.save(rows)
 
 
 if __name__ == "__main__":

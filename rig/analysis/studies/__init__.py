@@ -88,7 +88,10 @@ def study(
     apart = not work.unportable and any(measure.function for measure in work.measures)  # a function can end its process
     with store.open(points):
         rows = carry_out(points, store, workers, progress, apart, cluster)
-    result = gathered(work, rows, _provenance(work, store), store.folder)
+    about = provenance(work.plan.seed)
+    if store.processors - {this_processor()}:  # those that computed it, if they are others than this one
+        about["processors"] = "; ".join(sorted(store.processors))
+    result = gathered(work, rows, about, store.folder)
     if keep is None:
         return result
     number, holds = condition(keep, work.measures)
@@ -96,9 +99,3 @@ def study(
     return replace(
         result, recordings=keep_recordings(work, chosen, store.folder / "runs", None if cluster else workers)
     )
-
-
-def _provenance(work: StudyRuns, store: Store) -> dict[str, str]:
-    """The provenance of a result; the processors that computed it, if they are of several types or others than this."""
-    others = store.processors - {this_processor()}
-    return provenance(work.plan.seed) | ({"processors": "; ".join(sorted(store.processors))} if others else {})

@@ -97,12 +97,11 @@ class Plan:
         from scipy.stats import qmc
 
         count, chance = len(self.drawn), np.random.default_rng(self.seed)
-        if self.sampling not in SAMPLINGS[1:]:
+        spread = {"latin": qmc.LatinHypercube, "sobol": qmc.Sobol}.get(self.sampling)
+        if spread is not None:
+            return np.asarray(spread(count, rng=chance).random(self.samples))
+        if self.sampling != "saltelli":
             return chance.random((self.samples, count))
-        if self.sampling == "latin":
-            return np.asarray(qmc.LatinHypercube(count, rng=chance).random(self.samples))
-        if self.sampling == "sobol":
-            return np.asarray(qmc.Sobol(count, rng=chance).random(self.samples))
         both = qmc.Sobol(2 * count, bits=64, rng=chance).random(self.samples)
         a, b = both[:, :count], both[:, count:]
         mixed = [np.where(np.arange(count) == column, b, a) for column in range(count)]
