@@ -14,7 +14,7 @@ from rig.bench.live.plant import Plant
 from rig.bench.run.simulate import simulate
 from rig.bus import messages
 from rig.bus.run_setup import fetch
-from rig.controllers.normal_force import NormalForceFeedback
+from rig.controllers.blocks import feedback
 from rig.controllers.runtime.process import Worker
 from rig.errors import BusError, SceneError
 from rig.scenes.scene import Scene
@@ -193,16 +193,16 @@ def test_the_protocol_sets_and_disconnects_it_at_the_same_ticks_as_in_one_proces
 @pytest.mark.parametrize("pace", [None, 2.0], ids=["lockstep", "paced"])
 @pytest.mark.parametrize("how", ["raises", "answers nonsense"])
 def test_one_that_fails_leaves_and_safe_values_step_in(monkeypatch, pace, how):
-    sound = NormalForceFeedback.update
+    sound = feedback.on_measured
 
-    def update(controller, state, t_ns, values):
+    def update(constants, state, t_ns, values):
         if t_ns < 300_000_000:
-            return sound(controller, state, t_ns, values)
+            return sound(constants, state, t_ns, values)
         if how == "raises":
             raise ZeroDivisionError("there is no such force")
         return state, (1.0, 2.0)
 
-    monkeypatch.setattr(NormalForceFeedback, "update", update)
+    monkeypatch.setattr(feedback, "on_measured", update)
     ran = Ran(scenes.load("belt_normal_force", IN_PLANT), pace=pace, duration=0.6)
     why = (
         "controller nf failed at t = 0.3 s: ZeroDivisionError: there is no such force"
@@ -223,10 +223,10 @@ def test_one_that_fails_leaves_and_safe_values_step_in(monkeypatch, pace, how):
 
 
 def test_one_that_has_left_is_tuned_no_more(monkeypatch):
-    def update(controller, state, t_ns, values):
+    def update(constants, state, t_ns, values):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(NormalForceFeedback, "update", update)
+    monkeypatch.setattr(feedback, "on_measured", update)
     raw = json.loads(scenes.load("belt_normal_force", IN_PLANT).to_json())
     louder = {"step": "set", "target": "controllers.nf.gain", "to": 500.0}
     raw["protocol"] = [{"step": "hold", "time": 0.1}, louder, {"step": "hold", "time": 0.1}]
@@ -297,14 +297,14 @@ def test_numerics_that_stop_within_a_piece_lose_no_frame_before():
 
 
 def test_one_that_fails_within_a_piece_ends_at_its_tick(monkeypatch):
-    sound = NormalForceFeedback.update
+    sound = feedback.on_measured
 
-    def update(controller, state, t_ns, values):
+    def update(constants, state, t_ns, values):
         if t_ns >= 123_400_000:
             raise ZeroDivisionError("there is no such force")
-        return sound(controller, state, t_ns, values)
+        return sound(constants, state, t_ns, values)
 
-    monkeypatch.setattr(NormalForceFeedback, "update", update)
+    monkeypatch.setattr(feedback, "on_measured", update)
     ran = Ran(fine(), pace=1.0, duration=0.2)
     (fault,) = [event for event in ran.heard["event/nf"] if event.kind == "fault"]
     assert (fault.tick, fault.text) == (

@@ -14,7 +14,7 @@ from rig.analysis import kernel_shapes
 from rig.bench.run.experiment import Experiment
 from rig.bench.run.runner import PlantRunner
 from rig.compiled import kernel
-from rig.controllers.narrow_band import NarrowBandFeedback
+from rig.controllers import narrow_band
 from rig.errors import SceneError, WorkerError
 from rig.machine.scheduling import PLANT, Ahead
 from rig.motion.motion import Motion
@@ -110,8 +110,8 @@ def test_short_frames_are_judged_by_the_pieces_that_they_are_carried_in():
 
 
 def test_a_controller_in_the_plants_process_is_part_of_its_frames(monkeypatch):
-    update = NarrowBandFeedback.update
-    monkeypatch.setattr(NarrowBandFeedback, "update", lambda *given: time.sleep(0.0005) or update(*given))
+    law = narrow_band.law
+    monkeypatch.setattr(narrow_band, "law", lambda *given: time.sleep(0.0005) or law(*given))
     short = STEPS.validate_python([{"step": "hold", "time": "20 ms"}])
     there, here = (
         np.median(costs(replace(rig.load("brake_active", {"controllers.nb.where": where}), protocol=short), least=100))
