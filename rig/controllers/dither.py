@@ -22,17 +22,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
-from rig.controllers.blocks.base import (
-    ControllerSection,
-    Fraction,
-    Margin,
-    Numbers,
-    OptionalHertz,
-    OptionalSpeed,
-    SceneController,
-    Update,
-    Values,
-)
+from rig.controllers.blocks import base
 from rig.controllers.blocks.design import Rig
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second, Speed
@@ -44,21 +34,21 @@ SPEED_BAND = 0.1  # bandwidth of the filter of a measured belt speed, which cont
 _STATED = ("highest", "lowest", "margin", "step", "back_off", "quiet", "alarm")
 
 
-class Dither(ControllerSection):
+class Dither(base.ControllerSection):
     """Parameters; amplitudes and the belt `speed` are velocities at the contact [m/s] for every kind of generator."""
 
-    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"speed_sensor"}
+    fixed: ClassVar[frozenset[str]] = base.ControllerSection.fixed | {"speed_sensor"}
 
     kind: Literal["dither"]
     sensor: str
     speed_sensor: str | None = None
-    speed: OptionalSpeed = None
-    frequency: OptionalHertz = None
+    speed: base.OptionalSpeed = None
+    frequency: base.OptionalHertz = None
     highest: PositiveMetrePerSecond = 0.2
     lowest: Speed = 0.0
-    margin: Margin = 1.2
-    step: Fraction = 0.1
-    back_off: Fraction = 0.1
+    margin: base.Margin = 1.2
+    step: base.Fraction = 0.1
+    back_off: base.Fraction = 0.1
     quiet: PositiveMetrePerSecond = 0.004
     alarm: PositiveMetrePerSecond = 0.015
     band: Hertz = 20.0
@@ -111,7 +101,7 @@ class Rules(NamedTuple):
     full_ns: int
 
 
-def law(p: Rules, state: Search, t_ns: int, values: Values) -> tuple[Search, Values]:
+def law(p: Rules, state: Search, t_ns: int, values: base.Values) -> tuple[Search, base.Values]:
     """State of the search after a sample, and the command of the generator."""
     amplitude, margin, since, top, bottom, last, smooth, slow, speed = state
     smooth += p.smoothing * (p.read_scale * values[0] - smooth)
@@ -158,14 +148,14 @@ def _least(p: Rules, margin: float, speed: float) -> float:
     return min(max(p.lowest, max(p.margin, margin) * speed), p.highest)
 
 
-class DitherSearch(SceneController[Dither]):
+class DitherSearch(base.SceneController[Dither]):
     """The controller; it commands amplitude, frequency and enable of the generator."""
 
     drives = ("dither.amplitude", "dither.frequency", "dither.enable")
 
-    update: Update
+    update: base.Update
 
-    def __init__(self, section: Dither, numbers: Numbers) -> None:
+    def __init__(self, section: Dither, numbers: base.Numbers) -> None:
         super().__init__(section, numbers)
         self.reads += () if section.speed_sensor is None else (section.speed_sensor,)
         speed = section.speed if section.speed is not None else numbers.get("nominal")

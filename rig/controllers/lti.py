@@ -18,19 +18,9 @@ import numpy as np
 from annotated_types import Gt
 from pydantic import Strict, field_validator, model_validator
 
+from rig.controllers.blocks import system_file
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalHertz, Update, Values, dot, mapped
 from rig.controllers.blocks.design import Actuator, Linear, Rig
-from rig.controllers.blocks.system_file import (
-    DEFAULT,
-    METHODS,
-    READERS,
-    Discrete,
-    System,
-    discrete,
-    of_control,
-    read,
-    system,
-)
 from rig.errors import UsageError
 from rig.quantities import Number, finite, nanoseconds
 
@@ -58,7 +48,7 @@ class LTI(ControllerSection):
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {
         "file", "method", "prewarp", "reads", "drives", *MATRICES,
     }  # fmt: skip
-    files: ClassVar[tuple[str, ...]] = tuple(READERS)
+    files: ClassVar[tuple[str, ...]] = tuple(system_file.READERS)
 
     kind: Literal["lti"]
     file: str = ""
@@ -84,9 +74,9 @@ class LTI(ControllerSection):
             return raw
         if "D" in raw:
             matrices = {key: raw[key] for key in "ABCD" if key in raw}
-            given = system({**matrices, "dt": _period(raw) or _PERIOD}, "the matrices")
+            given = system_file.system({**matrices, "dt": _period(raw) or _PERIOD}, "the matrices")
         elif raw.get("file"):
-            given = read(Path(str(raw["file"])))
+            given = system_file.read(Path(str(raw["file"])))
         else:
             raise ValueError("file: is missing, and so are the matrices A, B, C, D; state one of them")
         return {**raw, **table(given, raw)}
@@ -138,7 +128,7 @@ def _period(raw: Mapping[str, Any]) -> float | None:
         return None
 
 
-def table(given: System, raw: Mapping[str, Any]) -> dict[str, Any]:
+def table(given: system_file.System, raw: Mapping[str, Any]) -> dict[str, Any]:
     """The keys of the table `raw` that follow from a linear system."""
     own: dict[str, Any] = {}
     if given.dt and "period" not in raw:
@@ -146,17 +136,17 @@ def table(given: System, raw: Mapping[str, Any]) -> dict[str, Any]:
         if abs(given.dt * 1e9 - round(given.dt * 1e9)) > 1e-3:
             raise ValueError(f"period: the system has dt = {given.dt!r} s, which is not a whole number of nanoseconds")
     if not given.dt and raw.get("method") is None:
-        own["method"] = DEFAULT
+        own["method"] = system_file.DEFAULT
     method, period = {**raw, **own}.get("method"), _period({**raw, **own})
     try:
         prewarp = None if raw.get("prewarp") is None else finite(raw["prewarp"], "Hz", Gt(0.0))
-        known = period is not None and (method is None or method in METHODS)
+        known = period is not None and (method is None or method in system_file.METHODS)
     except ValueError:
         known = False
     if known and period is not None:
-        made = discrete(given, period, method, prewarp)
+        made = system_file.discrete(given, period, method, prewarp)
     else:  # the declaration of the key at fault reports it
-        made = Discrete(*given[:4], np.zeros((len(given.A), len(given.D))))
+        made = system_file.Discrete(*given[:4], np.zeros((len(given.A), len(given.D))))
     own |= {name: [[float(x) for x in row] for row in matrix] for name, matrix in zip(MATRICES, made)}
     if raw.get("file"):
         own["file"] = Path(str(raw["file"])).name
@@ -171,7 +161,7 @@ def of_python_control(given: Any, **keys: Any) -> LTI:
 
     Raises ValueError for a system that cannot be a controller.
     """
-    return LTI.model_validate({"kind": "lti", **keys, **table(of_control(given), keys)})
+    return LTI.model_validate({"kind": "lti", **keys, **table(system_file.of_control(given), keys)})
 
 
 class Constants(NamedTuple):

@@ -14,21 +14,13 @@ import cmath
 import math
 from typing import Any, Literal, NamedTuple
 
-from rig.controllers.blocks.base import (
-    ControllerSection,
-    Fraction,
-    Numbers,
-    Samples,
-    SceneController,
-    Values,
-    require,
-)
+from rig.controllers.blocks import base
 from rig.controllers.blocks.design import Rig, sampling_numbers
 from rig.controllers.blocks.resonator import Resonator
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveNumber, PositiveSecond, Second
 
 
-class ShuntTuner(ControllerSection):
+class ShuntTuner(base.ControllerSection):
     """Parameters; `ratio`: L over the inductance that resonates at the tracked frequency."""
 
     kind: Literal["shunt_tuner"]
@@ -37,7 +29,7 @@ class ShuntTuner(ControllerSection):
     bandwidth: Hertz = 200.0
     threshold: PositiveMetrePerSecond = 0.002
     average: PositiveSecond = 0.02
-    step: Fraction = 0.002
+    step: base.Fraction = 0.002
     ratio: PositiveNumber = 1.0
     enable_at: Second = 0.0
     drive: str = "shunt.inductance"
@@ -51,13 +43,13 @@ class Track(NamedTuple):
     inductance: float = 0.0
 
 
-class FrequencyTuner(SceneController[ShuntTuner]):
+class FrequencyTuner(base.SceneController[ShuntTuner]):
     """The controller; it reads every sample of its sensor and commands the inductance."""
 
     every_sample = True
 
-    def __init__(self, section: ShuntTuner, numbers: Numbers) -> None:
-        require(numbers, ("sample_period", "capacitance", "delta"))
+    def __init__(self, section: ShuntTuner, numbers: base.Numbers) -> None:
+        base.require(numbers, ("sample_period", "capacitance", "delta"))
         super().__init__(section, numbers)
         self.band = Resonator(section.frequency, section.bandwidth, float(numbers["sample_period"]))
         self.keep = math.exp(-section.period * 1e-9 / section.average)
@@ -81,7 +73,7 @@ class FrequencyTuner(SceneController[ShuntTuner]):
         """The inductance [H] for a frequency [Hz]."""
         return float(self.scale / (2.0 * math.pi * frequency) ** 2)
 
-    def update(self, state: Track, t_ns: int, values: Samples) -> tuple[Track, Values]:
+    def update(self, state: Track, t_ns: int, values: base.Samples) -> tuple[Track, base.Values]:
         """The inductance [H] after the samples of one frame."""
         z, square, turned = self.band.run(state.z, values[0])
         inductance = state.inductance

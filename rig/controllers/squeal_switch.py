@@ -11,21 +11,14 @@ from __future__ import annotations
 
 from typing import Any, Literal, NamedTuple
 
-from rig.controllers.blocks.base import (
-    ControllerSection,
-    Numbers,
-    OptionalSecond,
-    Samples,
-    SceneController,
-    Values,
-)
+from rig.controllers.blocks import base
 from rig.controllers.blocks.design import Rig, sampling_numbers
 from rig.controllers.blocks.resonator import Resonator
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, Second
 
 
-class SquealSwitch(ControllerSection):
+class SquealSwitch(base.ControllerSection):
     """Parameters; `threshold`: amplitude of the pad's velocity [m/s]."""
 
     kind: Literal["squeal_switch"]
@@ -34,7 +27,7 @@ class SquealSwitch(ControllerSection):
     bandwidth: Hertz = 200.0
     threshold: PositiveMetrePerSecond = 0.005
     confirm: Second = 0.005
-    hold: OptionalSecond = None
+    hold: base.OptionalSecond = None
     rest: Second = 0.1
     drive: str = "shunt.connected"
 
@@ -48,12 +41,12 @@ class Watch(NamedTuple):
     connected: bool = False
 
 
-class SquealWatch(SceneController[SquealSwitch]):
+class SquealWatch(base.SceneController[SquealSwitch]):
     """The controller; it reads every sample of its sensor and commands the switch of the shunt."""
 
     every_sample = True
 
-    def __init__(self, section: SquealSwitch, numbers: Numbers) -> None:
+    def __init__(self, section: SquealSwitch, numbers: base.Numbers) -> None:
         if "sample_period" not in numbers:
             raise UsageError("sensor: the design step gives no sample period for it")
         super().__init__(section, numbers)
@@ -72,7 +65,7 @@ class SquealWatch(SceneController[SquealSwitch]):
         """The state before the first sample: open."""
         return Watch()
 
-    def update(self, state: Watch, t_ns: int, values: Samples) -> tuple[Watch, Values]:
+    def update(self, state: Watch, t_ns: int, values: base.Samples) -> tuple[Watch, base.Values]:
         """The command: 1 (connected) after squeal was detected, otherwise 0."""
         z, square, _ = self.band.run(state.z, values[0])
         loud = (t_ns if state.loud_ns < 0 else state.loud_ns) if square > self.square else -1

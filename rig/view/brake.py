@@ -20,25 +20,7 @@ from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import sliding_key, steady
-from rig.view import contact
-from rig.view.base import (
-    DISC,
-    MARK,
-    STEEL,
-    Columns,
-    Integers,
-    Log,
-    Picture,
-    Reals,
-    Scale,
-    Shape,
-    about,
-    along,
-    round_down,
-    spring,
-    word,
-    zigzag,
-)
+from rig.view import base, contact
 
 BODIES = ("disc", "inner_pad", "outer_pad", "calliper", "free_carrier", "supporting_carrier")
 _PLACES = {"disc": (0.0, 0.0), "inner_pad": (0.0, -0.225), "outer_pad": (0.0, 0.225), "calliper": (0.0, 0.0),
@@ -126,7 +108,7 @@ def disc_at_contacts(system: System, vector: NDArray[np.complex128]) -> tuple[co
     return complex(height), complex(-slope)
 
 
-class Brake(Picture):
+class Brake(base.Picture):
     """Disc, pads, calliper and carriers under the stroboscope."""
 
     eye = (0.4, -2.3, 0.9)
@@ -137,7 +119,7 @@ class Brake(Picture):
         sizes = [abs(amplitude) for x, z, phi in self.motion.shape.values() for amplitude in (x, z, 0.05 * phi)]
         largest = 10.0 * self.motion.opens * max(sizes)
         load = max((abs(float(normal.row @ system.start)) for normal in system.normals), default=1.0) or 1.0
-        super().__init__(Scale(round_down(_DRAWN / largest), load))
+        super().__init__(base.Scale(base.round_down(_DRAWN / largest), load))
         self._contacts = [normal.name for normal in system.normals]
 
     @classmethod
@@ -146,24 +128,26 @@ class Brake(Picture):
         known = {f"{body}.x" for body in BODIES} <= set(system.names)
         return cls(system, assembly.outputs["displacement"].row) if known else None
 
-    def static(self, log: Log) -> None:
+    def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
         for body, boxes in _BOXES.items():
             halves, centers = zip(*boxes)
-            colour = DISC if body == "disc" else STEEL
-            drawn = Shape("Boxes3D", half_sizes=halves, centers=centers, colors=[colour] * len(boxes))
+            colour = base.DISC if body == "disc" else base.STEEL
+            drawn = base.Shape("Boxes3D", half_sizes=halves, centers=centers, colors=[colour] * len(boxes))
             log(f"rig/{body}/body", drawn)
         lines = [np.array([(x, -0.375, -0.11), (x, -0.375, 0.11)]) for x in np.arange(-1.2, 1.2, _PITCH)]
-        log("rig/disc/marks", Shape("LineStrips3D", strips=lines, colors=[MARK], radii=[0.006]))
+        log("rig/disc/marks", base.Shape("LineStrips3D", strips=lines, colors=[base.MARK], radii=[0.006]))
         for name in self._contacts:
             pad, side = _where(name)
             up = -1.0 if pad == "outer_pad" else 1.0
-            lining = Shape(
+            lining = base.Shape(
                 "Boxes3D", half_sizes=[(0.22, 0.3, _THICK)], centers=[(1.3 * side * _LINING, 0.0, 0.075 * up)]
             )
             log(f"rig/{pad}/{name}", lining)
 
-    def frames(self, t_ns: Integers, signals: Mapping[str, Reals], modes: Integers, shown: Integers) -> list[Columns]:
+    def frames(
+        self, t_ns: base.Integers, signals: Mapping[str, base.Reals], modes: base.Integers, shown: base.Integers
+    ) -> list[base.Columns]:
         """See `Picture.frames`; the stroboscope replaces the rows `shown` by earlier ones."""
         z = signals["displacement"] - 1j * signals["velocity"] / self.motion.omega
         behind = np.angle(z * np.exp(-2j * math.pi * _SLOW * 1e-9 * t_ns))
@@ -171,7 +155,7 @@ class Brake(Picture):
         picked = [begin + int(np.abs(behind[begin : end + 1]).argmin()) for begin, end in zip(begins, shown)]
         return super().frames(t_ns, signals, modes, np.array(picked, np.int64))
 
-    def placed(self, s: Mapping[str, Reals]) -> dict[str, tuple[Reals, Reals, Reals]]:
+    def placed(self, s: Mapping[str, base.Reals]) -> dict[str, tuple[base.Reals, base.Reals, base.Reals]]:
         """Magnified x, z [lengths] and rotation [rad] of each body at the states `s`."""
         z = s["displacement"] - 1j * s["velocity"] / self.motion.omega
         lengths = 10.0 * self.scale.motion
@@ -184,29 +168,31 @@ class Brake(Picture):
             )
         return moved
 
-    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
+    def _frames(
+        self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
+    ) -> list[base.Columns]:
         placed, count = self.placed(s), len(t_ns)
         columns = [
-            Columns(
+            base.Columns(
                 f"rig/{body}",
                 t_ns,
-                Shape(
+                base.Shape(
                     "Transform3D",
                     translation=np.stack((_PLACES[body][0] + x, np.zeros(count), _PLACES[body][1] + z), axis=1),
-                    quaternion=about(1, phi),
+                    quaternion=base.about(1, phi),
                 ),
             )
             for body, (x, z, phi) in placed.items()
         ]
-        marks = along(0, np.mod(10.0 * ran, _PITCH))
-        columns.append(Columns("rig/disc/marks", t_ns, Shape("Transform3D", translation=marks)))
+        marks = base.along(0, np.mod(10.0 * ran, _PITCH))
+        columns.append(base.Columns("rig/disc/marks", t_ns, base.Shape("Transform3D", translation=marks)))
         for name in self._contacts:
             pad, _ = _where(name)
             open_ = s[f"normal_force_{name}"] <= 0.0
             colours = [contact.rgb(contact.COLOURS[-1 if lifted else mode]) for lifted, mode in zip(open_, modes)]
-            columns.append(Columns(f"rig/{pad}/{name}", t_ns, Shape("Boxes3D", colors=colours)))
-        springs = [zigzag(_point(placed, a, count), _point(placed, b, count), flat=False) for a, b in _SPRINGS]
-        columns.append(spring(t_ns, *springs, radius=0.006))
+            columns.append(base.Columns(f"rig/{pad}/{name}", t_ns, base.Shape("Boxes3D", colors=colours)))
+        springs = [base.zigzag(_point(placed, a, count), _point(placed, b, count), flat=False) for a, b in _SPRINGS]
+        columns.append(base.spring(t_ns, *springs, radius=0.006))
         columns += self._forces(t_ns, s, placed, count)
         magnified = (
             f"motion x {self.scale.motion:g}, {self.motion.omega / (2.0 * math.pi):.0f} Hz shown at {_SLOW:g} Hz"
@@ -215,32 +201,40 @@ class Brake(Picture):
         texts = [
             f"{contact.NAMES[mode]}   pad {micrometres:.2f} um   {magnified}" for mode, micrometres in zip(modes, size)
         ]
-        return [*columns, word(t_ns, (0.0, 0.0, 0.95), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
+        return [*columns, base.word(t_ns, (0.0, 0.0, 0.95), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
 
     def _forces(
-        self, t_ns: Integers, s: Mapping[str, Reals], placed: Mapping[str, tuple[Reals, Reals, Reals]], count: int
-    ) -> list[Columns]:
+        self,
+        t_ns: base.Integers,
+        s: Mapping[str, base.Reals],
+        placed: Mapping[str, tuple[base.Reals, base.Reals, base.Reals]],
+        count: int,
+    ) -> list[base.Columns]:
         """Arrows of the normal forces at the contacts, and of the friction on the inner pad."""
         arrows = []
         for name in self._contacts:
             pad, side = _where(name)
             up = 1.0 if pad == "outer_pad" else -1.0
             end = _point(placed, (pad, (side * _LINING, -0.11 * up)), count)
-            force = along(2, up * 0.25 * np.maximum(s[f"normal_force_{name}"], 0.0) / self.scale.force)
+            force = base.along(2, up * 0.25 * np.maximum(s[f"normal_force_{name}"], 0.0) / self.scale.force)
             arrows.append(
-                Columns(
+                base.Columns(
                     f"rig/load/{name}",
                     t_ns,
-                    Shape("Arrows3D", vectors=force, origins=end, colors=[self.normal] * count, radii=[0.012] * count),
+                    base.Shape(
+                        "Arrows3D", vectors=force, origins=end, colors=[self.normal] * count, radii=[0.012] * count
+                    ),
                 )
             )
         end = _point(placed, ("inner_pad", (0.0, 0.04)), count)
-        drags = along(0, 0.25 * s["friction_force"] / self.scale.force)
+        drags = base.along(0, 0.25 * s["friction_force"] / self.scale.force)
         arrows.append(
-            Columns(
+            base.Columns(
                 "rig/friction",
                 t_ns,
-                Shape("Arrows3D", vectors=drags, origins=end, colors=[self.friction] * count, radii=[0.012] * count),
+                base.Shape(
+                    "Arrows3D", vectors=drags, origins=end, colors=[self.friction] * count, radii=[0.012] * count
+                ),
             )
         )
         return arrows
@@ -252,8 +246,10 @@ def _where(name: str) -> tuple[str, float]:
 
 
 def _point(
-    placed: Mapping[str, tuple[Reals, Reals, Reals]], end: tuple[str | None, tuple[float, float]], count: int
-) -> Reals:
+    placed: Mapping[str, tuple[base.Reals, base.Reals, base.Reals]],
+    end: tuple[str | None, tuple[float, float]],
+    count: int,
+) -> base.Reals:
     """Position of a point of a body [frame, xyz]."""
     body, (a, b) = end
     if body is None:

@@ -11,24 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rig.view.base import (
-    DISC,
-    LYING,
-    MARK,
-    STEEL,
-    Columns,
-    Integers,
-    Log,
-    Picture,
-    Reals,
-    Shape,
-    about,
-    along,
-    coloured,
-    spring,
-    word,
-    zigzag,
-)
+from rig.view import base
 
 _RADIUS, _PIN, _ARM, _TAIL, _LEG = 0.8, 1.0, 1.5, 1.0, 0.6  # lengths of the scene
 _FRONT, _BACK = -0.25, -1.45  # y of the cylinder's two ends
@@ -37,26 +20,26 @@ _PIVOT = (-_LEG, _BACK + _LEG, _RADIUS)
 """Pivot of the lever, placed so that its legs end beside the tail and behind the pin's fixture."""
 
 
-class Lever(Picture):
+class Lever(base.Picture):
     """The disc, the cylinder with arm, pin and tail, and the lever with its springs."""
 
     surface = "disc_speed"
     eye = (1.5, -3.7, 2.6)
     target = (0.0, -0.4, 0.95)
 
-    def static(self, log: Log) -> None:
+    def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
 
         def box(path: str, half: tuple[float, float, float], center: tuple[float, float, float]) -> None:
-            log(f"rig/{path}", Shape("Boxes3D", half_sizes=[half], centers=[center], colors=[STEEL]))
+            log(f"rig/{path}", base.Shape("Boxes3D", half_sizes=[half], centers=[center], colors=[base.STEEL]))
 
         def round_(path: str, length: float, radius: float, y: float, colour: tuple[int, int, int]) -> None:
-            turned = Shape(
+            turned = base.Shape(
                 "Cylinders3D",
                 lengths=[length],
                 radii=[radius],
                 centers=[(0.0, y, 0.0)],
-                quaternions=[LYING],
+                quaternions=[base.LYING],
                 colors=[colour],
             )
             log(f"rig/{path}", turned)
@@ -66,36 +49,40 @@ class Lever(Picture):
         spokes = [
             np.stack((inner * ray, 1.04 * ray)) - (0.0, 0.005, 0.0) for inner, ray in zip((0.35, 0.95, 0.95) * 8, rays)
         ]
-        round_("disc", 0.1, 1.055, 0.05, DISC)
-        log("rig/disc/marks", Shape("LineStrips3D", strips=spokes, colors=[MARK], radii=[0.008]))
-        round_("cylinder/axis", _FRONT - _BACK, 0.11, 0.5 * (_FRONT + _BACK), STEEL)
+        round_("disc", 0.1, 1.055, 0.05, base.DISC)
+        log("rig/disc/marks", base.Shape("LineStrips3D", strips=spokes, colors=[base.MARK], radii=[0.008]))
+        round_("cylinder/axis", _FRONT - _BACK, 0.11, 0.5 * (_FRONT + _BACK), base.STEEL)
         box("cylinder/arm", (_ARM, 0.04, 0.04), (0.0, _FRONT, 0.0))
         box("cylinder/cantilever", (0.04, 0.04, 0.5 * _PIN), (0.0, _FRONT, -0.5 * _PIN))
         box("cylinder/tail", (0.04, 0.04, 0.5 * _TAIL), (0.0, _BACK, -0.5 * _TAIL))
-        weight = Shape("Boxes3D", half_sizes=[(0.13, 0.13, 0.13)], centers=[(-_ARM, _FRONT, -0.3)], colors=[STEEL])
+        weight = base.Shape(
+            "Boxes3D", half_sizes=[(0.13, 0.13, 0.13)], centers=[(-_ARM, _FRONT, -0.3)], colors=[base.STEEL]
+        )
         log("rig/cylinder/weight", weight)
-        cord = Shape(
+        cord = base.Shape(
             "LineStrips3D",
             strips=[np.array([(-_ARM, _FRONT, 0.0), (-_ARM, _FRONT, -0.2)])],
-            colors=[MARK],
+            colors=[base.MARK],
             radii=[0.012],
         )
         log("rig/cylinder/cord", cord)
         box("anchor", (0.12, 0.12, 0.05), (_ARM, _FRONT, _HEIGHT - 1.25))
-        pin = Shape("Boxes3D", half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)], centers=[(0.0, 0.5 * _FRONT, -_PIN)])
+        pin = base.Shape("Boxes3D", half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)], centers=[(0.0, 0.5 * _FRONT, -_PIN)])
         log("rig/cylinder/pin", pin)
-        friction = Shape("Arrows3D", origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[self.friction], radii=[0.025])
+        friction = base.Shape("Arrows3D", origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[self.friction], radii=[0.025])
         log("rig/cylinder/friction", friction)
         box("lever/tail", (0.035, 0.5 * _LEG, 0.06), (0.0, -0.5 * _LEG, 0.0))
         box("lever/fixture", (0.5 * _LEG, 0.035, 0.06), (0.5 * _LEG, 0.0, 0.0))
         box("post", (0.05, 0.05, 0.45), (_PIVOT[0], _PIVOT[1], _RADIUS - 0.45))
 
-    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        zoom, colours = self.scale.motion, coloured(modes)
+    def _frames(
+        self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
+    ) -> list[base.Columns]:
+        zoom, colours = self.scale.motion, base.coloured(modes)
         phi, theta = zoom * s["angle"], zoom * s["lever_angle"]
         zero, count = np.zeros_like(phi), len(phi)
 
-        def point(x: Reals, y: Reals | float, z: Reals) -> Reals:
+        def point(x: base.Reals, y: base.Reals | float, z: base.Reals) -> base.Reals:
             return np.stack((x, y + zero, z), axis=1)
 
         pin = point(_PIN * np.sin(phi), _FRONT, _HEIGHT - _PIN * np.cos(phi))
@@ -104,40 +91,42 @@ class Lever(Picture):
         ground = np.broadcast_to((_ARM, _FRONT, _HEIGHT - 1.2), arm.shape)
         leg = point(_PIVOT[0] + _LEG * np.sin(theta), _PIVOT[1] - _LEG * np.cos(theta), zero + _RADIUS)
         presses = point(_PIVOT[0] + _LEG * np.cos(theta), _PIVOT[1] + _LEG * np.sin(theta), zero + _RADIUS)
-        springs = [zigzag(a, b, flat=flat) for a, b, flat in
+        springs = [base.zigzag(a, b, flat=flat) for a, b, flat in
                    ((ground, arm, False), (leg, tail, True), (presses, pin, True))]  # fmt: skip
-        load = along(1, s["normal_force"] / self.scale.force * 0.25)
+        load = base.along(1, s["normal_force"] / self.scale.force * 0.25)
         heads = pin + np.array((0.0, -_FRONT, 0.16))
         texts = self._contact_text(modes, s["friction_force"], s["normal_force"])
         return [
-            Columns("rig/disc", t_ns, Shape("Transform3D", quaternion=about(1, zoom * ran))),
-            Columns(
+            base.Columns("rig/disc", t_ns, base.Shape("Transform3D", quaternion=base.about(1, zoom * ran))),
+            base.Columns(
                 "rig/cylinder",
                 t_ns,
-                Shape(
+                base.Shape(
                     "Transform3D",
-                    quaternion=about(1, -phi),
+                    quaternion=base.about(1, -phi),
                     translation=np.broadcast_to((0.0, 0.0, _HEIGHT), (count, 3)),
                 ),
             ),
-            Columns(
+            base.Columns(
                 "rig/lever",
                 t_ns,
-                Shape("Transform3D", quaternion=about(2, theta), translation=np.broadcast_to(_PIVOT, (count, 3))),
+                base.Shape(
+                    "Transform3D", quaternion=base.about(2, theta), translation=np.broadcast_to(_PIVOT, (count, 3))
+                ),
             ),
-            Columns("rig/cylinder/pin", t_ns, Shape("Boxes3D", colors=colours)),
-            Columns(
+            base.Columns("rig/cylinder/pin", t_ns, base.Shape("Boxes3D", colors=colours)),
+            base.Columns(
                 "rig/cylinder/friction",
                 t_ns,
-                Shape("Arrows3D", vectors=along(0, s["friction_force"] / self.scale.force * 0.6)),
+                base.Shape("Arrows3D", vectors=base.along(0, s["friction_force"] / self.scale.force * 0.6)),
             ),
-            Columns(
+            base.Columns(
                 "rig/load",
                 t_ns,
-                Shape(
+                base.Shape(
                     "Arrows3D", vectors=load, origins=heads - load, colors=[self.normal] * count, radii=[0.02] * count
                 ),
             ),
-            spring(t_ns, *springs, radius=0.012),
-            word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), texts, colours),
+            base.spring(t_ns, *springs, radius=0.012),
+            base.word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), texts, colours),
         ]
