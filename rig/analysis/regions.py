@@ -9,7 +9,7 @@ Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -64,9 +64,7 @@ class Regions(Result):
         for i, value in enumerate(self.y.values):
             there = self.growth[i][np.isfinite(self.growth[i])]
             bands = ", ".join(f"{start} to {end}" for start, end in self._bands(i)) or "nowhere"
-            rows.append(
-                (self.y.text(value), f"{there.max():.6g}" if there.size else "", bands if there.size else NOTHING)
-            )
+            rows.append((self.y.text(value), *((f"{there.max():.6g}", bands) if there.size else ("", NOTHING))))
         lines += columns(rows, "<><")
         absent = ~self.exists & np.isfinite(self.growth)
         if absent.any():
@@ -124,14 +122,9 @@ class Regions(Result):
         return csv_table([head, *zip(*(column.tolist() for column in (*places, *tables)))]).decode()
 
 
-def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], object] | None = None) -> Regions:
-    """Compute the least stable mode of `scene` over two axes; `progress(rows done, rows)`."""
-    rows = {}
-    for j, value in enumerate(y.values):
-        rows[j] = along(y.at(scene, value), x)
-        if progress is not None:
-            progress(j + 1, len(y.values))
-    return put_together(scene, x, y, rows)
+def regions(scene: Scene, x: Axis, y: Axis) -> Regions:
+    """Compute the least stable mode of `scene` over two axes."""
+    return put_together(scene, x, y, {j: along(y.at(scene, value), x) for j, value in enumerate(y.values)})
 
 
 def put_together(scene: Scene, x: Axis, y: Axis, rows: Mapping[int, Mapping[str, NDArray[Any]]]) -> Regions:

@@ -275,9 +275,8 @@ class Sweep(Result):
             at = f" at {critical.frequency:.6g} Hz" if critical.frequency else ""
             what = critical.sides if critical.kind == "jamming" else f"{critical.kind}{at}, {critical.sides}"
             lines += [f"  {axis.text(critical.value, 12)}: {what}"]
-            lines += (
-                [f"    {shape_text(critical.shape, critical.energy)} (share of the energy)"] if critical.energy else []
-            )
+            if critical.energy:
+                lines += [f"    {shape_text(critical.shape, critical.energy)} (share of the energy)"]
         if not self.critical:
             lines += [f"  no critical value {'where the rig slides steadily' if self.gaps else 'between these ends'}"]
         lines += [f"  {gap.note} {self._span(gap)}{f': {gap.why}' * bool(gap.why)}" for gap in self.gaps]

@@ -510,8 +510,8 @@ class Row:
 
 def units(job: Job) -> Work:
     """Return the units of `job` as a work (rig.analysis.pool)."""
-    functions = partial(compute, job), partial(_prepare, job), partial(failed, job)
-    return Work(functions[0], job.units, job.scene.name, job.digest, *functions[1:], job.about)
+    prepare, given_up = partial(_prepare, job), partial(failed, job)
+    return Work(partial(compute, job), job.units, job.scene.name, job.digest, prepare, given_up, job.about)
 
 
 def _prepare(job: Job) -> None:
