@@ -316,14 +316,12 @@ def reserve(run: str | None = None, scene: str = "run", endpoint: str | None = N
         )
     if run is not None:
         check(run)
-        taken = _try(run, scene, endpoint)
-        if taken is None:
-            raise BusError(f"a run called {run} is already live; choose another name")
-        return taken
     stem = f"{re.sub(r'[^A-Za-z0-9_-]', '-', scene).strip('-') or 'run'}-{time.strftime('%Y%m%d-%H%M%S')}"
-    for number in range(1, 1000):
-        if (taken := _try(stem if number == 1 else f"{stem}-{number}", scene, endpoint)) is not None:
+    for name in [run] if run is not None else [stem, *(f"{stem}-{number}" for number in range(2, 1000))]:
+        if (taken := _try(name, scene, endpoint)) is not None:
             return taken
+    if run is not None:
+        raise BusError(f"a run called {run} is already live; choose another name")
     raise BusError(f"all run names {stem}, {stem}-2 to {stem}-999 are taken; choose a name")
 
 

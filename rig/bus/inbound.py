@@ -93,7 +93,7 @@ TICKS, TIMES_NS, SPAN_NS = 1 << 53, 1 << 62, 1 << 42
 TOPICS = 1024
 """Most topics that are counted one by one."""
 _BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
-ContentCheck = Callable[[str, Any, dict[str, Count], Count, float], None]
+ContentCheck = Callable[[str, Any, dict[str, Count], Count, float], object]
 """(topic, message, counts of all topics, count of this topic, time [s]): raises Refused if the content is wrong."""
 
 FIELDS = {"State": (("tick", TICKS), ("t_ns", TIMES_NS))} | {
@@ -109,7 +109,7 @@ def content_checks(sensors: int | None) -> dict[str, ContentCheck]:
         "Step": partial(_check_step, sensors),
         "Applied": _check_applied,
         "Band": _check_band,
-        "Event": _check_event,
+        "Event": lambda topic, event, *_: read_json(event.data.encode() or b"{}", PAYLOAD, finite=False),
         "Totals": _check_totals,
     }
 
@@ -146,10 +146,6 @@ def _check_band(topic: str, band: Any, counts: dict[str, Count], count: Count, n
         raise Refused("out of bounds", f"a Band from {times[0]} to {times[-1]} ns in steps of {band.step_ns} ns")
     if not (even and met and len(band.pair) in (0, 2 * len(band.pair_modes))):
         raise Refused("wrong length", f"a Band of {spans} spans whose columns differ in length")
-
-
-def _check_event(topic: str, content: Any, counts: dict[str, Count], count: Count, now: float) -> None:
-    read_json(content.data.encode() or b"{}", PAYLOAD, finite=False)
 
 
 def _check_totals(topic: str, content: Any, counts: dict[str, Count], count: Count, now: float) -> None:

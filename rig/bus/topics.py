@@ -189,7 +189,8 @@ def of(topic: str) -> Topic:
     row = _ROWS.get(first)
     if row is None:
         near = difflib.get_close_matches(first, _ROWS, n=3)
-        raise BusError(f"no topic is called {topic!r}; " + (f"near: {', '.join(near)}" if near else _known()))
+        listed = f"near: {', '.join(near)}" if near else f"the topics are {', '.join(row.name for row in TABLE)}"
+        raise BusError(f"no topic is called {topic!r}; {listed}")
     if len(rest) != row.name.count("/") or not all(map(is_name, rest)):
         raise BusError(
             f"the topic {topic!r} is not of the form {row.name}; names are letters, digits, '_', '.', '-', at most 64"
@@ -232,10 +233,6 @@ def heard(patterns: tuple[str, ...]) -> str:
     if ways == {BATCH}:
         return "batch"
     return patterns[0] if len(patterns) == 1 and ways <= {ALONE, LOOP} else "**"
-
-
-def _known() -> str:
-    return f"the topics are {', '.join(row.name for row in TABLE)}"
 
 
 def matches(pattern: str, topic: str) -> bool:

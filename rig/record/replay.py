@@ -247,11 +247,10 @@ def replay(
     if not setup.frame_ns:
         raise LogError(f"{path} has lost the description of its run: it can be read, but not replayed")
     saved = start.metadata.get("log", {}).get("made") == "saved"
-    in_plant = [name for name in into if _in_plant(setup, name)]
-    every = frozenset(
-        sensor for controller in into.values() if gets_every_sample(controller) for sensor in controller.reads
-    )
-    heard = _heard(setup) if saved or in_plant or every else frozenset()  # needs the code of all controllers
+    in_plant = [name for name in into if setup.controllers.get(name, {}).get("section", {}).get("where") == "plant"]
+    every, heard = _heard(into.values()), frozenset[str]()
+    if saved or in_plant or every:  # needs the code of all controllers
+        heard = _heard(map(controllers.restored, filter(None, setup.controllers.values())))
     run = reader.open(path) if saved or in_plant or every - heard else None
     scan, rebuilt = Scan(path), None
     if run is not None:
@@ -283,13 +282,8 @@ def _impaired(scene: str) -> bool:
         return False
 
 
-def _in_plant(setup: run_setup.Setup, name: str) -> bool:
-    """Whether a controller of the run worked in the plant's process."""
-    return bool(setup.controllers.get(name, {}).get("section", {}).get("where") == "plant")
-
-
-def _heard(setup: run_setup.Setup) -> frozenset[str]:
-    known = [controllers.restored(description) for description in setup.controllers.values() if description]
+def _heard(known: Iterable[Controller]) -> frozenset[str]:
+    """The sensors of which one of these controllers needs every sample."""
     return frozenset(sensor for controller in known if gets_every_sample(controller) for sensor in controller.reads)
 
 

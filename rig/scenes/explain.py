@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from rig.about import Bound
 from rig.model.assembly import add_film_states
 from rig.parts import Binary
-from rig.quantities import ORIGINS, Section
+from rig.quantities import ORIGINS
 from rig.scenes import part_faults, places, sections
 from rig.scenes.scene import Scene
 from rig.scenes.variants import about, optional
@@ -154,11 +154,6 @@ def _unit(assembly: Any, table: str) -> str:
 
 
 def _values(scene: Scene) -> Iterator[Value]:
-    rooms: dict[str, Section] = {"clock": scene.clock}
-    rooms |= {f"sensors.{name}": section for name, section in scene.sensors.items()}
-    rooms |= {f"controllers.{name}": section for name, section in scene.controllers.items()}
-    rooms |= {"network": scene.network}
-    rooms |= {f"faults.{name}": fault for name, fault in scene.faults.items()}
     assembly = scene.assemble()
     names = sections.known(assembly, scene.parameters, scene.sensors, scene.controllers)
     rates = {
@@ -166,7 +161,7 @@ def _values(scene: Scene) -> Iterator[Value]:
         for name, fault in scene.faults.items()
     }
     heights = {f"faults.{name}.height": names.sensors.get(fault.part, "") for name, fault in scene.faults.items()}
-    for prefix, section in [("", scene.parameters), *rooms.items()]:
+    for prefix, section in scene.sections():
         for key, (value, unit) in sections.values_of(section, prefix):
             name = key.rpartition(".")[2]
             if name not in ("law", "kind", "effect", "on", "ideal", "enable"):

@@ -138,18 +138,18 @@ class Scene(Result):
         """File and line that give a value; None for a default, and for a scene that was not read from files."""
         return self.places.of(key) if self.places else None
 
+    def sections(self) -> Iterator[tuple[str, Section]]:
+        """The sections of the scene after their prefix in dotted keys; the parameters of the plant have none."""
+        yield "", self.parameters
+        yield "clock", self.clock
+        for room in ("sensors", "controllers"):
+            yield from ((f"{room}.{name}", section) for name, section in getattr(self, room).items())
+        yield "network", self.network
+        yield from ((f"faults.{name}", fault) for name, fault in self.faults.items())
+
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
-        values_in_si = dict(sections.values_of(self.parameters))
-        values_in_si |= sections.values_of(self.clock, "clock")
-        for name, section in self.sensors.items():
-            values_in_si |= sections.values_of(section, f"sensors.{name}")
-        for name, section in self.controllers.items():
-            values_in_si |= sections.values_of(section, f"controllers.{name}")
-        values_in_si |= sections.values_of(self.network, "network")
-        for name, fault in self.faults.items():
-            values_in_si |= sections.values_of(fault, f"faults.{name}")
-        return values_in_si
+        return {key: value for prefix, section in self.sections() for key, value in sections.values_of(section, prefix)}
 
     def text(self) -> str:
         """Return every value with its unit and origin, as text."""
@@ -228,7 +228,9 @@ class Scene(Result):
             parameters=model.model_validate(raw["parameters"]),
             clock=Clock.model_validate(raw["clock"]),
             sensors={n: _instrument(s, written, parts) for n, s in raw["sensors"].items()},
-            controllers={n: _controller(s, parts) for n, s in raw["controllers"].items()},
+            controllers={
+                n: controllers.recorded_class(s, parts).model_validate(s) for n, s in raw["controllers"].items()
+            },
             protocol=STEPS.validate_python(raw["protocol"]),
             network=Network.model_validate(raw.get("network", {})),
             faults=part_faults.PART_FAULTS.validate_python(raw.get("faults", {})),
@@ -265,10 +267,6 @@ def _faults(error: Exception) -> Iterator[str]:
         yield f"{error.args[0]!r} is missing, or not known to this version"
     else:
         yield str(error)
-
-
-def _controller(raw: dict[str, Any], parts: Parts) -> Any:
-    return controllers.recorded_class(raw, parts).model_validate(raw)
 
 
 def _instrument(raw: dict[str, Any], written: int, parts: Parts) -> Any:

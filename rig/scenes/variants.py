@@ -9,7 +9,6 @@ import types
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import chain
 from typing import Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -80,7 +79,9 @@ def _fields(section: Any) -> dict[str, tuple[About | None, bool]]:
     for name, info in section.model_fields.items():
         own = next((declaration for declaration in info.metadata if isinstance(declaration, About)), None)
         kinds = (kind.declares for kind in _sections(info.annotation))
-        fields[name] = own or next(kinds, None), _may_be_none(info.annotation)
+        annotation = info.annotation
+        absent = get_origin(annotation) in (Union, types.UnionType) and type(None) in get_args(annotation)
+        fields[name] = own or next(kinds, None), absent
     return fields
 
 
@@ -90,10 +91,6 @@ def _sections(annotation: Any) -> Iterator[Any]:
         yield annotation
     for part in get_args(annotation):
         yield from _sections(part)
-
-
-def _may_be_none(annotation: Any) -> bool:
-    return get_origin(annotation) in (Union, types.UnionType) and type(None) in get_args(annotation)
 
 
 Keys = list[str]
@@ -161,8 +158,8 @@ def added(scene: Scene, keys: Keys, of_others: bool = False) -> tuple[Scene, str
 def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[str, Any], str]]:
     """Values for `keys`, and the scene they are from."""
     yield {key: {} for key in keys}, ""
-    plants = [scene.plant, *(_plants() if of_others else ())]
-    for name in chain.from_iterable(map(_of_plant, dict.fromkeys(plants))):
+    plants = dict.fromkeys([scene.plant, *(map(_plant, names()) if of_others else ())])
+    for name in (name for wanted in plants for name in names() if _plant(name) == wanted):
         other = _loaded(name)
         raw = other.parameters.model_dump()
         closing = switches(other.parameters)
@@ -178,14 +175,6 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
 
 _loaded = cache(loader.load)
 _plant = cache(plant)
-
-
-def _of_plant(plant: str) -> list[str]:
-    return [name for name in names() if _plant(name) == plant]
-
-
-def _plants() -> dict[str, None]:
-    return dict.fromkeys(_plant(name) for name in names())
 
 
 def _changed(scene: Scene, values: dict[str, Any]) -> Scene:

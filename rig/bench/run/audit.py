@@ -162,7 +162,7 @@ class DrivingHistory:
 
 def clamped(values: Mapping[str, Any], inputs: Mapping[str, Input]) -> dict[str, Any]:
     """`values` of states (numbers or arrays), with each command clamped to the range of its actuator."""
-    ranges = {one.state: (one.low, one.high) for one in inputs.values() if one.state}
+    ranges = {actuator.state: (actuator.low, actuator.high) for actuator in inputs.values() if actuator.state}
     return {name: np.clip(v, *ranges[name]) if name in ranges else v for name, v in values.items()}
 
 
@@ -170,11 +170,13 @@ def _rate(system: System, name: str, known: Mapping[str, Array]) -> Array | None
     """The values of u of driving state `name` at the ticks of `known`; None if it needs a state that is not known."""
     index = system.names.index(name)
     limiters = [limiter for limiter in system.limiters if limiter.state == index]
-    others = np.delete(np.array([system.signals[index - system.one], *(one.row for one in limiters)]), index, axis=1)
+    others = np.delete(
+        np.array([system.signals[index - system.one], *(limiter.row for limiter in limiters)]), index, axis=1
+    )
     names = [*system.names[:index], *system.names[index + 1 :]]
     if any(names[i] not in known for i in np.flatnonzero(others.any(axis=0))):
         return None
-    values = others @ np.array([known.get(one, np.zeros_like(known["one"])) for one in names])
+    values = others @ np.array([known.get(state, np.zeros_like(known["one"])) for state in names])
     for limiter, row in zip(limiters, values[1:]):
         values[0] += limiter.gain * np.clip(row, limiter.low, limiter.high)
     return np.asarray(values[0])
@@ -411,7 +413,7 @@ class JudgedEffect:
 
 def audit(scene: Scene, witness: StateSamples, motion: Motion) -> list[dict[str, Any]]:
     """Judge every effect that the plant of `scene` can have or not, at the states of `witness`."""
-    return [one.to_json() for one in _judged(scene, witness, motion)]
+    return [effect.to_json() for effect in _judged(scene, witness, motion)]
 
 
 def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[JudgedEffect]:
@@ -479,11 +481,11 @@ def _most(pulls: Sequence[tuple[str, float, float]]) -> tuple[str, float, float]
 def _clamped(motion: Motion) -> dict[str, float]:
     """Share of the ticks in which each limiter was clamped; the kept states would miss rare clamping."""
     system, tally = motion.system, motion.state.tally.astype(np.float64)
-    found = dict.fromkeys((limiter.name for limiter in system.limiters), 0.0)
+    shares = dict.fromkeys((limiter.name for limiter in system.limiters), 0.0)
     for ticks, modes in zip(tally.tolist(), motion.mode_sets.sets):
         for limiter, mode in zip(system.limiters, system.modes(modes.key)[2]):
-            found[limiter.name] += ticks / max(float(tally.sum()), 1.0) * (mode != LINEAR)
-    return found
+            shares[limiter.name] += ticks / max(float(tally.sum()), 1.0) * (mode != LINEAR)
+    return shares
 
 
 def _lifted(motion: Motion, other: System) -> float:
@@ -493,7 +495,9 @@ def _lifted(motion: Motion, other: System) -> float:
     lifted = sum(
         ticks
         for ticks, modes in zip(tally, motion.mode_sets.sets)
-        if any(mode == OPEN and one.name in closed for one, mode in zip(system.normals, system.modes(modes.key)[1]))
+        if any(
+            mode == OPEN and normal.name in closed for normal, mode in zip(system.normals, system.modes(modes.key)[1])
+        )
     )
     return float(lifted / max(sum(tally), 1))
 
@@ -627,8 +631,8 @@ def _carried(visited: VisitedState, other: System, inputs: Mapping[str, Input], 
 
 def _in_equilibrium(system: System, other: System, modes: ModeSet, x: Array) -> Array:
     """`x` with those states of structure and network that `system` does not have at rest, in equilibrium."""
-    nq, one = len(other.coordinates), other.one
-    lacking = [i for i in range(one) if other.names[i] not in system.names]
+    nq = len(other.coordinates)
+    lacking = [i for i in range(other.one) if other.names[i] not in system.names]
     if not lacking:
         return x
     x = x.copy()
@@ -654,18 +658,18 @@ def _departures(system: System, modes: ModeSet, x: Array) -> dict[tuple[int, str
     patches, normals, _, sectors, _ = system.modes(modes.key)
     _, friction, normal, load = _forces(system, modes, x)
     speed, scale = system.slip_rows @ x, np.abs(system.slip_rows) @ np.abs(x)
-    found = {}
+    departures = {}
     for p, (patch, mode) in enumerate(zip(system.patches, patches)):
         most = system.law(p, sectors).static * load[p]
         if mode == STICK and load[p] > 0.0 and abs(friction[p]) > (1.0 + _MARGIN) * most:
-            found[0, patch.name] = SLIP_PLUS if friction[p] > 0.0 else SLIP_MINUS
+            departures[0, patch.name] = SLIP_PLUS if friction[p] > 0.0 else SLIP_MINUS
         elif modes.sigma[p] * speed[p] < -_MARGIN * scale[p]:
-            found[0, patch.name] = SLIP_MINUS if mode == SLIP_PLUS else SLIP_PLUS
+            departures[0, patch.name] = SLIP_MINUS if mode == SLIP_PLUS else SLIP_PLUS
     size = np.abs(modes.normal) @ np.abs(x)
     for k, (contact, mode) in enumerate(zip(system.normals, normals)):
         if contact.opens and mode == CLOSED and normal[k] < -_MARGIN * size[k]:
-            found[1, contact.name] = OPEN
-    return found
+            departures[1, contact.name] = OPEN
+    return departures
 
 
 def _compared_values(system: System, modes: ModeSet, x: Array) -> Compared:
@@ -674,16 +678,16 @@ def _compared_values(system: System, modes: ModeSet, x: Array) -> Compared:
     T, friction, _, load = _forces(system, modes, x)
     rates = modes.A @ x + modes.b @ T
     sizes = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
-    found = {
+    compared = {
         f"a {name}": (rates[nq + i], sizes[nq + i], system.mass[i, i]) for i, name in enumerate(system.coordinates)
     }
-    found |= {f"r {system.names[i]}": (rates[i], sizes[i], 1.0) for i in range(2 * nq, system.n)}
+    compared |= {f"r {system.names[i]}": (rates[i], sizes[i], 1.0) for i in range(2 * nq, system.n)}
     for patch, force, normal in zip(system.patches, friction.tolist(), load.tolist()):
-        found[f"T {patch.name}"] = (force, force, 1.0)
-        found[f"N {patch.name}"] = (normal, normal, 1.0)
+        compared[f"T {patch.name}"] = (force, force, 1.0)
+        compared[f"N {patch.name}"] = (normal, normal, 1.0)
     patches, _, _, sectors, _ = system.modes(modes.key)
     for p, (patch, mode) in enumerate(zip(system.patches, patches)):
         if mode == STICK:
             most = system.law(p, sectors).static * float(load[p])
-            found[f"S {patch.name}"] = (most, most, 1.0)
-    return found
+            compared[f"S {patch.name}"] = (most, most, 1.0)
+    return compared
