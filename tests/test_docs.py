@@ -18,7 +18,7 @@ from rig.cli.app import program
 from rig.effects.friction import Friction
 from rig.qualify.torture import case
 from rig.quantities import Unit
-from rig.scenes.sections import metadata
+from rig.scenes.faults import metadata
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "recordings" / "README.md",

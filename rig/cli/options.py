@@ -20,7 +20,7 @@ from rig.errors import UsageError
 from rig.units import with_point
 
 if TYPE_CHECKING:
-    from rig.record.trigger import Trigger
+    from rig.record.windows import Trigger
     from rig.scenes.places import Place
     from rig.scenes.scene import Scene
 
@@ -333,7 +333,7 @@ def trigger(when: str | None, before: str | None, after: str | None, most: int |
         if alone := [name for name, value in given.items() if value is not None]:
             raise UsageError(f'{alone[0]}: needs --trigger, such as --trigger "vibrometer > 0.1 m/s"')
         return None
-    from rig.record.trigger import Trigger, condition
+    from rig.record.windows import Trigger, condition
 
     earlier, later = seconds(before or "2", "--before", 0.0), seconds(after or "5", "--after", 0.0)
     return Trigger(condition(when), earlier or 0.0, later or 0.0, most or 100)

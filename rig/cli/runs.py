@@ -136,8 +136,7 @@ def run(
     keeps_up(loaded, factor)
     loaded = configured(loaded, given, precision, budget)
     if windows is not None:  # the recorder would find what is wrong only when the run has begun
-        from rig.record.trigger import bound
-        from rig.record.windows import replaceable
+        from rig.record.windows import bound, replaceable
 
         outputs = {name: output.unit for name, output in loaded.assemble().outputs.items()}
         bound(windows.condition, outputs, {name: sensor.delivers for name, sensor in loaded.sensors.items()})

@@ -29,8 +29,7 @@ from rig.bus.messages import WAITING
 from rig.errors import BusError, OutputError
 from rig.machine import process, scheduling
 from rig.machine.files import RUNS
-from rig.record.trigger import Trigger
-from rig.record.windows import Windows, path_of
+from rig.record.windows import Trigger, Windows, path_of
 from rig.record.writer import Writer
 
 

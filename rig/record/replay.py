@@ -11,6 +11,8 @@ A recording saved from a Run instead of the bus has no steps, no states and no c
 of a controller in the plant's process, only the first step of each batch of frames went over the bus.
 
 What a recording contains of one controller: its commands, changes of its parameters, when it took part.
+
+The report of a replay: what was published, how far its commands agree with the recorded ones, how late it was.
 """
 
 from __future__ import annotations
@@ -20,10 +22,10 @@ import time
 from array import array
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -32,7 +34,7 @@ from rig.bus import encode, impaired_link, messages, port, run_setup, topics
 from rig.controllers.blocks.base import Controller, gets_every_sample
 from rig.errors import BusError, LogError
 from rig.machine.scheduling import ANY
-from rig.record import curves, reader, recorded_setup, replay_report
+from rig.record import curves, reader, recorded_setup
 from rig.record.message_scan import Record, Scan
 from rig.record.run import Commands, Integers, Run
 from rig.scenes.scene import Scene
@@ -204,6 +206,108 @@ def _data(event: Any) -> dict[str, Any]:
     return data if isinstance(data, dict) else {}
 
 
+@dataclass(frozen=True)
+class Divergence:
+    """The first command that differs from the recorded one."""
+
+    topic: str
+    tick: int
+    time: float
+    """s"""
+    recorded: tuple[float, ...]
+    answered: tuple[float, ...]
+
+    def __str__(self) -> str:
+        recorded, answered = (", ".join(map(repr, v)) or "no command" for v in (self.recorded, self.answered))
+        return (
+            f"{self.topic} differs at tick {self.tick}, t = {self.time:.9g} s: recorded {recorded}; answered {answered}"
+        )
+
+
+class TimingError(NamedTuple):
+    """How much later than the clock demands the steps of a replay were published [s]."""
+
+    mean: float
+    p50: float
+    p99: float
+    worst: float
+
+    @classmethod
+    def of(cls, late: Sequence[float]) -> TimingError:
+        """Return the timing error of steps that were `late` by these times [s]; at least one."""
+        p50, p99, worst = np.quantile(late, (0.5, 0.99, 1.0)).tolist()
+        return cls(float(np.mean(late)), p50, p99, worst)
+
+    def __str__(self) -> str:
+        return ", ".join(
+            f"{name} {value:.3g} s" if value >= 1.0 else f"{name} {1e3 * value:.3g} ms"
+            for name, value in self._asdict().items()
+        )
+
+
+@dataclass
+class Replayed:
+    """The result of a replay."""
+
+    messages: int = 0
+    """Number of recorded messages that were published."""
+    steps: int = 0
+    seconds: float = 0.0
+    """Simulated time at the end [s]."""
+    compared: dict[str, int] = field(default_factory=dict)
+    """Number of commands compared with recorded ones, for each controller."""
+    unanswered: int = 0
+    """Number of recorded commands that no controller sent again."""
+    silent: dict[str, int] = field(default_factory=dict)
+    """Controller -> number of steps that it answered now, but not in the recording while it took part."""
+    unknown_memory: tuple[str, ...] = ()
+    """Controllers that worked before the recording began: what they remembered then is unknown."""
+    not_finite: tuple[str, ...] = ()
+    """First answers of controllers that were not finite, in words: the last command was sent again in their place."""
+    divergence: Divergence | None = None
+    timing: TimingError | None = None
+    """Timing error of the steps; None without a pace."""
+    fault: str = ""
+    """Why only a part of the recording could be replayed."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything was replayed, and every recorded command was sent again with the same bits."""
+        return not (self.divergence or self.unanswered or self.fault)
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as plain values for JSON; times in s."""
+        timing = None if self.timing is None else self.timing._asdict()
+        return {**asdict(self), "timing": timing, "passed": self.passed}
+
+    def text(self) -> str:
+        """The result as text."""
+        lines = [f"{self.messages} messages, {self.steps} steps, {self.seconds:.3f} s of simulated time"]
+        if self.timing is not None:
+            lines.append(f"timing error of the steps: {self.timing}")
+        for name, count in self.compared.items():
+            lines.append(
+                f"{name}: {count} commands compared"
+                if count
+                else f"{name}: the recording has no command of {name}, so nothing was compared"
+            )
+            if name in self.unknown_memory:
+                lines.append(f"  {name} ran before the recording began: its state at the beginning is unknown")
+            if silent := self.silent.get(name):
+                lines.append(
+                    f"  {silent} steps have no recorded command of {name}: it did not receive them, or its commands "
+                    "were not recorded; a controller with internal state may differ from there on"
+                )
+        if self.unanswered:
+            lines.append(f"{self.unanswered} recorded commands were not answered again")
+        lines += self.not_finite
+        if self.divergence is not None:
+            lines.append(str(self.divergence))
+        elif any(self.compared.values()):
+            lines.append("no command differs")
+        return "\n".join(lines)
+
+
 PATIENCE_S = 5.0
 """Longest wait for the answer to one step. # chosen"""
 _SHOWN_S = 0.1
@@ -231,7 +335,7 @@ def replay(
     processes: Processes | None = None,
     described: Mapping[str, Any] | None = None,
     initial: Mapping[str, Mapping[str, object]] | None = None,
-) -> replay_report.Replayed:
+) -> Replayed:
     """Replay `path` as the hub `session` (`bus.host(scene="replay")`).
 
     `into`: the controllers that take part, by name: those of the recording, changed ones or others. Each has `wait`
@@ -309,7 +413,7 @@ class _Replay:
         self._watch = session.watch("controller/*")
         self._acts: port.Receiver = session.subscribe("act/*")
         self._events = [session.subscribe(f"event/{name}") for name in into]
-        self._result = replay_report.Replayed(compared=dict.fromkeys(into, 0), silent=dict.fromkeys(into, 0))
+        self._result = Replayed(compared=dict.fromkeys(into, 0), silent=dict.fromkeys(into, 0))
         self._begins = {name: list(recorded_controller.begins) for name, recorded_controller in recorded.items()}
         self._changes = {
             name: sorted(recorded_controller.tuned.items()) for name, recorded_controller in recorded.items()
@@ -339,7 +443,7 @@ class _Replay:
             )
         return {"values": {}, "units": {}}
 
-    def carry_out(self, traffic: Iterable[Record]) -> replay_report.Replayed:
+    def carry_out(self, traffic: Iterable[Record]) -> Replayed:
         self._session.announce()
         result, shown, last = self._result, 0.0, -1
         for record in traffic:
@@ -375,7 +479,7 @@ class _Replay:
             len(recorded_controller.answers) for recorded_controller in self._recorded.values()
         ) - sum(result.compared.values())
         if self._pace is not None and self._late:
-            result.timing = replay_report.TimingError.of(self._late)
+            result.timing = TimingError.of(self._late)
         return result
 
     def _not_finite(self) -> tuple[str, ...]:
@@ -483,4 +587,4 @@ class _Replay:
         result.compared[name] += 1
         if result.divergence is None and np.array(recorded).tobytes() != np.array(answered).tobytes():
             time_s = tick * self._frame_ns * 1e-9
-            result.divergence = replay_report.Divergence(f"act/{name}", tick, time_s, recorded, answered)
+            result.divergence = Divergence(f"act/{name}", tick, time_s, recorded, answered)

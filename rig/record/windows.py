@@ -4,7 +4,7 @@ The latest messages wait in memory. The first sample that meets the condition op
 written, then everything up to `after` the firing. A window has a fixed length. Samples that meet the condition in it
 change nothing; the first one after it opens the next window, which begins where this one ended if `before` reaches
 that far. So the recordings of a long vibration follow each other without gap and without overlap, and the size of each
-is bounded.
+is bounded. The condition of a trigger is one sensor or plant output beyond a level, such as "vibrometer > 0.1 m/s".
 """
 
 from __future__ import annotations
@@ -14,17 +14,20 @@ import re
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from google.protobuf.message import DecodeError
+from numpy.typing import NDArray
 
 from rig.bus import messages, run_setup, topics
 from rig.errors import BusError, LogError, OutputError, UsageError
 from rig.machine.files import unused
+from rig.quantities import Condition
 from rig.record import message_scan
-from rig.record.trigger import Trigger, bound
+from rig.record.run_data import MEASURED, TRUE, listing, unknown
 from rig.record.writer import Writer
 
 _SLACK_NS = 100_000_000
@@ -36,6 +39,78 @@ _PATIENCE_NS = 1_000_000_000
 _OVERHEAD = 250
 """Memory of a waiting message in addition to its payload [bytes]. # measured: 224"""
 _DIGITS = 3
+MEMORY = 64 << 20
+"""Memory for the messages before a firing [bytes]."""
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """What is kept around each firing of a condition: `before` and `after` it [s], in at most `most` recordings."""
+
+    condition: Condition
+    before: float
+    after: float
+    most: int
+    memory: int = MEMORY
+    """Memory for the messages before a firing [bytes]; with less than `before` in it, the recording says so."""
+
+    def options(self) -> list[str]:
+        """The options of `rig record` for this trigger."""
+        times = {"--before": repr(self.before), "--after": repr(self.after), "--most": str(self.most)}
+        return [f"--trigger={self.condition}", *(f"{option}={value}" for option, value in times.items())]
+
+
+def condition(text: str) -> Condition:
+    """Read "NAME > VALUE UNIT", "NAME < VALUE UNIT" or "|NAME| > VALUE UNIT". Raises UsageError."""
+    expected = (
+        'NAME > VALUE or NAME < VALUE with a unit, such as "vibrometer > 0.1 m/s"; |NAME| compares the absolute value'
+    )
+    return Condition.read(text, "--trigger", "<>|", expected)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A condition on messages of `topic`, whose samples `read` returns: times [ns] and values in `unit`."""
+
+    condition: Condition
+    unit: str
+    level: float
+    topic: str
+    read: Callable[[bytes], tuple[NDArray[np.int64], NDArray[np.float64]]]
+
+    def beyond(self, v: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return by how much each value is beyond the level; positive where the condition holds."""
+        size = np.abs(v) if self.condition.size else v
+        return np.asarray(size - self.level if self.condition.sense == ">" else self.level - size)
+
+
+def bound(given: Condition, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> Bound:
+    """Return the condition on a channel of a run with these outputs and sensors (name -> unit).
+
+    Raises UsageError for a name that the run does not have, and for a level whose unit does not fit.
+    """
+    known = listing(sensors, outputs)
+    if given.name not in known:
+        raise unknown(given.name, known, "run")
+    unit = known[given.name]
+    level = given.level_in(unit, plain=False)
+    if given.size and (level < 0.0 or (level == 0.0 and given.sense == "<")):
+        raise UsageError(f"--trigger {given}: an absolute value is never below 0; take a level above 0 {unit}")
+    if given.name in sensors:
+        return Bound(given, unit, level, MEASURED + given.name, _block)
+    field = messages.field_name(given.name.removeprefix(TRUE))
+    state = messages.state_type(list(outputs))
+
+    def read(payload: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        content: Any = state.FromString(payload)
+        return np.array([content.t_ns], np.int64), np.array([getattr(content, field)])
+
+    return Bound(given, unit, level, "state", read)
+
+
+def _block(payload: bytes) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    block: Any = messages.TYPES["Block"].FromString(payload)
+    return messages.times(block), np.array(block.v, np.float64)
 
 
 class _Waiting(NamedTuple):

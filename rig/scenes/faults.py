@@ -251,18 +251,20 @@ def unit_of(info: FieldInfo) -> str:
 
 
 def _unit(annotation: Any, own: Iterable[Any] = ()) -> str:
-    return next((str(entry) for entry in metadata(annotation, own) if isinstance(entry, Unit)), "")
+    return next((str(entry) for entry in metadata(annotation, own, lists=False) if isinstance(entry, Unit)), "")
 
 
-def metadata(annotation: Any, own: Iterable[Any] = ()) -> Iterator[Any]:
-    """The metadata of an annotation, also inside of a union or of a dict. `own`: what the field itself has."""
+def metadata(annotation: Any, own: Iterable[Any] = (), lists: bool = True) -> Iterator[Any]:
+    """The metadata of an annotation, also inside of a union or a dict. `own`: what the field itself has; `lists`: with
+    those of the entries of lists.
+    """
     yield from own
     origin, inside = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        yield from metadata(inside[0], inside[1:])
-    elif origin in (Union, types.UnionType, dict):
+        yield from metadata(inside[0], inside[1:], lists)
+    elif lists or origin in (Union, types.UnionType, dict):
         for member in inside:
-            yield from metadata(member)
+            yield from metadata(member, (), lists)
 
 
 def _lookup(raw: Any, path: Loc) -> Any:

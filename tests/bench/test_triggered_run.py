@@ -8,7 +8,7 @@ from rig import scenes
 from rig.bench.again.verify import verify
 from rig.bench.live import supervise
 from rig.bench.live.plant_process import warm
-from rig.record.trigger import Trigger, condition
+from rig.record.windows import Trigger, condition
 
 SCENE = "belt_normal_force"
 

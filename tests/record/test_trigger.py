@@ -11,12 +11,11 @@ from rig.bus.run_setup import Setup
 from rig.errors import UsageError
 from rig.machine import files
 from rig.record import reader
-from rig.record import trigger as triggers
+from rig.record import windows as triggers
 from rig.record.contents import contents
 from rig.record.message_scan import Scan
 from rig.record.run_list import runs
-from rig.record.trigger import Trigger
-from rig.record.windows import Windows, path_of
+from rig.record.windows import Trigger, Windows, path_of
 
 SETUP = Setup(
     "r", '{"plant": "belt"}', 1_000_000, 1_000_000, {"velocity": "m/s", "x": "m"}, {"vibrometer": ("m/s", 1_000_000)}

@@ -16,7 +16,7 @@ from rig.machine.process import Child, end
 from rig.plants.structures import model_store
 from rig.record import replay as recorded
 from rig.record.recorded_setup import head, setup_of
-from rig.record.replay_report import Replayed
+from rig.record.replay import Replayed
 from rig.scenes.scene import Scene
 
 JOIN_S = 30.0
