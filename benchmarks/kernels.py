@@ -15,8 +15,8 @@ from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.motion.motion import Motion
 from rig.plants import PLANTS
-from rig.qualify.cost.peers import by_rig, by_scipy
 from rig.qualify.cost.peers.oscillator import Oscillator
+from rig.qualify.cost.peers.solvers import by_rig, by_scipy
 from rig.scenes import loader
 
 Array = NDArray[np.float64]
@@ -106,8 +106,8 @@ def scipy_ratio() -> dict[str, Any]:
     scene = loader.load(str(P1))
     problem = Oscillator.of(scene)
     solvers = {
-        "scipy": by_scipy.prepare(problem, ("DOP853", 1e-9)),
-        "exact": by_rig.prepare(scene, Setting("exact"), problem.seconds),
+        "scipy": by_scipy(problem, ("DOP853", 1e-9)),
+        "exact": by_rig(scene, Setting("exact"), problem.seconds),
     }
     times = {name: np.array(solve()) for name, solve in solvers.items()}
     best = interleaved(solvers, 7)

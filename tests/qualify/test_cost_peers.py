@@ -10,9 +10,9 @@ import pytest
 import rig
 from rig.analysis.motion_measures import Setting
 from rig.errors import UsageError
-from rig.qualify.cost.peers import by_rig, by_scipy
 from rig.qualify.cost.peers.oscillator import Oscillator
 from rig.qualify.cost.peers.race import Entry, cheapest
+from rig.qualify.cost.peers.solvers import by_rig, by_scipy
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 PROBLEMS = Path(__file__).parents[1] / "problems"
@@ -25,14 +25,14 @@ def problem(name):
 
 @pytest.mark.parametrize("name", BEST)
 def test_the_scenes_are_the_reference_problems(name):
-    events = by_rig.prepare(problem(name), BEST[name], NUM[name]["duration"])()
+    events = by_rig(problem(name), BEST[name], NUM[name]["duration"])()
     assert events == pytest.approx(NUM[name]["events"], abs=1e-10 * NUM[name]["period"])
 
 
 @pytest.mark.parametrize("name", ["P1", "P2"])
 def test_what_peers_are_given_is_the_same_problem(name):
     o = Oscillator.of(problem(name))
-    found = by_scipy.prepare(o, ("DOP853", 1e-10))()
+    found = by_scipy(o, ("DOP853", 1e-10))()
     assert np.abs(np.subtract(found, NUM[name]["events"])).max() < 1e-8 * NUM[name]["period"]
 
 

@@ -1,12 +1,10 @@
-"""Measurement of the cost table of a scene, for `rig cost`.
-
-The trials of a cost measurement, each the measures of one setting, as a work of worker processes.
-
-The integrator setting of a run, chosen from the cost table of this machine, which is measured first if necessary.
+"""Measurement of the cost table of a scene, for `rig cost`; and the setting of a run, chosen from the table of this
+machine, which is measured first if necessary.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -26,29 +24,24 @@ from rig.analysis.motion_measures import (
     observe,
     problem,
 )
-from rig.analysis.pool import Arrays, Work, carry_out, packed, temporary, unpacked
+from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
 from rig.errors import NumericsError, UsageError
 from rig.qualify.cost import timing
 from rig.qualify.cost.reference import references
 from rig.qualify.cost.table import WORST, Row, Table, orders, recommended
-from rig.qualify.cost.timing import Contender, Cost, Spread
+from rig.qualify.cost.timing import UNKNOWN, Contender, Cost
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
 
+FOLDER = Path("cost")
+_MACHINE = ("host", "processor", "cores", "python", "numba")
+
 
 def trials(
-    problem: Problem, settings: Sequence[Setting], workers: int | None = None, step: Callable[[], object] = lambda: None
+    problem: Problem, settings: Sequence[Setting], workers: int | None = None, progress: Progress | None = None
 ) -> list[Seen]:
-    """Return the measures of each setting; `step` is called as each is done. One process for each core by default."""
+    """Return the measures of each setting. One process for each core by default."""
     work = Work(partial(_trial, problem), settings, problem.scene.name, problem.digest, failed=_failed)
-    reported = 0
-
-    def progress(done: int, total: int) -> None:
-        nonlocal reported
-        for _ in range(reported, done):
-            step()
-        reported = max(reported, done)
-
     with temporary(work) as store:
         by_unit = carry_out(work, store, workers, progress)
     return [Seen.from_json(unpacked(by_unit[unit])) for unit in range(work.total)]
@@ -63,16 +56,14 @@ def _failed(_: Setting, why: str) -> Arrays:
     return packed(Seen({}, fault=why).to_json())
 
 
-Report = Callable[[int, int], object]
-FOLDER = Path("cost")
-
-
 def folder_of(scene: Scene, root: Path = FOLDER) -> Path:
     """Return the folder of a scene's table."""
     return root / f"{scene.name}-{digest(scene)[:8]}"
 
 
-def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None, rounds: int = timing.ROUNDS) -> Table:
+def cost(
+    scene: Scene, root: Path | None = FOLDER, report: Progress | None = None, rounds: int = timing.ROUNDS
+) -> Table:
     """Measure error against compute time of `scene` on this machine.
 
     `root`: parent of its folder; None keeps nothing. Results are written as they come: an interrupted measurement keeps
@@ -89,20 +80,13 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
     rate = fastest(asked.system)
     methods = [method for method, why in able.items() if not why]
     settings = [setting for method in methods for setting in ladder(method, scene, rate)]
-    total, done = (1 + rounds) * len(settings) + 2, 0
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        say(done, total)
-
+    total, timed_so_far = (1 + rounds) * len(settings) + 2, itertools.count(len(settings) + 2)
     truths = references(asked, rate, "exact" if "exact" in methods else "dopri5", folder)
     if not truths.best.seen.fault and not any(truths.best.seen.values.values()):
         raise UsageError(
             f"{scene.name}: nothing moves from its initial state with actuators held, so there is no error to compare: "
             "give the scene an initial state that moves (the protocol is left out)"
         )
-    step()
     cost_table = Table(
         scene=scene.name,
         title=scene.title,
@@ -115,23 +99,18 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
         left_out={method: why for method, why in able.items() if why},
         values=truths.best.seen.values,
     )
-    for setting, seen in zip(settings, trials(asked, settings, step=step)):
+    for setting, seen in zip(settings, trials(asked, settings, progress=lambda done, _: say(1 + done, total))):
         truth = truths.of(setting.method)
         fault = seen.fault or (truth.seen.fault and f"no reference: {truth.setting} stops, {truth.seen.fault}")
         by_metric = {} if fault else errors(asked, seen, truth.seen)
-        cost_table.rows.append(Row(setting, by_metric, truths.floor, _unknown(), math.nan, seen.steps, fault))
+        cost_table.rows.append(Row(setting, by_metric, truths.floor, Cost(*4 * [UNKNOWN]), math.nan, seen.steps, fault))
     cost_table.orders = orders(cost_table.rows, asked.seconds)
     if folder is not None:
         cost_table.write(folder)
-    cost_table.rows = timed(asked, cost_table.rows, rounds, step)
+    cost_table.rows = timed(asked, cost_table.rows, rounds, lambda: say(next(timed_so_far), total))
     if folder is not None:
         cost_table.write(folder)
     return cost_table
-
-
-def _unknown() -> Cost:
-    none = Spread(math.nan, math.nan, math.nan)
-    return Cost(none, none, none, none)
 
 
 def timed(
@@ -160,16 +139,13 @@ def timed(
     return timed_rows
 
 
-_MACHINE = ("host", "processor", "cores", "python", "numba")
-
-
 def chosen(
     scene: Scene,
     accuracy: float | None,
     budget: float | None,
     say: Callable[[str], object],
     root: Path = FOLDER,
-    report: Report | None = None,
+    report: Progress | None = None,
 ) -> Scene:
     """Return `scene` with the recommended method and step; `say` gets a line about any compromise.
 
@@ -181,7 +157,7 @@ def chosen(
     return pick.setting.applied(scene)
 
 
-def table(scene: Scene, say: Callable[[str], object], root: Path = FOLDER, report: Report | None = None) -> Table:
+def table(scene: Scene, say: Callable[[str], object], root: Path = FOLDER, report: Progress | None = None) -> Table:
     """Return the cost table of `scene` on this machine, read or measured."""
     folder = folder_of(scene, root)
     here = provenance(scene.seed)

@@ -1,13 +1,10 @@
-"""A cost table as a report: text, and the figure of `rig cost`.
-
-Figures of error against compute time.
-"""
+"""A cost table as a report: text, and the figure of error against compute time."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -17,6 +14,7 @@ from rig.analysis.motion_measures import THEORY
 from rig.errors import UsageError
 from rig.printable import columns
 from rig.qualify.cost.table import WORST, Row, Table, front
+from rig.qualify.cost.timing import Spread
 from rig.results import Result
 from rig.view import palette
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, PURPLE, VERMILION, page, printed
@@ -57,17 +55,12 @@ def lines(table: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
         if row.fault:
             rows.append((method, dial, row.fault, *[""] * 7))
             continue
-        cost, mark = row.cost, "front" if row in best else ""
-        p99 = f"{cost.p99.low:.3g} .. {cost.p99.high:.3g}"
-        of = row.worst if metric == "worst" else metric
-        mark = "recommended" if row is pick else mark
-        rows.append((method, dial, f"{row.error(metric):.1e}", of, f"{cost.p50.value:.3g}", f"{cost.p99.value:.3g}",
-                     p99, f"{row.share:.2%}", _times(cost.factor.value), mark))  # fmt: skip
+        p50, p99, factor = row.cost.p50.value, row.cost.p99, row.cost.factor.value
+        mark = "recommended" if row is pick else "front" if row in best else ""
+        rows.append((method, dial, f"{row.error(metric):.1e}", row.worst if metric == WORST else metric, f"{p50:.3g}",
+                     f"{p99.value:.3g}", f"{p99.low:.3g} .. {p99.high:.3g}", f"{row.share:.2%}",
+                     f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}", mark))  # fmt: skip
     return rows
-
-
-def _times(factor: float) -> str:
-    return f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}"
 
 
 def _agreement(row: Row, metric: str) -> str:
@@ -94,8 +87,6 @@ def notes(table: Table, metric: str) -> list[str]:
     return out + [f"{method} left out: {why}" for method, why in table.left_out.items()]
 
 
-At = Callable[[Row], float]
-
 COLOURS = {"exact": BLUE, "dopri5": VERMILION, "rk4": GREEN, "kick": AMBER, "smooth": PURPLE}
 MARKS = {"exact": "D", "dopri5": "o", "rk4": "s", "kick": "^", "smooth": "v"}
 STYLE = palette.STYLE | {"axes.titlesize": "large", "lines.linewidth": 1.5}
@@ -113,13 +104,27 @@ def figure(report: CostReport) -> Figure:
         raise UsageError("nothing to draw: no setting has both an error and a cost")
     with sheet(f"{table.title}: error against compute time", table.machine) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
-        _frames(left, table, metric, report.budget)
-        _alone(right, table, metric)
-        for axes, at in ((left, _of_frame), (right, _of_plant)):
+        for axes, of in ((left, _of_frame), (right, _of_plant)):
+            _curves(axes, table, metric, of)
             if pick is not None:
                 label = f"recommended: {printed(str(pick.setting))}"
-                axes.plot(at(pick), _shown(pick, metric), "o", ms=17, mfc="none", mec="black", mew=1.6, label=label)
+                at = of(pick).value, _shown(pick, metric)
+                axes.plot(*at, "o", ms=17, mfc="none", mec="black", mew=1.6, label=label)
             axes.set(xscale="log", yscale="log")
+        best = front(table.rows, metric)
+        style: dict[str, Any] = {"where": "post", "color": "black", "ls": ":", "lw": 1.2, "zorder": 1}
+        left.step([row.p99 for row in best], [_shown(row, metric) for row in best], label="Pareto front", **style)
+        if report.budget is not None:
+            left.axvline(1e3 * report.budget, color=ALARM, lw=1.3, label=f"budget, {report.budget:.0%} of a frame")
+        last = math.inf
+        for row in table.rows:
+            y = _shown(row, metric)
+            if row.p99 > 0.0 and np.isfinite(y) and not 0.5 < y / last < 2.0:
+                at, dial = (_of_plant(row).value, y), str(row.setting).partition(" at ")[2]
+                right.annotate(printed(dial), at, (12, 6), textcoords="offset points", fontsize=7.5)
+                last = y
+        left.set_xlabel("frames as in a run: compute in 1 ms of simulated time, p99 [us]")
+        right.set_xlabel("plant alone, in one piece: compute in 1 ms of simulated time [us]")
         second_axis(left, percent_of_frame, "share of a frame [%]")
         second_axis(right, real_time_factor, "real-time factor")
         left.set_ylabel("largest relative error of all measures" if metric == WORST else f"error of {metric}")
@@ -133,68 +138,45 @@ def sheet(title: str, machine: dict[str, str]) -> Iterator[Figure]:
     """Yield an empty figure with a title and the machine."""
     with page(10.8, 6.4, style=STYLE, layout="constrained") as figure:
         yield figure
-        m = machine
-        machine_text = (
-            f"{m['processor']}, {m['cores']} cores\nPython {m['python']}, numba {m['numba']}, {m['date'][:10]}"
-        )
+        first, second = "{processor}, {cores} cores", "Python {python}, numba {numba}, {date:.10}"
+        machine_text = f"{first}\n{second}".format_map(machine)
         figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
         figure.text(0.99, 0.015, machine_text, ha="right", va="bottom", fontsize=8.5, color="#666666")
 
 
-def _of_frame(row: Row) -> float:
-    return row.p99
+def _of_frame(row: Row) -> Spread:
+    """Compute time in 1 ms of simulated time [us]."""
+    return row.cost.p99
 
 
-def _of_plant(row: Row) -> float:
-    return 1e3 / row.cost.factor.value
+def _of_plant(row: Row) -> Spread:
+    """The same of the plant alone."""
+    factor = row.cost.factor
+    return Spread(1e3 / factor.value, 1e3 / factor.high, 1e3 / factor.low)
 
 
 def _shown(row: Row, metric: str) -> float:
     return max(row.error(metric), LEAST)
 
 
-def _frames(axes: Axes, table: Table, metric: str, budget: float | None) -> None:
-    spread = [(row.p99 - row.cost.p99.low, row.cost.p99.high - row.p99) for row in table.rows]
-    _curves(axes, table, metric, _of_frame, spread)
-    best = front(table.rows, metric)
-    style: dict[str, Any] = {"where": "post", "color": "black", "ls": ":", "lw": 1.2, "zorder": 1}
-    axes.step([row.p99 for row in best], [_shown(row, metric) for row in best], label="Pareto front", **style)
-    if budget is not None:
-        axes.axvline(1e3 * budget, color=ALARM, lw=1.3, label=f"budget, {budget:.0%} of a frame")
-    axes.set_xlabel("frames as in a run: compute in 1 ms of simulated time, p99 [us]")
-
-
-def _alone(axes: Axes, table: Table, metric: str) -> None:
-    factors = [row.cost.factor for row in table.rows]
-    spread = [(1e3 / f.value - 1e3 / f.high, 1e3 / f.low - 1e3 / f.value) for f in factors]
-    _curves(axes, table, metric, _of_plant, spread)
-    last = math.inf
-    for row in table.rows:
-        x, y = _of_plant(row), _shown(row, metric)
-        if row.p99 > 0.0 and np.isfinite(y) and not 0.5 < y / last < 2.0:
-            dial = str(row.setting).partition(" at ")[2]
-            axes.annotate(printed(dial), (x, y), (12, 6), textcoords="offset points", fontsize=7.5)
-            last = y
-    axes.set_xlabel("plant alone, in one piece: compute in 1 ms of simulated time [us]")
-
-
-def _curves(axes: Axes, table: Table, metric: str, at: At, spread: Sequence[tuple[float, float]]) -> None:
-    floor = max((row.floor(metric) for row in table.rows), default=0.0)
+def _curves(axes: Axes, table: Table, metric: str, of: Callable[[Row], Spread]) -> None:
+    """Error over compute time, a curve for each method, and the resolution of the references."""
+    known = [row for row in table.rows if np.isfinite(row.error(metric))]
     for method in dict.fromkeys(row.setting.method for row in table.rows):
-        points = [
-            (row, max(wide[0], 0.0), max(wide[1], 0.0))
-            for row, wide in zip(table.rows, spread)
-            if row.setting.method == method and row.p99 > 0.0 and np.isfinite(row.error(metric))
-        ]
-        if points:
-            rows, low, high = zip(*points)
-            x, y = [at(row) for row in rows], [_shown(row, metric) for row in rows]
-            style: dict[str, Any] = {"color": COLOURS.get(method, "black"), "marker": MARKS.get(method, "o")}
+        rows = [row for row in known if row.setting.method == method and row.p99 > 0.0]
+        if rows:
+            spreads = [of(row) for row in rows]
+            low = [max(spread.value - spread.low, 0.0) for spread in spreads]
+            high = [max(spread.high - spread.value, 0.0) for spread in spreads]
+            order = f": order {table.orders[method]:.1f}, theory {THEORY[method]}" if method in table.orders else ""
+            style: dict[str, Any] = {"color": COLOURS[method], "marker": MARKS[method], "label": f"{method}{order}"}
             style |= {"ms": 5.5, "lw": 1.2, "elinewidth": 0.8, "capsize": 2}
-            axes.errorbar(x, y, xerr=(low, high), label=_label(table, method), **style)
+            x, y = [spread.value for spread in spreads], [_shown(row, metric) for row in rows]
+            axes.errorbar(x, y, xerr=(low, high), **style)
+    floor = max((row.floor(metric) for row in table.rows), default=0.0)
     if LEAST < floor < math.inf:
         axes.axhspan(LEAST, floor, color="#f0f0f0", lw=0, label="below the resolution of the references", zorder=0)
-    shown = [_shown(row, metric) for row in table.rows if np.isfinite(row.error(metric))]
+    shown = [_shown(row, metric) for row in known]
     top = 5.0 * max([10.0 * LEAST, *shown])
     axes.set_ylim(min(max(0.2 * min([floor, *shown]), LEAST), 0.1 * top), top)
 
@@ -233,9 +215,3 @@ def percent_of_frame(compute: float) -> float:
 def real_time_factor(compute: float) -> float:
     """Real-time factor of a compute time [us] for 1 ms."""
     return 1e3 / compute
-
-
-def _label(table: Table, method: str) -> str:
-    if method in table.orders:
-        return f"{method}: order {table.orders[method]:.1f}, theory {THEORY[method]}"
-    return method

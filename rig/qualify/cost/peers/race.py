@@ -5,36 +5,31 @@ The error is the largest difference of a mode change's time from the reference, 
 changes were missed or invented. Our own methods are compared with another of our methods (rig.qualify.cost.reference),
 the peers with our best. For each setting the best of the rounds counts, because other work on the machine only makes a
 run longer.
-
-The comparison of solvers as a table, as CSV and as a picture.
 """
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
-from rig.analysis.motion_measures import TIGHTEST, Setting
+from rig.analysis.motion_measures import TIGHTEST, Setting, eligible, fastest, ladder
+from rig.analysis.pool import Progress
 from rig.machine.files import csv_table, write_file
-from rig.qualify.cost.peers import by_diffrax, by_mujoco, by_pathsim, by_rig, by_scipy, by_sundials
 from rig.qualify.cost.peers.oscillator import Oscillator
+from rig.qualify.cost.peers.solvers import PEERS, STEP_NS, Run, by_rig
 from rig.qualify.cost.report import sheet
 from rig.scenes.scene import Scene
 from rig.view.palette import ALARM, AMBER, BLUE, GREEN, GREY, PURPLE, VERMILION, put
 
-PEERS: tuple[ModuleType, ...] = (by_scipy, by_sundials, by_diffrax, by_pathsim, by_mujoco)
 ROUNDS = 5
 TURN = 0.05  # s for each setting in a round
-OURS = by_rig.NAME
-
-
+OURS = "friction-rig"
 ABSENT = "is not installed"
 
 
@@ -49,38 +44,39 @@ class Entry:
     fault: str = ""
 
 
-def race(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object] | None = None) -> list[Entry]:
+def race(scene: Scene, rounds: int = ROUNDS, report: Progress | None = None) -> list[Entry]:
     """Run all solvers. Raises UsageError if the scene has features that the peers cannot express."""
-    say = report or (lambda done, total: None)
-    o = Oscillator.of(scene)
-    runners: list[tuple[str, str, Callable[[], list[float]]]] = []
+    o, system = Oscillator.of(scene), scene.assemble().system()
+    first = Setting("exact") if system.linear else Setting("dopri5", TIGHTEST)
+    best, other = (by_rig(scene, s, o.seconds)() for s in (first, Setting("rk4", step_ns=STEP_NS // 100)))
+    runners: list[tuple[Entry, Run, Sequence[float]]] = []
+    for method in (method for method, why in eligible(system).items() if not why):
+        for own in ladder(method, scene, fastest(system)):
+            entry = Entry(OURS, str(own), math.inf, math.nan)
+            runners.append((entry, by_rig(scene, own, o.seconds), best if method == "rk4" else other))
     absent: list[Entry] = []
-    for setting in by_rig.settings(scene):
-        runners.append((OURS, str(setting), by_rig.prepare(scene, setting, o.seconds)))
     for peer in PEERS:
-        try:
-            importlib.import_module(peer.PACKAGE)
-        except ImportError:
-            absent.append(Entry(peer.NAME, "", math.inf, math.nan, ABSENT))
+        if importlib.util.find_spec(peer.package) is None:
+            absent.append(Entry(peer.name, "", math.inf, math.nan, ABSENT))
             continue
-        for rung in peer.ladder():
-            runners.append((peer.NAME, f"{rung[0]} at {rung[1]:.0e}", peer.prepare(o, rung)))
-    best, other = _references(scene, o)
-    event_times = [run() for _, _, run in runners]  # the first run compiles
+        for rung in peer.ladder:
+            entry = Entry(peer.name, f"{rung[0]} at {rung[1]:.0e}", math.inf, math.nan, peer.cannot)
+            runners.append((entry, peer.prepare(o, rung), best))
+    errors = [_error(run(), truth) for _, run, truth in runners]  # the first run compiles
     times = np.full(len(runners), math.inf)
     for turn in range(rounds):
-        for i, (_, _, run) in enumerate(runners):
+        for i, (_, run, _) in enumerate(runners):
             times[i] = min(times[i], _timed(run))
-            say(turn * len(runners) + i + 1, rounds * len(runners))
-    entries = []
-    cannot = {peer.NAME: getattr(peer, "CANNOT", "") for peer in PEERS}
-    for (name, how, _), events, spent in zip(runners, event_times, times.tolist()):
-        truth = other if name == OURS and not how.startswith("rk4") else best
-        entries.append(Entry(name, how, _error(events, truth), o.seconds / spent, cannot.get(name, "")))
-    return entries + absent
+            if report is not None:
+                report(turn * len(runners) + i + 1, rounds * len(runners))
+    return [
+        *(replace(entry, error=error, factor=o.seconds / spent)
+          for (entry, *_), error, spent in zip(runners, errors, times.tolist())),
+        *absent,
+    ]  # fmt: skip
 
 
-def _timed(run: Callable[[], object]) -> float:
+def _timed(run: Run) -> float:
     """The shortest time [s] of the runs that fit into `TURN`, at least one."""
     end, best = time.perf_counter() + TURN, math.inf
     while (begin := time.perf_counter()) < end:
@@ -89,20 +85,10 @@ def _timed(run: Callable[[], object]) -> float:
     return best
 
 
-def _references(scene: Scene, o: Oscillator) -> tuple[list[float], list[float]]:
-    """Event times of our best method, and of rk4 at its finest step."""
-    system = scene.assemble().system()
-    first = Setting("exact") if system.linear else Setting("dopri5", TIGHTEST)
-    runs = (first, Setting("rk4", step_ns=by_rig.STEP_NS // 100))
-    best, other = (by_rig.prepare(scene, setting, o.seconds)() for setting in runs)
-    return best, other
-
-
 def _error(events: Sequence[float], truth: Sequence[float]) -> float:
     if len(events) != len(truth) or len(truth) < 4:
         return math.inf
-    period = (truth[-1] - truth[-3]) if len(truth) > 2 else 1.0
-    return float(np.abs(np.subtract(events, truth)).max() / period)
+    return float(np.abs(np.subtract(events, truth)).max() / (truth[-1] - truth[-3]))
 
 
 def cheapest(entries: Sequence[Entry], target: float) -> list[Entry]:
