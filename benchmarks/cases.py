@@ -39,10 +39,9 @@ class Case(NamedTuple):
         return _VERDICTS[results] if isinstance(results, str) else float(results)
 
     def margin(self, value: float) -> float:
-        """Return how many times better than its limit a value is: at least 1 if it keeps it."""
-        if self.at_most:
-            return self.limit / value if value else float("inf")
-        return value / self.limit
+        """Return how many times better than its limit a value is: at least 1 if it keeps it, infinite without one."""
+        better, worse = (self.limit, value) if self.at_most else (value, self.limit)
+        return better / worse if worse else float("inf")
 
     def kept(self, value: float) -> bool:
         """Whether a value keeps the limit."""

@@ -21,7 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -175,12 +175,8 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
 
 def behind(frame_times: Times, wall_ns: float) -> Times:
     """Return the lag of each frame [ns] because earlier ones took longer than their `wall_ns`; late frames catch up."""
-    late = np.empty(len(frame_times), np.int64)
-    lag = 0.0
-    for i, cost in enumerate(frame_times.tolist()):
-        late[i] = lag
-        lag = max(lag + cost - wall_ns, 0.0)
-    return late
+    total = np.concatenate(([0.0], np.cumsum(frame_times[:-1] - wall_ns)))
+    return (total - np.minimum.accumulate(np.minimum(total, 0.0))).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -243,12 +239,7 @@ class Report:
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON values."""
-        spreads = {n: None if (v := getattr(self, n)) is None else vars(v) for n in ("sleep", "hybrid", "bus", "put")}
-        fit = [
-            {**vars(fitness), "frame": None if fitness.frame is None else vars(fitness.frame)}
-            for fitness in self.scenes
-        ]
-        return {**vars(self), **spreads, "scenes": fit, "ok": self.ok}
+        return {**asdict(self), "ok": self.ok}
 
     def text(self) -> str:
         """Return the report as text."""

@@ -149,7 +149,7 @@ def test_the_table_comes_back_from_its_files(belt):
 
 
 def test_pipes_in_place_of_a_table_are_neither_read_nor_written(belt, tmp_path):
-    for name in ("cost.csv", "machine.json"):
+    for name in ("cost.parquet", "machine.json"):
         os.mkfifo(tmp_path / name)
     with pytest.raises(UsageError, match="no readable cost table"):
         Table.read(tmp_path)

@@ -1,8 +1,5 @@
-"""The cost table of a scene: a row for each setting, stored as CSV and Parquet with machine and versions.
-
-The observed order of convergence of each method with a fixed step.
-
-Pareto front of the settings, and the recommended setting.
+"""The cost table of a scene: a row for each setting, stored as CSV and Parquet with machine and versions; the observed
+order of each method, the Pareto front, and the recommended setting.
 
 A setting is on the Pareto front if no other setting is both cheaper and has a smaller error. The recommended setting is
 the cheapest at p99 of those that meet the target error and the budget. Settings whose 95 % interval begins below 1.1
@@ -13,8 +10,6 @@ frames may have cut the steps of all of them to the same length.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Sequence
@@ -23,14 +18,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
 
 from rig.analysis.motion_measures import THEORY, Setting
 from rig.errors import UsageError
 from rig.machine.files import DATA, contents, csv_table, draft_of, write_file
 from rig.qualify.cost.timing import Cost, Spread
 
+WORST = "worst"
 _CLEAR = 30.0  # multiple of the resolution above which an error is used
 _LARGEST = 0.1
+SAME = 1.1  # ratio of costs that count as equal
+_RESOLVED = 2.0  # an error below this multiple of the difference between the references is not resolved
+_SPREADS = ("p50", "p99", "factor", "tick")
 _RANGE = 1.5  # smallest ratio of steps: similar steps, as where frames cut them all, give no order
 
 
@@ -42,27 +43,21 @@ def orders(rows: Sequence[Row], seconds: float) -> dict[str, float]:
     """
     slopes = {}
     for method in THEORY:
-        points = [(math.log(step(row, seconds)), math.log(row.error(WORST))) for row in rows if _clear(row, method)]
-        points = sorted(points)[:4]
+        clear = [
+            row for row in rows
+            if row.setting.method == method and (row.setting.step_ns or row.steps)
+            and _CLEAR * row.floor(WORST) < row.error(WORST) < _LARGEST
+        ]  # fmt: skip
+        points = sorted((math.log(step(row, seconds)), math.log(row.error(WORST))) for row in clear)[:4]
         if len(points) > 1 and points[-1][0] - points[0][0] > math.log(_RANGE):
-            steps, found_errors = np.array(points).T
-            slopes[method] = float(np.polyfit(steps, found_errors, 1)[0])
+            steps, errors = np.array(points).T
+            slopes[method] = float(np.polyfit(steps, errors, 1)[0])
     return slopes
 
 
 def step(row: Row, seconds: float) -> float:
     """Return the step of a setting [s]; the mean if the method adapts it."""
     return row.setting.step_ns * 1e-9 if row.setting.step_ns else seconds / max(row.steps, 1)
-
-
-def _clear(row: Row, method: str) -> bool:
-    error = row.error(WORST)
-    known = bool(row.setting.step_ns or row.steps)
-    return row.setting.method == method and known and _CLEAR * row.floor(WORST) < error < _LARGEST
-
-
-SAME = 1.1  # ratio of costs that count as equal
-_RESOLVED = 2.0  # an error below this multiple of the difference between the references is not resolved
 
 
 def front(rows: Sequence[Row], metric: str) -> list[Row]:
@@ -123,9 +118,6 @@ def _percent(share: float | None) -> str:
     return "all" if share is None else f"{100.0 * share:g} %"
 
 
-WORST = "worst"
-
-
 @dataclass(frozen=True)
 class Row:
     """One setting: its errors by measure, the resolution of each, its cost, its share of a frame at p99."""
@@ -181,21 +173,13 @@ class Row:
         """Return the row of a flat record."""
 
         def under(prefix: str) -> dict[str, float]:
-            named = {name: v for name, v in raw.items() if name.startswith(prefix) and v not in (None, "")}
-            return {name.removeprefix(prefix): float(v) for name, v in named.items()}
+            named = {name.removeprefix(prefix): value for name, value in raw.items() if name.startswith(prefix)}
+            return {name: value for name, value in named.items() if value is not None}
 
-        def spread(name: str) -> Spread:
-            return Spread(*(float(raw[f"{name}{end}"]) for end in ("", "_low", "_high")))
-
-        return cls(
-            Setting(raw["method"], float(raw["tolerance"]), int(raw["step_ns"])),
-            under("error "),
-            under("floor "),
-            Cost(*(spread(name) for name in ("p50", "p99", "factor", "tick"))),
-            float(raw["share_p99"]),
-            int(raw["steps"]),
-            raw["fault"] or "",
-        )
+        spreads = (Spread(*(raw[f"{name}{end}"] for end in ("", "_low", "_high"))) for name in _SPREADS)
+        setting = Setting(raw["method"], raw["tolerance"], raw["step_ns"])
+        errors, floors = under("error "), under("floor ")
+        return cls(setting, errors, floors, Cost(*spreads), raw["share_p99"], raw["steps"], raw["fault"])
 
 
 @dataclass
@@ -231,10 +215,12 @@ class Table:
     def write(self, folder: Path) -> None:
         """Write cost.csv, cost.parquet and machine.json, each completely or not at all. Raises OutputError."""
         rows = [row.flat() for row in self.rows]
-        columns = list(dict.fromkeys(name for row in rows for name in row))
-        lines = [[row.get(name) for name in columns] for row in rows]
-        write_file(folder / "cost.csv", csv_table([[_head(name) for name in columns], *lines]))
-        write_parquet(folder / "cost.parquet", {c: [row.get(c) for row in rows] for c in columns})
+        columns = {
+            name: [row.get(name) for row in rows] for name in dict.fromkeys(name for row in rows for name in row)
+        }
+        write_file(folder / "cost.csv", csv_table([map(_head, columns), *zip(*columns.values())]))
+        with draft_of(folder / "cost.parquet") as draft:
+            parquet.write_table(pa.table(columns), draft)
         about = {name: value for name, value in vars(self).items() if name != "rows"}
         write_file(folder / "machine.json", json.dumps(about, indent=1).encode())
 
@@ -243,11 +229,8 @@ class Table:
         """Return the table of a folder. Raises UsageError if there is no readable one."""
         try:
             about = json.loads(contents(folder / "machine.json"))
-            text = contents(folder / "cost.csv", DATA).decode()
-            head, *lines = csv.reader(io.StringIO(text, newline=""))
-            names = [name.partition(" [")[0] for name in head]
-            rows = [Row.of_flat(dict(zip(names, line, strict=True))) for line in lines]
-            return cls(**about, rows=rows)
+            flat = parquet.read_table(pa.BufferReader(contents(folder / "cost.parquet", DATA))).to_pylist()
+            return cls(**about, rows=[Row.of_flat(row) for row in flat])
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise UsageError(f"{folder}: no readable cost table ({error})") from None
 
@@ -259,12 +242,3 @@ def _head(column: str) -> str:
     """A column of cost.csv with its unit, if the name has none."""
     unit = _UNITS.get(column.removesuffix("_low").removesuffix("_high"), "")
     return f"{column} [{unit}]" if unit else column
-
-
-def write_parquet(path: Path, columns: dict[str, Sequence[Any]]) -> None:
-    """Write columns by name as a Parquet file, completely or not at all. Raises OutputError."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    with draft_of(path) as draft:
-        parquet.write_table(pa.table(columns), draft)

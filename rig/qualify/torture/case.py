@@ -1,10 +1,8 @@
 """Cases of the torture test: a rig with a start, actions while it runs, and the expected results.
 
-Small rigs that no scene has: each isolates one difficulty for the torture test.
-
-Each is written like a plant, with `Parameters` and `assemble`, so that cases change them by the same keys.
-
-The scene of a case for the torture test: with its sensors, a given step, and outputs of each contact.
+The rig is that of a scene or a small one that no scene has, which isolates one difficulty. Small rigs are written like
+plants, so that cases change them by the same keys. `watched` makes the scene of a case: with its sensors, a given step,
+and outputs of each contact.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from annotated_types import Gt
 from pydantic import Field, ValidationError, model_validator
@@ -301,13 +299,20 @@ def belt_loop(p: BeltLoop, moved: Mapping[str, str]) -> Assembly:
     return a
 
 
-RIGS: dict[str, tuple[type[Section], Callable[[Any, Mapping[str, str]], Assembly], Instrument]] = {
-    "ball": (Ball, ball, DisplacementLaser(reads="height", ideal=True)),
-    "twins": (Twins, twins, DisplacementLaser(reads="x1", ideal=True)),
-    "sectored": (Sectored, sectored, DisplacementLaser(reads="x1", ideal=True)),
-    "belt_loop": (BeltLoop, belt_loop, LaserVibrometer(reads="surface_speed", ideal=True)),
+class SmallRig(NamedTuple):
+    """A rig of the torture test, and an ideal instrument on it."""
+
+    parameters: type[Section]
+    assemble: Callable[[Any, Mapping[str, str]], Assembly]
+    instrument: Instrument
+
+
+RIGS = {
+    "ball": SmallRig(Ball, ball, DisplacementLaser(reads="height", ideal=True)),
+    "twins": SmallRig(Twins, twins, DisplacementLaser(reads="x1", ideal=True)),
+    "sectored": SmallRig(Sectored, sectored, DisplacementLaser(reads="x1", ideal=True)),
+    "belt_loop": SmallRig(BeltLoop, belt_loop, LaserVibrometer(reads="surface_speed", ideal=True)),
 }
-"""The parameters of each rig, how it is assembled, and an ideal instrument on it."""
 
 
 @dataclass(frozen=True)
@@ -335,7 +340,11 @@ class Watched(Scene):
 
     def assemble(self, parameters: Section | None = None) -> Any:
         """Return the rig with the outputs that the invariants need."""
-        a = RIGS[self.rig][1](parameters or self.parameters, self.moved) if self.rig else super().assemble(parameters)
+        a = (
+            RIGS[self.rig].assemble(parameters or self.parameters, self.moved)
+            if self.rig
+            else super().assemble(parameters)
+        )
         if a.film is not None or not self.contacts:  # points of a film are states, which `Trial` checks
             return a
         for name, *_ in a.patches:
@@ -356,61 +365,56 @@ def changed(case: Case) -> Scene:
     return _loaded(case.scene, json.dumps(case.set), (*case.places.items(),))
 
 
-def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None, unstable: str = "run") -> Watched:
+def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None) -> Watched:
     """Return the scene of a case with a method and a step. Raises SceneError if the case is inconsistent."""
     clock: dict[str, Any] = {
         "frame": max((case.frame or 0) // step_ns, 1) * step_ns * 1e-9,
         "method": method,
         "rk4_step": step_ns * 1e-9,
-        "unstable": unstable,
+        "unstable": "run",
     }
     if tolerance is not None:
         clock["tolerance"] = tolerance
     drives: dict[str, str] = {}
-    limits: dict[str, float] = {}
     for act in case.acts:
         if act.do in ("set", "command", "follow"):
             drives[act.target] = "ramped" if act.over else drives.get(act.target, "held")
+    parameters: Any
+    sensors: dict[str, Any]
     if case.rig:
-        if case.rig not in RIGS:
-            raise SceneError(case.name, [f"rig = {case.rig!r}: unknown; known: {', '.join(RIGS)}"])
-        try:
-            parameters = RIGS[case.rig][0].model_validate(case.set)
-        except ValidationError as error:
-            faults = [line for _, line in lines(error, RIGS[case.rig][0], case.set, "set")]
-            raise SceneError(case.name, faults) from None
-        base: dict[str, Any] = {
-            "plant": case.rig,
-            "parameters": parameters,
-            "clock": Clock.model_validate(clock),
-            "seed": 1,
-            "sensors": {"ideal": RIGS[case.rig][2]},
-        }
+        parameters, sensors, limits = _own_parameters(case), {"ideal": RIGS[case.rig].instrument}, {}
     else:
         scene = changed(case)
         if scene.assemble().film is not None:  # a tick has its own steps
             clock["rk4_step"] = min(step_ns, int(scene.clock.rk4_step)) * 1e-9
         clock = scene.clock.model_dump(mode="json") | clock
+        # the noise would be another one in frames of another length
+        parameters, sensors = scene.parameters.model_copy(update={"noise": None}), scene.sensors
         limits = scene.limits if case.limited else {}
-        calm = scene.parameters.model_copy(
-            update={"noise": None}
-        )  # it would be another one in frames of another length
-        base = {
-            "plant": scene.plant,
-            "parameters": calm,
-            "clock": Clock.model_validate(clock),
-            "seed": 1,
-            "sensors": scene.sensors,
-        }
     return Watched(
         name=case.name,
         title=case.title,
         about=case.about,
+        plant=case.rig or scene.plant,
+        parameters=parameters,
+        clock=Clock.model_validate(clock),
+        seed=1,
+        sensors=sensors,
         controllers={},
         protocol=(),
         limits=limits,
         rig=case.rig,
         drives=tuple(drives.items()),
         step=step_ns,
-        **base,
     )
+
+
+def _own_parameters(case: Case) -> Section:
+    """The parameters of a rig of the torture test. Raises SceneError with every fault."""
+    if case.rig not in RIGS:
+        raise SceneError(case.name, [f"rig = {case.rig!r}: unknown; known: {', '.join(RIGS)}"])
+    kind = RIGS[case.rig].parameters
+    try:
+        return kind.model_validate(case.set)
+    except ValidationError as error:
+        raise SceneError(case.name, [line for _, line in lines(error, kind, case.set, "set")]) from None

@@ -1,7 +1,4 @@
-"""The cells of the torture test: which runs there are, and their results.
-
-The matrix of the torture test: its cases, each with all its cells, as a work of worker processes.
-"""
+"""The cells of the torture test: which runs there are, and their results; the matrix of all cases."""
 
 from __future__ import annotations
 
@@ -12,12 +9,12 @@ from typing import Any, Self
 
 from rig.analysis.kernel_shapes import Shape, prepare, shape
 from rig.analysis.pool import Arrays, Progress, Work, carry_out, packed, temporary, unpacked
-from rig.errors import NumericsError, RigError, SceneError, UsageError
+from rig.errors import NumericsError
 from rig.model.method import as_integrated, chosen
 from rig.printable import counted
 from rig.qualify.torture import case as cases
 from rig.qualify.torture.case import Case, Watched, changed, watched
-from rig.qualify.torture.results import CellResult, Found, OutOfTime, amber, judge, red, stopped
+from rig.qualify.torture.results import FAULTS, CellResult, Found, OutOfTime, fault, judge, red
 from rig.qualify.torture.trial import Trial, processes, recording
 from rig.qualify.torture.wrong_methods import PATIENCE, WRONG
 from rig.scenes.scene import Scene
@@ -27,6 +24,7 @@ METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", *WRONG)
 """Methods of the solver, and those for comparison, which no scene can select."""
 FINER = 4  # refinement of the step of the reference
 TIGHT = 1e-10  # tolerance of the reference
+COUNTED = ("ticks", "opened", "trials", "energy", "stuck", "measurements")
 NEAR = 0.01  # relative tolerance of a growth rate: the precision of the sources
 QUICK = {
     "rk4": (Shape(3, False, True, False), Shape(3, True, True, False), Shape(5, False, True, False)),
@@ -104,14 +102,8 @@ def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Itera
             if method in WRONG and method not in (*case.wrong, "sign"):
                 continue
             scene = watched(case, "auto" if method in (*WRONG, default) else method, step)
-            if quick and not _quickly(method, scene):
-                continue
-            yield method, scene
-
-
-def _quickly(method: str, scene: Watched) -> bool:
-    """Whether a method has its kernel in the quick matrix: the number of compiled variants is bounded."""
-    return method not in QUICK or shape(scene) in QUICK[method]
+            if not quick or method not in QUICK or shape(scene) in QUICK[method]:
+                yield method, scene
 
 
 def _by_name(case: Case) -> bool:
@@ -123,43 +115,37 @@ def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator
     until = case.quick_duration if quick and case.quick_duration is not None else case.duration
     seconds = case.seconds if quick else 20.0 * case.seconds
     if _by_name(case):
-        yield Cell(case.name, "report", case.steps[0] * 1e-9, True, _named(case), 0.0, {})
-        return
-    if case.expect.stops:
-        yield Cell(case.name, "stop", case.steps[0] * 1e-9, True, _stops(case, until, seconds), 0.0, {})
-        return
-    reference, fault = _reference(case, until, seconds)
-    for method, scene in _planned(case, quick, methods):
-        default = scene.clock.method == "auto" and method not in WRONG
-        yield _cell(case, method, scene, default, until, seconds, fault or reference)
-    if case.processes:
-        yield Cell(case.name, "processes", case.steps[0] * 1e-9, True, _as_processes(case, until), 0.0, {})
+        yield _alone(case, "report", lambda: _named(case))
+    elif case.expect.stops:
+        yield _alone(case, "stop", lambda: _stops(case, until, seconds))
+    else:
+        reference = _reference(case, until, seconds)
+        for method, scene in _planned(case, quick, methods):
+            yield _cell(case, method, scene, until, seconds, reference)
+        if case.processes:
+            yield _alone(case, "processes", lambda: processes(case, until))
 
 
-def _as_processes(case: Case, until: int) -> CellResult:
-    """The result of the scene of a case as processes in lockstep."""
+def _alone(case: Case, kind: str, result: Callable[[], CellResult]) -> Cell:
+    """The one cell of a kind that a case has."""
     try:
-        return processes(case, until)
-    except RigError as error:
-        return red("refused", _line(error))
+        of_kind = result()
+    except FAULTS as error:
+        of_kind = fault(error)
+    return Cell(case.name, kind, case.steps[0] * 1e-9, True, of_kind, 0.0, {})
 
 
 def _named(case: Case) -> CellResult:
     """The result of a case that physics or its step makes unstable: green if the stability report names the reason."""
-    expect = case.expect
-    scene = watched(case, "auto", case.steps[0])
+    expect, scene = case.expect, watched(case, "auto", case.steps[0])
     system = scene.assemble().system()
-    errors = [
-        finding
-        for finding in stability_report(system, chosen("auto", system), scene.step_ns * 1e-9)
-        if finding.level == "error"
-    ]
+    report = stability_report(system, chosen("auto", system), scene.step_ns * 1e-9)
+    errors = [finding for finding in report if finding.level == "error"]
     if not errors:
         return red("missed event", "this is physically unstable, and the stability report does not say so")
+    named = expect.refused or ("jam" if expect.jams else "")
     for finding in errors:
-        named = expect.refused or ("jam" if expect.jams else "")
-        right = named in finding.what if named else abs(finding.number / (expect.growth or 1.0) - 1.0) < NEAR
-        if right:
+        if named in finding.what if named else abs(finding.number / (expect.growth or 1.0) - 1.0) < NEAR:
             return CellResult("green", "", f"named: {finding.what}")
     wanted = expect.refused or ("jamming" if expect.jams else f"a growth of {expect.growth:g} 1/s")
     return red("refused", f"{errors[0].what}; expected {wanted}")
@@ -170,85 +156,55 @@ def _stops(case: Case, until: int, seconds: float) -> CellResult:
     try:
         Trial(case, watched(case, "auto", case.steps[0]), until, seconds).run()
     except NumericsError as error:
-        result = stopped(error)
+        result = fault(error)
         return CellResult("green", "", f"stopped {result.detail}") if case.expect.stops in error.what else result
-    except OutOfTime:
-        return amber("cost", f"exceeds its time limit of {seconds:g} s")
     return red("missed event", f"continues where it should stop: {case.expect.stops}")
 
 
-def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, CellResult | None]:
-    """A run with a finer step and a tight tolerance, and its fault, if it has one."""
+def _reference(case: Case, until: int, seconds: float) -> Found | CellResult:
+    """A run with a finer step and a tight tolerance, or why there is none."""
     finest = min(case.steps)
     step = finest // FINER if finest % FINER == 0 else finest
     try:
         reference_run = Trial(case, watched(case, "auto", step, TIGHT), until, 4.0 * seconds).run()
-    except NumericsError as error:
-        return None, stopped(error)
-    except OutOfTime:
-        return None, amber("cost", "the reference exceeds its time limit")
-    except (SceneError, ValueError) as error:
-        return None, red("refused", _line(error))
-    if case.expect.events is not None and until == case.duration and reference_run.count != case.expect.events:
-        few = reference_run.count < case.expect.events
-        has = counted(reference_run.count, "event")
-        text = f"the reference has {has}; {case.expect.source} gives {case.expect.events}"
-        return reference_run, red("missed event" if few else "chatter", text)
-    return reference_run, None
+    except FAULTS as error:
+        result = fault(error)
+        return replace(result, detail=f"the reference {result.detail}") if isinstance(error, OutOfTime) else result
+    expected = case.expect.events
+    if expected is not None and until == case.duration and reference_run.count != expected:
+        text = f"the reference has {counted(reference_run.count, 'event')}; {case.expect.source} gives {expected}"
+        return red("missed event" if reference_run.count < expected else "chatter", text)
+    return reference_run
 
 
-def _cell(
-    case: Case,
-    method: str,
-    scene: Watched,
-    default: bool,
-    until: int,
-    seconds: float,
-    reference: Found | CellResult | None,
-) -> Cell:
-    counts: dict[str, float] = {}
-    spent = 0.0
+def _cell(case: Case, method: str, scene: Watched, until: int, seconds: float, reference: Found | CellResult) -> Cell:
+    default = scene.clock.method == "auto" and method not in WRONG
     limit = PATIENCE * seconds if method in case.wrong else seconds
+    spent, counts = 0.0, dict[str, float]()
     try:
         if isinstance(reference, CellResult):
-            found_is = reference
+            result = reference
         else:
             own = method in WRONG
             outcome = WRONG[method](case, scene, until, limit) if own else Trial(case, scene, until, limit).run()
-            found_is = judge(case, outcome, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
-            if default and found_is.colour == "green":
-                found_is = recording(case, scene, until) or found_is
+            result = judge(case, outcome, _as_reported(reference, method), until * 1e-9, scene.step_ns * 1e-9)
+            if default and result.colour == "green":
+                result = recording(case, scene, until) or result
             spent = outcome.seconds
-            counts = {
-                "events": outcome.count,
-                "ticks": outcome.ticks,
-                "opened": outcome.opened,
-                "trials": outcome.trials,
-            }
-            counts |= {"energy": outcome.energy, "stuck": outcome.stuck, "measurements": outcome.measurements}
-    except OutOfTime:
-        found_is, spent = amber("cost", f"exceeds its time limit of {limit:g} s"), limit
-    except NumericsError as error:
-        found_is = stopped(error)
-    except UsageError as error:
-        found_is = amber("refused", str(error))
-    except (RigError, ValueError) as error:
-        found_is = (red if default else amber)("refused", _line(error))
-    return Cell(case.name, method, scene.step_ns * 1e-9, default, found_is, spent, counts)
+            counts = {"events": outcome.count} | {name: getattr(outcome, name) for name in COUNTED}
+    except FAULTS as error:
+        result, spent = fault(error), limit if isinstance(error, OutOfTime) else spent
+        if result.reason == "refused" and not default:
+            result = replace(result, colour="amber")
+    return Cell(case.name, method, scene.step_ns * 1e-9, default, result, spent, counts)
 
 
-def _as_reported(reference: Found | None, method: str) -> Found | None:
+def _as_reported(reference: Found, method: str) -> Found:
     """The reference reduced to what a method reports: under kick, contacts open and close without an event."""
-    if reference is None or method != "kick":
+    if method != "kick":
         return reference
     events = [event for event in reference.events if not event[1].endswith(" open")]
     return replace(reference, events=events, count=len(events))
-
-
-def _line(error: Exception) -> str:
-    """The message of an error, as one line."""
-    lines = error.faults if isinstance(error, SceneError) else str(error).splitlines()
-    return str(lines[0]) if lines else str(error)
 
 
 def matrix(

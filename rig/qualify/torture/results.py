@@ -1,12 +1,9 @@
-"""The outcome of a run of a case, and its test result: green, amber or red, and one reason.
-
-The outcome of a run of a case.
-
-The test result of a run: green, amber or red, and one reason.
-"""
+"""The outcome of a run of a case, and its test result: green, amber or red, and one reason."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -14,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bench.live.pace import PAUSE
-from rig.errors import Chatter, Diverged, Jammed, NumericsError
+from rig.errors import Chatter, Diverged, Jammed, NumericsError, RigError, SceneError, UsageError
 from rig.printable import counted
 from rig.qualify.torture.case import Case
 
@@ -22,7 +19,14 @@ Array = NDArray[np.float64]
 
 
 class OutOfTime(Exception):
-    """The cell has reached its time limit."""
+    """The cell has reached its time limit [s]."""
+
+    def __init__(self, limit: float) -> None:
+        super().__init__(f"exceeds its time limit of {limit:g} s")
+
+
+FAULTS = (OutOfTime, RigError, ValueError)
+"""What ends a cell without an outcome."""
 
 
 @dataclass
@@ -48,7 +52,6 @@ class Found:
     """The rig is a film of points: the residual of its energy balance falls with the square of the step."""
     pace: float = 1.0
     """Pace of the clock that the scene states."""
-    most_events: int = 0
     burst: int = 0
     """Frames run without a wait after a pause."""
     ended: dict[str, float] = field(default_factory=dict)
@@ -107,100 +110,76 @@ def amber(reason: Reason, text: str) -> CellResult:
     return CellResult("amber", reason, text)
 
 
-def stopped(error: NumericsError) -> CellResult:
-    """Return the result of a run that the numerics had to stop."""
-    text = str(error).splitlines()[0]
-    where = f"at {error.time:.6g} s: {text}"
-    if isinstance(error, Chatter):
-        return red("chatter", where)
-    if isinstance(error, Jammed):
-        return red("iteration cap", where)
+def fault(error: Exception) -> CellResult:
+    """Return the result of a run that one of `FAULTS` ended."""
+    lines = error.faults if isinstance(error, SceneError) else str(error).splitlines()
+    text = str(lines[0]) if lines else str(error)
+    if isinstance(error, OutOfTime):
+        return amber("cost", text)
+    if not isinstance(error, NumericsError):
+        return (amber if isinstance(error, UsageError) else red)("refused", text)
     finite = isinstance(error, Diverged) and all(np.isfinite(list(error.state.values())))
-    return red("energy" if finite else "NaN", where)
+    kinds: dict[type[NumericsError], Reason] = {Chatter: "chatter", Jammed: "iteration cap"}
+    return red(kinds.get(type(error), "energy" if finite else "NaN"), f"at {error.time:.6g} s: {text}")
 
 
 def judge(case: Case, outcome: Found, reference: Found | None, simulated: float, step: float = 1e-3) -> CellResult:
-    """Return the result of a run of `simulated` seconds in steps of `step` that completed."""
-    for result in (_numbers(outcome), _contact(outcome), _stick(case, outcome, reference), _energy(case, outcome)):
-        if result is not None:
-            return result
-    for result in (_expected(case, outcome), _events(outcome, reference)):
-        if result is not None:
-            return result
-    if outcome.burst * step > PAUSE * 1e-9:
-        return red("overrun", f"{outcome.burst} frames in one burst after a pause")
-    if outcome.carrying * outcome.pace > simulated:
-        at = "" if outcome.pace == 1.0 else f" at the pace limit {outcome.pace:g} of the scene"
-        return amber("overrun", f"{outcome.pace * outcome.carrying / simulated:.3g} times slower than the clock{at}")
-    return CellResult("green", "", ", ".join(outcome.notes))
+    """Return the result of a run of `simulated` seconds in steps of `step` that completed: its first fault."""
+    green = CellResult("green", "", ", ".join(outcome.notes))
+    return next(itertools.chain(_physical(case, outcome, reference), _expected(case, outcome, reference),
+                                _on_time(outcome, simulated, step)), green)  # fmt: skip
 
 
-def _numbers(outcome: Found) -> CellResult | None:
-    return red("NaN", "a state or a measurement is not finite") if outcome.not_finite else None
-
-
-def _energy(case: Case, outcome: Found) -> CellResult | None:
-    bound = WITH_FILM if outcome.with_film else WITH_EVENTS if outcome.count or case.acts else SMOOTH
-    if outcome.energy > bound:
-        return red("energy", f"residual of the energy balance {outcome.energy:.2g}, allowed {bound:g}")
-    if outcome.negative_power > ROUND:
-        return red("energy", f"friction returns {outcome.negative_power:.2g} of its largest power")
-    for name, most in case.expect.largest.items():
-        if not outcome.largest.get(name, 0.0) <= most:
-            return red("energy", f"{name} reaches {outcome.largest[name]:.4g}, allowed {most:g}")
-    return None
-
-
-def _contact(outcome: Found) -> CellResult | None:
+def _physical(case: Case, outcome: Found, reference: Found | None) -> Iterator[CellResult]:
+    """Faults of numbers, contacts, sticking and energy."""
+    if outcome.not_finite:
+        yield red("NaN", "a state or a measurement is not finite")
     if outcome.outside_cone > ROUND:
-        return red("missed event", f"friction is {outcome.outside_cone:.2g} outside of its cone")
+        yield red("missed event", f"friction is {outcome.outside_cone:.2g} outside of its cone")
     if outcome.pulling > ROUND:
-        return red("missed event", f"a contact pulls with {outcome.pulling:.2g} of its load")
-    return None
-
-
-def _stick(case: Case, outcome: Found, reference: Found | None) -> CellResult | None:
+        yield red("missed event", f"a contact pulls with {outcome.pulling:.2g} of its load")
     if outcome.slips and reference is not None and reference.stuck > 1e-3:
-        slips = np.concatenate(outcome.slips)
+        slips, share = np.concatenate(outcome.slips), 100.0 * reference.stuck
         creeping = float(np.quantile(slips, 0.5 * reference.stuck))
         if creeping > ROUND * max(float(slips.max()), 1e-30):
-            share = 100.0 * reference.stuck
-            return red(
-                "creep", f"never sticks; slips by {creeping:.2g} m/s where it should stick {share:.0f} % of the time"
-            )
+            text = f"never sticks; slips by {creeping:.2g} m/s where it should stick {share:.0f} % of the time"
+            yield red("creep", text)
     if outcome.creep > ROUND:
-        return red("creep", f"slips by {outcome.creep:.2g} of its speed in stick")
+        yield red("creep", f"slips by {outcome.creep:.2g} of its speed in stick")
     for name in case.expect.still:
         if name in outcome.ended and outcome.ended[name] != outcome.began[name]:
-            return red("creep", f"{name} has moved by {outcome.ended[name] - outcome.began[name]:.3g}")
-    return None
+            yield red("creep", f"{name} has moved by {outcome.ended[name] - outcome.began[name]:.3g}")
+    bound = WITH_FILM if outcome.with_film else WITH_EVENTS if outcome.count or case.acts else SMOOTH
+    if outcome.energy > bound:
+        yield red("energy", f"residual of the energy balance {outcome.energy:.2g}, allowed {bound:g}")
+    if outcome.negative_power > ROUND:
+        yield red("energy", f"friction returns {outcome.negative_power:.2g} of its largest power")
 
 
-def _expected(case: Case, outcome: Found) -> CellResult | None:
+def _expected(case: Case, outcome: Found, reference: Found | None) -> Iterator[CellResult]:
+    """Deviations from what the case expects, and from the events of the reference."""
+    for name, most in case.expect.largest.items():
+        if not outcome.largest.get(name, 0.0) <= most:
+            yield red("energy", f"{name} reaches {outcome.largest[name]:.4g}, allowed {most:g}")
     for name, most in case.expect.ends.items():
         if name in outcome.ended and not abs(outcome.ended[name]) <= most:
-            return red("energy", f"{name} ends at {outcome.ended[name]:.4g}, allowed {most:g}")
+            yield red("energy", f"{name} ends at {outcome.ended[name]:.4g}, allowed {most:g}")
     if case.expect.stuck is not None and outcome.ended and outcome.stuck_now != case.expect.stuck:
-        wanted = "stuck" if case.expect.stuck else "sliding"
-        return red("missed event", f"is not {wanted} at the end")
-    return None
-
-
-def _events(outcome: Found, reference: Found | None) -> CellResult | None:
+        yield red("missed event", f"is not {'stuck' if case.expect.stuck else 'sliding'} at the end")
     if reference is None:
-        return None
+        return
     if outcome.count != reference.count:
         text = f"{counted(outcome.count, 'event')}, the reference has {reference.count}"
-        return red("missed event" if outcome.count < reference.count else "chatter", text)
-    for number, (ours, theirs) in enumerate(zip(outcome.events, reference.events), 1):
-        if ours[1] != theirs[1] and not _tie(outcome, reference, number - 1):
-            return red("order lost", f"event {number} is {ours[1]!r}, that of the reference {theirs[1]!r}")
+        yield red("missed event" if outcome.count < reference.count else "chatter", text)
+    pairs = list(zip(outcome.events, reference.events))
+    for number, ((_, ours), (_, theirs)) in enumerate(pairs, 1):
+        if ours != theirs and not _tie(outcome, reference, number - 1):
+            yield red("order lost", f"event {number} is {ours!r}, that of the reference {theirs!r}")
     if len(outcome.events) > 1:
         apart = (reference.events[-1][0] - reference.events[0][0]) / (len(reference.events) - 1)
-        late = max(abs(a[0] - b[0]) for a, b in zip(outcome.events, reference.events))
+        late = max(abs(ours - theirs) for (ours, _), (theirs, _) in pairs)
         if late > LATE * max(apart, 1e-30):
-            return amber("order lost", f"events are up to {late / apart:.2g} of their mean distance late")
-    return None
+            yield amber("order lost", f"events are up to {late / apart:.2g} of their mean distance late")
 
 
 def _tie(outcome: Found, reference: Found, at: int) -> bool:
@@ -208,3 +187,12 @@ def _tie(outcome: Found, reference: Found, at: int) -> bool:
     t = outcome.events[at][0]
     ours, theirs = (sorted(what for time, what in run.events if abs(time - t) < 1e-9) for run in (outcome, reference))
     return ours == theirs
+
+
+def _on_time(outcome: Found, simulated: float, step: float) -> Iterator[CellResult]:
+    """Faults of pace."""
+    if outcome.burst * step > PAUSE * 1e-9:
+        yield red("overrun", f"{outcome.burst} frames in one burst after a pause")
+    if outcome.carrying * outcome.pace > simulated:
+        at = "" if outcome.pace == 1.0 else f" at the pace limit {outcome.pace:g} of the scene"
+        yield amber("overrun", f"{outcome.pace * outcome.carrying / simulated:.3g} times slower than the clock{at}")

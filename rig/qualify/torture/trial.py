@@ -60,17 +60,15 @@ class _Left(Exception):
 
 
 class _Leaping:
-    """A clock that a test sets."""
+    """A clock [ns] that is set: it waits for nothing."""
 
     def __init__(self) -> None:
         self.time = 0
 
     def now(self) -> int:
-        """Return the time [ns]."""
         return self.time
 
     def until(self, deadline: int) -> int:
-        """Set the time to `deadline` and return it."""
         self.time = max(self.time, deadline)
         return self.time
 
@@ -100,16 +98,12 @@ class Trial:
         at = {name: i for i, name in enumerate(self.runner.outputs)}
         self._changes = cache(self._between)
         self.found.with_film = (film := self.motion.system.film) is not None
-        self._patches, self._normals, self._opens, self._of = [], [], [], []
-        if film is not None:
-            return
-        system = (
-            self.runner.scene.assemble().system()
-        )  # with every contact, also where the method makes one force of many
-        self._patches = [(at[f"T:{p.name}"], at[f"w:{p.name}"]) for p in system.patches]
-        self._normals = [at[f"N:{k.name}"] for k in system.normals]
-        self._opens = [k.opens for k in system.normals]
-        self._of = [[i for i, k in enumerate(system.normals) if k.patch == p] for p in range(len(system.patches))]
+        self._normals: list[tuple[int, int, bool]] = []  # column, patch, whether it opens
+        self._patches: list[tuple[int, int]] = []  # columns of friction and slip speed
+        if film is None:  # with every contact, also where the method makes one force of many
+            system = self.runner.scene.assemble().system()
+            self._patches = [(at[f"T:{p.name}"], at[f"w:{p.name}"]) for p in system.patches]
+            self._normals = [(at[f"N:{k.name}"], k.patch, k.opens) for k in system.normals]
 
     def run(self) -> Found:
         """Simulate the case to its end. Raises NumericsError if it must stop, OutOfTime."""
@@ -133,22 +127,21 @@ class Trial:
             outcome.stuck_now = self._sticks(self.motion.key)
             outcome.ended = dict(zip(self.runner.outputs, self.runner.output_values().tolist()))
         if self._exchange is not None:
-            self._note_commands()
+            counts = self._exchange.counters()["wild"]
+            told = (f"{counts[name]} {name.replace('_', ' ')}" for name in ("not_finite", "clamped") if counts[name])
+            outcome.notes.append(f"commands: {', '.join(told)}")
         if outcome.held:
             outcome.notes.append(f"a contact that cannot open pulls by {outcome.held:.3g} N")
         return outcome
 
     def _schedule(self) -> list[tuple[int, Act, int]]:
         """All actions in order of time: (time [ns], act, its repetition)."""
-        out = []
+        actions = []
         for act in self.case.acts:
-            turns = 1
-            if act.do == "command":
-                turns = len(act.values)
-            elif act.do == "follow":
-                turns = (self.until_ns - act.at) // act.every
-            out += [(act.at + turn * act.every, act, turn) for turn in range(turns)]
-        return sorted((action for action in out if action[0] < self.until_ns), key=lambda action: action[0])
+            follows = (self.until_ns - act.at) // act.every if act.do == "follow" else 1
+            turns = len(act.values) if act.do == "command" else follows
+            actions += [(act.at + turn * act.every, act, turn) for turn in range(turns)]
+        return sorted((action for action in actions if action[0] < self.until_ns), key=lambda action: action[0])
 
     def _do(self, act: Act, turn: int) -> None:
         runner = self.runner
@@ -182,11 +175,6 @@ class Trial:
         drives = self._exchange.queues["wild"].drives
         self._exchange.receive("wild", self.runner.tick, (float(act.values[turn]),) * len(drives))
         self._exchange.take_over()
-
-    def _note_commands(self) -> None:
-        assert self._exchange is not None
-        counts = {k: v for k, v in self._exchange.counters()["wild"].items() if v and k in ("not_finite", "clamped")}
-        self.found.notes.append("commands: " + ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in counts.items()))
 
     def _pause(self, length_ns: int) -> None:
         """Pace a second of frames by a clock that jumps after the first of them."""
@@ -222,46 +210,35 @@ class Trial:
                 name, at = self.runner.outputs[motion.beyond], motion.tick * self._step * 1e-9
                 raise _Left(f"ends at {at:.3g} s: {name} exceeds the limit of its scene")
             if time.thread_time() - self._begin > self._stop:
-                raise OutOfTime
+                raise OutOfTime(self._stop)
 
     def _note(self) -> None:
         """Record every mode change at the time of its event; two at one time count as two."""
-        outcome, motion = self.found, self.motion
-        outcome.most_events = max(outcome.most_events, motion.event_count)
-        events = motion.events()
-        afterwards = [*(e.before for e in events[1:]), motion.key]
-        changes = self._settled(events[0].before)
-        for event, key in zip(events, afterwards):
-            at = (event.tick + event.place) * self._step * 1e-9
-            changes += [(at, what) for what in self._changes(event.before, key)]
-        self._key, self._seen = motion.key, motion.kept
-        self._remember(changes)
+        events = self.motion.events()
+        self._settle(events[0].before)
+        for event, key in zip(events, [*(e.before for e in events[1:]), self.motion.key]):
+            self._change((event.tick + event.place) * self._step * 1e-9, key)
+        self._seen = self.motion.kept
 
-    def _remember(self, changes: list[tuple[float, str]]) -> None:
-        """Count mode set changes, and store them while there is room."""
-        outcome = self.found
-        outcome.count += len(changes)
-        if len(outcome.events) < KEPT:
-            outcome.events += changes
+    def _settle(self, key: int) -> None:
+        """Record mode changes up to mode set `key` at the start of a frame without an event, by a command or a tie."""
+        motion = self.motion
+        if key == self._key and motion.kept - self._seen <= 1:
+            return
+        ended = motion.kept - self._last if motion.event_count else motion.kept  # events change modes within a frame
+        mode_sets = motion.log.modes[self._seen : max(ended, self._seen)]
+        before = motion.mode_sets.tables.mode_set_of[self._key]
+        for row in np.flatnonzero(np.diff(mode_sets, prepend=before)).tolist():
+            began = (motion.tick - motion.kept + self._seen + row) * self._step * 1e-9
+            self._change(began, motion.mode_sets.sets[mode_sets[row]].key)
+        self._change((motion.tick - self._last) * self._step * 1e-9, key)
 
-    def _settled(self, key: int) -> list[tuple[float, str]]:
-        """Mode changes up to mode set `key` at the start of a frame without an event, by a command or a tie."""
-        motion, changes = self.motion, []
-        if key != self._key or motion.kept - self._seen > 1:
-            ended = (
-                motion.kept - self._last if motion.event_count else motion.kept
-            )  # events change modes within a frame
-            mode_sets = motion.log.modes[self._seen : max(ended, self._seen)]
-            keys = [mode_set.key for mode_set in motion.mode_sets.sets]
-            for at in np.flatnonzero(
-                np.diff(mode_sets, prepend=motion.mode_sets.tables.mode_set_of[self._key])
-            ).tolist():
-                began = (motion.tick - motion.kept + self._seen + at) * self._step * 1e-9
-                changes += [(began, what) for what in self._changes(self._key, keys[mode_sets[at]])]
-                self._key = keys[mode_sets[at]]
-            began = (motion.tick - self._last) * self._step * 1e-9
-            changes += [(began, what) for what in self._changes(self._key, key)]
-        return changes
+    def _change(self, at: float, key: int) -> None:
+        """Count what changes with mode set `key`, and store it while there is room."""
+        changes, self._key = self._changes(self._key, key), key
+        self.found.count += len(changes)
+        if len(self.found.events) < KEPT:
+            self.found.events += [(at, what) for what in changes]
 
     def _between(self, before: int, after: int) -> tuple[str, ...]:
         """The difference between two mode sets, in words."""
@@ -283,49 +260,52 @@ class Trial:
         motion, outcome, rows = self.motion, self.found, self.motion.kept
         if not rows:
             return
-        self._remember(self._settled(motion.key))
-        self._key = motion.key
+        self._settle(motion.key)
         states, mode_sets = motion.log.out[:rows], motion.log.modes[:rows]
         values = motion.outputs_at(states, mode_sets)
-        motion.kept = 0
-        self._seen = 0
+        motion.kept = self._seen = 0
         outcome.not_finite += int(np.count_nonzero(~np.isfinite(states)))
         for name, column in zip(self.runner.outputs, np.abs(values).max(axis=0).tolist()):
             outcome.largest[name] = max(outcome.largest.get(name, 0.0), column)
-        sets = motion.mode_sets.sets
-        modes = [motion.system.modes(entry.key) for entry in sets]
-        self._stuck_ticks += int(np.array([self._sticks(entry.key) for entry in sets])[mode_sets].sum())
+        keys = [entry.key for entry in motion.mode_sets.sets]
+        self._stuck_ticks += int(np.array([self._sticks(key) for key in keys])[mode_sets].sum())
         if motion.system.film is not None:
             look(motion.system, states, outcome)
-        N = values[:, self._normals]
-        forces = N.sum(axis=1) if N.size else np.zeros(rows)
-        for k, opens in enumerate(self._opens):
+        load = values[:, [column for column, *_ in self._normals]].sum(axis=1)
+        for column, _, opens in self._normals:
             if opens:
-                outcome.pulling = max(outcome.pulling, -float(N[:, k].min()) / max(float(np.abs(forces).max()), 1e-30))
-        if self.motion.integration.method == "smooth":
+                pull = -float(values[:, column].min()) / max(float(np.abs(load).max()), 1e-30)
+                outcome.pulling = max(outcome.pulling, pull)
+        if motion.integration.method == "smooth":
             outcome.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
-        for p, (force, slip) in enumerate(self._patches):
-            T, w, load = values[:, force], values[:, slip], N[:, self._of[p]].sum(axis=1)
-            if not any(self._opens[k] for k in self._of[p]) and load.min() < 0.0:
-                outcome.held = max(
-                    outcome.held, -float(load.min())
-                )  # it can pull, and no law of friction says what then
-                T, load = np.where(load < 0.0, 0.0, T), np.maximum(load, 0.0)
-            size = max(float(np.abs(T).max() * np.abs(w).max()), 1e-30)
-            stuck = np.array([set_modes[0][p] == STICK for set_modes in modes])[mode_sets]
-            power = np.where(stuck, 0.0, T * w)  # in stick w is rounding, which creep is compared with
-            outcome.negative_power = max(outcome.negative_power, -float(power.min()) / size)
-            law = [motion.system.law(p, set_modes[3]) for set_modes in modes]
-            most = np.array([friction_law.static for friction_law in law])[mode_sets]
-            for mode_set, friction_law in enumerate(law):
-                if not friction_law.constant:  # a film bears more the faster it slides
-                    here = np.flatnonzero(~stuck & (mode_sets == mode_set))
-                    most[here] = np.maximum(friction_law.static, friction_law.over(np.abs(w[here])))
-            outside = np.abs(T) - most * np.maximum(load, 0.0)
-            outcome.outside_cone = max(outcome.outside_cone, float(outside.max()) / max(float(np.abs(T).max()), 1e-30))
-            if stuck.any():
-                speed = max(float(np.abs(values[:, slip]).max()), float(np.abs(states).max()))
-                outcome.creep = max(outcome.creep, float(np.abs(w[stuck]).max()) / max(speed, 1e-30))
+        modes = [motion.system.modes(key) for key in keys]
+        largest = float(np.abs(states).max())
+        for p in range(len(self._patches)):
+            self._look_at_patch(p, values, mode_sets, modes, largest)
+
+    def _look_at_patch(self, p: int, values: Array, mode_sets: NDArray[Any], modes: list[Any], largest: float) -> None:
+        """Check power, cone and creep of a patch; `largest`: of all states."""
+        outcome, normals = self.found, [(column, opens) for column, of, opens in self._normals if of == p]
+        T, w = (values[:, column] for column in self._patches[p])
+        load = values[:, [column for column, _ in normals]].sum(axis=1)
+        if not any(opens for _, opens in normals) and load.min() < 0.0:
+            outcome.held = max(outcome.held, -float(load.min()))  # it can pull, and no law says what friction is then
+            T, load = np.where(load < 0.0, 0.0, T), np.maximum(load, 0.0)
+        friction, speed = float(np.abs(T).max()), float(np.abs(w).max())
+        stuck = np.array([set_modes[0][p] == STICK for set_modes in modes])[mode_sets]
+        power = np.where(stuck, 0.0, T * w)  # in stick w is rounding, which creep is compared with
+        outcome.negative_power = max(outcome.negative_power, -float(power.min()) / max(friction * speed, 1e-30))
+        laws = [self.motion.system.law(p, set_modes[3]) for set_modes in modes]
+        most = np.array([law.static for law in laws])[mode_sets]
+        for mode_set, law in enumerate(laws):
+            if not law.constant:  # a film bears more the faster it slides
+                here = np.flatnonzero(~stuck & (mode_sets == mode_set))
+                most[here] = np.maximum(law.static, law.over(np.abs(w[here])))
+        outside = float((np.abs(T) - most * np.maximum(load, 0.0)).max())
+        outcome.outside_cone = max(outcome.outside_cone, outside / max(friction, 1e-30))
+        if stuck.any():
+            creep = float(np.abs(w[stuck]).max()) / max(speed, largest, 1e-30)
+            outcome.creep = max(outcome.creep, creep)
 
 
 RECORDED = 4000

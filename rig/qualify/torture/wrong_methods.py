@@ -117,7 +117,7 @@ def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_
             outcome.not_finite, states = 1, states[: tick + 1]
             break
         if tick % 256 == 0 and time.thread_time() - begin > seconds:
-            raise OutOfTime
+            raise OutOfTime(seconds)
     outcome.slips = [np.abs(states @ system.slip_rows.T).max(axis=1, initial=0.0)]
     for name in case.expect.largest:
         row = assembly.outputs[name].row
@@ -149,7 +149,7 @@ def _stale(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
         own.below[0] = -1
         motion.advance(min(pause, ticks - motion.tick))
         if time.thread_time() - begin > seconds:
-            raise OutOfTime
+            raise OutOfTime(seconds)
     outcome = Found(ticks=motion.tick, seconds=time.thread_time() - begin)
     outcome.ended = dict(zip(case.expect.ends, motion.outputs_now().tolist()))
     outcome.carrying = outcome.seconds
