@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 import rig
 from rig.analysis.recorded.hysteresis import hysteresis
 from rig.analysis.stick_speeds import upper_speed
-from rig.papers.entry import Compared, Comparison, Entry, compared, law_of, load, numbered, quiet, run, thresholds
+from rig.papers.entry import Compared, Comparison, Entry, compared, law_of, load, numbered, quiet, thresholds
 from rig.record.run import Run
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
@@ -67,7 +67,7 @@ def diagram(run: Run, axis: Axes, window: float) -> None:
 
 def transient(figure: Figure) -> Compared:
     """Draw the acceleration over time, and its RMS over the speed of the disc."""
-    made, even = run(load("tip")), run(load("tip", waviness=None))
+    made, even = rig.simulate(load("tip")), rig.simulate(load("tip", waviness=None))
     speed_up, speed_down = _critical(made)
     over_time, over_speed = figure.subplots(2, 1)
     over_time.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.5)
@@ -109,7 +109,7 @@ def transient(figure: Figure) -> Compared:
 @cache
 def _speeds(row: Row) -> tuple[float, float]:
     """Upper and lower critical speed [mm/s] of the scene."""
-    return _critical(run(load("tip", friction__mu_static=row.static, friction__mu_kinetic=row.kinetic)))
+    return _critical(rig.simulate(load("tip", friction__mu_static=row.static, friction__mu_kinetic=row.kinetic)))
 
 
 def _critical(made: Run) -> tuple[float, float]:
@@ -203,7 +203,7 @@ def _spectrogram(made: Run, axis: Axes, length: int, top: float) -> None:
 
 def measured(figure: Figure) -> Compared:
     """Run-up and run-down of the experiment: protocol, acceleration, spectrogram, RMS over the speed."""
-    made = run(load("tip_epoxy"))
+    made = rig.simulate(load("tip_epoxy"))
     panels = figure.subplot_mosaic([["time", "time"], ["speed", "lines"]])
     over_time, over_speed, lines = panels["time"], panels["speed"], panels["lines"]
     over_time.plot(made.time[::5], made.signals["acceleration"][::5], color=BLUE, lw=0.4)
@@ -231,7 +231,7 @@ def measured(figure: Figure) -> Compared:
 
 def beam(figure: Figure) -> Compared:
     """Draw the spectrogram of the run-up with the beam in several modes."""
-    made = run(load("tip_beam"))
+    made = rig.simulate(load("tip_beam"))
     axis, near = figure.subplots(2, 1)
     _spectrogram(made, axis, 4096, 24000.0)
     axis.set_xlim(0.0, 3.0)
@@ -239,7 +239,7 @@ def beam(figure: Figure) -> Compared:
     near.plot(MM * (made.time[part] - 1.2), made.signals["acceleration"][part], color=BLUE, lw=0.8)
     near.set(xlabel="time [ms], from 1.2 s", ylabel="acceleration [m/s²]")
     yield Comparison("last stick at rising speed", "mm/s", _critical(made)[0], 13.0, "paper", absolute=0.4)
-    more, _ = _critical(run(load("tip_beam", beam__modes=5, clock__frame=5e-6)))
+    more, _ = _critical(rig.simulate(load("tip_beam", beam__modes=5, clock__frame=5e-6)))
     yield Comparison("last stick at rising speed, five modes", "mm/s", more, math.nan, "paper")
     p = load("tip_beam").parameters.beam  # type: ignore[attr-defined]
     omega = p.reduced().omega / (2.0 * math.pi)
@@ -283,7 +283,7 @@ def parameters(figure: Figure) -> Compared:
                 yield Comparison(f"{what}, 50 N", "", ratio, stated, "paper", absolute=0.05, missed=True)
     over_angle.set(xlabel="angle [degrees]", ylabel="upper speed over that at 5 degrees [1]", ylim=(0.0, 1.05))
     over_angle.legend()
-    ours = [_critical(run(load("tip_epoxy", load__force=force))) for force in LOADS]
+    ours = [_critical(rig.simulate(load("tip_epoxy", load__force=force))) for force in LOADS]
     for which, (name, mark, colour) in enumerate((("upper", "s-", BLUE), ("lower", "v-", VERMILION))):
         printed = [TABLE_3[force][0][which] for force in LOADS]
         over_load.plot(LOADS, printed, mark[0], color=colour, mfc="none", markersize=8, label=f"{name}, paper")
@@ -304,7 +304,7 @@ def parameters(figure: Figure) -> Compared:
 
 def knocked(figure: Figure) -> Compared:
     """Draw a knock at 9 mm/s, and the smallest knock that switches to stick-slip."""
-    made = run(load("tip_knock"))
+    made = rig.simulate(load("tip_knock"))
     axis, kicks = figure.subplots(2, 1)
     axis.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.4)
     axis.set(xlabel="time [s]", ylabel="acceleration [m/s²]")
@@ -330,7 +330,7 @@ def _least(speed: float) -> float:
 
     def switches(kick: float) -> bool:
         start = {"start__displacement": rest, "start__velocity": kick}
-        made = run(quiet(load("tip_knock", drive__speed=speed, **start)), 1.5)
+        made = rig.simulate(quiet(load("tip_knock", drive__speed=speed, **start)), 1.5)
         return bool(sum(event["text"] == "contact slip ends" for event in made.plant_events) > 50)
 
     low, high = 0.0, 2.0 * speed

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 import rig
 from rig.analysis.modes import Mode
-from rig.papers.entry import Compared, Comparison, Entry, load, numbered, quiet, run, tops
+from rig.papers.entry import Compared, Comparison, Entry, load, numbered, quiet, tops
 from rig.view.palette import AMBER, BLUE, GREY, VERMILION
 
 _MEETS = (10.0, 17.320508075688775)  # rad/s
@@ -81,7 +81,7 @@ def histories(figure: Figure) -> Compared:
     growing, along, across = figure.subplots(3, 1)
     near = quiet(load("four_dof", friction__mu=1.5, start__displacement=0.008, start__height=-0.008 * (1.0 - 1e-5),
                       start__body_1_displacement=0.004, start__body_3_height=-0.004))  # fmt: skip
-    ran, rate = run(near, _GROWS[1]), rig.modes(near).sliding.growth
+    ran, rate = rig.simulate(near, _GROWS[1]), rig.modes(near).sliding.growth
     v = np.abs(ran.signals["velocity"])
     top = tops(v)
     top = top[ran.time[top] > _GROWS[0]]
@@ -96,7 +96,7 @@ def histories(figure: Figure) -> Compared:
     growing.legend(loc="lower right")
     yield Comparison("mu = 1.5: growth rate, simulated", "1/s", float(slope), rate, "theory", relative=0.02)
 
-    ran = run(quiet(load("four_dof")), 30.0)
+    ran = rig.simulate(quiet(load("four_dof")), 30.0)
     times_of = {what: [e["t_ns"] * 1e-9 for e in ran.events if e["text"] == what] for what in
             ("load opens", "contact slip ends")}  # fmt: skip
     for axis, name, title in ((along, "displacement", "along the belt"), (across, "height", "away from the belt")):

@@ -39,11 +39,6 @@ def load(name: str, **changes: Any) -> Scene:
     return rig.load(name, {key.replace("__", "."): value for key, value in changes.items()})
 
 
-def run(scene: Scene, seconds: float | None = None) -> Run:
-    """Run the scene in this process."""
-    return rig.simulate(scene, seconds)
-
-
 def quiet(scene: Scene) -> Scene:
     """Return the scene without protocol, controllers and limits, held at its initial values."""
     return replace(scene, protocol=(), controllers={}, limits={})

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize_scalar
 
 import rig
-from rig.papers.entry import Compared, Comparison, Entry, compared, law_of, load, quiet, run, value
+from rig.papers.entry import Compared, Comparison, Entry, compared, law_of, load, quiet, value
 from rig.record.run import Reals
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
@@ -39,7 +39,7 @@ def cycles(figure: Figure) -> Compared:
         laws.plot(1e3 * speeds, [law.mu(v) for v in speeds], color=colour, ls=line, label=f"{shown} ({name})")
         if name != "belt_c_damped":
             laws.plot([0.0], [law.static], "o", color=colour, markersize=9 if name == "belt_c" else 4, fillstyle="none")
-        ran = run(quiet(scene), 12.0)
+        ran = rig.simulate(quiet(scene), 12.0)
         last = ran.time > ran.time[-1] - 2.0 * cycle.period
         x, v = (1e3 * ran.signals[key][last] for key in ("displacement", "velocity"))
         phases.plot(x, v, color=colour, ls=line)
@@ -59,7 +59,7 @@ def onset(figure: Figure) -> Compared:
         modes = rig.modes(quiet(load(name)))
         rest = modes.sliding.equilibrium["displacement"]
         for offset, shade in ((2e-4, 1.0), (4e-3, 0.45)):
-            ran = run(quiet(load(name, start__displacement=rest + offset, start__velocity=0.0)), 8.0)
+            ran = rig.simulate(quiet(load(name, start__displacement=rest + offset, start__velocity=0.0)), 8.0)
             x, v = (1e3 * ran.signals[key] for key in ("displacement", "velocity"))
             axis.plot(x, v, color=colour, alpha=shade, lw=0.7)
         axis.set(title=f"{name}, {modes.sliding.growth:+.3f} 1/s", xlabel="displacement [mm]")
@@ -123,7 +123,7 @@ def _period(axes: list[Axes], time: Reals, velocity: Reals, slip: Reals, frictio
 def fluctuating(figure: Figure) -> Compared:
     """A fluctuating load, constant friction: E = mu Fh vh T cos(phase) / 2, until the damper dissipates as much."""
     scene = load("belt_fluctuating_load")
-    ran = run(scene)
+    ran = rig.simulate(scene)
     period = 1.0 / value(scene, "dither.frequency")
     mu, swing = value(scene, "friction.mu"), value(scene, "dither.amplitude")
     last = ran.time > ran.time[-1] - period

@@ -22,7 +22,7 @@ from scipy.optimize import curve_fit
 import rig
 from rig.analysis.recorded.sound import hear
 from rig.analysis.regions import sliding
-from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, run, value
+from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, value
 from rig.record.run import Reals
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
@@ -78,7 +78,7 @@ def eigenvalues(figure: Figure) -> Compared:
 def active(figure: Figure) -> Compared:
     """Draw the velocity of the pad and the voltage of the stack: the squeal decays after the loop is closed."""
     scene = load("brake_active")
-    ran = run(scene)
+    ran = rig.simulate(scene)
     closed = value(scene, "controllers.nb.enable_at")
     t, v, U = ran.time - closed, 1e3 * ran.signals["velocity"], ran.signals["stack_voltage"]
     for axis, shown, label in zip(figure.subplots(2, 1, sharex=True), (v, U), ("velocity [mm/s]", "voltage [V]")):
@@ -141,7 +141,7 @@ def level(braking: Braking) -> float:
     """Return the sound pressure level [dB] at the end of a simulated braking."""
     brake = load("brake", drive__speed=_SPEED, load__pressure=1e5 * braking.pressure, friction__mu=braking.mu)
     scene = replace(quiet(brake), sensors={})
-    ran = run(scene, min(_FOLDS / abs(braking.growth), _LONGEST))
+    ran = rig.simulate(scene, min(_FOLDS / abs(braking.growth), _LONGEST))
     last = _SOUND * ran.signals["velocity"][ran.time > ran.time[-1] - 0.04]
     return 20.0 * math.log10(float(np.sqrt(np.mean(last**2))) / 20e-6)
 
@@ -196,7 +196,7 @@ _DEVELOPED = 85.0  # dB of a fully developed squeal
 def sound(figure: Figure) -> Compared:
     """Sound pressure and short-time spectrum over thirty seconds."""
     scene = load("brake_shunt_sound")
-    ran = run(scene)
+    ran = rig.simulate(scene)
     heard = hear(ran)
     turn = 2.0 * math.pi / value(scene, "drive.speed")
     begin = value(scene, "controllers.clock.begin")

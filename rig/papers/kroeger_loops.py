@@ -22,7 +22,6 @@ from rig.papers.entry import (
     load,
     log_slope,
     quiet,
-    run,
     table,
     tops,
     value,
@@ -41,7 +40,7 @@ BELT_GAINS = {0.0: None, 0.5: 0.137, 1.33: -1.32, 2.66: -7.57, 4.0: 0.0, 5.33: 0
 def _run(name: str, **changes: Any) -> Run:
     """Run a scene for 20 s with changes of its controller."""
     key = next(iter(load(name).controllers))
-    return run(load(name, **{f"controllers__{key}__{field}": given for field, given in changes.items()}), 20.0)
+    return rig.simulate(load(name, **{f"controllers__{key}__{field}": given for field, given in changes.items()}), 20.0)
 
 
 def _remaining(what: str, ran: Run, expected: float, **slack: Any) -> Comparison:
@@ -167,7 +166,7 @@ def normal_force_energy(figure: Figure) -> Compared:
     mu, gain = 0.25, 200.0
     changes = {"friction__law": "constant", "friction__mu": mu, "start__displacement": mu * 20.0 / 2500.0,
                "start__velocity": swing, "controllers__nf__gain": gain, "controllers__nf__enable_at": 0.0}  # fmt: skip
-    ran = run(load("belt_normal_force", **changes), 1.5)
+    ran = rig.simulate(load("belt_normal_force", **changes), 1.5)
     v = ran.signals["velocity"]
     top = tops(v)
     top = top[v[top] > 1e-5]
@@ -195,7 +194,7 @@ def tuned_mass(figure: Figure) -> Compared:
     axis.axhline(-0.5 * math.atan(0.379929), color=GREY, ls="--", lw=1.0)
     axis.set(ylabel="tilt [rad]", xlabel="damping ratio D2", xlim=(0.0, 0.6), ylim=(-1.5, 1.5))
     for name, tilt, decays in (("up", 0.305, 1.0), ("down", -0.305, 0.0)):
-        ran = run(load("belt_tuned_mass", tuned_mass__angle=tilt))
+        ran = rig.simulate(load("belt_tuned_mass", tuned_mass__angle=tilt))
         v = 1e3 * ran.signals["velocity"]
         panels[name].plot(ran.time, v, color=BLUE, lw=0.6)
         panels[name].set(title=f"tilt {tilt:+g} rad, D2 = 0.1", xlabel="time [s]", ylabel="velocity [mm/s]")
@@ -225,7 +224,7 @@ def dither(figure: Figure) -> Compared:
     simulated = []
     for amplitude in expected:
         scene = quiet(load("belt_dither", dither__amplitude=amplitude, dither__enable=True))
-        ran = run(scene, 12.0)
+        ran = rig.simulate(scene, 12.0)
         last = ran.time > 8.0
         held = value(scene, "body.stiffness") * float(np.mean(ran.signals["displacement"][last]))
         simulated.append(held / value(scene, "load.force"))

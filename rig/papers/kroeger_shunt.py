@@ -22,7 +22,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 import rig
 from rig.analysis.regions import sliding
-from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, run
+from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet
 from rig.record.run import Reals
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import sliding_key, steady
@@ -76,9 +76,10 @@ def transfer(scene: Scene, hertz: Reals) -> NDArray[np.complex128]:
 def shaken(R: float, delta: float, hertz: float) -> tuple[complex, float]:
     """Simulate G and the heat of a cycle [J] with a vibration of 1 um: the last 0.1 s of 0.3 s."""
     speed = SWING * 2.0 * math.pi * hertz
-    ran = run(stack(R, delta, drive__speed=0.0, friction__mu_static=1e9, load__force=1e3, start__velocity=speed,
-                    dither__on="belt", dither__amplitude=speed, dither__frequency=hertz,
-                    dither__phase=0.5 * math.pi), 0.3)  # fmt: skip
+    moved = stack(R, delta, drive__speed=0.0, friction__mu_static=1e9, load__force=1e3, start__velocity=speed,
+                  dither__on="belt", dither__amplitude=speed, dither__frequency=hertz,
+                  dither__phase=0.5 * math.pi)  # fmt: skip
+    ran = rig.simulate(moved, 0.3)
     last = slice(-2000, None)
     x, v = ran.signals["displacement"][last], ran.signals["velocity"][last] / (2.0 * math.pi * hertz)
     force = -COUPLING * ran.signals["stack_voltage"][last]

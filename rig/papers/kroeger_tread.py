@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import rig
 from rig.analysis.cycle_report import Cycle
-from rig.papers.entry import Compared, Comparison, Entry, law_of, load, quiet, run, value
+from rig.papers.entry import Compared, Comparison, Entry, law_of, load, quiet, value
 from rig.view.palette import AMBER, BLUE, VERMILION
 
 FINE = "5 us"
@@ -72,7 +72,7 @@ def rough(figure: Figure) -> Compared:
 def _panels(figure: Figure, name: str, seconds: float) -> Cycle:
     """Displacement, velocity, limit cycle and forces as in the paper: the last two cycles of a run of `seconds`."""
     cycle = rig.limit_cycle(load(name))
-    ran = run(quiet(load(name, clock__frame=FINE)), seconds)
+    ran = rig.simulate(quiet(load(name, clock__frame=FINE)), seconds)
     last = ran.time >= ran.time[-1] - 2.0 * cycle.period
     t = 1e3 * (ran.time[last] - ran.time[last][0])
     x, v, T, N = (ran.signals[key][last] for key in ("displacement", "velocity", "friction_force", "normal_force"))

@@ -30,7 +30,6 @@ from rig.papers.entry import (
     log_slope,
     numbered,
     quiet,
-    run,
     table,
     tops,
 )  # fmt: skip
@@ -155,7 +154,7 @@ def growing(figure: Figure) -> Compared:
         yield Comparison(f"case {case}: growth rate with 20 modes of the disc", "1/s", more, math.nan, "paper")
         start: dict[str, Any] = {"start__displacement": 1.01 * still.equilibrium["displacement"],
                  "start__height": still.equilibrium["height"]}  # fmt: skip
-        ran = run(at(case, 100.0, speed, **start), seconds)
+        ran = rig.simulate(at(case, 100.0, speed, **start), seconds)
         _three(row, ran, case)
         rate = _rate(ran, still.equilibrium["displacement"])
         yield Comparison(f"case {case}: growth, simulated", "1/s", rate, expected, "theory", relative=0.05)
@@ -182,7 +181,7 @@ def quenched(figure: Figure) -> Compared:
     for row, case, speed, times, seconds in zip(figure.subplots(2, 3), "bc", (2.0, 20.0), (1.3, 1.5), (1.2, 0.9)):
         omega = 20.0 * RATE
         force = times * speed * RADIUS * omega
-        ran = run(at(case, 100.0, speed, "disc_slider_dither", dither__amplitude=force,
+        ran = rig.simulate(at(case, 100.0, speed, "disc_slider_dither", dither__amplitude=force,
                      dither__frequency=omega / (2.0 * math.pi)), seconds)  # fmt: skip
         _three(row, ran, case)
         last = ran.time > 0.9 * seconds

@@ -27,7 +27,7 @@ from rig.analysis.cycle_report import Cycle
 from rig.analysis.identify import identify
 from rig.analysis.map import Map
 from rig.analysis.stick_speeds import Stages
-from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, run, table, thresholds, value
+from rig.papers.entry import Compared, Comparison, Entry, compared, load, quiet, table, thresholds, value
 from rig.record.run import Run
 from rig.scenes.protocol import Ramp
 from rig.scenes.scene import Scene
@@ -79,7 +79,7 @@ def kinetic(figure: Figure) -> Compared:
 def response(figure: Figure, coulomb: bool = False) -> Compared:
     """Both angles over time, phase portraits, spectra at 20 N and 1 rpm; measured and computed."""
     scene = load("lever", **(COULOMB if coulomb else {}))
-    ran = run(scene)
+    ran = rig.simulate(scene)
     last = ran.time > ran.time[-1] - 1.5
     t = ran.time[last] - ran.time[last][0]
     axes = figure.subplots(2, 3)
@@ -120,7 +120,7 @@ def response(figure: Figure, coulomb: bool = False) -> Compared:
 def amplitudes(figure: Figure) -> Compared:
     """Draw amplitude indices and frequency: a rig of exact geometry measured with noise, and both laws computed."""
     bench = load("lever", springs__order=5)
-    ran = run(bench)
+    ran = rig.simulate(bench)
     measured = []
     for sensor, arm in (("arm_laser", "cylinder.arm"), ("lever_laser", "lever.leg")):
         taken = ran.measurements[sensor]
@@ -171,7 +171,7 @@ def _both_starts(
 ) -> Compared:  # fmt: skip
     """Draw runs from a standing start and from near sliding; `outcomes`: whether they stick in the end."""
     for axis, near, outcome in zip(row, (False, True), outcomes):
-        ran = run((start_near if near else at)(N0, rpm, scene, **changes), seconds)
+        ran = rig.simulate((start_near if near else at)(N0, rpm, scene, **changes), seconds)
         axis.plot(ran.time, 1e3 * ran.signals["angle"], color=GREEN if near else BLUE, lw=lw)
         start = "near sliding" if near else "standing start"
         axis.set_title(f"{title}, {start}")
@@ -201,7 +201,7 @@ def sticks(ran: Run, last: float) -> float:
 
 def three_stages(figure: Figure, sector: bool = False) -> Compared:
     """Draw accelerate, hold, decelerate: stick-slip ends at a higher speed than it begins again."""
-    ran = run(load("lever_sector_three_stage" if sector else "lever_three_stage"))
+    ran = rig.simulate(load("lever_sector_three_stage" if sector else "lever_three_stage"))
     up, down = thresholds(ran).up / RPM, thresholds(ran).down / RPM
     angle, speed = figure.subplots(2, 1, sharex=True)
     angle.plot(ran.time, 1e3 * ran.signals["angle"], color=BLUE, lw=0.3)
@@ -218,7 +218,7 @@ def three_stages(figure: Figure, sector: bool = False) -> Compared:
     if sector:
         yield Comparison("last stick at rising speed", "rpm", up, math.nan, "paper")
         yield Comparison("first stick at falling speed", "rpm", down, math.nan, "paper")
-        uniform = thresholds(run(load("lever_three_stage"))).up / RPM
+        uniform = thresholds(rig.simulate(load("lever_three_stage"))).up / RPM
         yield Comparison("up not as far as on the uniform disc (1: yes)", "", float(up < uniform), 1.0, "reference")
     else:
         yield Comparison("speed at which sliding loses its stability", "rpm", hopf, 2.03444, "reference", absolute=1e-4)
@@ -322,9 +322,9 @@ def _alive(N0: float, disc: str, rpm: float, near: bool = False) -> bool:
     """Whether a contact still sticks after a minute, with a sector after five turns; `near`: begins near sliding."""
     start = start_near if near else at
     if disc in ("1", "2"):
-        return bool(sticks(run(start(N0, rpm, **(SECOND if disc == "2" else {})), 60.0), 2.0))
+        return bool(sticks(rig.simulate(start(N0, rpm, **(SECOND if disc == "2" else {})), 60.0), 2.0))
     scene = start(N0, rpm, "lever_sector", sector__span=math.radians(float(disc)), sector__place=_BEFORE)
-    return bool(sticks(run(scene, _TURNS * 60.0 / rpm), 2.0))
+    return bool(sticks(rig.simulate(scene, _TURNS * 60.0 / rpm), 2.0))
 
 
 def sectors(figure: Figure) -> Compared:
@@ -398,7 +398,7 @@ def _thresholds(N0: float, disc: str, noise: float) -> Stages:
     changes |= {"sector__span": math.radians(float(disc))} if disc else {}
     scene = load("lever_sector_three_stage" if disc else "lever_three_stage", **changes)
     slow = [step.model_copy(update={"over": _SLOW_NS}) if isinstance(step, Ramp) else step for step in scene.protocol]
-    return thresholds(run(replace(scene, protocol=tuple(slow))))
+    return thresholds(rig.simulate(replace(scene, protocol=tuple(slow))))
 
 
 def second(figure: Figure) -> Compared:
@@ -459,7 +459,7 @@ def _outline(cells: set[tuple[float, float]], width: float, height: float) -> li
 
 def _ended(mu: float, fall: float, place: float) -> bool:
     changes = {"sector__friction__mu_kinetic": mu, "sector__friction__mu_static": mu + fall, "sector__place": place}
-    return not sticks(run(at(20.0, 4.5, "lever_sector", **changes), 5.0 * 60.0 / 4.5), 60.0 / 4.5)
+    return not sticks(rig.simulate(at(20.0, 4.5, "lever_sector", **changes), 5.0 * 60.0 / 4.5), 60.0 / 4.5)
 
 
 _RAMPS = (

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import rig
-from rig.papers.entry import Compared, Comparison, Entry, compared, dither_boundary, load, numbered, quiet, run
+from rig.papers.entry import Compared, Comparison, Entry, compared, dither_boundary, load, numbered, quiet
 from rig.view.palette import BLUE, GREEN, GREY, VERMILION
 
 _APART = 5  # smallest ratio of frequencies that separates fast and slow motion; below it the start matters
@@ -50,7 +50,7 @@ def histories(figure: Figure) -> Compared:
     figure.supxlabel("time [s]; dashed: first lift-off, where the paper ends; grey: after it", fontsize=10.5)
     for (along, across), mu, lifts in zip(axes, (0.4, 0.5), (16.295828024162887, 6.846114495624962)):
         x, y = _START[mu]
-        ran = run(quiet(load("two_dof", friction__mu=mu, start__displacement=x, start__height=y)), lifts + 2.0)
+        ran = rig.simulate(quiet(load("two_dof", friction__mu=mu, start__displacement=x, start__height=y)), lifts + 2.0)
         first = next(event["t_ns"] * 1e-9 for event in ran.events if event["text"] == "load opens")
         before = ran.time < first
         for axis, name, title in ((along, "displacement", "tangential"), (across, "height", "normal")):
@@ -66,7 +66,7 @@ def suppressed(figure: Figure) -> Compared:
     axes = figure.subplots(2, 2, sharex=True)
     for (along, across), mu in zip(axes, (0.4, 0.5)):
         x, y = _START[mu]
-        ran = run(load("two_dof_dither", friction__mu=mu, start__displacement=x, start__height=y))
+        ran = rig.simulate(load("two_dof_dither", friction__mu=mu, start__displacement=x, start__height=y))
         for axis, name, title in ((along, "displacement", "tangential"), (across, "height", "normal")):
             axis.plot(ran.time, 1e3 * ran.signals[name], color=BLUE, lw=0.5)
             axis.axvline(10.0, color=VERMILION, ls="--", lw=1.0)

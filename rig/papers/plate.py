@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import rig
-from rig.papers.entry import Compared, Comparison, Entry, load, numbered, run
+from rig.papers.entry import Compared, Comparison, Entry, load, numbered
 from rig.plants.plate import Parameters
 from rig.plants.structures.plate_model import Reduced
 from rig.record.run import Reals
@@ -57,7 +57,7 @@ def modal(figure: Figure) -> Compared:
         if not column:
             axis.set_ylabel("width y [mm]")
     figure.colorbar(mesh, ax=shapes, label="shape over its largest [1]", pad=0.01)
-    made = run(scene)
+    made = rig.simulate(scene)
     rung = made.signals["plate_acceleration"]
     density = np.abs(np.fft.rfft(np.hanning(len(rung)) * rung))
     hertz = np.fft.rfftfreq(len(rung), made.time[1] - made.time[0])
@@ -126,7 +126,7 @@ def eigenvalues(figure: Figure) -> Compared:
 
 def ramps(figure: Figure) -> Compared:
     """Draw pressure and speed over time, as in figure 9, and the response of the slider."""
-    made = run(load("plate"), 0.3)
+    made = rig.simulate(load("plate"), 0.3)
     pressing, moving, way = figure.subplots(3, 1, sharex=True)
     area = 0.043 * 0.0253
     pressing.plot(made.time, 1e-6 * made.signals["normal_force"] / area, color=BLUE, lw=0.8)

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from rig.papers.entry import Compared, Comparison, Entry, load, run
+import rig
+from rig.papers.entry import Compared, Comparison, Entry, load
 from rig.record.film_points import Points
 from rig.record.run import Reals, Run
 from rig.scenes.protocol import Load, Ramp
@@ -62,7 +63,7 @@ def _spectrum(axis: Any, hertz: Reals, density: Reals, printed: Sequence[float],
 
 def normal(figure: Figure) -> Compared:
     """Normal acceleration of the slider over the first second, and its spectrum: figures 10 and 11."""
-    made = run(load("plate"), 1.2)
+    made = rig.simulate(load("plate"), 1.2)
     history, lines = figure.subplots(2, 1)
     acceleration, onset = made.signals["slider_acceleration"], _onset(made)
     history.plot(made.time, acceleration, color=BLUE, lw=0.3)
@@ -93,7 +94,7 @@ def _pressures(made: Run, along: int, across: int) -> Reals:
 def maps(figure: Figure) -> Compared:
     """Draw the pressure in the contact at instants before and after its first opening, as in figure 12."""
     scene = load("plate_96")
-    made = run(scene, 0.8)
+    made = rig.simulate(scene, 0.8)
     onset, pressure = _onset(made), _pressures(made, 12, 8)
     centre = made.signals["pressure_centre_x"]
     free = np.flatnonzero((made.time > onset + 0.05) & (made.signals["normal_force"] > 30.0))
@@ -139,7 +140,7 @@ def tangential(figure: Figure) -> Compared:
     onsets = []
     for axis, number, scene, title in zip(axes, (13, 14), ("plate_example_2", "plate_example_3"),
                                           ("3 mm/s, 0.1 MPa", "3 mm/s, 0.3 MPa")):  # fmt: skip
-        made = run(load(scene), 1.2)
+        made = rig.simulate(load(scene), 1.2)
         onsets.append(_onset(made))
         hertz, density = _density(made, _LEVER * made.signals["pitch_acceleration"], onsets[-1])
         _spectrum(axis, hertz, density, _PRINTED[number], f"figure {number}: {title}; dashed: the paper [kHz]")
@@ -161,7 +162,7 @@ def scaling(figure: Figure) -> Compared:
         ("3 mm/s, 0.3 MPa", 0.003, 326.37, AMBER, lower),
     ):
         held = {"slider__travels": False, "slider__position": 0.004, "sensors__accelerometer__rate": _RATE}
-        made = run(_reaching(load("plate", **held), speed, force), 0.4)
+        made = rig.simulate(_reaching(load("plate", **held), speed, force), 0.4)
         share = made.signals["pitch_velocity"] / force
         runs[title] = made.time, share, _onset(made)
         style = "--" if colour == VERMILION else "-"
