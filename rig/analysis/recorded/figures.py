@@ -10,8 +10,6 @@ A sound as a picture: the signal, its short-time spectrum, its level.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,18 +46,10 @@ _NAMED, _APART = 3, 0.35  # number of lines that a picture labels, and their sma
 _ALL = 1e-4  # share of the mean square that may lie above the range of a map
 
 
-@contextmanager
-def sheet(title: str, size: tuple[float, float]) -> Iterator[Figure]:
-    """Yield an empty figure of `size` [inches] to draw on; it gets its title at the end."""
-    with page(*size, layout="constrained") as figure:
-        yield figure
-        figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
-
-
 def hysteresis_figure(hysteresis: Hysteresis) -> Figure:
     """Draw the RMS over the speed, and both over time."""
     over, name = plain(hysteresis.over), plain(hysteresis.name)
-    with sheet(f"{hysteresis.scene}: {name} over {over}", (12.0, 8.0)) as figure:
+    with page(12.0, 8.0, f"{hysteresis.scene}: {name} over {over}", layout="constrained") as figure:
         loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
         rms.sharex(speed)
         for curve in hysteresis.curves:
@@ -89,7 +79,7 @@ def spectrum_figure(spectrum: Spectrum) -> Figure:
     """Draw density and spectrogram, and those over orders if there are any."""
     both: list[Spectrum | Orders] = [spectrum, spectrum.orders] if spectrum.orders else [spectrum]
     size = (15.0, 8.0) if spectrum.orders else (12.0, 7.6)
-    with sheet(f"{spectrum.scene}: spectrum of {plain(spectrum.name)}", size) as figure:
+    with page(*size, f"{spectrum.scene}: spectrum of {plain(spectrum.name)}", layout="constrained") as figure:
         for axes, averaged in zip(figure.subplots(2, len(both), squeeze=False).T, both):
             _averaged(axes[0], axes[1], averaged)
     return figure
@@ -97,7 +87,7 @@ def spectrum_figure(spectrum: Spectrum) -> Figure:
 
 def orders_figure(orders: Orders) -> Figure:
     """Draw density and map over orders."""
-    with sheet(f"{orders.scene}: orders of {plain(orders.name)}", (12.0, 7.6)) as figure:
+    with page(12.0, 7.6, f"{orders.scene}: orders of {plain(orders.name)}", layout="constrained") as figure:
         density, over_time = figure.subplots(2, 1)
         _averaged(density, over_time, orders)
     return figure
@@ -152,7 +142,9 @@ def pressure_figure(pressure: Pressure) -> Figure:
     """Draw the maps, all on one scale."""
     across = 3 if len(pressure.maps) in (3, 5, 6, 9) else min(len(pressure.maps), 4)
     down = -(-len(pressure.maps) // across)
-    with sheet(f"{pressure.scene}: pressure of the film", (1.2 + 3.0 * across, 1.9 + 2.4 * down)) as figure:
+    with page(
+        1.2 + 3.0 * across, 1.9 + 2.4 * down, f"{pressure.scene}: pressure of the film", layout="constrained"
+    ) as figure:
         drawn = figure.subplots(down, across, squeeze=False)
         largest = max(shown.largest for shown in pressure.maps)
         scale = pressure.points.scale
@@ -175,7 +167,7 @@ def pressure_figure(pressure: Pressure) -> Figure:
 def response_figure(response: Response) -> Figure:
     """Draw magnitude with its random error, phase and coherence over frequency."""
     title = f"{response.scene}: response of {plain(response.output)} to {plain(response.input)}"
-    with sheet(title, (12.0, 8.4)) as figure:
+    with page(12.0, 8.4, title, layout="constrained") as figure:
         size, phase, coherence = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.2, 0.9))
         h = np.abs(response.h)
         size.loglog(response.f, h, color=BLUE)
@@ -212,7 +204,7 @@ def portrait_figure(portrait: Portrait) -> Figure:
     """Draw the portrait, with its section and the points of the section over time."""
     section = portrait.section
     title = f"{portrait.scene}: {plain(portrait.y_name)} over {plain(portrait.x_name)}"
-    with sheet(title, (7.6, 6.6) if section is None else (14.0, 6.6)) as figure:
+    with page(7.6 if section is None else 14.0, 6.6, title, layout="constrained") as figure:
         curve, *beside = figure.subplots(1, 1 if section is None else 2, squeeze=False)[0]
         every = max(portrait.t.size // _DRAWN_SAMPLES, 1)
         curve.plot(portrait.x[::every], portrait.y[::every], color=BLUE, lw=0.8)
@@ -260,7 +252,7 @@ def comparison_figure(compared: Compared) -> Figure:
     ]
     names = sorted(names, key=lambda name: known[name].equal)[:_DRAWN_CHANNELS]
     title = " and ".join(dict.fromkeys(scene_name(run) for run in (first, second)))
-    with sheet(f"{title}: two recordings", (14.0, 1.4 + 2.1 * len(names))) as figure:
+    with page(14.0, 1.4 + 2.1 * len(names), f"{title}: two recordings", layout="constrained") as figure:
         rows = figure.subplots(max(len(names), 1), 2, squeeze=False, sharex=True, width_ratios=(1.5, 1.0))
         for (over, apart), name in zip(rows, names):
             unit = first.units.get(name, "")
@@ -291,7 +283,7 @@ def comparison_figure(compared: Compared) -> Figure:
 
 def sound_figure(sound: Sound) -> Figure:
     """Return the figure of `sound`."""
-    with sheet(f"{sound.scene}: {plain(sound.channel)}", (12.0, 7.6)) as figure:
+    with page(12.0, 7.6, f"{sound.scene}: {plain(sound.channel)}", layout="constrained") as figure:
         signal, spectrum, level = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.5, 1.0))
         every = -(-sound.v.size // _COLUMNS)
         edges = np.arange(0, sound.v.size, every)
