@@ -297,16 +297,14 @@ def _loop(run: Run, name: str, counts: Mapping[str, Any]) -> Iterator[tuple[str,
         yield "commands", str(commands.tick.size)
         if commands.tick.size:
             yield from _delays(commands, run.frame_ns)
-    for key, count in counts.items():
-        if key != "taken" and isinstance(count, int) and count:
-            yield str(key).replace("_", " "), str(count)
+    known = ((key, count) for key, count in counts.items() if key != "taken" and isinstance(count, int) and count)
+    yield from ((str(key).replace("_", " "), str(count)) for key, count in known)
     trip = plain(run.summary.get("round_trip"))
     if trip.get("max"):
         times = (f"{float(trip[quantile]) / 1e3:.2f}" for quantile in ("p50", "p99", "max") if quantile in trip)
         yield "latency", f"{' / '.join(times)} ms from step to command (p50, p99, worst; all controllers)"
-    for topic, count in plain(run.summary.get("lost")).items():
-        if str(topic).endswith(f" to {name}"):
-            yield "lost", f"{count} of {topic}"
+    lost = plain(run.summary.get("lost")).items()
+    yield from (("lost", f"{count} of {topic}") for topic, count in lost if str(topic).endswith(f" to {name}"))
 
 
 def _delays(commands: Commands, frame_ns: int) -> Iterator[tuple[str, str]]:
@@ -372,20 +370,20 @@ def plain(content: object) -> Mapping[str, Any]:
 def verdicts(run: Run, modes: Integers) -> Html:
     """Return what the run shows, in a few lines: damage first, then timing, then what it did, then what proves it."""
     damage = f"The recording is damaged: {run.damage}" if run.damage else ""
-    lost = [line for line in (damage, run.recovered, run.untold) if line]
-    if run.fault != run.damage:
-        lost.insert(0, f"The run stopped early: {run.fault}")
-    lines = [element("li", line, class_="bad") for line in lost]
+    fault = f"The run stopped early: {run.fault}" if run.fault != run.damage else ""
     word, why = timing(run)
-    lines.append(element("li", element("strong", word), f" {why}", class_=_MARKS.get(word)))
-    if run.window:
-        lines.append(element("li", f"A window of a longer run, from {run.begin_ns * 1e-9:g} s on: {run.window}"))
-    lines.append(element("li", ", ".join(_course(run, modes))))
+    window = f"A window of a longer run, from {run.begin_ns * 1e-9:g} s on: {run.window}" if run.window else ""
     proof = "Checksums prove every byte of the recording."
     if not run.sealed:
         proof = "No checksum proves the whole recording: it is damaged, or an older version recorded it."
-    lines.append(element("li", " ".join([proof, *_residual(run)])))
-    return element("ul", *lines, class_="verdicts")
+    course, proofs = ", ".join(_course(run, modes)), " ".join([proof, *_residual(run)])
+    return element(
+        "ul",
+        *(element("li", line, class_="bad") for line in (fault, damage, run.recovered, run.untold) if line),
+        element("li", element("strong", word), f" {why}", class_=_MARKS.get(word)),
+        *(element("li", line) for line in (window, course, proofs) if line),
+        class_="verdicts",
+    )
 
 
 def timing(run: Run) -> tuple[str, str]:
@@ -402,17 +400,15 @@ def timing(run: Run) -> tuple[str, str]:
 def _course(run: Run, modes: Integers) -> Iterator[str]:
     plant = plain(run.summary.get("plant"))
     length = curves.end_of(run) - run.begin_ns * 1e-9
-    yield f"{length:g} s at steps of {run.step_ns * 1e-6:g} ms" if run.time.size else "no sample"
-    if "method" in plant:
-        yield f"method {plant['method']}"
-    if "events" in plant:
-        yield counted(plant["events"], "event")
-    if share := stick(modes):
-        yield share
-    if points := statistics.contact(run):
-        yield points
-    if "ended" in run.summary:
-        yield f"ended: {run.summary['ended']}"
+    parts = (
+        f"{length:g} s at steps of {run.step_ns * 1e-6:g} ms" if run.time.size else "no sample",
+        f"method {plant['method']}" if "method" in plant else "",
+        counted(plant["events"], "event") if "events" in plant else "",
+        stick(modes),
+        statistics.contact(run),
+        f"ended: {run.summary['ended']}" if "ended" in run.summary else "",
+    )
+    return filter(None, parts)
 
 
 def stick(modes: Integers) -> str:

@@ -290,11 +290,11 @@ def map_(
     store = store_of(todo, out)
     refuse(store.folder, ("map.csv", "map.png"), force)
     with printing.kept(store, "parts", len(todo.units)), printing.bar("rows" if y else "parts") as progress:
-        _written(chart(todo, out, workers, progress), store.folder, "map", as_json)
+        written(chart(todo, out, workers, progress), store.folder, "map", as_json)
 
 
-def _written(result: Any, folder: Path, name: str, as_json: bool) -> None:
-    """Print a map, and write its table and its figure."""
+def written(result: Any, folder: Path, name: str, as_json: bool) -> None:
+    """Print a result that has a folder, and write its table and its figure as `name` there."""
     from rig.machine.files import write_file
 
     printing.result(result, as_json, folder=str(folder))
@@ -323,7 +323,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
     refuse(store.folder, ("regions.csv", "regions.png"), force)
     with printing.kept(store, "parts", len(todo.units)), printing.bar("rows") as progress:
         regions, folder = survey(scene, across, along, out, workers, progress)
-    _written(regions, folder, "regions", as_json)
+    written(regions, folder, "regions", as_json)
 
 
 COMMANDS = {

@@ -175,12 +175,12 @@ def bar(what: str) -> Iterator[Callable[[int, int], object]]:
         TextColumn("{task.description}"), BarColumn(), *counts, console=Console(stderr=True), transient=True
     ) as bar:
         task = bar.add_task(what, total=None, rate="")
-        rate = Rate()
+        rate = _rate()
 
         def show(done: int, total: int) -> None:
             if bar.tasks[0].total is None:  # estimate from now on: parts that were kept from before took no time
                 bar.reset(task, completed=done, total=total, rate="")
-            bar.update(task, completed=done, rate=rate.text(done))
+            bar.update(task, completed=done, rate=_speed(rate(done)))
 
         yield show
 
@@ -197,38 +197,38 @@ def kept(store: Store, what: str, total: int = 0) -> Iterator[None]:
         raise
 
 
-class Rate:
-    """The speed of a work since its first report: parts that were kept from before took no time."""
+def _rate() -> Callable[[int], float]:
+    """Return a function that returns the parts per second after `done` of them, since it was called first.
 
-    def __init__(self) -> None:
-        self._first, self._begin = -1, 0.0
+    Parts that were kept from before took no time. The speed is 0 before anything is finished.
+    """
+    begun: list[tuple[int, float]] = []
 
-    def per_second(self, done: int) -> float:
-        """Parts per second, after `done` of them; 0 before anything is finished."""
+    def rate(done: int) -> float:
         now = time.monotonic()
-        if self._first < 0:
-            self._first, self._begin = done, now
-        return (done - self._first) / (now - self._begin) if done > self._first and now > self._begin else 0.0
+        first, begin = begun[0] if begun else (done, now)
+        begun[:] = [(first, begin)]
+        return (done - first) / (now - begin) if done > first and now > begin else 0.0
 
-    def text(self, done: int) -> str:
-        """The speed in words; per minute below one per second."""
-        rate = self.per_second(done)
-        if not rate:
-            return ""
-        return f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min"
+    return rate
+
+
+def _speed(rate: float) -> str:
+    """A speed in words; per minute below one per second."""
+    return f"{rate:.3g}/s" if rate >= 1.0 else f"{60.0 * rate:.3g}/min" if rate else ""
 
 
 def _lines(what: str) -> Callable[[int, int], object]:
     """Progress as lines, at most one in `PROGRESS_S`, and one at the end: short work prints none."""
     last, told = time.monotonic(), False
-    rate = Rate()
+    rate = _rate()
 
     def show(done: int, total: int) -> None:
         nonlocal last, told
-        speed = rate.per_second(done)
+        speed = rate(done)
         if time.monotonic() - last >= PROGRESS_S or (told and done == total):
             last, told = time.monotonic(), done < total
-            left = f", {rate.text(done)}, about {_span((total - done) / speed)} left" if speed and done < total else ""
+            left = f", {_speed(speed)}, about {_span((total - done) / speed)} left" if speed and done < total else ""
             note(f"{what}: {done} of {total}{left}")
 
     return show

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli import printing
-from rig.cli.analysis import Workers, idle
+from rig.cli.analysis import Workers, idle, written
 from rig.cli.options import (
     Changes,
     Duration,
@@ -24,7 +24,7 @@ from rig.cli.options import (
     the_scene,
     with_option,
 )
-from rig.cli.printing import draw, named, new_folder, refuse, writable
+from rig.cli.printing import named, new_folder, refuse, writable
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
@@ -244,7 +244,6 @@ def optimise(
     """
     from rig.analysis.pool import Store
     from rig.analysis.studies.search import prepared, search
-    from rig.machine.files import write_file
 
     if (minimise is None) == (maximise is None):
         raise UsageError("state one measure: --minimise cycle.amplitude, or --maximise")
@@ -260,11 +259,7 @@ def optimise(
     refuse(store.folder, ("search.csv",), force)
     with printing.kept(store, "points"), printing.bar("points") as progress:
         result = search(work, out, workers, progress, cluster)
-    printing.result(result, as_json)
-    if not as_json:
-        printing.line(f"\n{store.folder}/search.csv, search.png")
-    draw(result, store.folder / "search.png")
-    write_file(store.folder / "search.csv", result.csv().encode())
+    written(result, store.folder, "search", as_json)
     printing.passed(result.best is not None)
 
 

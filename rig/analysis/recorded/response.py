@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 from rig.analysis.recorded.series import Series, aligned, channels, same, scene_name
 from rig.analysis.recorded.spectrum import FEWEST
 from rig.errors import Faults, UsageError
-from rig.printable import columns
+from rig.printable import columns, counted
 from rig.record.run import Integers, Reals, Run
 from rig.record.run_data import bridge
 from rig.results import Result, csv_text
@@ -317,15 +317,21 @@ class Response(Result):
     def text(self) -> str:
         """Return the report as text."""
         kind = "Hann, half overlapping" if self.tapered else "from pulse to pulse"
-        windows = f"{self.windows} window{'s' * (self.windows > 1)} of {self.window:.4g} s"
+        windows = f"{counted(self.windows, 'window')} of {self.window:.4g} s"
+        known = np.isfinite(self.h)
+        band = f"{self.f[known].min():.4g} to {self.f[known].max():.4g} Hz"
+        without = int(np.count_nonzero(~known)) and f"{np.count_nonzero(~known)} lines in which the input has no power"
+        bridged = f"  {self.bridged} missing samples are bridged by straight lines" if self.bridged else ""
+        lost = "windows are left out: a longer gap, or they end after the last sample"
+        left_out = f"  {self.left_out} {lost}" if self.left_out else ""
         lines = [
             f"{self.scene}: response of {self.output} [{self.output_unit}] to {self.input} [{self.input_unit}], "
             f"{self.start:.5g} to {self.start + self.seconds:.5g} s at {self.rate:.6g} Hz",
             f"  H1: mean of {windows} ({kind}), {self.independent:.4g} independent; lines {self.step:.4g} Hz apart",
             *([] if self.tapered else ["  the input counts as zero between the pulses (force window)"]),
             *(f"  {gap}" for gap in self.gaps),
-            *self._left_out(),
-            *self._excited(),
+            *filter(None, (bridged, left_out)),
+            f"  excited: {band}{f', without {without}' if without else ''}",
             *self._trusted(),
             *self._doubts(),
         ]
@@ -340,18 +346,6 @@ class Response(Result):
         ]  # fmt: skip
         how = "  resonances: fit of one pole pair to the lines about each peak"
         return "\n".join([*lines, how, "", *columns([head, *rows], ">>>>>>")])
-
-    def _left_out(self) -> Iterator[str]:
-        if self.bridged:
-            yield f"  {self.bridged} missing samples are bridged by straight lines"
-        if self.left_out:
-            yield f"  {self.left_out} windows are left out: a longer gap, or they end after the last sample"
-
-    def _excited(self) -> Iterator[str]:
-        known = np.isfinite(self.h)
-        band = f"{self.f[known].min():.4g} to {self.f[known].max():.4g} Hz"
-        without = int(np.count_nonzero(~known))
-        yield f"  excited: {band}" + (f", without {without} lines in which the input has no power" if without else "")
 
     def _trusted(self) -> Iterator[str]:
         if self.windows < 2:

@@ -26,7 +26,6 @@ from rig.record.film_points import listed, read
 from rig.record.run import Reals, Run, Samples
 from rig.record.run_data import MEASURED, TRUE, gaps, increasing, places, signals, unknown
 from rig.record.run_list import drives
-from rig.scenes.scene import Scene
 from rig.view.curves import described
 
 _VIBRATION = ("m/s^2", "m/s", "Pa", "m")  # units of a vibration, the most informative first
@@ -191,19 +190,14 @@ def _folded(run: Run, name: str, output: bool, rate: float) -> str:
     scene = read(run.scene)
     if scene is None or not (output or getattr(scene.sensors.get(name), "ideal", False)):
         return ""
-    highest = _highest_mode(scene)
+    parameters = scene.parameters
+    highest = float(parameters.reduced().frequencies[-1]) if isinstance(parameters, plate.Parameters) else 0.0
     if highest <= 0.505 * rate:  # aliasing by 1 % of the rate hardly moves a line
         return ""
     return (
         f"{name} is sampled at {rate:.6g} Hz and not filtered, and the plate's modes reach {highest:.6g} Hz: "
         f"vibration above {0.5 * rate:.6g} Hz is aliased; raise the rate of a sensor of the scene"
     )
-
-
-def _highest_mode(scene: Scene) -> float:
-    """The highest frequency [Hz] of the modes of a scene's plate; 0 without a plate."""
-    parameters = scene.parameters
-    return float(parameters.reduced().frequencies[-1]) if isinstance(parameters, plate.Parameters) else 0.0
 
 
 def _listed(run: Run) -> str:
