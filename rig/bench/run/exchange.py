@@ -285,11 +285,12 @@ class Exchange:
     def impose(self, queue: CommandQueue, answered: int, status: int, values: tuple[float, ...]) -> None:
         """Put values into force unchanged: `take_over` has checked them, or they come from a recording."""
         tick, in_force = self._runner.tick, self.in_force
+        apply = self._apply if self.faulty else self._runner.apply
         queue.values, queue.answered, queue.status, queue.last = values, answered, status, tick
         for drive, value in zip(queue.drives, values):
             if in_force.get(drive) != value:
                 in_force[drive] = value
-                self._apply(drive, value)
+                apply(drive, value)
         queue.keep(tick)
 
     def _without_gaps(self, queue: CommandQueue, given: Sequence[float]) -> Sequence[float]:
