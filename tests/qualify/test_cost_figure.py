@@ -20,7 +20,6 @@ def test_labels_of_the_two_horizontal_axes_stay_apart(ratio, low):
             axes.set(xscale="log", xlim=(low, low * ratio))
             report.second_axis(axes, converted, "share of a frame [%]")
         canvas.draw()
-        shown = 0
         for axes in sheet.axes:
             begin, end = sorted(axes.get_xlim())
             ticks = [*axes.xaxis.get_major_ticks(), *axes.xaxis.get_minor_ticks()]
@@ -28,5 +27,4 @@ def test_labels_of_the_two_horizontal_axes_stay_apart(ratio, low):
             seen = [text for text in texts if text.get_visible() and text.get_text()]
             boxes = sorted((box.x0, box.x1) for box in (text.get_window_extent() for text in seen))
             assert all(left[1] < right[0] for left, right in pairwise(boxes))
-            shown += len(boxes)
-    assert shown or ratio < 10.0
+            assert boxes

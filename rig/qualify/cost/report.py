@@ -183,6 +183,8 @@ def _curves(axes: Axes, table: Table, metric: str, of: Callable[[Row], Spread]) 
 
 _SHORT = 100.0
 """Ratio of the ends of an axis up to which the labels of its minor ticks have room beside those of the decades."""
+_FEW = 3.0
+"""Ratio up to which there may be no tick at 2, at 5 or at a decade, and all minor ticks have labels."""
 
 
 def second_axis(axes: Axes, converted: Callable[[float], float], label: str) -> None:
@@ -199,12 +201,8 @@ def tick_labels(axes: Axes) -> None:
     """Label a logarithmic horizontal axis so that its labels stay apart."""
     low, high = sorted(axes.get_xlim())
     axes.xaxis.set_major_formatter("{x:g}")
-    axes.xaxis.set_minor_formatter(_some if high < _SHORT * low else "")
-
-
-def _some(value: float, _: float) -> str:
-    """Labels of minor ticks: two and five."""
-    return f"{value:g}" if f"{value:.0e}"[0] in "25" else ""
+    digits = "" if high >= _SHORT * low else "25" if high >= _FEW * low else "23456789"
+    axes.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in digits else "")
 
 
 def percent_of_frame(compute: float) -> float:
