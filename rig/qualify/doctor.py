@@ -165,7 +165,7 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
             begin = clock()
             for controller in inside:
                 controller.answer()
-            experiment.take_over()
+            experiment.exchange.take_over()
             runner.frame()
             frame_times.append(protocol + clock() - begin)
     except NumericsError:  # the frames up to there count

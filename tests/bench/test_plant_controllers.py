@@ -119,7 +119,7 @@ def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene):
             experiment.dismiss("mine")
         experiment.admit("mine", ["drive.speed"], scene.frame_ns)
         experiment.exchange.receive("mine", 0, (0.1,))
-        experiment.take_over()
+        experiment.exchange.take_over()
         experiment.dismiss("mine")
         events = len(experiment.journal.events)
         with pytest.raises(UsageError, match=r"commanded 1 actuators before .* would now command 2; .* another name"):
@@ -135,7 +135,7 @@ def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene):
             experiment.admit("mine", ["drive.speed"], scene.frame_ns)
             experiment.exchange.receive("mine", experiment.runner.tick, (0.1,))
             for _ in range(hold + 2):
-                experiment.take_over()
+                experiment.exchange.take_over()
                 experiment.runner.frame()
             experiment.dismiss("mine")
         assert "safe values replaced the commands of mine 2 times" in timing_verdict(bench.plant, {}, []).reasons

@@ -112,7 +112,7 @@ def rebuilt(experiment, frames):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Motion, "ready", noted)
         while experiment.runner.tick < frames and experiment.begin():
-            experiment.take_over()
+            experiment.exchange.take_over()
             experiment.runner.frame()
             found.append(experiment.runner.output_values().copy())
     return np.array(found), len(made)

@@ -98,5 +98,5 @@ def played(scene, ticks, commands, events):
             found[name].append(runner.bank.samples(i).copy())
         if not experiment.begin():
             return found
-        experiment.take_over()
+        experiment.exchange.take_over()
         runner.frame()

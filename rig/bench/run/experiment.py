@@ -2,10 +2,10 @@
 
 It is the same in every mode:
 
-    operation.open()                       once, before anything is measured: the protocol at tick 0
-    operation.begin()                      carry out what is due at this tick: protocol, limits
+    experiment.open()                      once, before anything is measured: the protocol at tick 0
+    experiment.begin()                     carry out what is due at this tick: protocol, limits
     exchange.receive(...)                  answers of the controllers to the measurements of this tick, or older ones
-    operation.take_over()                  put commands into force
+    exchange.take_over()                   put commands into force
     runner.frames(1)                       integrate to the next tick
 
 Actions from outside (an operator changes a parameter or knocks, a user's own controller is admitted) are carried out
@@ -26,7 +26,6 @@ import numpy as np
 from rig.bench.run import protocol
 from rig.bench.run.before import DelayWarnings
 from rig.bench.run.builds import Builds, PostponedSteps, PreparedRigs
-from rig.bench.run.command_queue import CommandQueue
 from rig.bench.run.exchange import Exchange
 from rig.bench.run.journal import OPERATOR, Journal
 from rig.bench.run.rig_variants import Wanted
@@ -342,8 +341,9 @@ class Experiment:
         runner = self.runner
         tick = runner.tick
         self._faults.carry_out(self.exchange)
-        if not self.aborted:
-            self._watch()
+        if not self.aborted and (name := runner.beyond()):
+            value, limit, unit = runner.output(name), self.scene.limits[name], runner.units[name]
+            self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
         if not self.aborted:
             for action in self.postponed.due():
                 self._carry_out(action)
@@ -378,16 +378,6 @@ class Experiment:
         due = [self._end, None if self.aborted else self.protocol.until(tick)]
         due += [self._faults.next, self.postponed.until(), self._outside[0]["tick"] if self._outside else None]
         return max(min((at for at in due if at is not None), default=tick + 1), tick + 1)
-
-    def take_over(self) -> list[CommandQueue]:
-        """Put the commands of this tick into force; returns the command queues that changed."""
-        return self.exchange.take_over()
-
-    def _watch(self) -> None:
-        name = self.runner.beyond()
-        if name:
-            value, limit, unit = self.runner.output(name), self.scene.limits[name], self.runner.units[name]
-            self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
 
     def emergency(self) -> None:
         """Go to the safe state at this tick at the request of an operator; a second request changes nothing."""

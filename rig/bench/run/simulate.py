@@ -209,7 +209,7 @@ def carry_on(
     """
     runner, exchange = experiment.runner, experiment.exchange
     if until - runner.tick == 1 and not working:  # each frame of a run whose controllers have processes
-        experiment.take_over()
+        exchange.take_over()
         runner.frames(1)
         return
     inside = inside or CompiledControllers(experiment)
@@ -220,7 +220,7 @@ def carry_on(
     while True:
         for asked in working:
             asked.answer()
-        experiment.take_over()
+        exchange.take_over()
         tick, end = runner.tick, until
         compiled = inside.lend(heard) if end - tick > 1 else ()
         for asked in heard:
