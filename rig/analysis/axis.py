@@ -273,8 +273,7 @@ def fixed(scene: Scene, axes: Iterable[Axis]) -> str:
 
     Main are those whose field declares words for them: speed of the drive, load, coefficients of friction.
     """
-    varied, values = {axis.key for axis in axes}, scene.values()
-    shown = []
+    varied, values, shown = {axis.key for axis in axes}, scene.values(), []
     for key, unit in sweepable(scene.parameters):
         words = in_words(key, scene, declared=True)
         if words and key not in varied and values[key][0] is not None:

@@ -76,8 +76,7 @@ def measure(run: Run, seed: int) -> Seen:
     opened, begin = first_opening(run), 0.0
     if opened is not None:
         numbers[ONSET], begin = Number(opened, "s"), opened
-    for number in statistics(run, begin):
-        numbers[number.name] = Number(number.value, number.unit)
+    numbers |= {number.name: Number(number.value, number.unit) for number in statistics(run, begin)}
     if OPENINGS not in run.signals:
         for name in whole_signals(run):
             v = run.signals[name]
@@ -131,15 +130,9 @@ class Repeats(Result):
     @property
     def spreads(self) -> tuple[Spread, ...]:
         """The spread of every number, in the order of the first run that has it."""
-        values: dict[str, list[float]] = {}
-        units: dict[str, str] = {}
-        for run in self.seen:
-            for name, (value, unit) in run.numbers.items():
-                values.setdefault(name, []).append(value)
-                units[name] = unit
-        return tuple(
-            Spread(name, units[name], len(v), float(np.median(v)), min(v), max(v)) for name, v in values.items()
-        )
+        units = {name: number.unit for run in self.seen for name, number in run.numbers.items()}
+        values = ((name, self.values(name)) for name in units)
+        return tuple(Spread(name, units[name], len(v), float(np.median(v)), min(v), max(v)) for name, v in values)
 
     def values(self, name: str) -> list[float]:
         """Return a number of every run that has it, in the order of the seeds."""

@@ -130,8 +130,6 @@ def checked(job: Job) -> Job:
     faults += [f"runs: {run} is unknown; known: {', '.join(RUNS)}" for run in unknown]
     if not settings.runs:
         faults.append(f"runs: name at least one of {', '.join(RUNS)}")
-    if not 0.0 < settings.kick <= 0.1:
-        faults.append(f"kick = {settings.kick:g}: must be greater than 0 and at most 0.1")
     if settings.longest is not None and not settings.longest > 0.0:
         faults.append(f"longest = {settings.longest:g} s: must be greater than 0 s")
     dither = getattr(job.scene.parameters, "dither", None)
