@@ -54,6 +54,28 @@ from rig.stability.linearisation import Steady, sliding_key, steady
 Array = NDArray[np.float64]
 NEAR = 1e-7
 """Share of the scale. This close to stable sliding the rig is linear: a disturbance of this size decays."""
+ROUGH = 1e-6
+SETTLED = 32
+_MOST = 4  # most turning points in one cycle
+_ROUNDS = 3  # compared cycles: two could agree by chance
+CLOSE = 1e-10  # of the size of each state: a step of Newton's method that counts as zero
+_ROUGH = 1e-6  # the same if rounding, or the tolerance of dopri5, limits how close the return comes
+_STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
+_STEPS = 12
+_HALVINGS = 6
+_GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cycle
+TIGHT = 1e-10
+LONGEST = 120.0  # s
+CHANGES = 500_000  # mode set changes: over a minute of a squeal at 3.4 kHz
+QUIET = 40.0  # periods of the slowest mode without an event, after which the search tests whether the motion decays
+_AGAIN = 1.01  # ratio of the times of two successive tests whether the motion repeats
+_FIRST = 64  # mode set changes after which Newton's method is tried, and again after twice as many
+_NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
+_CALM = 2  # turns of an uneven surface without a contact event, after which the rig slides
+_TURNS = 5.0  # turns of it that the search waits for
+_SLOW = 0.9  # a multiplier above which a cycle attracts slowly
+_POINTS = 5  # of each step of the integrator, in the outputs over a period
+_LEFT = 1e-6  # of the period: largest remaining distance to a cycle that attracts slowly
 
 
 class Rest:
@@ -68,7 +90,6 @@ class Rest:
         self.least = complex(rates[0]) if len(rates) else complex(math.nan, math.nan)
         self._turn = abs(self.least)
         self._scale = self._distance(start)
-
         self.stable = self.least.real < 0.0
         """Whether every mode of sliding decays."""
 
@@ -96,12 +117,6 @@ class Rest:
         d, nq, mass = x - self._sliding.x, self._nq, self._sliding.system.mass
         q, v = d[:nq], d[nq : 2 * nq]
         return math.sqrt(max(float(v @ mass @ v + self._turn**2 * (q @ mass @ q)), 0.0))
-
-
-ROUGH = 1e-6
-SETTLED = 32
-_MOST = 4  # most turning points in one cycle
-_ROUNDS = 3  # compared cycles: two could agree by chance
 
 
 class Turn(NamedTuple):
@@ -202,14 +217,6 @@ def _zero(polynomial: Array) -> float:
     return 1.0 if value(1.0) >= 0.0 else float(brentq(value, 0.0, 1.0, xtol=1e-15))
 
 
-CLOSE = 1e-10  # of the size of each state: a step of Newton's method that counts as zero
-_ROUGH = 1e-6  # the same if rounding, or the tolerance of dopri5, limits how close the return comes
-_STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
-_STEPS = 12
-_HALVINGS = 6
-_GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cycle
-
-
 @dataclass(frozen=True)
 class ShootingResult:
     """The result of Newton's method: a state on the cycle, its period [s], the size of its largest multiplier."""
@@ -279,20 +286,6 @@ def _open(at: Return, miss: Array) -> float:
     """Distance of a return from closing at any period: without its part along the motion."""
     along = at.flow / max(float(np.linalg.norm(at.flow)), 1e-300)
     return float(np.linalg.norm(miss - along * (along @ miss)))
-
-
-TIGHT = 1e-10
-LONGEST = 120.0  # s
-CHANGES = 500_000  # mode set changes: over a minute of a squeal at 3.4 kHz
-QUIET = 40.0  # periods of the slowest mode without an event, after which the search tests whether the motion decays
-_AGAIN = 1.01  # ratio of the times of two successive tests whether the motion repeats
-_FIRST = 64  # mode set changes after which Newton's method is tried, and again after twice as many
-_NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
-_CALM = 2  # turns of an uneven surface without a contact event, after which the rig slides
-_TURNS = 5.0  # turns of it that the search waits for
-_SLOW = 0.9  # a multiplier above which a cycle attracts slowly
-_POINTS = 5  # of each step of the integrator, in the outputs over a period
-_LEFT = 1e-6  # of the period: largest remaining distance to a cycle that attracts slowly
 
 
 def limit_cycle(

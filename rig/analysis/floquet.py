@@ -43,6 +43,15 @@ Array = NDArray[np.float64]
 STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state
 _MANY, _SHOWN = 10, 6  # more multipliers than the first number are cut down to the second
 RUNS = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
+Complex = NDArray[np.complex128]
+_SLOWEST = 30.0  # oscillations of the rig in a period of the dither: longer ones take minutes
+_ROUNDS = 30  # of Newton's method
+_FIRST = 2  # of them may reverse the slip on the way to a motion that does not
+_CLOSED = 1e-9  # of the range of each state: a motion that returns so closely is periodic
+_ERASED = 1e-6  # a smaller multiplier is zero: a contact sticks, and the rest is the error of the differences
+_POINTS = 256  # of a period, at which the contacts are looked at
+_TIGHT = 1e-11
+_NONE = np.zeros((0, 0), dtype=np.complex128)
 
 
 @dataclass(frozen=True)
@@ -186,16 +195,6 @@ def _free(rows: Array) -> Array:
     return np.asarray(directions[rank:].T)
 
 
-Complex = NDArray[np.complex128]
-_SLOWEST = 30.0  # oscillations of the rig in a period of the dither: longer ones take minutes
-_ROUNDS = 30  # of Newton's method
-_FIRST = 2  # of them may reverse the slip on the way to a motion that does not
-_CLOSED = 1e-9  # of the range of each state: a motion that returns so closely is periodic
-_ERASED = 1e-6  # a smaller multiplier is zero: a contact sticks, and the rest is the error of the differences
-_POINTS = 256  # of a period, at which the contacts are looked at
-_TIGHT = 1e-11
-
-
 @dataclass(frozen=True)
 class Forced:
     """A forced motion. `exponents` [i], the least stable first; `shapes` [state, i] at the phase of the start.
@@ -210,9 +209,6 @@ class Forced:
     counts: bool
     why: str = ""
     means: tuple[Array, Array, Array, Array] | None = None
-
-
-_NONE = np.zeros((0, 0), dtype=np.complex128)
 
 
 def forced(scene: Scene, assembly: Assembly, at: Steady, sine: int, cosine: int, amplitude: float) -> Forced:

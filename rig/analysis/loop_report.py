@@ -41,6 +41,16 @@ from rig.scenes.sections import dump
 from rig.sensors.chain.front_end import FrontEnd
 
 _ROUNDED = 1e-12  # rad
+Array = NDArray[np.float64]
+RUNS = 8
+"""Runs of an ensemble. # chosen"""
+_SHARE = 1e-3
+_DECADES = 8.0  # change of ln(amplitude) that a run should reach, and the least number of periods that it has. [chosen]
+_PERIODS = (12, 400)
+POINTS = 9
+"""Values of each curve. # chosen"""
+_MOST_LOSS = 0.9
+_FREE = 20  # frames of delay that the curve covers if the loop has no delay margin. [chosen]
 
 
 @dataclass(frozen=True)
@@ -94,14 +104,6 @@ def budget(scene: Scene, closed: Loop, bus: float | None = None) -> Iterator[Ite
         origin = "rig run --pace: not measured (--measure does)" if bus is None else f"{1e3 * bus:.2g} ms, measured"
         frames = 1 if bus is None else max(math.ceil(bus * 1e9 / frame), 1)
         yield Item("bus of a paced run", frames * frame * 1e-9, f"{origin}: {counted(frames, 'frame')}")
-
-
-Array = NDArray[np.float64]
-RUNS = 8
-"""Runs of an ensemble. # chosen"""
-_SHARE = 1e-3
-_DECADES = 8.0  # change of ln(amplitude) that a run should reach, and the least number of periods that it has. [chosen]
-_PERIODS = (12, 400)
 
 
 @dataclass(frozen=True)
@@ -187,12 +189,6 @@ def _by_periods(values: Array, steps: float) -> Array:
     """The variance of `values` in each whole period of `steps` rows."""
     ends = np.rint(np.arange(int(len(values) / steps) + 1) * steps).astype(int)
     return np.array([np.var(values[a:b]) for a, b in pairwise(ends.tolist())])
-
-
-POINTS = 9
-"""Values of each curve. # chosen"""
-_MOST_LOSS = 0.9
-_FREE = 20  # frames of delay that the curve covers if the loop has no delay margin. [chosen]
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,8 @@ from rig.stability.linearisation import Steady, sliding_key, steady
 _REST = 1e-11  # rounding error of a zero, relative to the sum of its terms or to the largest rate
 Array = NDArray[np.float64]
 GENERATOR = ("dither.sin", "dither.cos")
+_LEAST = 0.01  # of the energy: smallest share shown of a long shape, and how many at most
+_LONG, _MOST = 4, 6
 
 
 class Slow(RigError):
@@ -233,10 +235,6 @@ def _shares(names: Sequence[str], amplitudes: Any, form: Array) -> dict[str, flo
     weighed = np.flatnonzero(form.any(axis=0)).tolist()
     total = float(parts.sum())
     return {names[i].removesuffix("'"): float(parts[i]) / total for i in weighed} if total > 0.0 else {}
-
-
-_LEAST = 0.01  # of the energy: smallest share shown of a long shape, and how many at most
-_LONG, _MOST = 4, 6
 
 
 @dataclass(frozen=True)

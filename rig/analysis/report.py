@@ -45,6 +45,19 @@ from rig.view.curves import described
 _EMPTY = frozenset({"img", "meta"})
 # What UTF-8 or HTML cannot contain, and what changes the direction of the text after it
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u202a-\u202e\u2066-\u2069\ufffe\uffff]")
+COLUMNS = 480
+"""Columns of a curve: in each of them it reaches from its lowest to its highest sample."""
+HEIGHT = 100
+_GAP = 1.5  # longest distance of neighbouring samples without a gap, in median distances
+SHOWN = 200
+"""Most events that are shown open; longer lists are folded."""
+_COUNTED = "contact"  # kind of events that are only counted: there may be thousands a second
+_CLAMPED, _SAFE = 1, 2  # status of a command (`rig.record.run.Commands`)
+UNKNOWN = -1
+"""Contact mode of a sample that a damaged recording has lost."""
+_MARKS = {"VALID": "good", "DEGRADED": "doubtful", "INVALID": "bad"}
+# What the page may load: nothing. A browser then refuses what an escaped text must not have become.
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 
 
 class Html(str):
@@ -100,12 +113,6 @@ def facts(rows: Iterable[tuple[str, object]]) -> Html:
     """Return names and what is known under them; without rows the result is empty."""
     terms = joined(joined((element("dt", name), element("dd", what))) for name, what in rows)
     return element("dl", terms) if terms else Html()
-
-
-COLUMNS = 480
-"""Columns of a curve: in each of them it reaches from its lowest to its highest sample."""
-HEIGHT = 100
-_GAP = 1.5  # longest distance of neighbouring samples without a gap, in median distances
 
 
 def sketch(t_ns: Integers, v: Reals, span: tuple[float, float], marks: list[float], label: str) -> Html:
@@ -197,11 +204,6 @@ svg { display: block; width: 100%; height: 6rem; margin: .4rem 0; color: var(--c
 """
 
 
-SHOWN = 200
-"""Most events that are shown open; longer lists are folded."""
-_COUNTED = "contact"  # kind of events that are only counted: there may be thousands a second
-
-
 def events(run: Run) -> Html:
     """Return the events of all processes in order. What a process other than the plant says, it says of itself."""
     shown = [event for event in run.events if event["kind"] != _COUNTED]
@@ -255,9 +257,6 @@ def commands(run: Run, log: Path) -> Html:
         ("the command that made it", repeated),
     ]
     return facts((what, element("code", command)) for what, command in rows if command)
-
-
-_CLAMPED, _SAFE = 1, 2  # status of a command (`rig.record.run.Commands`)
 
 
 def value(content: object, unit: str = "") -> str:
@@ -357,9 +356,6 @@ _TERMS = {
     "impulses": "supplied at once: by knocks, and by changes of values",
     "stored": "change of the stored energy",
 }
-UNKNOWN = -1
-"""Contact mode of a sample that a damaged recording has lost."""
-_MARKS = {"VALID": "good", "DEGRADED": "doubtful", "INVALID": "bad"}
 
 
 def plain(content: object) -> Mapping[str, Any]:
@@ -495,10 +491,6 @@ def audit(run: Run) -> Html:
     none = element("p", "Every judged effect had an influence, and none is missing.")
     columns = ("effect", "state", "share of the forces (limits: of the time)", "values as in scene")
     return joined((element("ul", *remarks) if remarks else none, table("Effects", columns, rows)))
-
-
-# What the page may load: nothing. A browser then refuses what an escaped text must not have become.
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 
 
 def write(run: Run, log: Path, path: Path) -> int:

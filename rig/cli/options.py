@@ -24,6 +24,14 @@ if TYPE_CHECKING:
     from rig.scenes.places import Place
     from rig.scenes.scene import Scene
 
+_CONTROLLER = (
+    "one of the scene by its NAME, or one from a FILE, which is added under the file's name or NAME, or replaces one"
+)
+SHORTEST, LONGEST = 1e-9, 1e6
+"""Shortest and longest time [s] that can be asked for."""
+PACES = (1e-3, 1e6)
+"""Slowest and fastest pace."""
+
 
 class _Flags:
     """Removes the type `<bool>` behind flags in the help, which would invite a value: `--view true`."""
@@ -112,9 +120,6 @@ Changes = Annotated[
         help='Change a value: -p drive.speed="2 rpm". "none" removes it. Repeatable.',
     ),
 ]
-_CONTROLLER = (
-    "one of the scene by its NAME, or one from a FILE, which is added under the file's name or NAME, or replaces one"
-)
 Controllers = Annotated[
     list[str] | None,
     typer.Option("--controller", metavar="NAME|[NAME=]FILE", help=f"A controller: {_CONTROLLER}. Repeatable."),
@@ -158,7 +163,6 @@ Lockstep = Annotated[
     bool,
     typer.Option("--lockstep", help="Wait for every controller at every step, instead of following the wall clock."),
 ]
-
 Trust = Annotated[
     bool,
     typer.Option("--trust", help="Run the code of plants, sensors and other parts that the recording or run contains."),
@@ -183,12 +187,6 @@ Most = Annotated[
     int | None,
     typer.Option(min=1, max=999, metavar="N", help="With --trigger: largest number of recordings. Default: 100."),
 ]
-
-SHORTEST, LONGEST = 1e-9, 1e6
-"""Shortest and longest time [s] that can be asked for."""
-PACES = (1e-3, 1e6)
-"""Slowest and fastest pace."""
-
 Budget = Annotated[
     str | None,
     typer.Option(

@@ -32,6 +32,8 @@ PROGRESS_S = 5.0
 """Shortest time between two lines of progress without a terminal [s]."""
 # Suffixes that name a file: no folder of results has one of them
 _FILES = {*FIGURES, ".csv", ".html", ".json", ".mcap", ".nc", ".parquet", ".txt", ".xml"}
+_TAKEN = "rig.cli.printing"
+_READ = "what is read"
 
 
 def line(text: str = "") -> None:
@@ -240,10 +242,6 @@ def _span(seconds: float) -> str:
         if seconds >= 2.0 * size:
             return f"{seconds / size:.0f} {unit}"
     return f"{seconds:.0f} s"
-
-
-_TAKEN = "rig.cli.printing"
-_READ = "what is read"
 
 
 def named(what: str, path: Path) -> None:

@@ -29,6 +29,19 @@ from rig.results import Result, csv_text
 _TURN = 0.05  # share of the whole range: a smaller reversal does not end a branch
 _HELD = 0.01  # share of the range of a branch: the speed counts as held within this distance of its ends
 _ROUNDING = 1e-9  # share of the largest speed: a smaller change counts as none
+PARTS, _MOST_PARTS = 16, 40
+"""Successive windows are offset by about this fraction of their length, a whole number of samples."""
+FEWEST = 4
+"""Fewest samples in a window."""
+_KNOWN = 0.5  # share of the samples of a window that must exist
+_DRIFT = 3  # lines of a spectrum
+_STRONG = 0.1  # of the mean square
+_PERIODS = 5.0  # default window, in periods of the slowest strong vibration
+_LONGEST = 0.25  # share of the shortest branch: a longer window blurs all of it
+_USUAL = 0.05  # share of the shortest branch: the longest default window
+_WHOLE = 0.95  # periods that count as one
+_BINS = 20
+_POINTS = 20_000  # samples of the speed that its branches are found from
 
 
 class Branch(NamedTuple):
@@ -91,15 +104,6 @@ def _turns(v: Reals, least: float) -> list[int]:
     return [*turns, top if way > 0 else bottom]
 
 
-PARTS, _MOST_PARTS = 16, 40
-"""Successive windows are offset by about this fraction of their length, a whole number of samples."""
-FEWEST = 4
-"""Fewest samples in a window."""
-_KNOWN = 0.5  # share of the samples of a window that must exist
-_DRIFT = 3  # lines of a spectrum
-_STRONG = 0.1  # of the mean square
-
-
 def moving_rms(signal: Series, length: float) -> tuple[Reals, Reals, float]:
     """Return middles [s] of windows of about `length` [s], the RMS about the mean in each, and their true length [s].
 
@@ -155,14 +159,6 @@ def _divided(count: int) -> tuple[int, int]:
         return count, 1
     near = (count + sign * shift for shift in range(count) for sign in (1, -1))
     return next((parts, n // parts) for n in near for parts in range(PARTS, _MOST_PARTS + 1) if n % parts == 0)
-
-
-_PERIODS = 5.0  # default window, in periods of the slowest strong vibration
-_LONGEST = 0.25  # share of the shortest branch: a longer window blurs all of it
-_USUAL = 0.05  # share of the shortest branch: the longest default window
-_WHOLE = 0.95  # periods that count as one
-_BINS = 20
-_POINTS = 20_000  # samples of the speed that its branches are found from
 
 
 class Row(NamedTuple):

@@ -53,6 +53,26 @@ from rig.record.run_data import bridge
 from rig.results import Result, csv_text
 
 _CHUNK = 1 << 22  # samples that are transformed at once
+_LOUD, _NOISE, _CLEAR, _RARE = 0.1, 6.0, 0.5, 0.05
+_NORMAL = 1.4826  # standard deviation over median magnitude, of normal noise
+_SAMPLES_BESIDE = 4  # samples before and after a pulse, at least; and at least twice its length
+Complex = NDArray[np.complex128]
+_STANDS_OUT = 6.0  # dB above the minima beside it
+_SURE = 0.1  # random error of a peak
+_TRIED, _MOST = 200, 12  # peaks, and resonances among them
+_LINES_BESIDE = 4  # lines on either side of a peak, at least
+_DEEP = 0.5  # share of the height of a peak down to which its lines are fitted
+_ROUNDS = 20
+_FITS = 0.2  # RMS of the error of a fit over that of the response
+_NARROWEST = 0.5  # lines in the bandwidth
+_WINDOWS = 16  # Hann windows, end to end, in the time span, by default
+_FLOOR = 1e-10  # share of the input's largest spectral density: lines below it count as not excited
+_ROUNDING = 1e-12  # share of its largest value: an input that changes by less is constant
+_NARROW = 4.0  # lines in the bandwidth of a peak that its height needs
+_LASTS = 1e-3  # RMS at the end of a window over that of the window: more is reported
+_EXCITE = (
+    "a response needs an input that moves: noise, a sweep, or a knock with a duration in the protocol of the scene"
+)
 
 
 class Averages(NamedTuple):
@@ -110,11 +130,6 @@ def averaged(x: Reals, y: Reals, rate: float, count: int, begins: Integers) -> A
     )  # fmt: skip
 
 
-_LOUD, _NOISE, _CLEAR, _RARE = 0.1, 6.0, 0.5, 0.05
-_NORMAL = 1.4826  # standard deviation over median magnitude, of normal noise
-_SAMPLES_BESIDE = 4  # samples before and after a pulse, at least; and at least twice its length
-
-
 class Pulses(NamedTuple):
     """Pulses in order of time: [n] sample at which the window of each begins, and the sample after the pulse."""
 
@@ -153,17 +168,6 @@ def force_window(x: Reals, blows: Pulses, count: int) -> Reals:
         line = np.polyfit(at - begin, x[at], 1) if at.size > 1 else np.zeros(2)
         made[begin:end] = x[begin:end] - np.polyval(line, np.arange(end - begin))
     return made
-
-
-Complex = NDArray[np.complex128]
-_STANDS_OUT = 6.0  # dB above the minima beside it
-_SURE = 0.1  # random error of a peak
-_TRIED, _MOST = 200, 12  # peaks, and resonances among them
-_LINES_BESIDE = 4  # lines on either side of a peak, at least
-_DEEP = 0.5  # share of the height of a peak down to which its lines are fitted
-_ROUNDS = 20
-_FITS = 0.2  # RMS of the error of a fit over that of the response
-_NARROWEST = 0.5  # lines in the bandwidth
 
 
 class Resonance(NamedTuple):
@@ -255,13 +259,6 @@ def _fitted(f: Reals, h: Complex) -> complex | None:
     if a1 <= 0.0 or inside <= 0.0 or np.linalg.norm(off) > _FITS * np.linalg.norm(h):
         return None
     return scale * complex(-0.5 * a1, math.sqrt(inside))
-
-
-_WINDOWS = 16  # hann windows, end to end, in the time span, by default
-_FLOOR = 1e-10  # share of the input's largest spectral density: lines below it count as not excited
-_ROUNDING = 1e-12  # share of its largest value: an input that changes by less is constant
-_NARROW = 4.0  # lines in the bandwidth of a peak that its height needs
-_LASTS = 1e-3  # RMS at the end of a window over that of the window: more is reported
 
 
 @dataclass(frozen=True)
@@ -449,11 +446,6 @@ def response(
         spectra.windows, spectra.independent, spectra.left_out, spectra.rest, f, h, coherence, error,
         resonances(f, h, coherence, error), sum(n for _, n in whole), gaps,
     )  # fmt: skip
-
-
-_EXCITE = (
-    "a response needs an input that moves: noise, a sweep, or a knock with a duration in the protocol of the scene"
-)
 
 
 def _still(channel: Series) -> str:

@@ -30,6 +30,9 @@ from rig.view.curves import described
 
 _VIBRATION = ("m/s^2", "m/s", "Pa", "m")  # units of a vibration, the most informative first
 _WHOLE = 0.99  # share of the plant's steps: an output with fewer recorded steps counts as decimated
+_PASS, _STOP, _RIPPLE = 0.4, 0.6, 80.0  # shares of the rate of the grid; decibels
+_SAME = 1e-3  # of a sample: instants that are this close are the same
+_CHUNK = 1 << 21
 
 
 @dataclass(frozen=True)
@@ -220,11 +223,6 @@ def _reads(run: Run) -> dict[str, str]:
     sections = described(run.scene).get("sensors")
     tables = sections.items() if isinstance(sections, dict) else ()
     return {name: str(section.get("reads", "")) for name, section in tables if isinstance(section, dict)}
-
-
-_PASS, _STOP, _RIPPLE = 0.4, 0.6, 80.0  # shares of the rate of the grid; decibels
-_SAME = 1e-3  # of a sample: instants that are this close are the same
-_CHUNK = 1 << 21
 
 
 def aligned(channels: Sequence[Series]) -> tuple[list[Series], float]:
