@@ -23,7 +23,7 @@ from rig.compiled.records import Loan
 from rig.motion.motion import Motion
 from rig.scenes.loader import load
 from rig.solve import forces
-from rig.solve.records import CLOSED, KEY, SLIP_PLUS
+from rig.solve.records import CLOSED, SLIP_PLUS
 from rig.solve.specialised import KernelShape, any_shape, call
 
 CALLS = 50_000
@@ -31,7 +31,7 @@ ROUNDS = 80
 _SYMBOL = re.compile(r"[_.$A-Za-z][\w.$@]*\(%rip\)|\.L\w+|_ZN\S+|movabsq.*")
 _REPEATED = """
 def repeated(shape, t, w, state, log, seg, plan, ticks):
-    f = right_hand_side(t, t.mode_set_of[state.ic[KEY]], w.T, w.scratch)
+    f = right_hand_side(t, t.mode_set_of[state.progress[0].key], w.T, w.scratch)
     for _ in range(ticks):
         derivative(shape, f, True, state.x, w.k[0])
     return ticks
@@ -52,7 +52,7 @@ def _compiled(name: str, source: str) -> Any:
     path = Path(mkdtemp()) / f"{name}.py"
     path.write_text(f"{source}\n{_REPEATED}")
     known = {key: value for key, value in vars(forces).items() if not key.startswith("__")}
-    names: dict[str, Any] = {**known, "KEY": KEY, "__name__": name, "__file__": str(path)}
+    names: dict[str, Any] = {**known, "__name__": name, "__file__": str(path)}
     exec(compile(path.read_text(), str(path), "exec"), names)
     return inner(names["repeated"])
 
@@ -63,7 +63,7 @@ def slipping() -> Motion:
     key = motion.system.key([SLIP_PLUS], [CLOSED], [])
     if motion.mode_sets.tables.mode_set_of[key] < 0:
         motion.mode_sets.add(key)
-    motion.state.ic[KEY] = key
+    motion.state.progress["key"] = key
     motion.x[1] = 0.2
     return motion
 

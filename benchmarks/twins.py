@@ -26,8 +26,8 @@ from rig.model.system import System
 from rig.motion.motion import Motion
 from rig.plants import PLANTS
 from rig.scenes.loader import load
-from rig.solve.film_steps import FIRST, FRICTIONAL, PITCH, POINTS, SHEAR, STIFFNESS, SUMS, TRAVEL
-from rig.solve.records import STICK, TICK
+from rig.solve.film_steps import SUMS
+from rig.solve.records import STICK
 from rig.solve.roots import BERNSTEIN
 from rig.solve.specialised import any_shape, call
 
@@ -76,7 +76,7 @@ def stiff() -> System:
 @kernel
 def _quiet_loop(tables, loan, ticks):  # type: ignore[no-untyped-def]
     state = loan.state
-    state.ic[TICK] = 0
+    state.progress[0].tick = 0
     shape = any_shape(state.x.shape[0])
     return call(loan.plan.quiet_ticks, shape, tables, loan.work, state, loan.log, loan.segments, loan.plan, ticks)
 
@@ -244,16 +244,16 @@ def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS
     motion = Motion(scene.assemble().system(), scene.step_ns, "kick", substeps=substeps, longest=ticks)
     motion.advance(1)
     own = motion.mode_sets.tables.film
-    numbers, where, signals = own.numbers, own.where, own.moved.shape[0]
+    signals = own.moved.shape[0]
     even, odd = own.symmetric, own.antisymmetric
     tables = (even.rows, odd.rows, even.which, odd.which, own.kick, own.turn, own.loss, own.column[0], own.push[0],
               own.signal, own.slider_rows, own.advance)  # fmt: skip
     given = _Film(
         *(table.ctypes.data for table in tables),
-        *(numbers[k] for k in (PITCH, STIFFNESS, SHEAR, FRICTIONAL)),
+        *(own.pitch, own.stiffness, own.shear, own.mu),
         even.rows.shape[0],
         int(own.pushed[0]),
-        int(where[TRAVEL] - where[FIRST]) + signals,
+        own.travel - own.first + signals,
     )
     constants = {
         "NQ": own.kick.shape[0],
@@ -261,7 +261,7 @@ def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS
         "NO": odd.which.shape[0],
         "M": signals,
         "R": own.slider_rows.shape[0],
-        "PAIRS": int(where[POINTS]) // 2,
+        "PAIRS": own.points // 2,
         "WIDTH": even.rows.shape[2],
         "ROOM": own.slider_rows.shape[1],
     }
@@ -279,4 +279,4 @@ def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS
         c.film_run(ctypes.byref(given), *counts, x.ctypes, energy.ctypes)
 
     result = _compared(ours, theirs, "step", ticks * substeps, lambda: (motion.state.x[:states], x[:states]))
-    return {"coordinates": states // 2, "points": int(where[POINTS]), **result}
+    return {"coordinates": states // 2, "points": own.points, **result}

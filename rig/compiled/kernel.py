@@ -15,15 +15,18 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numba
-from llvmlite.binding import Linkage, parse_bitcode
+from llvmlite import ir
+from llvmlite.binding import Linkage, ModuleRef, parse_bitcode
 from numba.core import codegen, event, registry, types
 
 from rig.compiled import kernel_store
 
 F = TypeVar("F", bound=Callable[..., Any])
+Emission = tuple[Any, Callable[..., ir.Value]]
+"""What defines an intrinsic: its signature, and the function that emits its code."""
 
 _ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("rig.compiled.kernel", *(room.replace("/", ".") for room in kernel_store.ROOMS))
@@ -79,18 +82,18 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
     _bitcode: bytes | None = None
 
     @classmethod
-    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+    def _unserialize(cls, codegen: Any, state: Any) -> Self:
         name, kind, data = state
         if kind != "object":
-            return super()._unserialize(codegen, state)  # type: ignore[no-untyped-call]
+            return super()._unserialize(codegen, state)  # type: ignore[no-untyped-call, no-any-return]
         made = codegen.create_library(name)
         code, made._bitcode = data  # noqa: SLF001
         made.enable_object_caching()
         made._set_compiled_object(code)  # noqa: SLF001
         made._finalize_final_module()  # noqa: SLF001
-        return made
+        return made  # type: ignore[no-any-return]
 
-    def _get_module_for_linking(self) -> Any:
+    def _get_module_for_linking(self) -> ModuleRef:
         if self._bitcode is not None:
             self._shared_module, self._bitcode = parse_bitcode(self._bitcode), None
             defined: Any = self._codegen._engine._load_defined_symbols  # noqa: SLF001

@@ -29,6 +29,8 @@ from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import NativeValue, infer_getattr, intrinsic, register_model, unbox
 
+from rig.compiled.kernel import Emission
+
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_* of <asm-generic/mman.h>
 
 
@@ -95,17 +97,17 @@ def lent_type(content: Any) -> Lent:
     return Lent(_type_of(content))
 
 
-def _type_of(value: Any) -> Any:
+def _type_of(value: Any) -> types.Type:
     """`numba.typeof` of a field, which takes four to six times as long: it makes the type of every array anew."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         return types.NamedTuple([_type_of(one) for one in value], type(value))  # type: ignore[no-untyped-call]
     if isinstance(value, np.ndarray) and value.flags.c_contiguous:
         return _array_type(value.dtype, value.ndim, value.flags.writeable, value.flags.aligned)
-    return numba.typeof(value)  # type: ignore[no-untyped-call]
+    return numba.typeof(value)  # type: ignore[no-untyped-call, no-any-return]
 
 
 @cache
-def _array_type(dtype: np.dtype[Any], ndim: int, writeable: bool, aligned: bool) -> Any:
+def _array_type(dtype: np.dtype[Any], ndim: int, writeable: bool, aligned: bool) -> types.Array:
     return types.Array(numba.from_dtype(dtype), ndim, "C", readonly=not writeable, aligned=aligned)
 
 
@@ -131,17 +133,17 @@ def _words(content: Any) -> Iterator[bytes]:
 
 
 @unbox(Lent)  # type: ignore[no-untyped-call, untyped-decorator]
-def _unbox(kind: Any, loan: Any, c: Any) -> Any:
+def _unbox(kind: Any, loan: Any, c: Any) -> NativeValue:
     number = c.pyapi.object_getattr_string(loan, "address")
     pointer = c.pyapi.long_as_voidptr(number)
     c.pyapi.decref(number)
     return NativeValue(pointer)  # type: ignore[no-untyped-call]
 
 
-def _lend(typing: Any, content: Any) -> Any:
+def _lend(typing: Any, content: Any) -> Emission:
     """Lend a named tuple from one kernel to the kernels it calls; valid until the lending kernel returns."""
 
-    def borrow(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def borrow(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         place = cgutils.alloca_once_value(builder, arguments[0])  # type: ignore[no-untyped-call]
         return builder.bitcast(place, cgutils.voidptr_t)
 
@@ -155,7 +157,7 @@ lent: Any = intrinsic(_lend)
 class _Names(AttributeTemplate):  # type: ignore[misc]
     key = Lent
 
-    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
+    def generic_resolve(self, kind: Any, name: str) -> types.Type | None:  # type: ignore[override]
         """The type of a field."""
         if name not in kind.content.fields:
             return None
@@ -164,7 +166,7 @@ class _Names(AttributeTemplate):  # type: ignore[misc]
 
 
 @lower_getattr_generic(Lent)  # type: ignore[no-untyped-call, untyped-decorator]
-def _field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> Any:
+def _field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> ir.Value:
     typed = builder.bitcast(pointer, context.get_value_type(kind.content).as_pointer())
     index = kind.content.fields.index(name)
     at = cgutils.gep_inbounds(builder, typed, 0, index)  # type: ignore[no-untyped-call]
@@ -173,7 +175,7 @@ def _field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> An
     return builder.load(at) if kind.inside else _constant(builder, at)
 
 
-def _constant(builder: Any, at: Any) -> Any:
+def _constant(builder: Any, at: Any) -> ir.Value:
     """Load a value that nothing changes, word by word: otherwise every store to an array might have changed it."""
     kind = at.type.pointee
     if not isinstance(kind, ir.LiteralStructType | ir.ArrayType):

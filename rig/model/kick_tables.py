@@ -1,7 +1,4 @@
-"""Tables of the method kick: the exact flow of the structure over a step, and the kicks of the contacts.
-
-Tables of a film and of the structure under it, as rig.solve.film_steps reads them.
-"""
+"""Tables of the method kick: the exact flow of the structure over a step, the kicks of its contacts or of a film."""
 
 from __future__ import annotations
 
@@ -29,8 +26,17 @@ def no_film() -> FilmTables:
     return FilmTables(
         symmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
         antisymmetric=SymmetryClass(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
-        numbers=z(0),
-        where=none,
+        travel=0,
+        slid=0,
+        first=0,
+        points=0,
+        directions=0,
+        pitch=0.0,
+        longest=0.0,
+        stiffness=0.0,
+        damping=0.0,
+        shear=0.0,
+        mu=0.0,
         below=none,
         share=z(0),
         places=z((2, 0)),
@@ -102,10 +108,17 @@ def tables_of_film(system: System, step: float, outputs: Array, read: int) -> Fi
     return FilmTables(
         symmetric=_side(film, 1.0),
         antisymmetric=_side(film, -1.0),
-        numbers=np.array([film.pitch, film.longest, film.stiffness, film.damping, film.shear, film.mu]),
-        where=np.array(
-            [*map(system.names.index, (film.travel, film.slid)), first, film.points, directions, film.damping > 0.0]
-        ),
+        travel=system.names.index(film.travel),
+        slid=system.names.index(film.slid),
+        first=first,
+        points=film.points,
+        directions=directions,
+        pitch=float(film.pitch),
+        longest=float(film.longest),
+        stiffness=float(film.stiffness),
+        damping=float(film.damping),
+        shear=float(film.shear),
+        mu=float(film.mu),
         below=np.array([-1]),
         share=np.zeros(1),
         places=np.array([film.x, film.y]),

@@ -1,10 +1,7 @@
 """The motion of a rig: one state, its time and its contact state, advanced tick by tick.
 
 Time is an int64 tick plus the place inside it. The result depends only on the ticks at which states are written.
-
-Why a motion has to stop, in words, and what to do about it.
-
-The memory of a motion: what compiled code reads and writes, and what can be read from it after a call.
+Compiled code advances the state; `why` and `where` say in words why it had to stop, and what to do about it.
 """
 
 from __future__ import annotations
@@ -29,30 +26,18 @@ from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, evaluate_outputs
 from rig.solve.contact_state import CHATTER, CHECK, DONE, JAM, LOOK, LOST, NEED, OVERFULL, START
 from rig.solve.frames import advance_frames
-from rig.solve.records import (
-    BEYOND,
-    COUNTERS,
-    EVENTS,
-    EVENTS_BEFORE,
-    KEY,
-    NEXT_LENGTH,
-    PENDING,
-    PLACE,
-    PLACES,
-    REACHED,
-    SEARCH_BEGAN_AT,
-    SUBDIVIDED,
-    TICK,
-    TRIALS,
-    MotionLog,
-    MotionRecords,
-    MotionState,
-    empty_log,
-)
+from rig.solve.records import PROGRESS, MotionLog, MotionRecords, MotionState, empty_log
 from rig.solve.segment_output import empty_segments
 from rig.stability.step_limits import blame, fastest_eigenvalue
 
+Array = NDArray[np.float64]
 Why = tuple[type[NumericsError], str]
+SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
+"""Room for the smooth segments of a frame, to begin with and at most."""
+MOST_EVENTS = 1 << 20
+"""Room for the events of a block of many frames, at most."""
+COLLECTED = 1 << 12
+"""Room for the events of all frames of a call."""
 
 
 def why(status: int, system: System, integration: Integration, state: MotionState, log: MotionLog, room: int) -> Why:
@@ -60,7 +45,7 @@ def why(status: int, system: System, integration: Integration, state: MotionStat
     if status == JAM:
         return Jammed, "no mode set satisfies the equations: jamming (Painleve)"
     if status == CHATTER:
-        _, kind, owner, _ = log.event[int(state.ic[EVENTS]) - 1].tolist()
+        _, kind, owner, _ = log.event[int(state.progress[0]["events"]) - 1].tolist()
         what = f"more than {len(log.event)} events in one block; the last: {system.event_text(kind, owner)}"
         return Chatter, f"{what}. Raise clock.events_per_frame if this is meant"
     if status == OVERFULL:
@@ -91,15 +76,6 @@ def where(system: System, key: int, x: NDArray[np.float64]) -> tuple[str, dict[s
     return system.describe(key), dict(zip(own, x.tolist()))
 
 
-Array = NDArray[np.float64]
-SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
-"""Room for the smooth segments of a frame, to begin with and at most."""
-MOST_EVENTS = 1 << 20
-"""Room for the events of a block of many frames, at most."""
-COLLECTED = 1 << 12
-"""Room for the events of all frames of a call."""
-
-
 @dataclass(frozen=True)
 class Event:
     """A change of the contact state at tick `tick` + `place` (a share of the step); `before`: the previous mode set."""
@@ -114,13 +90,19 @@ class Saved(NamedTuple):
     """State, counters and places of rig.solve.records.MotionState, and the largest value of each state so far."""
 
     x: Array
-    ic: NDArray[np.int64]
-    fc: Array
+    progress: NDArray[Any]
     size: Array
 
 
-_KEPT = ("x", "ic", "fc", "energy", "edges", "tally")
-"""Parts of rig.solve.records.MotionState that a checkpoint holds; the others are settings."""
+_COUNTS = sum(kind == np.int64 for kind, *_ in (PROGRESS.fields or {}).values())
+
+
+def _kept(state: MotionState) -> dict[str, NDArray[Any]]:
+    """Views of the parts of `state` that a checkpoint holds, by name; the others are settings."""
+    counts, lengths = state.progress.view(np.int64)[:_COUNTS], state.progress.view(np.float64)[_COUNTS:]
+    return {"x": state.x, "ic": counts, "fc": lengths} | {
+        name: getattr(state, name) for name in ("energy", "edges", "tally")
+    }
 
 
 class Frames(NamedTuple):
@@ -194,8 +176,7 @@ class Motion:
         self.segments = empty_segments(integration.read, SEGMENTS)
         self._take(made)
         self.state = MotionState(
-            ic=np.zeros(COUNTERS, dtype=np.int64),
-            fc=np.zeros(PLACES),
+            progress=np.zeros(1, dtype=PROGRESS),
             x=self.system.start.copy(),
             energy=np.zeros(energy_balance.TERMS),
             edges=np.zeros(1),
@@ -243,13 +224,11 @@ class Motion:
     def save(self) -> Saved:
         """What `go_back` needs to continue from here again."""
         state = self.state
-        return Saved(state.x.copy(), state.ic.copy(), state.fc.copy(), self.work.size.copy())
+        return Saved(state.x.copy(), state.progress.copy(), self.work.size.copy())
 
     def go_back(self, saved: Saved) -> None:
         """Return to a saved state of the same system. Energy, ticks and log are not reset."""
-        state = self.state
-        state.x[:], state.ic[:], state.fc[:] = saved.x, saved.ic, saved.fc
-        self.work.size[:] = saved.size
+        self.state.x[:], self.state.progress[:], self.work.size[:] = saved
 
     @property
     def x(self) -> Array:
@@ -259,7 +238,7 @@ class Motion:
     @property
     def key(self) -> int:
         """The key of the present mode set."""
-        return int(self.state.ic[KEY])
+        return int(self.state.progress[0]["key"])
 
     @property
     def mode_set(self) -> int:
@@ -268,12 +247,12 @@ class Motion:
 
     def counts(self) -> dict[str, int]:
         """Ticks, events, subdivided ticks, trial steps of dopri5, mode sets visited."""
-        ic = self.state.ic
+        now = self.state.progress[0]
         return {
             "ticks": self.tick,
-            "events": int(ic[EVENTS_BEFORE]),
-            "opened_ticks": int(ic[SUBDIVIDED]),
-            "trial_steps": int(ic[TRIALS]),
+            "events": int(now["events_before"]),
+            "opened_ticks": int(now["subdivided"]),
+            "trial_steps": int(now["trials"]),
             "mode_sets": len(self.mode_sets.sets),
         }
 
@@ -295,12 +274,12 @@ class Motion:
     @property
     def beyond(self) -> int:
         """The index of the first output beyond its bound at the end of the last call; -1 if there is none."""
-        return int(self.state.ic[BEYOND])
+        return int(self.state.progress[0]["beyond"])
 
     @property
     def event_count(self) -> int:
         """The number of events in the last call of `advance`, or in its last frame if they are not collected."""
-        return int(self.log.collected[0] if self._collects else self.state.ic[EVENTS])
+        return int(self.log.collected[0] if self._collects else self.state.progress[0]["events"])
 
     def events(self) -> list[Event]:
         """The events that `event_count` counts."""
@@ -323,10 +302,10 @@ class Motion:
     def restart(self, x: Array) -> None:
         """Start again at tick 0 from state `x` [n], as a new motion. Mode sets already built are kept."""
         state, system = self.state, self.system
-        for part in (state.ic, state.fc, state.energy, state.edges, state.tally, self.work.size):
+        for part in (state.progress, state.energy, state.edges, state.tally, self.work.size):
             part[:] = 0
-        state.ic[PENDING], state.ic[SEARCH_BEGAN_AT] = START, -1
-        state.fc[NEXT_LENGTH] = self.integration.step_ns * 1e-9
+        self._search_contacts()
+        state.progress["next_length"] = self.integration.step_ns * 1e-9
         state.x[:] = x
         self.mode_sets.collected_energy()
         self.tick = 0
@@ -387,9 +366,13 @@ class Motion:
     def begin(self) -> None:
         """Determine the contact state as at a start, after states were written and before the first step."""
         if self.tick == 0 and (self.state.x.shape != self._begun.shape or (self.state.x != self._begun).any()):
-            self.state.ic[PENDING], self.state.ic[SEARCH_BEGAN_AT] = START, -1
+            self._search_contacts()
             self._run(0, 0)
             self._begun = self.state.x.copy()
+
+    def _search_contacts(self) -> None:
+        """Let the next call of the kernels determine the contact state as at a start."""
+        self.state.progress["pending"], self.state.progress["search_began_at"] = START, -1
 
     def replace(self, ready: Ready) -> None:
         """Continue as another system: states of the same name keep their values, or what the systems name as conserved.
@@ -411,8 +394,8 @@ class Motion:
             self.state.tally[min(mode_set, TALLIED - 1)] += ticks
         if system.n != old.n:
             self.log = self.log._replace(out=np.zeros((len(self.log.out), system.n)))
-        self.state.ic[KEY] = system.corresponding_key(old, key, kept)
-        self.state.ic[PENDING] = CHECK
+        self.state.progress["key"] = system.corresponding_key(old, key, kept)
+        self.state.progress["pending"] = CHECK
         balance.impulses += self._current_state().stored() - before
         balance.go_on(self._current_state())
         self._lend()
@@ -423,10 +406,9 @@ class Motion:
 
         Unlike `save` it holds tick counts, energy balance and mode sets, so that another process can continue from it.
         """
-        state = self.state
         if self.integration.method == "kick":
             return {}
-        kept = {name: getattr(state, name).copy() for name in _KEPT}
+        kept = {name: part.copy() for name, part in _kept(self.state).items()}
         kept |= {"size": self.work.size.copy(), "ended": self.work.x_at_end.copy()}
         kept |= {"keys": np.array(self.mode_sets.keys, dtype=np.int64), "balance": self.balance.numbers}
         return kept | self.mode_sets.sums()
@@ -436,8 +418,8 @@ class Motion:
 
         Raises ValueError for a checkpoint of another system.
         """
-        state = self.state
-        for array, name in [*((getattr(state, name), name) for name in _KEPT), (self.work.size, "size")]:
+        kept = _kept(self.state) | {"size": self.work.size, "ended": self.work.x_at_end}
+        for name, array in kept.items():
             if found[name].shape != array.shape:
                 raise ValueError(f"{name} has the shape {found[name].shape}, not {array.shape}")
         integration, keys = self.integration, tuple(found["keys"].tolist())
@@ -446,13 +428,12 @@ class Motion:
             for key in keys:
                 add(self.mode_sets, key)
         self.mode_sets.put_sums(found)
-        for name in _KEPT:
-            getattr(state, name)[:] = found[name]
-        self.work.size[:], self.work.x_at_end[:] = found["size"], found["ended"]
+        for name, array in kept.items():
+            array[:] = found[name]
         self.balance.numbers = found["balance"]
         self.tick, self.kept, self._first = tick, 0, 0
         if not tick:
-            self._begun = state.x.copy()
+            self._begun = self.state.x.copy()
 
     def advance(self, ticks: int, keep: bool = False) -> bool:
         """Advance the state by `ticks` ticks. `states` and `mode_sets_of_states` then hold what was reached.
@@ -481,13 +462,13 @@ class Motion:
                 try:
                     self.mode_sets.add(self.key)
                 except np.linalg.LinAlgError:
-                    self._reached(first, int(self.state.ic[REACHED]))
+                    self._reached(first, int(self.state.progress[0]["reached"]))
                     error = singular(self.system, self.key)
                     raise (Jammed if error.jams else NumericsError)(error.why, *self._where()) from None
             else:
                 self._more_segments()
             status = self._carry(self.mode_sets.handle, self.loan, False, first, last, *more)
-        self._reached(first, last if status == DONE else int(self.state.ic[REACHED]))
+        self._reached(first, last if status == DONE else int(self.state.progress[0]["reached"]))
         if status not in (DONE, LOOK):
             stop, what = why(status, self.system, self.integration, self.state, self.log, len(self.segments.start))
             raise stop(what, *self._where())
@@ -498,8 +479,8 @@ class Motion:
         self.tick += last - first
 
     def _where(self) -> tuple[float, str, dict[str, float]]:
-        ic, fc = self.state.ic, self.state.fc
-        time = (self.tick + int(ic[TICK]) - self.kept + float(fc[PLACE])) * self.integration.step_ns * 1e-9
+        now = self.state.progress[0]
+        time = (self.tick + int(now["tick"]) - self.kept + float(now["place"])) * self.integration.step_ns * 1e-9
         return time, *where(self.system, self.key, self.state.x)
 
     def outputs_at(self, states: Array, mode_sets: NDArray[np.int64]) -> Array:
@@ -519,7 +500,7 @@ class Motion:
         """Every output [output] at this instant (a view, overwritten by the next call)."""
         states, mode_sets, values = self._now
         states[0] = self.state.x
-        mode_sets[0] = self.mode_sets.tables.mode_set_of[self.state.ic[KEY]]
+        mode_sets[0] = self.mode_set
         if self._evaluate is None:
             self._evaluate = entry(evaluate_outputs, self.mode_sets.handle, self.loan, states, mode_sets, values, 0)
         self._evaluate(self.mode_sets.handle, self.loan, states, mode_sets, values, 0)

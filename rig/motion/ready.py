@@ -1,7 +1,4 @@
-"""Prepares a system for a motion: mode sets, workspace, plan of its kernels.
-
-How a motion is advanced: its method and options as the kernels take them, and the compiled parts that it needs.
-"""
+"""Prepares a system for a motion: mode sets, workspace, the plan of its kernels with the compiled parts it needs."""
 
 from __future__ import annotations
 
@@ -26,11 +23,12 @@ from rig.solve import dopri5, exact, expm, film_steps, kick, rk4, runge_kutta_st
 from rig.solve.advance import advance, advance_block, evaluate_outputs
 from rig.solve.contact_state import make_consistent
 from rig.solve.frames import advance_frames
-from rig.solve.records import MotionPlan, MotionRecords, MotionState, Workspace, empty_log
+from rig.solve.records import PROGRESS, MotionPlan, MotionRecords, MotionState, Workspace, empty_log
 from rig.solve.segment_output import empty_segments
 from rig.solve.specialised import ANY, KernelShape
 
-_STATE = (np.int64, float, float, float, float, np.int64, np.int64, float)
+Array = NDArray[np.float64]
+_STATE = (PROGRESS, float, float, float, np.int64, np.int64, float)
 """Types of the arrays of MotionState."""
 
 
@@ -106,9 +104,6 @@ def plan(
         ]
 
     return made._replace(**addresses(wanted, kinds, more))
-
-
-Array = NDArray[np.float64]
 
 
 class Integration(NamedTuple):

@@ -20,7 +20,7 @@ from rig.solve.contact_state import (
 from rig.solve.exact import FULL
 from rig.solve.forces import inputs
 from rig.solve.places import write_outputs
-from rig.solve.records import BEYOND, EVENTS, EVENTS_BEFORE, G_NEXT, KEY, PENDING, PLACE, REACHED, REPEAT, TICK
+from rig.solve.records import G_NEXT
 from rig.solve.segment_output import nearly_full
 from rig.solve.specialised import any_shape, call
 
@@ -51,63 +51,64 @@ def begin_block(t, w, state, seg, origin):
     for g in range(t.generators.shape[0]):
         for i in range(2):
             w.generators_at_begin[g, i] = state.x[t.generators[g, i]]
-    state.ic[REACHED] = state.ic[TICK] = origin
-    state.ic[EVENTS] = 0
-    same = state.ic[PENDING] == READY
+    now = state.progress[0]
+    now.reached = now.tick = origin
+    now.events = 0
+    same = now.pending == READY
     for i in range(state.x.shape[0]):
         same = same and state.x[i] == w.x_at_end[i]
         w.size[i] = max(w.size[i], abs(state.x[i]))
     if not same:
-        state.ic[PENDING] = max(state.ic[PENDING], CHECK)
+        now.pending = max(now.pending, CHECK)
     seg.count[0] = 0
 
 
 @inner
 def advance_block(shape, t, w, state, log, seg, plan, ticks):
     """Advance the state through a block that has begun, up to row `ticks`; arguments and status as in `advance`."""
-    ic, fc, x = state.ic, state.fc, state.x
+    now, x = state.progress[0], state.x
     while True:
-        if ic[PENDING] != READY:
+        if now.pending != READY:
             status = call(plan.make_consistent, shape, t, w, state, log, seg, plan, ticks)
             if status != DONE:
                 return status
-        if ic[TICK] >= ticks:
+        if now.tick >= ticks:
             break
-        mode_set = t.mode_set_of[ic[KEY]]
-        if plan.emitting and nearly_full(t, mode_set, seg, ticks - ic[TICK]):
+        mode_set = t.mode_set_of[now.key]
+        if plan.emitting and nearly_full(t, mode_set, seg, ticks - now.tick):
             return OVERFULL
-        before, first = ic[KEY], ic[TICK]
+        before, first = now.key, now.tick
         if plan.fixed_steps or t.curved[mode_set]:
             guard = call(plan.stretch, shape, t, w, state, log, seg, plan, ticks)
-            fc[PLACE] = min(fc[PLACE], 1.0 - 1.2e-16)
+            now.place = min(now.place, 1.0 - 1.2e-16)
             if guard == -2:
                 return LOST
         else:
             guard = call(plan.linear_stretch, shape, t, w, state, log, seg, plan, ticks)
-        state.tally[min(mode_set, TALLIED - 1)] += ic[TICK] - first
+        state.tally[min(mode_set, TALLIED - 1)] += now.tick - first
         if guard == FULL:
             return OVERFULL
         if guard >= 0:
             if t.change.shape[0] and t.kind[mode_set, guard] >= G_NEXT:
-                state.edges[0] += sector_energy_gain(t, t.owner[mode_set, guard], before, ic[KEY], x)
-            e = ic[EVENTS]
+                state.edges[0] += sector_energy_gain(t, t.owner[mode_set, guard], before, now.key, x)
+            e = now.events
             if e >= log.event.shape[0]:
                 return CHATTER
-            same = e > 0 and log.event[e - 1, 0] == ic[TICK] and abs(log.place[e - 1] - fc[PLACE]) < 1e-12
-            ic[REPEAT] = ic[REPEAT] + 1 if same else 0
-            log.event[e, 0], log.event[e, 1] = ic[TICK], t.kind[mode_set, guard]
+            same = e > 0 and log.event[e - 1, 0] == now.tick and abs(log.place[e - 1] - now.place) < 1e-12
+            now.repeat = now.repeat + 1 if same else 0
+            log.event[e, 0], log.event[e, 1] = now.tick, t.kind[mode_set, guard]
             log.event[e, 2], log.event[e, 3] = t.owner[mode_set, guard], before
-            log.place[e] = fc[PLACE]
-            ic[EVENTS] = e + 1
-    ic[EVENTS_BEFORE] += ic[EVENTS]
+            log.place[e] = now.place
+            now.events = e + 1
+    now.events_before += now.events
     for i in range(x.shape[0]):
         if abs(x[i]) < _FLUSH:
             x[i] = 0.0
         if not (abs(x[i]) <= plan.limit):
             return LOST
         w.x_at_end[i] = x[i]
-    ic[BEYOND] = output_beyond_bound(t, t.mode_set_of[ic[KEY]], x, w, state.watched, state.bound)
-    ic[REACHED] = ticks
+    now.beyond = output_beyond_bound(t, t.mode_set_of[now.key], x, w, state.watched, state.bound)
+    now.reached = ticks
     return DONE
 
 

@@ -16,12 +16,11 @@ from __future__ import annotations
 import numpy as np
 
 from rig.compiled.kernel import inlined, inner
-from rig.solve.column_blocks import LANE, ROUND, dot, rounding
+from rig.solve.column_blocks import LANE, ROUND, copy, dot, rounding
 from rig.solve.contact_state import project_stick
 from rig.solve.exact import CHECKS, PLACES, POWERS, evaluate_series
 from rig.solve.forces import inputs
 from rig.solve.places import add_powers, inputs_at
-from rig.solve.records import NEXT_LENGTH, PLACE, REACHED, TICK, TRIALS
 from rig.solve.roots import NONE, first_crossing
 from rig.solve.segment_output import DEGREE
 
@@ -147,8 +146,7 @@ def solve_cell(t, mode_set, level, x, w, tolerance):
             w.input_powers[power, k] = 0.0
             for node in range(DEGREE):
                 w.input_powers[power, k] += POWERS[power - 1, node] * values[k * _NODES + 1 + node]
-    for i in range(n):
-        w.derivatives[0, i] = x[i]
+    copy(n, x, w.derivatives[0])
     for k in range(count):
         w.input_powers[0, k] = values[k * _NODES]
     return worst
@@ -237,14 +235,14 @@ def add_cell_powers(t, mode_set, w, end, length, energy):
 def take_cell(t, mode_set, w, state, log, seg, plan):
     """Advance state.x over one cell, at most to the end of the tick, or to the first event.
 
-    Returns the guard of the event, -1, or SHORT; then fc[NEXT_LENGTH] is the length of the shortest cell [s].
+    Returns the guard of the event, -1, or SHORT; then now.next_length is the length of the shortest cell [s].
     """
-    ic, fc, x, h = state.ic, state.fc, state.x, t.step[0]
-    deepest, left, level, width, halved = t.graded[mode_set] - 1, 1.0 - fc[PLACE], 0, 1.0, False
-    while level < deepest and (width * h > fc[NEXT_LENGTH] * (1.0 + 1e-9) or 0.5 * width >= left):
+    now, x, h = state.progress[0], state.x, t.step[0]
+    deepest, left, level, width, halved = t.graded[mode_set] - 1, 1.0 - now.place, 0, 1.0, False
+    while level < deepest and (width * h > now.next_length * (1.0 + 1e-9) or 0.5 * width >= left):
         level, width = level + 1, 0.5 * width
     while True:
-        ic[TRIALS] += 1
+        now.trials += 1
         error = solve_cell(t, mode_set, level, x, w, plan.tolerance)
         if error <= 1.0:
             place, guard, doubtful = first_event_of_cell(t, mode_set, w)
@@ -254,35 +252,33 @@ def take_cell(t, mode_set, w, state, log, seg, plan):
                 end = place
             else:
                 guard = -1
-            start, length = (ic[TICK] - ic[REACHED] + fc[PLACE]) * h, end * width * h
+            start, length = (now.tick - now.reached + now.place) * h, end * width * h
             near = max(_NEAR, plan.tolerance)
             if not doubtful and (
                 not plan.emitting or length == 0.0 or emit_outputs(t, mode_set, w, end, start, length, near, seg)
             ):
                 break
         if level == deepest:
-            fc[NEXT_LENGTH] = width * h
+            now.next_length = width * h
             return SHORT
         level, width, halved = level + 1, 0.5 * width, True
     if plan.with_energy:
         add_cell_powers(t, mode_set, w, end, length, state.energy)
-    for i in range(x.shape[0]):
-        w.size[i] = w.cell_size[i]
+    copy(x.shape[0], w.cell_size, w.size)
     if guard < 0 and whole:
         for i in range(x.shape[0]):
             x[i] += w.cell_changes[PLACES.shape[0] - 1, i]
     else:
         evaluate_series(w.derivatives, DEGREE, end, x)
     longest = width * h * (2.0 if error <= _EASY else 1.0)
-    fc[NEXT_LENGTH] = longest if halved else max(fc[NEXT_LENGTH], longest)
-    fc[PLACE] += end * width
+    now.next_length = longest if halved else max(now.next_length, longest)
+    now.place += end * width
     if guard < 0:
         if t.stuck[mode_set]:
             project_stick(t, mode_set, x, w.copy)
         if not whole or left == width:
-            for i in range(x.shape[0]):
-                log.out[ic[TICK], i] = x[i]
-            log.modes[ic[TICK]] = mode_set
-            ic[TICK] += 1
-            fc[PLACE] = 0.0
+            copy(x.shape[0], x, log.out[now.tick])
+            log.modes[now.tick] = mode_set
+            now.tick += 1
+            now.place = 0.0
     return guard

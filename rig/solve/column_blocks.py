@@ -1,17 +1,13 @@
-"""Products of vectors with tables stored in blocks of columns: many sums side by side, each in a fixed order.
+"""Rows over the state, lanes of eight numbers, and products of vectors with tables stored in blocks of columns.
 
     table [block, n, BLOCK]      columns 0 .. BLOCK - 1 of all rows, then the next BLOCK columns: read sequentially
 
-The vector code is explicit, because the compiler's own code for such a product keeps its sums in memory and takes twice
-as long. On a processor with narrower registers the compiler splits the vectors; sums and their rounding
-stay the same.
+A product with such a table is many sums side by side, each in a fixed order. The vector code is explicit, because the
+compiler's own code for such a product keeps its sums in memory and takes twice as long.
 
-Rows over the state: their product with it, the rounding error of this product, and whether they are zero.
-
-Eight numbers at once: a type of compiled code with + - *, for the same formula at several instants.
-
-Each lane is rounded like the same formula on numbers, with the same fused operations. On a processor with narrower
-registers the compiler splits the vectors; results stay the same.
+Lanes are a type of compiled code with + - *, for the same formula at several instants. Each lane is rounded like the
+same formula on numbers, with the same fused operations. On a processor with narrower registers the compiler splits the
+vectors; results stay the same.
 """
 
 from __future__ import annotations
@@ -28,8 +24,9 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, register_model
 from numpy.typing import NDArray
 
-from rig.compiled.kernel import fused, inner
+from rig.compiled.kernel import Emission, fused, inlined, inner
 
+Array = NDArray[np.float64]
 ROUND = 64.0 * 2.2e-16
 
 
@@ -60,6 +57,13 @@ def is_zero(row):
     return True
 
 
+@inlined
+def copy(n, source, target):
+    """Copy the first n numbers of a row to another one."""
+    for i in range(n):
+        target[i] = source[i]
+
+
 LANE = 8
 VECTOR = ir.VectorType(ir.DoubleType(), LANE)
 _FLAGS = ("contract",)
@@ -82,14 +86,14 @@ class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
         super().__init__(dmm, fe_type, VECTOR)
 
 
-def spread(builder: Any, number: Any) -> Any:
+def spread(builder: Any, number: Any) -> ir.Value:
     """Emit a vector with the same number in all lanes."""
     none = ir.Constant(VECTOR, ir.Undefined)
     alone = builder.insert_element(none, number, ir.Constant(_WORD, 0))
     return builder.shuffle_vector(alone, none, ir.Constant(ir.VectorType(_WORD, LANE), [0] * LANE))
 
 
-def load(builder: Any, data: Any, offset: Any) -> Any:
+def load(builder: Any, data: Any, offset: Any) -> ir.Value:
     """Emit the vector that begins at data[offset]; it need not be aligned."""
     found = builder.load(builder.bitcast(builder.gep(data, [offset]), VECTOR.as_pointer()))
     found.align = 8
@@ -101,12 +105,12 @@ def store(builder: Any, vector: Any, data: Any, offset: Any) -> None:
     builder.store(vector, builder.bitcast(builder.gep(data, [offset]), VECTOR.as_pointer())).align = 8
 
 
-def add_product(builder: Any, a: Any, b: Any, total: Any) -> Any:
+def add_product(builder: Any, a: Any, b: Any, total: Any) -> ir.Value:
     """Emit the vector a b + total, rounded once where the processor can."""
     return builder.fadd(builder.fmul(a, b, flags=_FLAGS), total, flags=_FLAGS)
 
 
-def sum_by_halves(builder: Any, vector: Any) -> Any:
+def sum_by_halves(builder: Any, vector: Any) -> ir.Value:
     """Emit the sum of all lanes: the upper half is added to the lower half until one number is left."""
     size = LANE
     while size > 1:
@@ -126,7 +130,7 @@ def _define(operation: Any, emit: str) -> None:
     cases = [signature(LANES, *pair) for pair in pairs]
     infer_global(operation)(type(f"_Lanes_{emit}", (ConcreteTemplate,), {"key": operation, "cases": cases}))
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         a, b = (
             one if kind == LANES else spread(builder, one) for kind, one in zip(signature.args, arguments, strict=True)
         )
@@ -144,28 +148,28 @@ def _data(context: Any, builder: Any, kind: Any, array: Any) -> Any:
     return context.make_array(kind)(context, builder, array).data
 
 
-def _alike(typing: Any, number: Any) -> Any:
+def _alike(typing: Any, number: Any) -> Emission:
     """The same number in all lanes."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         return spread(builder, arguments[0])
 
     return LANES(types.float64), codegen
 
 
-def _lanes(typing: Any, row: Any) -> Any:
+def _lanes(typing: Any, row: Any) -> Emission:
     """The first LANE numbers of a contiguous row."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         return load(builder, _data(context, builder, row, arguments[0]), context.get_constant(types.intp, 0))
 
     return LANES(row), codegen
 
 
-def _write(typing: Any, values: Any, row: Any) -> Any:
+def _write(typing: Any, values: Any, row: Any) -> Emission:
     """Write all lanes to the begin of a contiguous row."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         data, first = _data(context, builder, row, arguments[1]), context.get_constant(types.intp, 0)
         store(builder, arguments[0], data, first)
         return context.get_dummy_value()
@@ -173,28 +177,28 @@ def _write(typing: Any, values: Any, row: Any) -> Any:
     return types.none(LANES, row), codegen
 
 
-def _lane(typing: Any, values: Any, k: Any) -> Any:
+def _lane(typing: Any, values: Any, k: Any) -> Emission:
     """The number in lane k."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         return builder.extract_element(arguments[0], builder.trunc(arguments[1], _WORD))
 
     return types.float64(LANES, types.intp), codegen
 
 
-def _total(typing: Any, values: Any) -> Any:
+def _total(typing: Any, values: Any) -> Emission:
     """The sum of all lanes."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         return sum_by_halves(builder, arguments[0])
 
     return types.float64(LANES), codegen
 
 
-def _between(typing: Any, least: Any, values: Any, most: Any) -> Any:
+def _between(typing: Any, least: Any, values: Any, most: Any) -> Emission:
     """Whether every lane is between two numbers; False if one is not a number."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         least, values, most = arguments
         above = builder.fcmp_ordered(">", values, spread(builder, least))
         below = builder.fcmp_ordered("<", values, spread(builder, most))
@@ -204,10 +208,10 @@ def _between(typing: Any, least: Any, values: Any, most: Any) -> Any:
     return types.boolean(types.float64, LANES, types.float64), codegen
 
 
-def _pick(typing: Any, table: Any, places: Any) -> Any:
+def _pick(typing: Any, table: Any, places: Any) -> Emission:
     """The entries of a table at `places`, which are whole numbers from 0 to its length."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         data = _data(context, builder, table, arguments[0])
         at = builder.fptoui(arguments[1], ir.VectorType(_WORD, LANE))
         found = ir.Constant(VECTOR, ir.Undefined)
@@ -229,7 +233,6 @@ between: Any = intrinsic(_between)
 pick: Any = intrinsic(_pick)
 
 
-Array = NDArray[np.float64]
 BLOCK = 16
 _ZERO = ir.Constant(VECTOR, [0.0] * LANE)
 
@@ -253,12 +256,12 @@ def blocks(rows: Array) -> Array:
     return np.ascontiguousarray(padded.reshape(count, BLOCK, n).transpose(0, 2, 1))
 
 
-def _whole(value: int) -> Any:
+def _whole(value: int) -> ir.Value:
     """An integer constant of the type of an index."""
     return ir.Constant(ir.IntType(64), value)
 
 
-def _place(builder: Any) -> Any:
+def _place(builder: Any) -> ir.Value:
     """Storage for one vector, which the compiler keeps in a register."""
     return cgutils.alloca_once(builder, VECTOR)  # type: ignore[no-untyped-call]
 
@@ -268,13 +271,13 @@ def _arrays(context: Any, builder: Any, signature: Any, arguments: Any) -> list[
     return [context.make_array(k)(context, builder, a) if isinstance(k, types.Array) else a for k, a in kinds]
 
 
-def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any) -> Any:
+def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any) -> Emission:
     """out[BLOCK b + r] = sum_j x[j] table[first + b, j, r] for b < count, two blocks at a time.
 
     Every sum runs in the order of j on any processor.
     """
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         table, x, first, count, out = _arrays(context, builder, signature, arguments)
         of_block = BLOCK // LANE
         length = builder.extract_value(x.shape, 0)
@@ -309,10 +312,10 @@ def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any)
 multiply: Any = intrinsic(_multiply)
 
 
-def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
+def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Emission:
     """Add weight x x^T to `total`, for the rows that `total` has. x and the rows have the length of whole blocks."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         total, x, weight = _arrays(context, builder, signature, arguments)
         rows, width = (builder.extract_value(total.shape, axis) for axis in range(2))
         with cgutils.for_range(builder, builder.udiv(width, _whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
@@ -339,13 +342,13 @@ def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
 gather: Any = intrinsic(_gather)
 
 
-def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: Any) -> Any:
+def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: Any) -> Emission:
     """Compute now = low + share rise [n, lane] and out[lane] = sum_j x[j] now[j, lane].
 
     The number of lanes is a multiple of LANE.
     """
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         low, rise, share, x, now, out = _arrays(context, builder, signature, arguments)
         count, width = (builder.extract_value(low.shape, axis) for axis in range(2))
         part = spread(builder, share)
@@ -387,13 +390,13 @@ def _in_blocks(builder: Any, width: Any, several: Callable[[Any, int], None]) ->
         several(done, 1)
 
 
-def _across(typing: Any, table: Any, weights: Any, out: Any) -> Any:
+def _across(typing: Any, table: Any, weights: Any, out: Any) -> Emission:
     """out[j] = sum of table[j, lane] weights[lane]: each lane is summed on its own, then the lanes by halves.
 
     The number of lanes is a multiple of LANE.
     """
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         table, weights, out = _arrays(context, builder, signature, arguments)
         count, width = (builder.extract_value(table.shape, axis) for axis in range(2))
 

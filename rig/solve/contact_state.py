@@ -11,7 +11,7 @@ of network energy is added to the energy balance.
 from __future__ import annotations
 
 from rig.compiled.kernel import inlined, inner
-from rig.solve.column_blocks import ROUND, dot, rounding
+from rig.solve.column_blocks import ROUND, copy, dot, rounding
 from rig.solve.energy_balance import SWITCH, network_energy
 from rig.solve.forces import SMOOTH, inputs
 from rig.solve.records import (
@@ -22,10 +22,6 @@ from rig.solve.records import (
     G_OPEN,
     G_RELEASE_PLUS,
     G_SLIP,
-    KEY,
-    PENDING,
-    REPEAT,
-    SEARCH_BEGAN_AT,
     SLIP_MINUS,
     SLIP_PLUS,
     STICK,
@@ -33,7 +29,7 @@ from rig.solve.records import (
 
 # Status of a kernel. NEED: needs a mode set; OVERFULL: needs more room for segments; LOOK: done, perhaps early.
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)
-READY, CHECK, PROJECT, START, THROWN = range(5)  # MotionState.ic[PENDING]: the work that precedes advancing the state
+READY, CHECK, PROJECT, START, THROWN = range(5)  # PROGRESS.pending: the work that precedes advancing the state
 
 _SLACK = 1e-9  # relative increase of the friction limit for a contact that slips and sticks at one instant
 
@@ -89,13 +85,11 @@ def with_switches_thrown(t, key, x):
 
 
 @inlined
-def project_stick(t, mode_set, x, copy):
+def project_stick(t, mode_set, x, before):
     """Project the state with Pi: remove what is left of the slip speed of stuck patches."""
-    n = x.shape[0]
-    for i in range(n):
-        copy[i] = x[i]
-    for i in range(n):
-        x[i] = dot(t.landing[mode_set, i], copy)
+    copy(x.shape[0], x, before)
+    for i in range(x.shape[0]):
+        x[i] = dot(t.landing[mode_set, i], before)
 
 
 @inner
@@ -133,16 +127,16 @@ def key_after_event(kind, owner, P, K, key):
 
 
 @inner
-def apply_event(t, mode_set, guard, ic, x):
-    """Write the key that follows the event of `guard` to `ic` and request a new contact state.
+def apply_event(t, mode_set, guard, now, x):
+    """Write the key that follows the event of `guard` to `now` and request a new contact state.
 
     At the edge of a sector, a position that rounding left short of the edge is moved onto it; otherwise the new sector
     would be left at once. Beyond the last sector, and before the first one, the position is shifted by one period.
     """
-    kind, owner, key = t.kind[mode_set, guard], t.owner[mode_set, guard], ic[KEY]
-    ic[PENDING] = PROJECT
+    kind, owner, key = t.kind[mode_set, guard], t.owner[mode_set, guard], now.key
+    now.pending = PROJECT
     if kind < G_NEXT:
-        ic[KEY] = key_after_event(kind, owner, t.slip.shape[0], t.patch_of_normal.shape[0], key)
+        now.key = key_after_event(kind, owner, t.slip.shape[0], t.patch_of_normal.shape[0], key)
         return
     base, count = sector_weight(t, owner), t.sectors[owner]
     mode = mode_in_key(key, base, count) + (1 if kind == G_NEXT else -1)
@@ -155,7 +149,7 @@ def apply_event(t, mode_set, guard, ic, x):
     elif mode < 0:
         mode = count - 1
         x[t.turn[owner]] += t.edges[owner, count]
-    ic[KEY] = with_mode(key, base, count, mode)
+    now.key = with_mode(key, base, count, mode)
 
 
 @inlined
@@ -242,11 +236,11 @@ def make_consistent(shape, t, w, state, log, seg, plan, ticks):
     Returns DONE, NEED or JAM.
 
     A slip speed within the rounding error of the largest values of the states so far (w.size) counts as zero, also
-    where belt and body have come to rest. If the same contact has just changed twice in one instant (ic[REPEAT]), the
+    where belt and body have come to rest. If the same contact has just changed twice in one instant (now.repeat), the
     friction limit of stick is raised by `_SLACK`.
     """
-    ic, x, size, T, scratch, copy, energy = state.ic, state.x, w.size, w.T, w.scratch, w.copy, state.energy
-    key, pending = ic[KEY], ic[PENDING]
+    now, x, size, T, scratch, energy = state.progress[0], state.x, w.size, w.T, w.scratch, state.energy
+    key, pending = now.key, now.pending
     for i in range(x.shape[0]):
         size[i] = max(size[i], abs(x[i]))
     if pending == START:
@@ -257,15 +251,15 @@ def make_consistent(shape, t, w, state, log, seg, plan, ticks):
     elif with_switches_thrown(t, key, x) != key:
         energy[SWITCH] += network_energy(t.store[t.mode_set_of[key]], x)
         key, pending = with_switches_thrown(t, key, x), THROWN
-    slack, begun = _SLACK if ic[REPEAT] > 1 else 0.0, ic[SEARCH_BEGAN_AT] if ic[SEARCH_BEGAN_AT] >= 0 else key
+    slack, begun = _SLACK if now.repeat > 1 else 0.0, now.search_began_at if now.search_began_at >= 0 else key
     for _ in range(4 * (t.slip.shape[0] + t.patch_of_normal.shape[0]) + 12):
         mode_set = t.mode_set_of[key]
         if mode_set < 0:
-            ic[KEY], ic[PENDING], ic[SEARCH_BEGAN_AT] = key, pending, begun
+            now.key, now.pending, now.search_began_at = key, pending, begun
             return NEED
         if pending != CHECK:
             if t.lands[mode_set]:
-                project_stick(t, mode_set, x, copy)
+                project_stick(t, mode_set, x, w.copy)
             if pending == THROWN:
                 energy[SWITCH] -= network_energy(t.store[mode_set], x)
             pending = CHECK
@@ -276,11 +270,11 @@ def make_consistent(shape, t, w, state, log, seg, plan, ticks):
                 T[p] = 0.0
         new = disagreement(t, mode_set, key, begun, x, size, T, slack)
         if new < 0:
-            ic[KEY], ic[PENDING], ic[SEARCH_BEGAN_AT] = key, READY, -1
+            now.key, now.pending, now.search_began_at = key, READY, -1
             return DONE
         for p in range(t.slip.shape[0]):  # project a patch that has just begun to stick
             if mode_in_key(new, patch_weight(p), 3) == STICK and mode_in_key(key, patch_weight(p), 3) != STICK:
                 pending = PROJECT
         key = new
-    ic[KEY], ic[SEARCH_BEGAN_AT] = key, -1
+    now.key, now.search_began_at = key, -1
     return JAM

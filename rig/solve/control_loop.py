@@ -15,7 +15,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rig.compiled.kernel import inner
+from rig.compiled.kernel import Emission, inner
 
 CONTROLLER = np.dtype(
     [
@@ -40,9 +40,22 @@ CONTROLLER = np.dtype(
     ],
     align=True,
 )
-NOW, COUNT, UNUSUAL = range(3)  # of ControllerTables.clock
-DUE, ANSWERED, AS = range(3)  # of ControllerTables.queue: in force from this tick on | tick of the measurement | status
-TICK, FOR, STATUS = range(3)  # of ControllerTables.rows
+CLOCK = np.dtype(
+    [
+        ("tick", np.int64),
+        ("count", np.int64),  # number of controllers in use
+        ("unusual", np.int64),  # 1: `run_controllers` returned False, the caller has to act
+    ],
+    align=True,
+)
+COMMAND = np.dtype(
+    [
+        ("tick", np.int64),  # from which on it is in force
+        ("answered", np.int64),  # tick of the measurement
+        ("status", np.int64),
+    ],
+    align=True,
+)
 ROWS = 1 << 12
 """Capacity per controller for commands in force not read yet, and for waiting commands."""
 
@@ -55,9 +68,7 @@ class ControllerTables(NamedTuple):
     """
 
     controllers: NDArray[Any]  # CONTROLLER [controller]
-    clock: NDArray[
-        np.int64
-    ]  # NOW: tick; COUNT: controllers in use; UNUSUAL: 1 if `run_controllers` returned False: the caller has to act
+    clock: NDArray[Any]  # CLOCK [1]
     columns: NDArray[np.int64]  # [read] index of the sensor
     heard: NDArray[np.float64]  # [read]
     command: NDArray[np.float64]  # [drive] the last answer
@@ -66,9 +77,9 @@ class ControllerTables(NamedTuple):
     low: NDArray[np.float64]  # [drive]
     high: NDArray[np.float64]  # [drive]
     force: NDArray[np.float64]  # [drive] the command in force
-    queue: NDArray[np.int64]  # [controller, waiting, 3]
+    queue: NDArray[Any]  # COMMAND [controller, waiting]
     queued: NDArray[np.float64]  # [waiting, drive]
-    rows: NDArray[np.int64]  # [controller, row, 3]
+    rows: NDArray[Any]  # COMMAND [controller, row]
     values: NDArray[np.float64]  # [row, drive]
     frame: int  # ns
 
@@ -79,7 +90,7 @@ def controller_tables(controllers: int = 0, reads: int = 0, drives: int = 0, fra
     whole, real = np.int64, np.float64
     return ControllerTables(
         controllers=np.zeros(controllers, dtype=CONTROLLER),
-        clock=np.zeros(3, dtype=whole),
+        clock=np.zeros(1, dtype=CLOCK),
         columns=np.zeros(reads, dtype=whole),
         heard=np.zeros(reads, dtype=real),
         command=np.zeros(drives, dtype=real),
@@ -88,9 +99,9 @@ def controller_tables(controllers: int = 0, reads: int = 0, drives: int = 0, fra
         low=np.zeros(drives, dtype=real),
         high=np.zeros(drives, dtype=real),
         force=np.zeros(drives, dtype=real),
-        queue=np.zeros((controllers, rows, 3), dtype=whole),
+        queue=np.zeros((controllers, rows), dtype=COMMAND),
         queued=np.zeros((rows, drives), dtype=real),
-        rows=np.zeros((controllers, rows, 3), dtype=whole),
+        rows=np.zeros((controllers, rows), dtype=COMMAND),
         values=np.zeros((rows, drives), dtype=real),
         frame=frame,
     )
@@ -98,8 +109,8 @@ def controller_tables(controllers: int = 0, reads: int = 0, drives: int = 0, fra
 
 def _call_controller(
     typing: Any, address: Any, controller: Any, t_ns: Any, heard: Any, command: Any, memory: Any
-) -> Any:
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+) -> Emission:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         word = ir.IntType(64)
         code = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
         return builder.call(code, arguments[1:])
@@ -117,8 +128,9 @@ def run_controllers(c: Any, latest: Any, x: Any) -> bool:
     Returns False if the caller has to act first; then nothing has been put into force. `latest` [sensor]: latest
     measurements. `x`: the state to which commands are written.
     """
-    controllers, now, usual = c.controllers, c.clock[NOW], True
-    for i in range(c.clock[COUNT]):
+    controllers, clock, usual = c.controllers, c.clock[0], True
+    now = clock.tick
+    for i in range(clock.count):
         controller = controllers[i]
         if controller.due == now:
             for k in range(controller.hears, controller.deaf):
@@ -140,24 +152,25 @@ def run_controllers(c: Any, latest: Any, x: Any) -> bool:
             else:
                 usual = False
         comes = controller.given == now and controller.delay == 0
-        came = controller.waiting > 0 and c.queue[i, controller.oldest, DUE] <= now
+        came = controller.waiting > 0 and c.queue[i, controller.oldest].tick <= now
         if not (comes or came) and now - controller.last >= controller.period:
             usual = False  # a command is missing
         if controller.kept + controller.waiting >= c.rows.shape[1] and controller.answer != 0:
             usual = False  # there is no more room
     if not usual:
-        c.clock[UNUSUAL] = 1
+        clock.unusual = 1
         return False
-    for i in range(c.clock[COUNT]):
+    for i in range(clock.count):
         controller = controllers[i]
         room = c.queue.shape[1]
         if controller.given == now:
             at = (controller.oldest + controller.waiting) % room
-            c.queue[i, at, DUE], c.queue[i, at, ANSWERED], c.queue[i, at, AS] = now + controller.delay, now, 0
+            answer = c.queue[i, at]
+            answer.tick, answer.answered, answer.status = now + controller.delay, now, 0
             for k in range(controller.drives, controller.driven):
                 c.queued[at, k] = c.command[k]
             controller.waiting += 1
-        while controller.waiting > 0 and c.queue[i, controller.oldest, DUE] <= now:
+        while controller.waiting > 0 and c.queue[i, controller.oldest].tick <= now:
             put_into_force(c, controller, i, now, x)
             controller.oldest = (controller.oldest + 1) % room
             controller.waiting -= 1
@@ -167,7 +180,7 @@ def run_controllers(c: Any, latest: Any, x: Any) -> bool:
 @inner
 def put_into_force(c: Any, controller: Any, i: int, now: int, x: Any) -> None:
     """Put the oldest waiting command of controller `i` into force, clamped to the range of its actuators."""
-    row, clamped, entry = controller.kept, 0, c.queue[i, controller.oldest]
+    row, clamped, waiting = controller.kept, 0, c.queue[i, controller.oldest]
     for k in range(controller.drives, controller.driven):
         value = c.queued[controller.oldest, k]
         if value < c.low[k]:
@@ -180,6 +193,7 @@ def put_into_force(c: Any, controller: Any, i: int, now: int, x: Any) -> None:
             if c.slope[k] >= 0:
                 x[c.slope[k]] = 0.0
             x[c.place[k]] = value
-    c.rows[i, row, TICK], c.rows[i, row, FOR], c.rows[i, row, STATUS] = now, entry[ANSWERED], max(entry[AS], clamped)
+    kept = c.rows[i, row]
+    kept.tick, kept.answered, kept.status = now, waiting.answered, max(waiting.status, clamped)
     controller.clamped += clamped
     controller.last, controller.kept = now, row + 1

@@ -9,8 +9,6 @@ a trial step beyond an event keeps its order.
 Source: Dormand and Prince, J. Comp. Appl. Math. 6 (1980) 19; dense output: Hairer, Norsett, Wanner, Solving Ordinary
 Differential Equations I, section II.6.
 
-The quartic through a step of dopri5 (dense output), and the first event along it.
-
 A guard that is a row over the state is a quartic too. A guard that depends on the inputs is approximated by a quartic.
 The guard itself is evaluated to estimate the error of this fit and to confirm the event that the fit predicts.
 """
@@ -22,15 +20,38 @@ import numpy as np
 from rig.compiled.kernel import inlined, inner
 from rig.compiled.records import lent
 from rig.solve.collocation import take_cell
-from rig.solve.column_blocks import LANE, ROUND, dot, lane, lanes, rounding
+from rig.solve.column_blocks import LANE, ROUND, copy, dot, lane, lanes, rounding
 from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.forces import derivative, inputs, right_hand_side
 from rig.solve.places import PART, add_powers, inputs_at, row_times, states_at, write_output_quartic
-from rig.solve.records import KEY, NEXT_LENGTH, PLACE, REACHED, STEP_LENGTH, SUGGESTED_LENGTH, TICK, TRIAL_LIMIT, TRIALS
 from rig.solve.roots import NONE, first_crossing
 from rig.solve.runge_kutta_stage import begin_stages, complete_derivative, patch_friction, stage
 from rig.solve.segment_output import close_segment, nearly_full, part_of_quartic, quartic_coefficients
 from rig.solve.specialised import any_shape, call, local, state_count
+
+C = (0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
+A = (
+    (),
+    (1 / 5,),
+    (3 / 40, 9 / 40),
+    (44 / 45, -56 / 15, 32 / 9),
+    (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+    (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+    (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+)
+B = (*A[6], 0.0)
+E = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
+"""Differences from the weights of the embedded method of fourth order."""
+D = (
+    -12715105075 / 11282082432,
+    0.0,
+    87487479700 / 32700410799,
+    -10690763975 / 1880347072,
+    701980252875 / 199316789632,
+    -1453857185 / 822651844,
+    69997945 / 29380423,
+)
+"""Weights of the last coefficient of the dense output."""
 
 _EARLY = 0.5  # share of a step
 PROBE = 0.9  # place in a step where the error of a quartic through the quarters is largest
@@ -46,14 +67,8 @@ def quartic_of_step(shape, k, x, y, h, d):
         difference = y[i] - x[i]
         bulge = h * k[0, i] - difference
         r3 = difference - h * k[6, i] - bulge
-        r4 = h * (
-            k[0, i] * (-12715105075.0 / 11282082432.0)
-            + k[2, i] * (87487479700.0 / 32700410799.0)
-            - k[3, i] * (10690763975.0 / 1880347072.0)
-            + k[4, i] * (701980252875.0 / 199316789632.0)
-            - k[5, i] * (1453857185.0 / 822651844.0)
-            + k[6, i] * (69997945.0 / 29380423.0)
-        )
+        r4 = D[0] * k[0, i] + D[2] * k[2, i] + D[3] * k[3, i] + D[4] * k[4, i] + D[5] * k[5, i] + D[6] * k[6, i]
+        r4 *= h
         # x + th (difference + (1 - th)(bulge + th (r3 + (1 - th) r4)))
         d[0, i] = x[i]
         d[1, i] = difference + bulge
@@ -229,34 +244,23 @@ _SHARE = 0.7  # share of the tolerance that a local error may use; keeps event t
 def trial_step(shape, f, friction, k, x, h, y, z):
     """Compute the stages k[1..6] and the end y of a step h from x; k[0] is known, z is scratch."""
     n = state_count(shape)
+    copy(n, x, z)
+    late = stage(shape, f, friction, h * A[1][0], z, k, 0, begin_stages(shape, friction, k))
     for i in range(n):
-        z[i] = x[i]
-    late = stage(shape, f, friction, h * (1.0 / 5.0), z, k, 0, begin_stages(shape, friction, k))
+        z[i] = x[i] + h * (A[2][0] * k[0, i])
+    late = stage(shape, f, friction, h * A[2][1], z, k, 1, late)
     for i in range(n):
-        z[i] = x[i] + h * ((3.0 / 40.0) * k[0, i])
-    late = stage(shape, f, friction, h * (9.0 / 40.0), z, k, 1, late)
+        z[i] = x[i] + h * (A[3][0] * k[0, i] + A[3][1] * k[1, i])
+    late = stage(shape, f, friction, h * A[3][2], z, k, 2, late)
     for i in range(n):
-        z[i] = x[i] + h * ((44.0 / 45.0) * k[0, i] - (56.0 / 15.0) * k[1, i])
-    late = stage(shape, f, friction, h * (32.0 / 9.0), z, k, 2, late)
+        z[i] = x[i] + h * (A[4][0] * k[0, i] + A[4][1] * k[1, i] + A[4][2] * k[2, i])
+    late = stage(shape, f, friction, h * A[4][3], z, k, 3, late)
     for i in range(n):
-        z[i] = x[i] + h * ((19372.0 / 6561.0) * k[0, i] - (25360.0 / 2187.0) * k[1, i] + (64448.0 / 6561.0) * k[2, i])
-    late = stage(shape, f, friction, -(h * (212.0 / 729.0)), z, k, 3, late)
+        z[i] = x[i] + h * (A[5][0] * k[0, i] + A[5][1] * k[1, i] + A[5][2] * k[2, i] + A[5][3] * k[3, i])
+    late = stage(shape, f, friction, h * A[5][4], z, k, 4, late)
     for i in range(n):
-        z[i] = x[i] + h * (
-            (9017.0 / 3168.0) * k[0, i]
-            - (355.0 / 33.0) * k[1, i]
-            + (46732.0 / 5247.0) * k[2, i]
-            + (49.0 / 176.0) * k[3, i]
-        )
-    late = stage(shape, f, friction, -(h * (5103.0 / 18656.0)), z, k, 4, late)
-    for i in range(n):
-        y[i] = x[i] + h * (
-            (35.0 / 384.0) * k[0, i]
-            + (500.0 / 1113.0) * k[2, i]
-            + (125.0 / 192.0) * k[3, i]
-            - (2187.0 / 6784.0) * k[4, i]
-        )
-    late = stage(shape, f, friction, h * (11.0 / 84.0), y, k, 5, late)
+        y[i] = x[i] + h * (A[6][0] * k[0, i] + A[6][2] * k[2, i] + A[6][3] * k[3, i] + A[6][4] * k[4, i])
+    late = stage(shape, f, friction, h * A[6][5], y, k, 5, late)
     complete_derivative(shape, f, friction, k, 6, late)
 
 
@@ -270,17 +274,8 @@ def local_error(shape, k, y, size, h, tolerance):
     n = state_count(shape)
     worst = 0.0
     for i in range(n):
-        e = (
-            h
-            * (
-                k[0, i] * (71.0 / 57600.0)
-                - k[2, i] * (71.0 / 16695.0)
-                + k[3, i] * (71.0 / 1920.0)
-                - k[4, i] * (17253.0 / 339200.0)
-                + k[5, i] * (22.0 / 525.0)
-            )
-            - (h * (1.0 / 40.0)) * k[6, i]
-        )
+        e = E[0] * k[0, i] + E[2] * k[2, i] + E[3] * k[3, i] + E[4] * k[4, i] + E[5] * k[5, i]
+        e = h * e + (h * E[6]) * k[6, i]  # k[6] comes last
         if not (abs(e) + abs(y[i]) < np.inf):
             return np.inf
         largest = max(size[i], abs(y[i]))
@@ -337,8 +332,7 @@ def raise_to_rounding(t, mode_set, w, x, h, tolerance):
         sources[i] = h * (rounding(t.A[mode_set, i], x) + rounding(t.b[mode_set, i], w.T))
         error[i] = 0.0
     for order in range(w.k.shape[0], 0, -1):
-        for i in range(n):
-            w.at[i] = error[i]
+        copy(n, error, w.at)
         for i in range(n):
             error[i] = sources[i]
             for j in range(n):
@@ -407,16 +401,14 @@ def set_generators(shape, t, w, time, x):
 @inlined
 def accept_step(shape, t, mode_set, w, k, y, x, here):
     """Accept the end y of a step as the new state `here`; x is passed to functions that are not inlined."""
+    copy(state_count(shape), y, here)
+    copy(state_count(shape), k[6], k[0])
     for i in range(state_count(shape)):
-        here[i] = y[i]
-        k[0, i] = k[6, i]
         w.size[i] = max(w.size[i], abs(here[i]))
     if t.stuck[mode_set]:
-        for i in range(state_count(shape)):
-            x[i] = here[i]
+        copy(state_count(shape), here, x)
         project_stick(t, mode_set, x, w.copy)
-        for i in range(state_count(shape)):
-            here[i] = x[i]
+        copy(state_count(shape), x, here)
 
 
 @inlined
@@ -436,26 +428,24 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks, or to a step that `stretch` must handle.
 
     A specialised kernel (rig.solve.specialised). The derivative at state.x must be in w.k[0], except at the begin of a
-    stretch, where fc[SUGGESTED_LENGTH] is 0. Returns ENDED; UNDECIDED; EVENT_FREE, if the step is proved free of
+    stretch, where now.suggested_length is 0. Returns ENDED; UNDECIDED; EVENT_FREE, if the step is proved free of
     events; or FAILED, if no step is short enough. With UNDECIDED and EVENT_FREE the length of the step is in
-    fc[STEP_LENGTH], its end in w.y, its stages in w.k and its dense output in w.derivatives; state, tick and place are
+    now.step_length, its end in w.y, its stages in w.k and its dense output in w.derivatives; state, tick and place are
     those at its begin. Working arrays are only passed to inlined functions, so they stay in registers.
     """
-    n, tick_length, mode_set = state_count(shape), t.step[0], t.mode_set_of[state.ic[KEY]]
-    ic, fc, x, size, graded = state.ic, state.fc, state.x, w.size, t.graded[mode_set] > 0
+    n, tick_length, mode_set = state_count(shape), t.step[0], t.mode_set_of[state.progress[0].key]
+    now, x, size, graded = state.progress[0], state.x, w.size, t.graded[mode_set] > 0
     looked = plan.with_energy or plan.emitting or graded
     field = right_hand_side(t, mode_set, w.T, w.scratch)
     f, friction = lent(field), lent(patch_friction(shape, field, t, w, state, log, seg, plan))
     k, y, z, d = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives)
     here = local(shape, w.copy)
-    tick, place, next_h, hoped, most = ic[TICK], fc[PLACE], fc[NEXT_LENGTH], fc[SUGGESTED_LENGTH], ic[TRIAL_LIMIT]
-    for i in range(n):
-        here[i] = x[i]
-        k[0, i] = w.k[0, i]
+    tick, place, next_h, hoped, most = now.tick, now.place, now.next_length, now.suggested_length, now.trial_limit
+    copy(n, x, here)
+    copy(n, w.k[0], k[0])
     if hoped == 0.0:
         derivative(shape, f, True, here, k[0])
-        for i in range(n):
-            w.k[0, i] = k[0, i]
+        copy(n, k[0], w.k[0])
         raise_scales(x, w.k[0], t.damping.shape[1], min(tick_length, next_h) if graded else tick_length, size)
     ends = ENDED
     while tick < ticks:
@@ -463,14 +453,13 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
         h = next_h if next_h < left - 1e-9 * tick_length else left
         trial_step(shape, f, friction, k, here, h, y, z)
         e = local_error(shape, k, y, size, h, plan.tolerance)
-        ic[TRIALS] += 1
+        now.trials += 1
         if not (e <= 1.0):
             next_h = h * max(_SHRINK, _SAFETY * e ** (-0.2))
-            if next_h < 1e-14 * tick_length or ic[TRIALS] > most:
+            if next_h < 1e-14 * tick_length or now.trials > most:
                 ends = FAILED
                 break
-            for i in range(n):
-                x[i] = here[i]
+            copy(n, here, x)
             raise_to_rounding(t, mode_set, w, x, next_h, plan.tolerance)
             continue
         grow = step_factor(e)
@@ -480,12 +469,11 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
         quartic_of_step(shape, k, here, y, h, d)
         plain = free_of_events(shape, f, d, size)
         if looked or not plain:
-            fc[STEP_LENGTH] = h
-            for i in range(n):
-                w.y[i] = y[i]
-                w.k[6, i] = k[6, i]
-                for c in range(5):
-                    w.derivatives[c, i] = d[c, i]
+            now.step_length = h
+            copy(n, y, w.y)
+            copy(n, k[6], w.k[6])
+            for c in range(5):
+                copy(n, d[c], w.derivatives[c])
             ends = EVENT_FREE if plain else UNDECIDED
             break
         done, share = 0.0, tick_length / h
@@ -498,12 +486,11 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
             tick, place, done = tick + 1, 0.0, to
         if done < 1.0:
             place += (1.0 - done) * h / tick_length
-        set_generators(shape, t, w, ((tick - ic[REACHED]) + place) * tick_length, y)
+        set_generators(shape, t, w, ((tick - now.reached) + place) * tick_length, y)
         accept_step(shape, t, mode_set, w, k, y, x, here)
-    ic[TICK], fc[PLACE], fc[NEXT_LENGTH], fc[SUGGESTED_LENGTH] = tick, place, next_h, hoped
-    for i in range(n):
-        x[i] = here[i]
-        w.k[0, i] = k[0, i]
+    now.tick, now.place, now.next_length, now.suggested_length = tick, place, next_h, hoped
+    copy(n, here, x)
+    copy(n, k[0], w.k[0])
     return ends
 
 
@@ -513,34 +500,35 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
     Returns the guard, -1 at the end of the ticks, -2 if no step is short enough.
     """
-    ic, fc, x, mode_set = state.ic, state.fc, state.x, t.mode_set_of[state.ic[KEY]]
-    tick_length, origin, n = t.step[0], ic[REACHED], x.shape[0]
+    now, x = state.progress[0], state.x
+    mode_set = t.mode_set_of[now.key]
+    tick_length, origin, n = t.step[0], now.reached, x.shape[0]
     path = w.derivatives
-    ic[TRIAL_LIMIT] = ic[TRIALS] + _MOST * (ticks - ic[TICK])
-    fc[SUGGESTED_LENGTH] = 0.0
+    now.trial_limit = now.trials + _MOST * (ticks - now.tick)
+    now.suggested_length = 0.0
     crossed = -1
     while (
-        ic[TICK] < ticks and crossed == -1 and not (plan.emitting and nearly_full(t, mode_set, seg, ticks - ic[TICK]))
+        now.tick < ticks and crossed == -1 and not (plan.emitting and nearly_full(t, mode_set, seg, ticks - now.tick))
     ):
         if t.graded[mode_set]:
             crossed = take_cell(t, mode_set, w, state, log, seg, plan)
             if crossed >= -1:
-                if ic[TRIALS] > ic[TRIAL_LIMIT]:
+                if now.trials > now.trial_limit:
                     return -2
                 continue
-            crossed, fc[SUGGESTED_LENGTH] = -1, 0.0
+            crossed, now.suggested_length = -1, 0.0
         ends = call(plan.take_steps, shape, t, w, state, log, seg, plan, ticks)
         if ends == FAILED:
             return -2
         if ends == ENDED:
             break
-        h, tick, place = fc[STEP_LENGTH], ic[TICK], fc[PLACE]
+        h, tick, place = now.step_length, now.tick, now.place
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
         if ends == UNDECIDED:
             theta, crossed, doubtful = first_event(t, mode_set, w)
             if doubtful and h > 1e-12 * tick_length:
-                fc[NEXT_LENGTH], crossed = _SHRINK * h, -1
+                now.next_length, crossed = _SHRINK * h, -1
                 continue
             end = theta if crossed >= 0 else 1.0
         done, share, spent = 0.0, tick_length / h, end if plan.with_energy else 0.0
@@ -568,10 +556,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         else:
             set_generators(shape, t, w, ((tick - origin) + place) * tick_length, w.y)
             accept_step(shape, t, mode_set, w, w.k, w.y, x, x)
-        ic[TICK], fc[PLACE] = tick, place
+        now.tick, now.place = tick, place
     if crossed >= 0:
-        apply_event(t, mode_set, crossed, ic, x)
-    elif ic[TICK] == ticks:
-        for i in range(n):
-            log.out[ticks - 1, i] = x[i]
+        apply_event(t, mode_set, crossed, now, x)
+    elif now.tick == ticks:
+        copy(n, x, log.out[ticks - 1])
     return crossed

@@ -6,8 +6,6 @@ has its own propagator. In a cell of the smallest size every guard is a Taylor p
 located. After an event a Taylor series carries the state to the next grid point, and the cells become longer again.
 Event times are exact to rounding at every step size.
 
-Cells of stiff mode sets: polynomials of outputs and guards over cells in which a Taylor series would not converge.
-
 In a stiff mode set a tick has very many cells, because some states decay within a tiny part of it. As soon as these
 states have decayed, everything is smooth again. So outputs and guards are evaluated with the exact propagators at the
 Chebyshev-Lobatto places of a cell, [0, PLACES], however long it is. Every second place is a node of a polynomial, the
@@ -23,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import inlined, inner
-from rig.solve.column_blocks import ROUND, dot, rounding
+from rig.solve.column_blocks import ROUND, copy, dot, rounding
 from rig.solve.contact_state import apply_event
 from rig.solve.energy_balance import add_energy
 from rig.solve.many_states import (
@@ -35,7 +33,6 @@ from rig.solve.many_states import (
     first_event_of_cell,
     quiet_tick,
 )
-from rig.solve.records import KEY, PLACE, REACHED, SUBDIVIDED, TICK
 from rig.solve.roots import NONE, first_crossing
 from rig.solve.segment_output import DEGREE, emit_linear, nearly_full
 from rig.solve.specialised import call, local, state_count
@@ -145,8 +142,7 @@ def emit_graded(t, mode_set, x, level, start, seg, w, many_states):
     n, depth, first = x.shape[0], t.depth[mode_set], seg.count[0]
     here, moved, cells, done = w.y2, w.copy, 1 << (depth - level), 0
     finest = t.step[0] / 2.0**depth
-    for i in range(n):
-        here[i] = x[i]
+    copy(n, x, here)
     while done < cells:
         at, width = depth, 1
         while width < cells and done % (2 * width) == 0:
@@ -195,12 +191,12 @@ def quiet_ticks(shape, t, w, state, log, seg, plan, ticks):
 
     A specialised kernel (rig.solve.specialised).
     """
-    mode_set, first = t.mode_set_of[state.ic[KEY]], state.ic[TICK]
-    n, count = state_count(shape), t.guards[mode_set]
+    now, n = state.progress[0], state_count(shape)
+    mode_set, first = t.mode_set_of[now.key], now.tick
+    count = t.guards[mode_set]
     E, G, B, g, x, out = t.E[mode_set, 0], t.G[mode_set], t.B[mode_set], w.g, state.x, log.out[first:]
     here, y = local(shape, x), local(shape, x)
-    for i in range(n):
-        here[i] = x[i]
+    copy(n, x, here)
     for k in range(count):
         g[k] = dot(G[k], x)
     done = ticks
@@ -223,8 +219,7 @@ def quiet_ticks(shape, t, w, state, log, seg, plan, ticks):
             break
         for i in range(n):
             out[tick, i] = here[i] = y[i]
-    for i in range(n):
-        x[i] = here[i]
+    copy(n, here, x)
     return done
 
 
@@ -234,7 +229,7 @@ def certified_cell(shape, t, w, state, log, seg, plan, level):
 
     A specialised kernel.
     """
-    mode_set, n, width = t.mode_set_of[state.ic[KEY]], state_count(shape), 1.0 / (1 << level)
+    mode_set, n, width = t.mode_set_of[state.progress[0].key], state_count(shape), 1.0 / (1 << level)
     shrink = width * width
     E, G, GA, B, BA = t.E[mode_set, level], t.G[mode_set], t.GA[mode_set], t.B[mode_set], t.BA[mode_set]
     x, y = state.x, w.y
@@ -269,8 +264,7 @@ def certified_cell(shape, t, w, state, log, seg, plan, level):
 def taylor_terms(A, x, length, terms, derivatives):
     """Taylor terms: derivatives[k] = A^k x length^k / k!, k = 0 .. terms."""
     n = x.shape[0]
-    for i in range(n):
-        derivatives[0, i] = x[i]
+    copy(n, x, derivatives[0])
     for k in range(1, terms + 1):
         f = length / k
         for i in range(n):
@@ -306,32 +300,29 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
     A part (rig.solve.specialised). Returns the guard of the event, -1, or FULL.
     """
-    ic, x, with_energy, emitting = state.ic, state.x, plan.with_energy, plan.emitting
-    n, origin, mode_set = x.shape[0], ic[REACHED], t.mode_set_of[ic[KEY]]
-    if state.fc[PLACE] == 0.0 and plan.many_states:
-        while quiet_tick(t, mode_set, x, log.out[ic[TICK]], w):
-            start = (ic[TICK] - origin) * t.step[0]
+    now, x, with_energy, emitting = state.progress[0], state.x, plan.with_energy, plan.emitting
+    n, origin, mode_set = x.shape[0], now.reached, t.mode_set_of[now.key]
+    if now.place == 0.0 and plan.many_states:
+        while quiet_tick(t, mode_set, x, log.out[now.tick], w):
+            start = (now.tick - origin) * t.step[0]
             if emitting and not emit_cell(t, mode_set, x, 0, start, t.step[0], seg, w, True):
                 return FULL
             if with_energy:
                 add_tick_energy(t, mode_set, x)
-            for i in range(n):
-                x[i] = log.out[ic[TICK], i]
-            log.modes[ic[TICK]] = mode_set
-            ic[TICK] += 1
-            if ic[TICK] == ticks or (emitting and nearly_full(t, mode_set, seg, ticks - ic[TICK])):
+            copy(n, log.out[now.tick], x)
+            log.modes[now.tick] = mode_set
+            now.tick += 1
+            if now.tick == ticks or (emitting and nearly_full(t, mode_set, seg, ticks - now.tick)):
                 return -1
-    elif state.fc[PLACE] == 0.0:
-        first = ic[TICK]
-        for i in range(n):
-            w.x0[i] = x[i]
+    elif now.place == 0.0:
+        first = now.tick
+        copy(n, x, w.x0)
         block = 1 if emitting else ticks - first
         done = call(plan.quiet_ticks, shape, t, w, state, log, seg, plan, block)
         if emitting and done:
             start = (first - origin) * t.step[0]
             if not emit_cell(t, mode_set, w.x0, 0, start, t.step[0], seg, w, False):
-                for i in range(n):
-                    x[i] = w.x0[i]
+                copy(n, w.x0, x)
                 return FULL
         for tick in range(first, first + done):
             log.modes[tick] = mode_set
@@ -339,15 +330,14 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             for tick in range(first, first + done):
                 before = w.x0 if tick == first else log.out[tick - 1]
                 add_energy(t.work[mode_set, 0], t.active[mode_set], before, state.energy)
-        ic[TICK] += done
+        now.tick += done
         if done == block:
             return -1
     guard = subdivide(shape, t, w, state, log, seg, plan, mode_set)
     if guard == -1:
-        for i in range(n):
-            log.out[ic[TICK], i] = x[i]
-        log.modes[ic[TICK]] = mode_set
-        ic[TICK] += 1
+        copy(n, x, log.out[now.tick])
+        log.modes[now.tick] = mode_set
+        now.tick += 1
     return guard
 
 
@@ -357,23 +347,17 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
 
     Returns the guard of the event, -1 at the end of the tick, or FULL before the end.
     """
-    ic, fc, x, energy, with_energy, many_states = (
-        state.ic,
-        state.fc,
-        state.x,
-        state.energy,
-        plan.with_energy,
-        plan.many_states,
-    )
+    now, x, energy = state.progress[0], state.x, state.energy
+    with_energy, many_states = plan.with_energy, plan.many_states
     n, h, y = x.shape[0], t.step[0], w.y
-    begin = (ic[TICK] - ic[REACHED]) * h
+    begin = (now.tick - now.reached) * h
     depth, terms = t.depth[mode_set], t.order[mode_set]
     cells = 2.0**depth
-    ic[SUBDIVIDED] += 1
-    u, event_at, event_of = fc[PLACE], NONE, -1  # event located beforehand: place in the tick, guard
+    now.subdivided += 1
+    u, event_at, event_of = now.place, NONE, -1  # event located beforehand: place in the tick, guard
     while u < 1.0:
         if plan.emitting and seg.count[0] + 2 > seg.start.shape[0]:
-            return full(ic, fc, u)
+            return full(now, u)
         position = u * cells
         whole = int(position)
         level, width = depth, 1.0 / cells
@@ -400,11 +384,10 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
             if found:
                 start, length = begin + u * h, width * h
                 if plan.emitting and not emit_cell(t, mode_set, x, level, start, length, seg, w, many_states):
-                    return full(ic, fc, u)
+                    return full(now, u)
                 if with_energy:
                     add_energy(t.work[mode_set, level], t.active[mode_set], x, energy)
-                for i in range(n):
-                    x[i] = y[i]
+                copy(n, y, x)
                 u += width
                 continue
         length = (int(position) + 1) / cells - u
@@ -434,24 +417,23 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
                     add_series_energy(t, mode_set, w, terms, reach, length * h, energy)
             if many_states:
                 evaluate_cell(t, reach * length * cells)
-                for i in range(n):
-                    x[i] = t.many_states.filled[i]
+                copy(n, t.many_states.filled, x)
             else:
                 evaluate_series(w.derivatives, terms, reach, x)
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:
-            fc[PLACE] = u
-            apply_event(t, mode_set, guard, ic, x)
+            now.place = u
+            apply_event(t, mode_set, guard, now, x)
             return guard
-    fc[PLACE] = 0.0
+    now.place = 0.0
     return -1
 
 
 @inlined
-def full(ic, fc, place):
+def full(now, place):
     """Note the place in the tick from which `subdivide` continues when there is more room."""
-    ic[SUBDIVIDED] -= 1
-    fc[PLACE] = place
+    now.subdivided -= 1
+    now.place = place
     return FULL
 
 

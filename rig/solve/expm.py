@@ -1,17 +1,16 @@
-"""Matrix exponentials computed in a fixed order of operations.
+"""Exponentials: of matrices, of numbers in a stage, and of one pole driven by a polynomial.
 
-The last bits of a BLAS-backed routine may depend on the number of threads and on the processor; here they do not. The
-matrix is balanced by powers of two. The exponential minus one of the finest cell is summed as a Taylor series. Coarser
-cells follow by squaring, E -> 2 E + E^2, which keeps the digits of entries that are small beside one.
+Matrix exponentials are computed in a fixed order of operations. The last bits of a BLAS-backed routine may depend on
+the number of threads and on the processor; here they do not. The matrix is balanced by powers of two. The exponential
+minus one of the finest cell is summed as a Taylor series. Coarser cells follow by squaring, E -> 2 E + E^2, which keeps
+the digits of entries that are small beside one.
 
-The exponential function, inlined into its callers.
+The exponential function is inlined into its callers: a call of the library takes as long as the rest of a dopri5 stage.
+e^u = e^(k/16) e^r with an integer k and |r| <= 1/32. The first factor comes from a table, the second from its series,
+both accurate to rounding; r is exact.
 
-A call of the library takes as long as the rest of a dopri5 stage. e^u = e^(k/16) e^r with an integer k and |r| <= 1/32.
-The first factor comes from a table, the second from its series, both accurate to rounding; r is exact.
-
-Exact response of one pole to a polynomial.
-
-Over a segment of length h with  y = sum_k c_k u^k,  0 <= u <= 1, the solution of  z' = lambda z + y  ends at
+The response of one pole to a polynomial is exact. Over a segment of length h with  y = sum_k c_k u^k,  0 <= u <= 1, the
+solution of  z' = lambda z + y  ends at
 
     z(h) = e^x z(0) + sum_k c_k h w_k(x),    x = lambda h,    w_k(x) = integral_0^1 e^{(1-u) x} u^k du = k! phi_{k+1}(x)
 
@@ -34,6 +33,7 @@ from rig.compiled.kernel import fused, inlined, inner, kernel
 from rig.solve.column_blocks import between, pick
 from rig.solve.segment_output import DEGREE
 
+Array = NDArray[np.float64]
 _LEAST, _MOST = -48, 16  # outside of this range the library function is called
 _TABLE = np.exp(np.arange(16 * _LEAST, 16 * _MOST + 1) / 16.0)
 _SHIFT = 1.5 * 2.0**52  # at this size a double has no fraction bits: adding it rounds to an integer
@@ -74,7 +74,6 @@ def exponential_factors_of_lanes(u):
     return pick(_TABLE, k - 16.0 * _LEAST), fine
 
 
-Array = NDArray[np.float64]
 ORDER = 14
 LONGEST = 12  # largest number of terms of the Taylor polynomial of a cell
 REACH = 0.25  # |A| h of a finest cell: Taylor of order 12 is then exact to 3e-18

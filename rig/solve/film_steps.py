@@ -17,10 +17,6 @@ between the work of the kicks and that of the springs, of second order in the st
 
 Most of the computing time goes into two products: the interpolation of the rows together with the positions of the
 points, and the forces of the points on the coordinates (rig.solve.column_blocks).
-
-The sums over the points of a film.
-
-The tables that the steps of a film read: of the film and of the structure under it.
 """
 
 from __future__ import annotations
@@ -32,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import inlined, inner
-from rig.solve.column_blocks import across, blend
-from rig.solve.records import PLACE, REACHED, TICK
+from rig.solve.column_blocks import across, blend, copy
 from rig.solve.segment_output import nearly_full
 
+Array = NDArray[np.float64]
 SUMS = ("normal", "friction", "fraction", "centre_x", "centre_y", "openings")
 """Sums over the points: normal and friction force [N], share of closed points, centre of pressure [m], number of
 openings so far."""
@@ -43,13 +39,6 @@ NORMAL, FRICTION, FRACTION, CENTRE_X, CENTRE_Y, OPENINGS = range(len(SUMS))
 COUNTED = 2.0**-20
 """Exact increment of the state per opening; a million openings stay below `clock.limit`."""
 
-
-Array = NDArray[np.float64]
-TRAVEL, SLID, FIRST, POINTS, DIRECTIONS, DAMPED = range(6)
-"""Indices of FilmTables.where: state of the travel; state of the distance slid; first of the states that hold the
-forces on the coordinates; number of points; number of directions; 1 for a damped film."""
-PITCH, LONGEST, STIFFNESS, DAMPING, SHEAR, FRICTIONAL = range(6)
-"""Indices of FilmTables.numbers."""
 GROUP = 5
 """Number of steps that one output polynomial covers. At five sixths of a radian per step, which is 66 kHz at 2 us, its
 error is 1 %; that of chords is 9 %."""
@@ -77,8 +66,17 @@ class FilmTables(NamedTuple):
 
     symmetric: SymmetryClass
     antisymmetric: SymmetryClass
-    numbers: Array  # see PITCH
-    where: NDArray[np.int64]  # see TRAVEL
+    travel: int  # index of the state of the travel
+    slid: int  # of the distance slid
+    first: int  # of the first of the states that hold the forces on the coordinates
+    points: int  # number
+    directions: int  # number
+    pitch: float  # between two places [m]
+    longest: float  # longest travel [m]
+    stiffness: float  # of a point [N/m]
+    damping: float  # of a point [N s/m]
+    shear: float  # stiffness of a point [N/m]
+    mu: float
     below: NDArray[np.int64]  # scratch [1] the place at which `rise` begins; -1: none yet
     share: Array  # scratch [1] share of `rise` in the present rows
     places: Array  # [2, point] positions of the points on the slider [m]
@@ -148,8 +146,8 @@ def locate_points(own, x, anew):
     The rows are those of the previous step plus a share of the rise; both stay in the fastest cache of the processor.
     `anew`: interpolate them from the table, as at the begin of every tick, so that they do not depend on the past.
     """
-    travel = x[own.where[TRAVEL]]
-    place = travel / own.numbers[PITCH]
+    travel = x[own.travel]
+    place = travel / own.pitch
     low = min(int(max(place, 0.0)), own.symmetric.rows.shape[0] - 2)
     if low != own.below[0]:
         _update_rise(own.symmetric, low)
@@ -169,7 +167,7 @@ def locate_points(own, x, anew):
         for i in range(pairs):
             seen[i] = both[i] + other[i]
             seen[pairs + i] = side * (both[i] - other[i])
-    return travel >= -_EDGE and travel <= own.numbers[LONGEST] + _EDGE
+    return travel >= -_EDGE and travel <= own.longest + _EDGE
 
 
 @inlined
@@ -237,9 +235,9 @@ def contact_forces(own, x, travelled, h):
 
     Returns the number of points that opened.
     """
-    points, directions = own.where[POINTS], own.where[DIRECTIONS]
-    first = own.where[FIRST] + own.kick.shape[0] + len(SUMS)
-    k, shear, mu = own.numbers[STIFFNESS], own.numbers[SHEAR], own.numbers[FRICTIONAL]
+    points, directions = own.points, own.directions
+    first = own.first + own.kick.shape[0] + len(SUMS)
+    k, shear, mu = own.stiffness, own.shear, own.mu
     give = 1.0 / shear
     normal, friction = x[first : first + points], x[first + points : first + 2 * points]
     deep, place, carried, was = own.pressed, own.seen[0], own.seen[1], own.last[1]
@@ -247,20 +245,19 @@ def contact_forces(own, x, travelled, h):
     for i in range(points):
         deep[i] = max(place[i], 0.0)
     across(own.slider_rows, deep, own.ahead)
-    for i in range(points):
-        deep[i] = place[i]
+    copy(points, place, deep)
     for r in range(own.ahead.shape[0]):
         row, by = own.slider_rows[r], k * own.advance[r] * own.ahead[r]
         for i in range(points):
             deep[i] -= by * row[i]
     opened = 0
-    if own.where[DAMPED] == 0:
+    if own.damping == 0.0:
         for i in range(points):
             force = k * max(deep[i], 0.0)
             opened += int((normal[i] > 0.0) & (force == 0.0))
             normal[i] = force
     else:
-        c, kept = own.numbers[DAMPING] / (2.0 * h), first + points * directions
+        c, kept = own.damping / (2.0 * h), first + points * directions
         compressed, older = x[kept : kept + points], x[kept + points : kept + 2 * points]
         old, dashed = own.last[0], own.lost[2]
         for i in range(points):
@@ -280,8 +277,7 @@ def contact_forces(own, x, travelled, h):
         for i in range(points):
             slid = travelled - (carried[i] - was[i]) - give * (along[i] - friction[i])
             slid_off[i] += 0.5 * (friction[i] + along[i]) * slid
-        for i in range(points):
-            friction[i] = along[i]
+        copy(points, along, friction)
     else:
         lateral = x[first + 2 * points : first + 3 * points]
         aside, was_aside, across_it = own.seen[2], own.last[2], own.gives[2]
@@ -302,7 +298,7 @@ def contact_forces(own, x, travelled, h):
 @inlined
 def sum_over_points(own, x, opened):
     """Update the sums over the points."""
-    first, points = own.where[FIRST] + own.kick.shape[0], own.where[POINTS]
+    first, points = own.first + own.kick.shape[0], own.points
     normal, friction, closed, along, aside = 0.0, 0.0, 0, 0.0, 0.0
     for i in range(points):
         force = x[first + len(SUMS) + i]
@@ -350,7 +346,7 @@ def add_collected_work(own, energy):
     for i in range(own.damped.shape[0]):
         energy[2] += own.damped[i]
         own.damped[i] = 0.0
-    for i in range(own.where[POINTS]):
+    for i in range(own.points):
         energy[0] += own.lost[0, i]
         energy[1] += own.lost[1, i]
         energy[2] += own.lost[2, i]
@@ -364,13 +360,13 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
     Returns -1, or -2 if the slider leaves the structure.
     """
-    own, ic, fc, x, energy = t.film, state.ic, state.fc, state.x, state.energy
-    substeps, emitting, origin = plan.substeps, plan.emitting, ic[REACHED]
+    own, now, x, energy = t.film, state.progress[0], state.x, state.energy
+    substeps, emitting, origin = plan.substeps, plan.emitting, now.reached
     n, nq, h = x.shape[0], own.kick.shape[0], t.step[0] / substeps
-    slid, first, one = own.where[SLID], own.where[FIRST], own.where[FIRST] - own.moved.shape[0]
+    slid, first, one = own.slid, own.first, own.first - own.moved.shape[0]
     speeds, forces, kick = x[nq : 2 * nq], x[first : first + nq], own.kick
     values, gathered = own.values, 0
-    tick, done, opened = ic[TICK], int(fc[PLACE] * substeps + 0.5), 0
+    tick, done, opened = now.tick, int(now.place * substeps + 0.5), 0
     within = locate_points(own, x, True)
     if emitting:
         film_outputs(own, x, values[0])
@@ -383,8 +379,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         travelled = x[slid] - travelled
         for direction in range(own.seen.shape[0]):
             seen, last = own.seen[direction], own.last[direction]
-            for i in range(seen.shape[0]):
-                last[i] = seen[i]
+            copy(seen.shape[0], seen, last)
         within = locate_points(own, x, done == 0)
         opened += contact_forces(own, x, travelled, h)
         generalised_forces(own, forces)
@@ -404,17 +399,14 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 emit_segment(
                     own, values, gathered, (tick - origin) * t.step[0] + (done - gathered) * h, gathered * h, seg
                 )
-                for s in range(values.shape[1]):
-                    values[0, s] = values[gathered, s]
+                copy(values.shape[1], values[gathered], values[0])
                 gathered = 0
         if done == substeps:
-            row = log.out[tick]
-            for i in range(n):
-                row[i] = x[i]
+            copy(n, x, log.out[tick])
             log.modes[tick] = 0
             tick, done = tick + 1, 0
     if opened:
         sum_over_points(own, x, opened)
     add_collected_work(own, energy)
-    ic[TICK], fc[PLACE] = tick, done / substeps
+    now.tick, now.place = tick, done / substeps
     return -1 if within else -2

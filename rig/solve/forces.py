@@ -4,11 +4,9 @@ Inputs are speed-dependent friction forces and products. The arrays of the mode 
 stretch of steps. Functions that run many times in a step are inlined into their callers. Both bring plain array code
 close to the speed of C.
 
-Friction coefficient over slip speed for kernels: a code and a row of numbers.
-
-A law is smooth for speeds v > 0 and is continued smoothly below zero (never through |v|), so that a trial step over the
-instant of sticking keeps its order. One runtime switch selects the law. It costs about a nanosecond beside the
-exponential, and one compiled solver serves every rig.
+A friction law is a code and a row of numbers. It is smooth for speeds v > 0 and is continued smoothly below zero (never
+through |v|), so that a trial step over the instant of sticking keeps its order. One runtime switch selects the law. It
+costs about a nanosecond beside the exponential, and one compiled solver serves every rig.
 
     COULOMB      mu_k                                           constant: propagators stay exact
     STRIBECK     mu_d + (mu_s - mu_d) exp(-v / v_s)             Kroeger et al. 2008, characteristic A
@@ -17,21 +15,18 @@ exponential, and one compiled solver serves every rig.
     SEAL         mixed / (1 + decay v) + film sqrt(v + offset)  ibid., equation 3.1; continued linearly below v = 0
     SMOOTH       tanh(v / scale) times another law at |v|       for comparison only: passes through rest, never sticks
 
-Products: the nonlinear terms in the equations of a rig, e.g. x y, C (cos k phi - 1), N sin k phi.
-
-A product is an input of the equations, like a speed-dependent friction force: rows refer to it, and its value is
-computed from the state. Its factors are states, the sine or the versine of an angle (cosine minus one, negative; the
-angle is a row over the state), the positive part of a row (a contact that presses and never pulls), normal forces and
-friction forces. Products are evaluated in levels, so that none depends on itself:
+Products are the nonlinear terms in the equations of a rig, e.g. x y, C (cos k phi - 1), N sin k phi. A product is an
+input of the equations, like a speed-dependent friction force: rows refer to it, and its value is computed from the
+state. Its factors are states, the sine or the versine of an angle (cosine minus one, negative; the angle is a row over
+the state), the positive part of a row (a contact that presses and never pulls), normal forces and friction forces.
+Products are evaluated in levels, so that none depends on itself:
 
     level 0   states, angles, presses   these may enter a normal force
     level 1   with a normal force
     level 2   with a friction force  these must not act on what a stuck contact needs
 
-A random input: a new number at the begin of every frame, held until the next.
-
-It acts on the rig through a row, like a command. A sticking contact therefore carries it, and the energy balance
-includes its work.
+A random input is a new number at the begin of every frame, held until the next. It acts on the rig through a row, like
+a command. A sticking contact therefore carries it, and the energy balance includes its work.
 """
 
 from __future__ import annotations
@@ -46,6 +41,7 @@ from rig.solve.column_blocks import dot
 from rig.solve.expm import exponential_factors
 from rig.solve.specialised import has_products, state_count
 
+Array = NDArray[np.float64]
 COULOMB, STRIBECK, FALLING, TABLE, SEAL, SMOOTH = range(6)
 
 
@@ -85,10 +81,16 @@ def _seal(p, v):
 
 
 @inlined
+def stribeck(N, p, coarse, fine):
+    """The force of STRIBECK under the load N; coarse * fine: exp(-v / v_s), as numbers or in lanes."""
+    return N * p[0] + ((N * p[1]) * coarse) * fine
+
+
+@inlined
 def unsmoothed(code, p, v):
     """The coefficient of a law without smoothing."""
     if code == STRIBECK:
-        m = p[0] + p[1] * np.exp(-v * p[2])
+        m = stribeck(1.0, p, np.exp(-v * p[2]), 1.0)
     elif code == COULOMB:
         m = p[0]
     elif code == FALLING:
@@ -113,6 +115,17 @@ def coefficient(code, p, v):
     else:
         m = unsmoothed(code, p, v)
     return m
+
+
+@inlined
+def law_force(code, p, argument, N):
+    """The force of a law under the load N. `argument`: the exponent of STRIBECK, the slip speed [m/s] of other laws."""
+    if code == STRIBECK:  # the next stage waits for the exponential: keep the work before and after it short
+        coarse, fine = exponential_factors(argument)
+        force = stribeck(N, p, coarse, fine)
+    else:
+        force = coefficient(code, p, argument) * N
+    return force
 
 
 @kernel
@@ -150,7 +163,6 @@ def _slope(code, p, v):
     return p[at + 1] + d * (2.0 * p[at + 2] + d * 3.0 * p[at + 3])
 
 
-Array = NDArray[np.float64]
 STATE, SINE, VERSINE, NORMAL, FRICTION, PRESS = range(6)
 
 
@@ -216,36 +228,31 @@ def late_products(t, mode_set, x, T):
         _fill(t, p.upto[1], p.upto[2], T)
 
 
-PLACE, DRAWN = range(2)  # of RandomNumbers.at
-
-
 class RandomNumbers(NamedTuple):
-    """Random numbers drawn in advance.
+    """Random numbers drawn in advance."""
 
-    `at`: PLACE, index of the state that contains the number (-1: none); DRAWN, number of used numbers.
-    """
-
-    at: NDArray[np.int64]  # [2]
+    state: NDArray[np.int64]  # [1] index of the state that contains the number; -1: none
+    used: NDArray[np.int64]  # [1] number of used numbers
     numbers: NDArray[np.float64]
 
 
 def no_random_numbers() -> RandomNumbers:
     """The record for a rig without a random input."""
-    return RandomNumbers(np.array([-1, 0]), np.zeros(0))
+    return RandomNumbers(np.array([-1]), np.array([0]), np.zeros(0))
 
 
 @inner
 def used_up(random_numbers: Any) -> bool:
     """Whether no number is left for another frame."""
-    return random_numbers.at[PLACE] >= 0 and random_numbers.at[DRAWN] == random_numbers.numbers.shape[0]  # type: ignore[no-any-return]
+    return random_numbers.state[0] >= 0 and random_numbers.used[0] == random_numbers.numbers.shape[0]  # type: ignore[no-any-return]
 
 
 @inner
 def write_next_number(random_numbers: Any, x: Any) -> None:
     """Write the next number to the state that holds it; keep that state if no number is left."""
-    if random_numbers.at[PLACE] >= 0 and not used_up(random_numbers):
-        x[random_numbers.at[PLACE]] = random_numbers.numbers[random_numbers.at[DRAWN]]
-        random_numbers.at[DRAWN] += 1
+    if random_numbers.state[0] >= 0 and not used_up(random_numbers):
+        x[random_numbers.state[0]] = random_numbers.numbers[random_numbers.used[0]]
+        random_numbers.used[0] += 1
 
 
 class RightHandSide(NamedTuple):
@@ -310,17 +317,15 @@ def friction_force(f, p, x, others):
         N = others
         for j in range(last, -1, -1):
             N += f.law_load[p, j] * x[j]
-        if f.code[p] == STRIBECK:  # the next stage waits for the exponential: keep the work before and after it short
-            u = -(f.numbers[p, 2] * f.law_speed[p, last]) * x[last]
+        argument = 0.0
+        if f.code[p] == STRIBECK:
+            argument = -(f.numbers[p, 2] * f.law_speed[p, last]) * x[last]
             for j in range(last):
-                u -= (f.numbers[p, 2] * f.law_speed[p, j]) * x[j]
-            coarse, fine = exponential_factors(u)
-            force = N * f.numbers[p, 0] + ((N * f.numbers[p, 1]) * coarse) * fine
+                argument -= (f.numbers[p, 2] * f.law_speed[p, j]) * x[j]
         else:
-            w = 0.0
             for j in range(last, -1, -1):
-                w += f.law_speed[p, j] * x[j]
-            force = coefficient(f.code[p], f.numbers[p], w) * N
+                argument += f.law_speed[p, j] * x[j]
+        force = law_force(f.code[p], f.numbers[p], argument, N)
     return force
 
 
@@ -371,7 +376,7 @@ def solve_coupled_friction(sigma, code, numbers, law_speed, law_load_t, x, T, M)
 
 @inlined
 def derivative(shape, f, nonlinear, x, k):
-    """The derivative k = A x + b T(x). `bent`: False for a system that is linear in every mode set (T = 0).
+    """The derivative k = A x + b T(x). `nonlinear`: False for a system that is linear in every mode set (T = 0).
 
     If no friction force depends on another one, as on most rigs, the friction forces are not stored in memory.
     """

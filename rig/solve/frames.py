@@ -12,10 +12,9 @@ from typing import NamedTuple
 from rig.compiled.kernel import inlined, kernel
 from rig.solve.advance import begin_block
 from rig.solve.contact_state import DONE, LOOK
-from rig.solve.control_loop import COUNT, NOW, ControllerTables, run_controllers
+from rig.solve.control_loop import ControllerTables, run_controllers
 from rig.solve.forces import RandomNumbers, used_up, write_next_number
-from rig.solve.records import BEYOND, EVENTS, REACHED
-from rig.solve.sampling import GATHERED, SHORT, WAITING, InstrumentTables, gather_frame, run_instruments
+from rig.solve.sampling import GATHERED, InstrumentTables, gather_frame, run_instruments
 from rig.solve.specialised import any_shape, call
 
 _MANY = 64
@@ -47,7 +46,7 @@ def collect(log, events):
 @inlined
 def begin_frame(tables, work, state, seg, instruments, origin):
     """Begin a frame at row `origin` of the log, behind the segments of frames that wait for the instruments."""
-    kept = seg.count[0] if instruments.clock[WAITING] else 0
+    kept = seg.count[0] if instruments.clock[0].waiting else 0
     begin_block(tables, work, state, seg, origin)
     seg.count[0] = kept
     if not kept:
@@ -60,11 +59,12 @@ def advance_frames(tables, loan, begin, first, last, steps, surroundings):
 
     `surroundings`: Surroundings, lent (rig.compiled.records); its controllers act from the second frame on. The other
     arguments and the status are those of `advance`. Returns LOOK if it ended early because the caller has to act;
-    ic[REACHED] is the row reached.
+    now.reached is the row reached.
     """
     work, state, log, seg, plan = loan.work, loan.state, loan.log, loan.segments, loan.plan
-    ic, instruments, controllers = state.ic, surroundings.instruments, surroundings.controllers
-    origin = first if begin else ic[REACHED]
+    now, instruments, controllers = state.progress[0], surroundings.instruments, surroundings.controllers
+    clock, at_work = instruments.clock[0], controllers.clock[0]
+    origin = first if begin else now.reached
     while True:
         if begin:
             if origin > first and not run_controllers(controllers, instruments.latest, state.x):
@@ -76,18 +76,18 @@ def advance_frames(tables, loan, begin, first, last, steps, surroundings):
         end = min(origin + steps, last)
         status = call(plan.advance_block, any_shape(state.x.shape[0]), tables, work, state, log, seg, plan, end)
         if status != DONE or end == origin:
-            if instruments.clock[WAITING]:
+            if clock.waiting:
                 run_instruments(instruments, seg)
             return status
         gather_frame(instruments, seg)
         origin = end
-        controllers.clock[NOW] += 1
-        full = ic[EVENTS] > 0 and not collect(log, ic[EVENTS])
-        acts = full or ic[BEYOND] >= 0 or used_up(surroundings.random_numbers)
-        waits = instruments.clock[WAITING] < GATHERED and seg.count[0] < _MANY and controllers.clock[COUNT] == 0
+        at_work.tick += 1
+        full = now.events > 0 and not collect(log, now.events)
+        acts = full or now.beyond >= 0 or used_up(surroundings.random_numbers)
+        waits = clock.waiting < GATHERED and seg.count[0] < _MANY and at_work.count == 0
         if acts or origin == last or not waits:
             run_instruments(instruments, seg)
-            if acts or instruments.clock[SHORT]:
+            if acts or clock.short:
                 return LOOK
         if origin == last:
             return DONE

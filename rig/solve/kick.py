@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import inlined, inner
-from rig.solve.column_blocks import ROUND, dot, gather, multiply, rounding
+from rig.solve.column_blocks import ROUND, copy, dot, gather, multiply, rounding
 from rig.solve.contact_state import apply_event
-from rig.solve.records import KEY, PLACE, REACHED, TICK
 from rig.solve.segment_output import emit_chord, nearly_full
 
 Array = NDArray[np.float64]
@@ -132,8 +131,7 @@ def write_outputs(own, t, mode_set, T, x, values):
     patches = T.shape[0] - own.force.shape[0]
     for p in range(patches):
         T[p] = 0.0
-    for k in range(own.force.shape[0]):
-        T[patches + k] = own.force[k]
+    copy(own.force.shape[0], own.force, T[patches:])
     for s in range(values.shape[0]):
         values[s] = dot(t.signals[mode_set, s], x) + dot(t.signals_t[mode_set, s], T)
 
@@ -144,14 +142,14 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
     Returns the guard of the event, or -1.
     """
-    own, ic, fc, x, energy = t.kick, state.ic, state.fc, state.x, state.energy
-    substeps, with_energy, emitting, origin = plan.substeps, plan.with_energy, plan.emitting, ic[REACHED]
-    mode_set = t.mode_set_of[ic[KEY]]
+    own, now, x, energy = t.kick, state.progress[0], state.x, state.energy
+    substeps, with_energy, emitting, origin = plan.substeps, plan.with_energy, plan.emitting, now.reached
+    mode_set = t.mode_set_of[now.key]
     n, nq, patches, points = x.shape[0], t.force.shape[0], t.slip.shape[0], own.force.shape[0]
     h = t.step[0] / substeps
     begin, end = w.values[0], w.values[1]
     given, seen, moved = own.given, own.seen, own.moved
-    tick, done, crossed = ic[TICK], int(fc[PLACE] * substeps + 0.5), -1
+    tick, done, crossed = now.tick, int(now.place * substeps + 0.5), -1
     normal_forces(own, mode_set, x)
     crossed_guard(own, t, mode_set, nq, x)  # the guards at the begin, kept in own.before
     if with_energy:
@@ -162,8 +160,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         for i in range(nq):
             x[nq + i] += 0.5 * h * given[i]
         if with_energy:
-            for i in range(n):
-                own.filled[i] = x[i]
+            copy(n, x, own.filled)
             gather(own.whole[mode_set], own.filled, 1.0)
         multiply(own.step[mode_set], x, 0, own.step.shape[1], moved)
         for i in range(n):
@@ -182,18 +179,16 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         if emitting:
             write_outputs(own, t, mode_set, w.T, x, end)
             emit_chord(begin, end, (tick - origin) * t.step[0] + done * h, h, seg)
-            for s in range(begin.shape[0]):
-                begin[s] = end[s]
+            copy(begin.shape[0], end, begin)
         crossed = crossed_guard(own, t, mode_set, nq, x)
         done += 1
         if done == substeps:
-            for i in range(n):
-                log.out[tick, i] = x[i]
+            copy(n, x, log.out[tick])
             log.modes[tick] = mode_set
             tick, done = tick + 1, 0
     if with_energy:  # the kick that begins the next step belongs to the next stretch
         add_contact_energy(own, nq, patches, x, -0.5 * h, 0.25 * h, energy)
-    ic[TICK], fc[PLACE] = tick, done / substeps
+    now.tick, now.place = tick, done / substeps
     if crossed >= 0:
-        apply_event(t, mode_set, crossed, ic, x)
+        apply_event(t, mode_set, crossed, now, x)
     return crossed

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import inlined, inner, kernel
-from rig.solve.column_blocks import BLOCK, gather, multiply, rounding
+from rig.solve.column_blocks import BLOCK, copy, gather, multiply, rounding
 from rig.solve.roots import DEGREE as ORDER
 from rig.solve.roots import NONE, first_crossing
 from rig.solve.segment_output import DEGREE
@@ -99,8 +99,7 @@ def quiet_tick(t, mode_set, x, y, w):
 def add_tick_energy(t, mode_set, x):
     """Add a tick from x to the energy sums."""
     filled = t.many_states.filled
-    for i in range(x.shape[0]):
-        filled[i] = x[i]
+    copy(x.shape[0], x, filled)
     gather(t.many_states.whole[mode_set], filled, 1.0)
 
 
@@ -133,8 +132,7 @@ def emit_cells(t, mode_set, x, cells, start, length, seg):
     n, level = x.shape[0], t.depth[mode_set]
     pieces = max(int(cells + 0.5), 1)
     here, z = t.many_states.size, t.many_states.product
-    for i in range(n):
-        here[i] = x[i]
+    copy(n, x, here)
     for p in range(pieces):
         multiply(t.many_states.signal[mode_set], here, 0, t.many_states.signal.shape[1], z)
         put_segment(z, min(cells, 1.0), start + p * (length / pieces), length / pieces, seg)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from rig.compiled.kernel import inlined, inner
 from rig.solve.column_blocks import LANE, alike, is_zero, lane, lanes, total, write
 from rig.solve.energy_balance import RESISTOR
-from rig.solve.expm import exponential_factors, exponential_factors_of_lanes, has_lane_factors
-from rig.solve.forces import STRIBECK, coefficient, inputs
+from rig.solve.expm import exponential_factors_of_lanes, has_lane_factors
+from rig.solve.forces import STRIBECK, inputs, law_force, stribeck
 from rig.solve.segment_output import quartic_coefficients
 
 PART = 5
@@ -53,17 +53,14 @@ def friction_forces_at(t, mode_set, p, X, forces):
             u = u - (numbers[2] * speed[j]) * lanes(X[j])
         if has_lane_factors(u):
             coarse, fine = exponential_factors_of_lanes(u)
-            write(N * numbers[0] + ((N * numbers[1]) * coarse) * fine, forces)
-        else:
-            for q in range(LANE):
-                one, other = exponential_factors(lane(u, q))
-                forces[q] = lane(N, q) * numbers[0] + ((lane(N, q) * numbers[1]) * one) * other
+            write(stribeck(N, numbers, coarse, fine), forces)
+            return
     else:
-        w = alike(0.0)
+        u = alike(0.0)
         for j in range(last, -1, -1):
-            w = w + speed[j] * lanes(X[j])
-        for q in range(LANE):
-            forces[q] = coefficient(code, numbers, lane(w, q)) * lane(N, q)
+            u = u + speed[j] * lanes(X[j])
+    for q in range(LANE):
+        forces[q] = law_force(code, numbers, lane(u, q), lane(N, q))
 
 
 @inner

@@ -1,17 +1,18 @@
 """The records on which a kernel works: state and scratch of a motion, the log it writes, the plan it follows.
 
-Codes of contact states and of guards, as mode sets and kernels number them.
+With the codes of contact states and of guards, as mode sets and kernels number them.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.solve.segment_output import Segments
 
+Array = NDArray[np.float64]
 SLIP_PLUS, SLIP_MINUS, STICK = range(3)
 CLOSED, OPEN = range(2)
 LINEAR, LOW, HIGH = range(3)
@@ -32,31 +33,29 @@ GUARD_NAMES = (
 )
 
 
-Array = NDArray[np.float64]
-(
-    TICK,
-    KEY,
-    PENDING,
-    EVENTS,
-    SUBDIVIDED,
-    TRIALS,
-    REPEAT,
-    BEYOND,
-    EVENTS_BEFORE,
-    REACHED,
-    SEARCH_BEGAN_AT,
-    TRIAL_LIMIT,
-    CROSSED,
-) = range(13)
-"""Indices of MotionState.ic. Next row of the log | key of the mode set | what has to be done first | events of the
-block, and of all blocks before | subdivided ticks | trial steps | repeated events at one instant | first output beyond
-its bound | row up to which blocks are done | key at which the search for the contact state began, -1 when it is done |
-limit of trial steps for a stretch | guard whose event a leaf has found."""
-COUNTERS = CROSSED + 1
-PLACE, NEXT_LENGTH, SUGGESTED_LENGTH, STEP_LENGTH = range(4)
-"""Indices of MotionState.fc. Place in the tick, as a share of it | length [s] of the next trial step | length that the
-error of the last step suggested | length of the step that a leaf returns."""
-PLACES = STEP_LENGTH + 1
+PROGRESS = np.dtype(
+    [
+        ("tick", np.int64),  # next row of the log
+        ("key", np.int64),  # of the mode set
+        ("pending", np.int64),  # what has to be done first (rig.solve.contact_state)
+        ("events", np.int64),  # of the block
+        ("subdivided", np.int64),  # ticks
+        ("trials", np.int64),  # trial steps
+        ("repeat", np.int64),  # repeated events at one instant
+        ("beyond", np.int64),  # first output beyond its bound; -1: none
+        ("events_before", np.int64),  # of all blocks before
+        ("reached", np.int64),  # row up to which blocks are done
+        ("search_began_at", np.int64),  # key at which the search for the contact state began; -1: it is done
+        ("trial_limit", np.int64),  # of a stretch
+        ("crossed", np.int64),  # guard whose event a leaf has found
+        ("place", np.float64),  # in the tick, as a share of it
+        ("next_length", np.float64),  # s, of the next trial step
+        ("suggested_length", np.float64),  # s, by the error of the last step
+        ("step_length", np.float64),  # s, of the step that a leaf returns
+    ],
+    align=True,
+)
+"""How far a motion has come: first the whole numbers, then the others."""
 
 
 class Workspace(NamedTuple):
@@ -84,9 +83,7 @@ class Workspace(NamedTuple):
     poly: Array  # [DEGREE + 1] coefficients of one guard along a step or cell
     roots: Array  # [WORK_ROWS, WORK_COLUMNS] intervals of the search for a zero crossing (rig.solve.roots)
     g: Array  # [guard] values of the guards at the begin of a tick
-    guard_samples: (
-        Array  # [guard, 7] guards that depend on inputs: values at six places of a step, bound on their rounding error
-    )
+    guard_samples: Array  # [guard, 7] of those that depend on inputs: values at six places of a step, rounding bound
     values: Array  # [2, output] outputs that sensors read, at both ends of a segment
     nodes: Array  # [node] quadrature nodes in [0, 1] of the energy terms in a linear mode set
     weights: Array  # [node] weights of `nodes`
@@ -127,8 +124,7 @@ def empty_log(rows: int, n: int, events: int = 0, collected: int = 0) -> MotionL
 class MotionState(NamedTuple):
     """What persists between calls."""
 
-    ic: NDArray[np.int64]  # [COUNTERS]
-    fc: Array  # [PLACES]
+    progress: NDArray[Any]  # PROGRESS [1]
     x: Array
     energy: Array
     edges: Array  # [1] energy supplied by changes of stiffness at the edges of sectors

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from rig.compiled.kernel import inlined, inner
 from rig.compiled.records import lent
-from rig.solve.column_blocks import lanes, rounding, write
+from rig.solve.column_blocks import copy, lanes, rounding, write
 from rig.solve.contact_state import apply_event, project_stick
 from rig.solve.forces import derivative, guard_at, right_hand_side
 from rig.solve.places import PART, add_powers, inputs_at, write_output_quartic
-from rig.solve.records import CROSSED, KEY, PLACE, REACHED, STEP_LENGTH, TICK
 from rig.solve.segment_output import close_segment, nearly_full
 from rig.solve.specialised import any_shape, call, is_nonlinear, local, state_count
 
+A = ((), (1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0))
+WEIGHTS = (1.0, 2.0, 2.0, 1.0)  # b, in sixths
 ENDED, UNDECIDED = range(2)  # results of `take_steps`
 
 
@@ -25,12 +26,12 @@ def runge_kutta_step(shape, f, nonlinear, k, x, h, y, z):
     """Take one step of length h from x, with the derivative k[0] known, to its end y; z is scratch."""
     n = state_count(shape)
     for stage in range(3):
-        reach = h if stage == 2 else 0.5 * h
+        reach = h * A[3][2] if stage == 2 else h * A[1][0]  # the second stage reaches as far as the first
         for i in range(n):
             z[i] = x[i] + reach * k[stage, i]
         derivative(shape, f, nonlinear, z, k[stage + 1])
     for i in range(n):
-        y[i] = x[i] + (h / 6.0) * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
+        y[i] = x[i] + (h / 6.0) * (WEIGHTS[0] * k[0, i] + WEIGHTS[1] * (k[1, i] + k[2, i]) + WEIGHTS[3] * k[3, i])
 
 
 @inner
@@ -79,8 +80,7 @@ def bisect(shape, f, nonlinear, x, h, w):
             high = length
         else:
             low = length
-    for i in range(state_count(shape)):
-        w.y[i] = y[i]
+    copy(state_count(shape), y, w.y)
     return high, max(crossed, 0)
 
 
@@ -121,45 +121,38 @@ def take_steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks or to a step that `stretch` must handle.
 
     A specialised kernel (rig.solve.specialised). Returns ENDED or UNDECIDED. With UNDECIDED the end of the step is in
-    w.y, its length in fc[STEP_LENGTH], the guard that had an event in ic[CROSSED]; state, tick and place are those at
+    w.y, its length in now.step_length, the guard that had an event in now.crossed; state, tick and place are those at
     its begin.
     """
     n, looked, nonlinear = state_count(shape), plan.with_energy or plan.emitting, is_nonlinear(shape)
-    ic, fc, x, substeps, out = state.ic, state.fc, state.x, plan.substeps, log.out
-    full, mode_set = t.step[0] / substeps, t.mode_set_of[ic[KEY]]
+    now, x, substeps, out = state.progress[0], state.x, plan.substeps, log.out
+    full, mode_set = t.step[0] / substeps, t.mode_set_of[now.key]
     f = right_hand_side(t, mode_set, w.T, w.scratch)
     k, y, z, here = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.x0)
-    tick, place, ends = ic[TICK], fc[PLACE], ENDED
-    for i in range(n):
-        here[i] = x[i]
+    tick, place, ends = now.tick, now.place, ENDED
+    copy(n, x, here)
     whole, h = next_step(place, substeps, full)
     while tick < ticks:
         derivative(shape, f, nonlinear, here, k[0])
         runge_kutta_step(shape, f, nonlinear, k, here, h, y, z)
         crossed = crossed_guard(shape, f, nonlinear, here, y)
         if looked or crossed >= 0:
-            ic[CROSSED], fc[STEP_LENGTH], ends = crossed, h, UNDECIDED
-            for i in range(n):
-                w.y[i] = y[i]
+            now.crossed, now.step_length, ends = crossed, h, UNDECIDED
+            copy(n, y, w.y)
             break
-        for i in range(n):
-            here[i] = y[i]
+        copy(n, y, here)
         if nonlinear and t.stuck[mode_set]:
-            for i in range(n):
-                x[i] = here[i]
+            copy(n, here, x)
             project_stick(t, mode_set, x, w.copy)
-            for i in range(n):
-                here[i] = x[i]
+            copy(n, x, here)
         place = whole / substeps
         if whole >= substeps:
-            for i in range(n):
-                out[tick, i] = here[i]
+            copy(n, here, out[tick])
             log.modes[tick] = mode_set
             tick, place, whole = tick + 1, 0.0, 0
         whole, h = whole + 1, full
-    ic[TICK], fc[PLACE] = tick, place
-    for i in range(n):
-        x[i] = here[i]
+    now.tick, now.place = tick, place
+    copy(n, here, x)
     return ends
 
 
@@ -169,24 +162,22 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
     Returns the guard of the event, or -1.
     """
-    ic, fc, x, substeps, nonlinear = state.ic, state.fc, state.x, plan.substeps, plan.nonlinear
-    n, full, origin = x.shape[0], t.step[0] / plan.substeps, ic[REACHED]
-    mode_set = t.mode_set_of[ic[KEY]]
+    now, x, substeps, nonlinear = state.progress[0], state.x, plan.substeps, plan.nonlinear
+    n, full, origin = x.shape[0], t.step[0] / plan.substeps, now.reached
+    mode_set = t.mode_set_of[now.key]
     f = lent(right_hand_side(t, mode_set, w.T, w.scratch))
     crossed = -1
-    while ic[TICK] < ticks and crossed < 0 and not (plan.emitting and nearly_full(t, mode_set, seg, ticks - ic[TICK])):
+    while now.tick < ticks and crossed < 0 and not (plan.emitting and nearly_full(t, mode_set, seg, ticks - now.tick)):
         if call(plan.take_steps, shape, t, w, state, log, seg, plan, ticks) == ENDED:
             break
-        tick, place, length, crossed = ic[TICK], fc[PLACE], fc[STEP_LENGTH], ic[CROSSED]
+        tick, place, length, crossed = now.tick, now.place, now.step_length, now.crossed
         if crossed >= 0:
             length, crossed = bisect(shape, f, nonlinear, x, length, w)
         if plan.with_energy or plan.emitting:
             start = (tick - origin + place) * t.step[0]
-            for i in range(n):
-                w.x0[i] = x[i]
+            copy(n, x, w.x0)
             observe_step(t, mode_set, w, state.energy, seg, plan, length, start)
-        for i in range(n):
-            x[i] = w.y[i]
+        copy(n, w.y, x)
         if nonlinear and t.stuck[mode_set]:
             project_stick(t, mode_set, x, w.copy)
         whole, _ = next_step(place, substeps, full)
@@ -194,13 +185,12 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         if crossed >= 0 and reached < substeps - 1e-12:
             place = reached / substeps
         elif whole >= substeps:
-            for i in range(n):
-                log.out[tick, i] = x[i]
+            copy(n, x, log.out[tick])
             log.modes[tick] = mode_set
             tick, place = tick + 1, 0.0
         else:
             place = whole / substeps
-        ic[TICK], fc[PLACE] = tick, place
+        now.tick, now.place = tick, place
     if crossed >= 0:
-        apply_event(t, mode_set, crossed, ic, x)
+        apply_event(t, mode_set, crossed, now, x)
     return crossed

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import fused, inlined, inner
-from rig.solve.column_blocks import multiply
-from rig.solve.expm import exponential_factors
-from rig.solve.forces import STRIBECK, coefficient, derivative, inputs, right_hand_side
-from rig.solve.records import KEY
+from rig.solve.column_blocks import copy, multiply
+from rig.solve.forces import STRIBECK, derivative, inputs, law_force, right_hand_side
 from rig.solve.specialised import call, has_products, local, state_count
 
 Array = NDArray[np.float64]
@@ -93,13 +91,12 @@ def whole_derivative(shape, t, w, state, log, seg, plan, ticks):
 
     `stage` calls it unless the rig has a single patch and no products.
     """
-    mode_set = t.mode_set_of[state.ic[KEY]]
+    mode_set = t.mode_set_of[state.progress[0].key]
     if plan.many_states:
         inputs(t, mode_set, w.at, w.T, w.scratch)
         tables = t.many_states
         multiply(tables.field[mode_set], w.state_and_inputs, 0, tables.field.shape[1], tables.product)
-        for i in range(w.rates.shape[0]):
-            w.rates[i] = tables.product[i]
+        copy(w.rates.shape[0], tables.product, w.rates)
     else:
         derivative(shape, right_hand_side(t, mode_set, w.T, w.scratch), True, w.at, w.rates)
     return 0
@@ -146,11 +143,7 @@ def stage(shape, f, friction, reach, z, k, last, late):
         for i in range(n):
             z[i] = (z[i] + reach * k[last, i]) + (reach * f.b[i, 0]) * late[0]
         complete_derivative(shape, f, friction, k, last, late)
-        if f.code[0] == STRIBECK:
-            coarse, fine = exponential_factors(u)
-            force = N * f.numbers[0, 0] + ((N * f.numbers[0, 1]) * coarse) * fine
-        else:
-            force = coefficient(f.code[0], f.numbers[0], u) * N
+        force = law_force(f.code[0], f.numbers[0], u, N)
         for i in range(n):
             argument_rate += friction.law_argument_x[i] * z[i]
             load_rate += friction.law_load_x[i] * z[i]
@@ -173,6 +166,5 @@ def stage(shape, f, friction, reach, z, k, last, late):
             friction.plan,
             0,
         )
-        for i in range(n):
-            k[last + 1, i] = friction.rates[i]
+        copy(n, friction.rates, k[last + 1])
     return force, argument_rate, load_rate

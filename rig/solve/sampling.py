@@ -62,9 +62,16 @@ INSTRUMENT = np.dtype(
 )
 
 
-NOW, SHORT, WAITING = range(3)  # of InstrumentTables.clock
 GATHERED = 16
 """Most frames that the instruments run over at once."""
+CLOCK = np.dtype(
+    [
+        ("now", np.int64),  # ns
+        ("short", np.int64),  # 1: random numbers or room are short for GATHERED frames
+        ("waiting", np.int64),  # number of frames that are gathered
+    ],
+    align=True,
+)
 
 
 class InstrumentTables(NamedTuple):
@@ -80,10 +87,8 @@ class InstrumentTables(NamedTuple):
     gaps: NDArray[np.int64]  # [n, drawn ahead, 2] start and end of drop-outs [ns]
     past: NDArray[np.float64]  # [n, longest echo] filtered output at the last samples, for instruments with echoes
     echoes: NDArray[np.float64]  # [echo, 2] delay in samples, share
-    clock: NDArray[
-        np.int64
-    ]  # NOW [ns]; SHORT: 1 if random numbers or room are short for GATHERED frames; WAITING: frames that are gathered
-    begins: NDArray[np.int64]  # [GATHERED + 1] first segment of each of them, and the end of the last
+    clock: NDArray[Any]  # CLOCK [1]
+    begins: NDArray[np.int64]  # [GATHERED + 1] first segment of each gathered frame, and the end of the last
     frame: int  # ns
     step: float  # s, length of a full segment
 
@@ -180,8 +185,9 @@ def advance_instruments(tables: Any, segments: Any) -> None:
 @inner
 def gather_frame(r: Any, segments: Any) -> None:
     """Note that `segments` describes another frame, which ends with its last segment."""
-    r.clock[WAITING] += 1
-    r.begins[r.clock[WAITING]] = segments.count[0]
+    clock = r.clock[0]
+    clock.waiting += 1
+    r.begins[clock.waiting] = segments.count[0]
 
 
 @inner
@@ -190,17 +196,18 @@ def run_instruments(r: Any, segments: Any) -> None:
 
     Segments of a frame that has not ended stay.
     """
-    frame, step, frames, begins = r.frame, r.step, r.clock[WAITING], r.begins
+    clock = r.clock[0]
+    frame, step, frames, begins = r.frame, r.step, clock.waiting, r.begins
     start, length, coef = segments.start, segments.length, segments.coef
     instruments, poles, queue, room = r.instruments, r.poles, r.queue, r.queue.shape[1]
     snap = 1e-12 * (1e-9 * frame)  # a sample this close to the end of a segment is taken at its end
     same = 4e-15 * (1e-9 * frame)  # lengths this close differ by the rounding of start and length only
-    short, finish = False, r.clock[NOW] + frames * frame
+    short, finish = False, clock.now + frames * frame
     for i in range(instruments.shape[0]):
         s = instruments[i]
         column, delay, first, behind = s.column, s.delay, s.first, s.last
         due = sample_instant(s, s.taken) - delay
-        now, f, tau = r.clock[NOW] - frame, -1, 0.0
+        now, f, tau = clock.now - frame, -1, 0.0
         place, number, kept, fresh = s.taken % room, s.published, s.kept, s.published
         for j in range(begins[0], begins[frames]):
             if j == begins[f + 1]:
@@ -262,7 +269,7 @@ def run_instruments(r: Any, segments: Any) -> None:
         if kept + most > r.samples.shape[1]:
             short = True
     begins[0] = begins[frames]
-    r.clock[NOW], r.clock[SHORT], r.clock[WAITING] = finish, short, 0
+    clock.now, clock.short, clock.waiting = finish, int(short), 0
 
 
 @inner

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compiled.kernel import inlined, inner
-from rig.solve.column_blocks import is_zero
+from rig.solve.column_blocks import copy, is_zero
 
 DEGREE = 8
 
@@ -59,8 +59,7 @@ def emit_linear(t, mode_set, x, start, length, seg, derivatives):
     longest = 2.0 * t.step[0] / 2.0 ** t.depth[mode_set]
     pieces = int(length / longest * (1.0 - 1e-12)) + 1
     piece = length / pieces
-    for i in range(n):
-        derivatives[0, i] = x[i]
+    copy(n, x, derivatives[0])
     for p in range(pieces):
         at, top = seg.count[0], 0
         while top < DEGREE and not is_zero(derivatives[top]):  # a uniform motion has only two terms

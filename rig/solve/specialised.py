@@ -14,9 +14,12 @@ import functools
 import operator
 from typing import Any
 
+from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models
 from numba.extending import intrinsic, register_model
+
+from rig.compiled.kernel import Emission
 
 ROWS = 7
 
@@ -24,7 +27,7 @@ ROWS = 7
 class KernelShape(types.Type):  # type: ignore[misc]
     """The constants of a specialised kernel: number of states (0: any), and whether there are products of states.
 
-    `bends`: whether at least one mode set is not linear.
+    `nonlinear`: whether at least one mode set is not linear.
     """
 
     def __init__(self, states: int, products: bool, nonlinear: bool) -> None:
@@ -37,10 +40,10 @@ ANY = KernelShape(0, products=True, nonlinear=True)
 """The shape of code that serves all rigs."""
 
 
-def _any_shape(typing: Any, n: Any) -> Any:
+def _any_shape(typing: Any, n: Any) -> Emission:
     """The shape of code that is compiled for any number of states, with the actual number n."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         return builder.inttoptr(arguments[0], cgutils.voidptr_t)
 
     return ANY(types.intp), codegen
@@ -49,10 +52,10 @@ def _any_shape(typing: Any, n: Any) -> Any:
 any_shape: Any = intrinsic(_any_shape)
 
 
-def _state_count(typing: Any, shape: Any) -> Any:
+def _state_count(typing: Any, shape: Any) -> Emission:
     """The number of states of a shape."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         if shape.states:
             return context.get_constant(types.intp, shape.states)
         return builder.ptrtoint(arguments[0], context.get_value_type(types.intp))
@@ -63,10 +66,10 @@ def _state_count(typing: Any, shape: Any) -> Any:
 state_count: Any = intrinsic(_state_count)
 
 
-def _has_products(typing: Any, shape: Any) -> Any:
+def _has_products(typing: Any, shape: Any) -> Emission:
     """Whether there may be products of states. If not, the code that evaluates them is not compiled."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         return context.get_constant(types.boolean, shape.products)
 
     return types.boolean(shape), codegen
@@ -75,10 +78,10 @@ def _has_products(typing: Any, shape: Any) -> Any:
 has_products: Any = intrinsic(_has_products)
 
 
-def _is_nonlinear(typing: Any, shape: Any) -> Any:
+def _is_nonlinear(typing: Any, shape: Any) -> Emission:
     """Whether inputs have to be computed: not if the system is linear in every mode set."""
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         return context.get_constant(types.boolean, shape.nonlinear)
 
     return types.boolean(shape), codegen
@@ -87,7 +90,7 @@ def _is_nonlinear(typing: Any, shape: Any) -> Any:
 is_nonlinear: Any = intrinsic(_is_nonlinear)
 
 
-def _local(typing: Any, shape: Any, like: Any) -> Any:
+def _local(typing: Any, shape: Any, like: Any) -> Emission:
     """A local array of the type of `like` on the stack: its last axis has one entry per state, other axes have `ROWS`.
 
     The compiler keeps it in registers, like a local array in C. If the number of states is unknown at compile time,
@@ -95,7 +98,7 @@ def _local(typing: Any, shape: Any, like: Any) -> Any:
     """
     kind = types.Array(like.dtype, like.ndim, "C")
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         if not shape.states:
             return arguments[1]
         lengths = [ROWS] * (like.ndim - 1) + [shape.states]
@@ -123,13 +126,13 @@ local: Any = intrinsic(_local)
 
 def _call(
     typing: Any, place: Any, shape: Any, t: Any, w: Any, state: Any, log: Any, seg: Any, plan: Any, ticks: Any
-) -> Any:
+) -> Emission:
     """The result of the specialised kernel or part at an address.
 
     Its arguments are passed as pointers, so that the caller need not know its shape.
     """
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         kinds = signature.args[1:]
         code = context.call_conv.get_function_type(types.int64, kinds).as_pointer()
         leaf = builder.inttoptr(arguments[0], code)

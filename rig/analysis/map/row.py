@@ -57,7 +57,6 @@ from rig.motion.motion import Motion, Saved
 from rig.quantities import Section
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
-from rig.solve.records import EVENTS, KEY
 from rig.stability.linearisation import Steady, sliding_key, steady
 
 Array = NDArray[np.float64]
@@ -307,11 +306,11 @@ class Track:
             swing = max(swing, 0.5 * float(np.ptp(slips[:, p])) / surface if surface > 0.0 else math.inf)
             bottom, top = extremes(states[:, :nq] @ system.slip_rows[p, nq : 2 * nq])
             travel = math.hypot(travel, 0.5 * (top - bottom))
-        count = int(motion.state.ic[EVENTS])
+        count = motion.event_count
         event = motion.log.event[:count]
         times = (event[:, 0] + motion.log.place[:count]) * self.step
         held = np.array([self._sticks(key) for key in event[:, 3].tolist()], dtype=bool)
-        s = sticking(times, held, self._sticks(int(motion.state.ic[KEY])), ticks * self.step)
+        s = sticking(times, held, self._sticks(motion.key), ticks * self.step)
         cycles = values[math.ceil(s.first / self.step) : math.ceil(s.last / self.step)]
         return Window(*extremes(values), float(cycles.std()), travel, swing, s.share, s.begins, s.period, moving)
 

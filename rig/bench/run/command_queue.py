@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,14 +94,14 @@ class CommandQueue:
         status.append(self.status)
         values.extend(self.values)
 
-    def adopt(self, rows: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+    def adopt(self, rows: NDArray[Any], values: NDArray[np.float64]) -> None:
         """Record commands that the compiled loop put into force.
 
-        `rows` int64 [row, 3]: tick, tick of the measurement, status; `values` float64 [row, actuator].
+        `rows` [row]: rig.solve.control_loop.COMMAND; `values` float64 [row, actuator].
         """
         self.values = tuple(values[-1].tolist())
         self.last, self.answered, self.status = rows[-1].tolist()
-        for i, new in enumerate((*rows.T, values)):
+        for i, new in enumerate((rows["tick"], rows["answered"], rows["status"], values)):
             self._columns[i].frombytes(np.ascontiguousarray(new).tobytes())
 
     def taken(self) -> tuple[array[int], array[int], array[int], array[float]] | None:

@@ -37,7 +37,7 @@ from rig.errors import ControllerLost, SceneError, Untrusted, UsageError
 from rig.scenes import checks
 from rig.scenes.scene import Scene
 from rig.scenes.sections import changes
-from rig.solve.control_loop import ANSWERED, AS, COUNT, DUE, NOW, ROWS, UNUSUAL
+from rig.solve.control_loop import ROWS
 
 
 class Guest(NamedTuple):
@@ -321,7 +321,7 @@ class CompiledControllers:
         self._exchange, self._runner = experiment.exchange, experiment.runner
         self._tables = self._runner.controllers
         self._command: Any = self._tables.command.data
-        self._clock: Any = self._tables.clock.data
+        self._clock = self._tables.clock[0]
         self._compiled: list[CompiledQueue] = []
         answers = self._answers()
         next(answers)
@@ -333,8 +333,7 @@ class CompiledControllers:
 
         The controllers have given the answers due at this tick, and recorded commands of this tick are in force.
         """
-        c = self._tables
-        c.clock[NOW], c.clock[COUNT], c.clock[UNUSUAL] = self._runner.tick, 0, 0
+        self._tables.clock[0] = self._runner.tick, 0, 0
         for controller in working:
             if (
                 controller.queue.values
@@ -376,7 +375,7 @@ class CompiledControllers:
         else:
             self._lay_played(record, i, compiled)
         self._compiled.append(compiled)
-        c.clock[COUNT] = i + 1
+        self._clock["count"] = i + 1
 
     def _lay_working(self, record: Any, i: int, compiled: CompiledQueue, controller: ControllerInProcess) -> None:
         queue, reads, drives, _, native, _ = compiled
@@ -398,7 +397,8 @@ class CompiledControllers:
         assert played is not None
         tick, answered, status, values = (column[played.done : played.done + ROWS] for column in played.commands)
         count = len(tick)
-        c.queue[i, :count, DUE], c.queue[i, :count, ANSWERED], c.queue[i, :count, AS] = tick, answered, status
+        waiting = c.queue[i, :count]
+        waiting["tick"], waiting["answered"], waiting["status"] = tick, answered, status
         c.queued[:count, compiled.drives] = values
         c.low[compiled.drives], c.high[compiled.drives] = -inf, inf  # recorded commands are already clamped
         record["answer"], record["due"], record["waiting"] = 0, -1, count
@@ -418,7 +418,7 @@ class CompiledControllers:
                 for name, value in zip(queue.drives, queue.values):
                     self._exchange.in_force[name] = self._runner.values[name] = value
         self._compiled.clear()
-        c.clock[COUNT] = 0
+        self._clock["count"] = 0
 
     def _take_back_working(self, record: Any, i: int, compiled: CompiledQueue, controller: ControllerInProcess) -> None:
         c, queue, drives = self._tables, compiled.queue, compiled.drives
@@ -429,7 +429,7 @@ class CompiledControllers:
                 t_ns = (controller.due - queue.period) * self._runner.frame_ns
                 heard, command = tuple(c.heard[compiled.reads].tolist()), tuple(c.command[drives].tolist())
                 controller.loop.adopt(updates, t_ns, heard, compiled.native.state(), command)
-        if c.clock[UNUSUAL] and record["given"] == c.clock[NOW]:
+        if self._clock["unusual"] and record["given"] == self._clock["tick"]:
             controller.given = tuple(c.command[drives].tolist())
         queue.queue.clear()
         for k in range(int(record["waiting"])):
@@ -456,7 +456,7 @@ class CompiledControllers:
                     i = yield result
                     result = 0
                     queue, _, drives, controller, _, _ = self._compiled[i]
-                    values, first = controller.ask(self._clock[NOW]), drives.start  # type: ignore[union-attr]
+                    values, first = controller.ask(int(self._clock["tick"])), drives.start  # type: ignore[union-attr]
                     if len(values) == len(queue.drives):
                         for value in values:
                             self._command[first] = value

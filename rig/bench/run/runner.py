@@ -39,8 +39,8 @@ from rig.scenes.part_faults import SensorFault
 from rig.scenes.scene import Scene
 from rig.sensors.chain.bank import CHUNK, Bank
 from rig.sensors.chain.instants import Stream
-from rig.solve.control_loop import ANSWERED, AS, COUNT, DUE, FOR, STATUS, TICK, controller_tables
-from rig.solve.forces import DRAWN, PLACE, RandomNumbers
+from rig.solve.control_loop import controller_tables
+from rig.solve.forces import RandomNumbers
 from rig.solve.frames import Surroundings
 
 DRAWS = 1 << 12
@@ -56,31 +56,31 @@ class Numbers:
     """
 
     def __init__(self, system: System, seed: int) -> None:
-        self.record = RandomNumbers(np.array([-1, DRAWS]), np.zeros(DRAWS))
+        self.record = RandomNumbers(np.array([-1]), np.array([DRAWS]), np.zeros(DRAWS))
         self.seed, self._stream = seed, Stream(seed, _NAME)
         self.find(system)
 
     def find(self, system: System) -> None:
         """Find the noise signal in `system`, if it has one, and make a number available for its next frame."""
-        self.record.at[PLACE] = system.names.index(SIGNAL) if SIGNAL in system.names else -1
+        self.record.state[0] = system.names.index(SIGNAL) if SIGNAL in system.names else -1
         self.fill()
 
     def fill(self) -> None:
         """Draw new numbers when all are used up."""
-        if self.record.at[PLACE] >= 0 and self.record.at[DRAWN] == DRAWS:
+        if self.record.state[0] >= 0 and self.record.used[0] == DRAWS:
             self._stream.noise(self.record.numbers)
-            self.record.at[DRAWN] = 0
+            self.record.used[0] = 0
 
     @property
     def used(self) -> int:
         """How many numbers have been used so far."""
-        return self._stream.drawn[0] - (DRAWS - int(self.record.at[DRAWN]))
+        return self._stream.drawn[0] - (DRAWS - int(self.record.used[0]))
 
     def resume(self, used: int) -> None:
         """Continue after the first `used` numbers."""
         self._stream = Stream(self.seed, _NAME)
         self._stream.skip(used)
-        self.record.at[DRAWN] = DRAWS
+        self.record.used[0] = DRAWS
         self.fill()
 
 
@@ -569,13 +569,12 @@ class ResumedRunner(PlantRunner):
     def _put_into_force(self, end: int) -> None:
         """Do what the compiled loop does with the recorded commands lent to it that are due before tick `end`."""
         controls = self.controllers
-        for i in range(controls.clock[COUNT]):
+        for i in range(int(controls.clock[0]["count"])):
             line = controls.controllers[i]
             first = int(line["oldest"])
             waiting = controls.queue[i, first : first + int(line["waiting"])]
-            count = int(np.searchsorted(waiting[:, DUE], end))
-            for column, of in ((TICK, DUE), (FOR, ANSWERED), (STATUS, AS)):
-                controls.rows[i, :count, column] = waiting[:count, of]
+            count = int(np.searchsorted(waiting["tick"], end))
+            controls.rows[i, :count] = waiting[:count]
             drives = slice(int(line["drives"]), int(line["driven"]))
             controls.values[:count, drives] = controls.queued[first : first + count, drives]
             line["kept"], line["oldest"], line["waiting"] = count, first + count, len(waiting) - count

@@ -18,7 +18,7 @@ from rig.sensors.chain.front_end import FrontEnd
 from rig.sensors.chain.instants import SECOND, Integers, Stream, common_step
 from rig.sensors.chain.instrument import Instrument
 from rig.solve.expm import COLUMNS, POLE, RESIDUE, STATE
-from rig.solve.sampling import GATHERED, INSTRUMENT, NOW, SHORT, InstrumentTables, advance_instruments, prepare_poles
+from rig.solve.sampling import CLOCK, GATHERED, INSTRUMENT, InstrumentTables, advance_instruments, prepare_poles
 from rig.solve.segment_output import DEGREE, Segments
 
 CHUNK = 1024  # least number of random numbers drawn and of samples stored at a time, unless a caller names another
@@ -76,7 +76,8 @@ class Bank:
         """Of each instrument the numbers of samples that are stored and that were published (views)."""
         self._poles = np.zeros((sum(max(len(e.poles), e.averages) for e in self._ends), COLUMNS), dtype=complex)
         self._most = most
-        self._clock = np.zeros(3, dtype=np.int64)
+        clock = np.zeros(1, dtype=CLOCK)
+        self._clock = clock[0]
         self.loan = Loan(
             InstrumentTables(
                 self._fronts,
@@ -89,7 +90,7 @@ class Bank:
                 self._gaps,
                 self._past,
                 self._echoes,
-                self._clock,
+                clock,
                 np.zeros(GATHERED + 1, dtype=np.int64),
                 frame_ns,
                 1e-9 * self.step_ns,
@@ -117,8 +118,8 @@ class Bank:
         coef = np.zeros((1, len(values), DEGREE + 1))
         coef[0, :, 0] = values
         whole = Segments(np.ones(1, dtype=np.int64), np.zeros(1), np.array([1e-9 * self._frame]), coef)
-        self._clock[NOW] = -before
-        while self._clock[NOW] < 0:
+        self._clock["now"] = -before
+        while self._clock["now"] < 0:
             self.advance(whole)
 
     def advance(self, segments: Segments) -> None:
@@ -132,7 +133,7 @@ class Bank:
     @property
     def short(self) -> bool:
         """Whether the bank must be filled before the next frame."""
-        return bool(self._clock[SHORT])
+        return bool(self._clock["short"])
 
     @property
     def full(self) -> bool:
@@ -246,7 +247,7 @@ class Bank:
             if found[name].shape != array.shape:
                 raise ValueError(f"{name} has the shape {found[name].shape}, not {array.shape}")
             array[:] = found[name]
-        self._clock[NOW] = t_ns
+        self._clock["now"] = t_ns
         self._streams = [Stream(self.seed, name) for name in self.names]
         for stream, end, (numbers, gaps) in zip(self._streams, self._ends, found["used"].tolist()):
             if end.noise > 0.0:
@@ -306,7 +307,7 @@ class Bank:
 
     def _draw(self, everything: bool) -> None:
         """Replace used random numbers, or all of them, by new ones."""
-        self._clock[SHORT] = 0
+        self._clock["short"] = 0
         for i, (end, stream) in enumerate(zip(self._ends, self._streams)):
             s = self._fronts[i]
             if end.noise > 0.0:
