@@ -45,7 +45,7 @@ class Effect(Section):
     """The table of an effect that acts on any plant."""
 
 
-def _section(module: ModuleType, name: str) -> Any:
+def _section(module: ModuleType, name: str) -> type[Effect]:
     """The section of an effect that acts on any plant, with the key `effect`."""
     foreign = code_of(module) is not None
     what = "class derived from rig.effects.Effect" if foreign else ""
@@ -65,10 +65,10 @@ def _section(module: ModuleType, name: str) -> Any:
                 f"{file_of(module)}: {key} = {brief(value)} in declares; expected one of its values: "
                 f"{', '.join(own.model_fields)}"
             )
-    found = named(module, (own,), "effect", name)
-    if not found.declares.text:
-        found.declares = replace(found.declares, text=(own.__doc__ or "").strip().partition("\n")[0].rstrip("."))
-    return found
+    section: type[Effect] = named(module, (own,), "effect", name)
+    if not section.declares.text:
+        section.declares = replace(section.declares, text=(own.__doc__ or "").strip().partition("\n")[0].rstrip("."))
+    return section
 
 
 EFFECTS: Room[type[Effect]] = Room("effects", __name__, __path__, _section)

@@ -8,12 +8,11 @@
 Normalised to rho h int psi^2 dA = 1, psi = R cos(l theta) and, for l > 0, R sin(l theta) as well.
 Source: Kirchhoff's plate; Liu and Ouyang, Meccanica 55 (2020), section 3.
 
-A contact that moves over a flexible disc: the terms that depend on its position.
-
-Friction and normal force act at the angle phi = s / r0 of the slider. Without `Geometry` they act at phi = 0, and only
-the friction law is nonlinear. `Slope` is the component of the normal force along the inclined surface,
--N dw / (r0 dtheta) on the slider; the paper assumes a vertical normal force. Without `Slope` the energy balance of the
-rig is not closed: the moving load does work on the disc that no other term supplies.
+Terms of a contact that depend on its position on the disc are tables of their own, `Geometry` and `Slope`. Friction and
+normal force act at the angle phi = s / r0 of the slider. Without `Geometry` they act at phi = 0, and only the friction
+law is nonlinear. `Slope` is the component of the normal force along the inclined surface, -N dw / (r0 dtheta) on the
+slider; the paper assumes a vertical normal force. Without `Slope` the energy balance of the rig is not closed: the
+moving load does work on the disc that no other term supplies.
 Source: Liu and Ouyang, Meccanica 55 (2020), equations 19, 29, 30 (geometry); slope derived.
 """
 
@@ -102,6 +101,12 @@ class Mode:
     def pair(self) -> bool:
         """Whether there is a sine beside the cosine."""
         return self.diameters > 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of its coordinates: cosine and, for a pair, sine."""
+        which = f"{self.diameters}.{self.circles}" if self.circles else f"{self.diameters}"
+        return (f"C{which}", f"S{which}") if self.pair else (f"C{which}",)
 
     def at(self, radius: float) -> float:
         """The shape R at a radius [m], in kg^-0.5; positive at the outer edge."""

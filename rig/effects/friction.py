@@ -15,7 +15,7 @@ the paper gives its shape), seal from its equation 3.1; exponential from Liu and
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -118,7 +118,7 @@ class Exponential(_OverSpeed):
 
     @field_validator("decay", mode="before")
     @classmethod
-    def _falls(cls, decay: Any) -> Any:
+    def _falls(cls, decay: object) -> object:
         none = False
         with suppress(TypeError, ValueError):  # a value that is not a number is reported by the check of its type
             none = si(decay, "s/m") == 0.0

@@ -4,16 +4,14 @@
 
 F deforms the stack by dx, U is the voltage of its electrodes, q the charge on them. c33 is its stiffness with the
 electrodes shorted, Cps its capacitance with the ends held; hysteresis is absent. With the electrodes open it is stiffer
-by kappa = e^2/Cps. The electrodes are connected to a shunt (rig.effects.shunt) or to an amplifier
-(rig.effects.piezo), which are separate effects; without these they are open.
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.14 to 4.20.
-
-A voltage amplifier on the electrodes of a piezo stack: the stack as an actuator, force e U on its ends.
+by kappa = e^2/Cps. The electrodes are connected to a shunt (rig.effects.shunt) or to a voltage amplifier; without these
+they are open. With an amplifier the stack is an actuator, with the force e U on its ends:
 
     U = u,  or  U' = (min(max(u, -limit), limit) - U) / lag        u: commanded voltage
 
 The amplifier delivers any current. Its work on the structure is part of the term `forces` of the energy balance.
-Source: Kroeger, Neubauer, Popp (2008), section 4 a and figure 21 (active control of the brake, about 50 V).
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.14 to 4.20; section 4 a and
+figure 21 (active control of the brake, about 50 V).
 """
 
 from __future__ import annotations
@@ -111,9 +109,7 @@ def add(a: Assembly, p: WithStack, path: Row, moved: Mapping[str, str]) -> None:
     """Add the stack of `p`, if it has one. `path`: its extension [m] as a row over coordinates."""
     if p.piezo is None:
         return
-    for i, f in path.items():
-        for j, g in path.items():
-            a.stiffness[i, j] = a.stiffness.get((i, j), 0.0) + p.piezo.stiffness * f * g
+    a.spring(path, p.piezo.stiffness)
     stack = Stack(p.piezo.e, p.piezo.capacitance, path)
     a.outputs["stack_extension"] = Output(dict(path), "m", Plot())
     if p.amplifier is not None:

@@ -20,13 +20,10 @@ of the inductor is lost and is a term of the energy balance. The op-amp of a neg
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.14 to 4.19; loop voltage, switching
 and bleeding are derived here.
 
-The electrical side of a piezo stack, as the networks on its electrodes see it.
-
-Findings of the stability report on a series shunt: its static limit and its time constants.
-
-A negative capacitance softens the stack to the static stiffness c33 + kappa delta/(1 + delta). The rig becomes
-statically unstable where this change cancels the stiffness k_b between the ends of the shorted stack, at
-delta = -k_b/(k_b + kappa). This limit is above that of the loop alone, delta = -1.
+The stability report states the static limit of a series shunt and its time constants. A negative capacitance softens
+the stack to the static stiffness c33 + kappa delta/(1 + delta). The rig becomes statically unstable where this change
+cancels the stiffness k_b between the ends of the shorted stack, at delta = -k_b/(k_b + kappa). This limit is above that
+of the loop alone, delta = -1.
 Source: Kroeger, Neubauer, Popp (2008), section 4 d; the limit in the structure is derived here.
 """
 

@@ -1,10 +1,8 @@
-"""A rig as plants and effects describe it: rows by name, its outputs, its inputs.
+"""A rig as plants and effects describe it, and its matrices: `Assembly(...).system()` turns rows by name into a System.
 
-Outputs are extended rows: they may also name accelerations and forces (rig.model.named_rows).
-
-A system with a film of points: its additional states, whether kick supports it, and its highest frequency.
-
-Turns rows by name into matrices.
+An assembly holds rows by name (rig.model.named_rows), outputs and inputs. Outputs are extended rows: they may also name
+accelerations and forces. A rig with a film has further states; `refusal` says whether kick supports it, `fastest` gives
+its highest frequency.
 """
 
 from __future__ import annotations
@@ -38,6 +36,7 @@ from rig.picture import Plot
 from rig.solve.film_steps import SUMS
 from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, VERSINE
 
+Array = NDArray[np.float64]
 _EXAMINED = 9  # number of examined positions of the slider
 
 
@@ -96,92 +95,130 @@ def fastest(system: System, h: float) -> float:
     return math.sqrt(highest)
 
 
-def matrices(a: Rows) -> System:
-    """The system of these rows. Raises SceneError if a row names an unknown state."""
-    names = a.names
-    index = {name: i for i, name in enumerate(names)}
-    products = _products(a, index)
-    later = {product.name: j for j, product in enumerate(products)}
-    nq, n = len(a.coordinates), len(names)
-    faults: list[str] = []
+class _Names:
+    """The states and products of a rig by name, and the faults of the rows that name others."""
 
-    def row(what: str, entries: Row) -> NDArray[np.float64]:
-        out = np.zeros(n)
+    def __init__(self, a: Rows) -> None:
+        self.rig, self.names = a, a.names
+        self.index = {name: i for i, name in enumerate(self.names)}
+        self.products = self._products()
+        self._later = {product.name: j for j, product in enumerate(self.products)}
+        self.faults: list[str] = []
+
+    def row(self, what: str, entries: Row) -> Array:
+        """A row over the states; `what`: to name it in a fault."""
+        out = np.zeros(len(self.names))
         for name, value in entries.items():
-            if name in index:
-                out[index[name]] += value
+            if name in self.index:
+                out[self.index[name]] += value
             else:
-                faults.append(f"{what} names the unknown state {name!r}; known: {', '.join(names)}")
+                self.faults.append(f"{what} names the unknown state {name!r}; known: {', '.join(self.names)}")
         return out
 
-    def both(what: str, entries: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        out_t = np.zeros(len(products))
-        for name in entries.keys() & later.keys():
-            out_t[later[name]] = entries[name]
-        return row(what, {name: value for name, value in entries.items() if name not in later}), out_t
+    def rows(self, what: str, entries: Mapping[str, Row], of: Iterable[str]) -> Array:
+        """The rows of these parts, one below the other; none where a part has no entries."""
+        rows = [self.row(f"{what} {name}", entries.get(name, {})) for name in of]
+        return np.array(rows).reshape(-1, len(self.names))
 
-    def over_coordinates(entries: Row) -> NDArray[np.float64]:
-        return np.array([entries.get(c, 0.0) for c in a.coordinates])
+    def both(self, what: str, entries: Row) -> tuple[Array, Array]:
+        """A row over the states, and over the products."""
+        out_t = np.zeros(len(self.products))
+        for name in entries.keys() & self._later.keys():
+            out_t[self._later[name]] = entries[name]
+        return self.row(what, {name: value for name, value in entries.items() if name not in self._later}), out_t
 
-    def square(entries: dict[tuple[str, str], float]) -> NDArray[np.float64]:
-        out = np.zeros((nq, nq))
+    def over_coordinates(self, entries: Row) -> Array:
+        """A row over the coordinates."""
+        return np.array([entries.get(c, 0.0) for c in self.rig.coordinates])
+
+    def square(self, entries: dict[tuple[str, str], float]) -> Array:
+        """A matrix over the coordinates."""
+        out = np.zeros((len(self.rig.coordinates), len(self.rig.coordinates)))
         for (i, j), value in entries.items():
-            out[index[i], index[j]] += value
+            out[self.index[i], self.index[j]] += value
         return out
 
-    def form(stores: Iterable[tuple[float, Row]]) -> NDArray[np.float64]:
-        out = np.zeros((n, n))
+    def form(self, stores: Iterable[tuple[float, Row]]) -> Array:
+        """Twice a stored energy as a form over the states."""
+        out = np.zeros((len(self.names), len(self.names)))
         for coefficient, entries in stores:
-            over_x = row("stored energy", entries)
+            over_x = self.row("stored energy", entries)
             out += coefficient * np.outer(over_x, over_x)
         return out
 
-    def loss(conductance: float, entries: Row) -> Loss:
-        rates = {f"{name}'": i for i, name in enumerate(a.network)}
+    def loss(self, conductance: float, entries: Row) -> Loss:
+        """A resistor, whose row may name rates of the network."""
+        rates = {f"{name}'": i for i, name in enumerate(self.rig.network)}
         rate = np.zeros(len(rates))
         for name in entries.keys() & rates.keys():
             rate[rates[name]] = entries[name]
-        return Loss(conductance, row("loss", {k: v for k, v in entries.items() if k not in rates}), rate)
+        return Loss(conductance, self.row("loss", {k: v for k, v in entries.items() if k not in rates}), rate)
 
-    def position(circuit: Circuit, owned: Sequence[str]) -> Position:
-        rates = [row(f"{circuit.name} {e}", circuit.rates.get(e, a.network[e])) for e in owned]
-        limiters = [limiter[0] for limiter in a.limiters]
+    def switch(self, name: str, signal: str, circuits: tuple[Circuit, ...]) -> Switch:
+        """A switch, which owns the network states whose rates differ between its positions."""
+        owned = [e for e in self.rig.network if any(e in circuit.rates for circuit in circuits)]
+        where = tuple(self.index[e] for e in owned)
+        return Switch(name, self.index[signal], where, tuple(self._position(circuit, owned) for circuit in circuits))
+
+    def _position(self, circuit: Circuit, owned: Sequence[str]) -> Position:
+        limiters = [limiter[0] for limiter in self.rig.limiters]
         return Position(
             circuit.name,
-            np.array(rates).reshape(-1, n),
-            tuple(index[name] for name in circuit.still),
+            self.rows(circuit.name, self.rig.network | circuit.rates, owned),
+            tuple(self.index[name] for name in circuit.still),
             {limiters.index(name): gain for name, gain in circuit.gains.items()},
-            form(circuit.stores),
+            self.form(circuit.stores),
         )
 
-    def switch(name: str, signal: str, circuits: tuple[Circuit, ...]) -> Switch:
-        owned = [e for e in a.network if any(e in circuit.rates for circuit in circuits)]
-        where = tuple(index[e] for e in owned)
-        return Switch(name, index[signal], where, tuple(position(circuit, owned) for circuit in circuits))
-
-    def varied(v: Variation) -> Sector:
+    def varied(self, v: Variation) -> Sector:
+        """Sectors of a structure that varies along a path."""
         count = len(v.factors)
         edges = tuple(v.period * i / count for i in range(count))
-        stiffness, damping = square(v.stiffness), square(v.damping)
-        rows = np.array([row(v.name, v.rows.get(normal[0], {})) for normal in a.normals]).reshape(-1, n)
+        stiffness, damping = self.square(v.stiffness), self.square(v.damping)
+        rows = self.rows(v.name, v.rows, [normal[0] for normal in self.rig.normals])
         changes = tuple(Change((e - 1.0) * stiffness, (d - 1.0) * damping, (e - 1.0) * rows) for e, d in v.factors)
-        return Sector(v.name, -1, row(v.name, v.row), index[v.turn], v.period, edges, changes=changes)
+        return Sector(v.name, -1, self.row(v.name, v.row), self.index[v.turn], v.period, edges, changes=changes)
 
-    patch_names = [p[0] for p in a.patches]
-    pushed = [both(f"force on {c}", a.force.get(c, {})) for c in a.coordinates]
+    def _products(self) -> tuple[Product, ...]:
+        """The products in the order of their levels. Raises KeyError for an unknown factor."""
+        patches, normals = [p[0] for p in self.rig.patches], [k[0] for k in self.rig.normals]
+
+        def factor(part: Part) -> Factor:
+            if not isinstance(part, str):
+                angle = np.zeros(len(self.names))
+                for name, value in part[1].items():
+                    angle[self.index[name]] += value
+                return Factor({"sin": SINE, "cos-1": VERSINE, "press": PRESS}[part[0]], 0, angle)
+            if part.startswith("N:"):
+                return Factor(NORMAL, normals.index(part[2:]))
+            if part.startswith("T:"):
+                return Factor(FRICTION, patches.index(part[2:]))
+            return Factor(STATE, self.index[part])
+
+        products = [Product(name, tuple(factor(part) for part in parts)) for name, parts in self.rig.products.items()]
+        return tuple(sorted(products, key=lambda product: product.level))
+
+
+def matrices(a: Rows) -> System:
+    """The system of these rows. Raises SceneError if a row names an unknown state."""
+    by_name = _Names(a)
+    row, over_coordinates, index = by_name.row, by_name.over_coordinates, by_name.index
+    nq, n = len(a.coordinates), len(index)
+    patches = [patch[0] for patch in a.patches]
+    pushed = [by_name.both(f"force on {c}", a.force.get(c, {})) for c in a.coordinates]
     system = System(
-        names=tuple(names),
+        names=tuple(by_name.names),
         coordinates=tuple(a.coordinates),
-        mass=square(a.mass),
-        damping=square(a.damping),
-        stiffness=square(a.stiffness),
+        mass=by_name.square(a.mass),
+        damping=by_name.square(a.damping),
+        stiffness=by_name.square(a.stiffness),
         force=np.array([over_x for over_x, _ in pushed]).reshape(nq, n),
-        force_t=np.array([over_t for _, over_t in pushed]).reshape(nq, len(products)),
-        coupling=np.array([row(f"coupling {c}", a.coupling.get(c, {})) for c in a.coordinates]).reshape(nq, n),
-        store=form(a.stores),
-        losses=tuple(loss(*entry) for entry in a.losses),
-        network=np.array([row(f"network {e}", r) for e, r in a.network.items()]).reshape(-1, n),
-        signals=np.array([row(f"signal {s}", r) for s, r in a.signals.items()]).reshape(-1, n),
+        force_t=np.array([over_t for _, over_t in pushed]).reshape(nq, len(by_name.products)),
+        coupling=by_name.rows("coupling", a.coupling, a.coordinates),
+        store=by_name.form(a.stores),
+        losses=tuple(by_name.loss(*entry) for entry in a.losses),
+        network=by_name.rows("network", a.network, a.network),
+        signals=by_name.rows("signal", a.signals, a.signals),
         patches=tuple(
             Patch(
                 name,
@@ -195,8 +232,8 @@ def matrices(a: Rows) -> System:
         normals=tuple(
             Normal(
                 name,
-                patch_names.index(patch),
-                *both(f"normal force {name}", r),
+                patches.index(patch),
+                *by_name.both(f"normal force {name}", r),
                 over_coordinates(d),
                 over_coordinates(g),
                 opens,
@@ -209,42 +246,22 @@ def matrices(a: Rows) -> System:
         ),
         sectors=(
             *(
-                Sector(name, patch_names.index(patch), row(f"sector {name}", r), index[turn], period, edges, laws)
+                Sector(name, patches.index(patch), row(f"sector {name}", r), index[turn], period, edges, laws)
                 for name, patch, r, turn, period, edges, laws in a.sectors
             ),
-            *(varied(variation) for variation in a.variations),
+            *map(by_name.varied, a.variations),
         ),
-        switches=tuple(switch(*entry) for entry in a.switches),
-        products=products,
+        switches=tuple(by_name.switch(*entry) for entry in a.switches),
+        products=by_name.products,
         judges=tuple(a.judges),
         strike=over_coordinates(a.strike),
         kept={name: row(f"what {name} keeps", r) for name, r in a.keep.items()},
-        start=np.array([a.start.get(name, 0.0) for name in names]),
+        start=np.array([a.start.get(name, 0.0) for name in by_name.names]),
         film=a.film,
     )
-    if faults:
-        raise SceneError(a.title or "assembly", faults)
+    if by_name.faults:
+        raise SceneError(a.title or "assembly", by_name.faults)
     return system
-
-
-def _products(a: Rows, index: dict[str, int]) -> tuple[Product, ...]:
-    """The products in the order of their levels. Raises KeyError for an unknown factor."""
-    patches, normals = [p[0] for p in a.patches], [k[0] for k in a.normals]
-
-    def factor(part: Part) -> Factor:
-        if not isinstance(part, str):
-            angle = np.zeros(len(index))
-            for name, value in part[1].items():
-                angle[index[name]] += value
-            return Factor({"sin": SINE, "cos-1": VERSINE, "press": PRESS}[part[0]], 0, angle)
-        if part.startswith("N:"):
-            return Factor(NORMAL, normals.index(part[2:]))
-        if part.startswith("T:"):
-            return Factor(FRICTION, patches.index(part[2:]))
-        return Factor(STATE, index[part])
-
-    found = [Product(name, tuple(factor(part) for part in parts)) for name, parts in a.products.items()]
-    return tuple(sorted(found, key=lambda product: product.level))
 
 
 Write = Callable[[NDArray[np.float64], Mapping[str, float], float], None]

@@ -13,7 +13,7 @@ friction forces of patches whose coefficient depends on speed, and products of s
 Stick keeps the length of the state: its constraint dw/dt = 0 is solved together with the reaction. The landing
 projector Pi = I + M^-1 T (C M^-1 T)^-1 W, mass-weighted, removes the rest of w and changes nothing else.
 
-Outputs of the plant as rows over its state: for the sensors and for the plant's own record.
+`signal_rows` gives the outputs of a rig as rows over [x, T] of a mode set.
 """
 
 from __future__ import annotations
@@ -21,33 +21,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.model.friction_law import Law
 from rig.model.system import System
-from rig.solve import expm
+from rig.solve import expm, records
 from rig.solve.exact import PLACES, POWERS
 from rig.solve.forces import NORMAL
-from rig.solve.records import (
-    CLOSED,
-    G_CLOSE,
-    G_LIMIT_BACK,
-    G_LIMIT_HIGH,
-    G_LIMIT_LOW,
-    G_NEXT,
-    G_OPEN,
-    G_PREVIOUS,
-    G_RELEASE_MINUS,
-    G_RELEASE_PLUS,
-    G_SLIP,
-    HIGH,
-    LINEAR,
-    LOW,
-    OPEN,
-    SLIP_PLUS,
-    STICK,
-)
 from rig.solve.segment_output import DEGREE
 
 Array = NDArray[np.float64]
@@ -87,41 +70,79 @@ def _redundant(held: Array) -> bool:
     return bool(len(sizes) > 1 and sizes[-1] < _SINGULAR * sizes[0])
 
 
-def assemble(system: System, key: int) -> ModeSet:
-    """The matrices of mode set `key` (numpy, a fraction of a millisecond; runs once for each mode set visited)."""
-    patch_modes, normal_modes, limiter_modes, sector_modes, switch_modes = system.modes(key)
-    nq, n, inputs = len(system.coordinates), system.n, system.inputs
-    v = slice(nq, 2 * nq)
-    P, K = len(system.patches), len(system.normals)
-    laws = [system.law(p, sector_modes) for p in range(P)]
-    change = system.change(sector_modes)
-    rows = np.array([k.row for k in system.normals]).reshape(K, n) + change.rows
-    loaded = [any(k.patch == p and normal_modes[i] == CLOSED for i, k in enumerate(system.normals)) for p in range(P)]
-    sigma = np.array(
-        [0.0 if m == STICK or not loaded[p] else (1.0 if m == SLIP_PLUS else -1.0) for p, m in enumerate(patch_modes)]
-    )
-    over_speed = np.array([not law.constant for law in laws], dtype=bool)
-    nonlinear = over_speed & (sigma != 0.0)
-    stuck = [p for p, m in enumerate(patch_modes) if m == STICK and loaded[p]]
+@dataclass(frozen=True)
+class _Contacts:
+    """The contacts in a mode set: the law of each patch, whether each normal force is closed.
 
+    `sigma`, `nonlinear` [patch]: see ModeSet. `stuck`: the patches in stick that carry a load.
+    """
+
+    laws: list[Law]
+    closed: list[bool]
+    sigma: Array
+    nonlinear: NDArray[np.bool_]
+    stuck: list[int]
+
+    @property
+    def mu(self) -> list[float]:
+        """The constant coefficients of the slipping patches; 0 for others."""
+        constant = (self.sigma != 0.0) & ~self.nonlinear
+        return [law.numbers[0] if own else 0.0 for law, own in zip(self.laws, constant)]
+
+
+def _contacts(system: System, key: int) -> _Contacts:
+    patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
+    laws = [system.law(p, sector_modes) for p in range(len(system.patches))]
+    closed = [mode == records.CLOSED for mode in normal_modes]
+    loaded = {k.patch for k, holds in zip(system.normals, closed) if holds}
+    signs = {records.STICK: 0.0, records.SLIP_PLUS: 1.0, records.SLIP_MINUS: -1.0}
+    sigma = np.array([signs[mode] if p in loaded else 0.0 for p, mode in enumerate(patch_modes)])
+    over_speed = np.array([not law.constant for law in laws], dtype=bool)
+    stuck = [p for p, mode in enumerate(patch_modes) if mode == records.STICK and p in loaded]
+    return _Contacts(laws, closed, sigma, over_speed & (sigma != 0.0), stuck)
+
+
+def pushes(system: System, key: int, mu: Sequence[float]) -> dict[int, Array]:
+    """The directions d_k [coordinate] in which the closed normal forces act with their friction, by index.
+
+    `mu` [patch]: coefficient of each patch in slip.
+    """
+    patch_modes, normal_modes, *_ = system.modes(key)
+    directions = {}
+    for k, (normal, mode) in enumerate(zip(system.normals, normal_modes)):
+        if mode == records.CLOSED:
+            p = normal.patch
+            slip = 0.0 if patch_modes[p] == records.STICK else (1.0 if patch_modes[p] == records.SLIP_PLUS else -1.0)
+            directions[k] = normal.direction + slip * mu[p] * system.patches[p].direction
+    return directions
+
+
+def bearing_mass(system: System, key: int, mu: Sequence[float]) -> Array:
+    """The mass matrix with friction included, Me, in mode set `key`. `mu`: see `pushes`."""
     Me = system.mass.copy()
-    R, R_t = system.force + system.coupling, np.zeros((nq, inputs))
+    for k, d in pushes(system, key, mu).items():
+        Me -= np.outer(d, system.normals[k].inertia)
+    return Me
+
+
+def _applied(system: System, key: int, rows: Array, mu: Sequence[float]) -> Array:
+    """The forces on the coordinates but the inputs' of friction, as rows over [x, T]. `rows`: of the normal forces."""
+    nq, P = len(system.coordinates), len(system.patches)
+    change = system.change(system.modes(key)[3])
+    R, R_t = system.force + system.coupling, np.zeros((nq, system.inputs))
     R_t[:, P:] = system.force_t
     R[:, :nq] -= system.stiffness + change.stiffness
-    R[:, v] -= system.damping + change.damping
-    for k, normal in enumerate(system.normals):
-        if normal_modes[k] == OPEN:
-            continue
-        d = normal.direction.copy()
-        p = normal.patch
-        if sigma[p] != 0.0 and not nonlinear[p]:
-            d += sigma[p] * laws[p].numbers[0] * system.patches[p].direction
-        Me -= np.outer(d, normal.inertia)
+    R[:, nq : 2 * nq] -= system.damping + change.damping
+    for k, d in pushes(system, key, mu).items():
         R += np.outer(d, rows[k])
-        R_t[:, P:] += np.outer(d, normal.row_t)
+        R_t[:, P:] += np.outer(d, system.normals[k].row_t)
+    return np.hstack([R, R_t])
 
-    first = system.one
-    rates = np.vstack([system.network, system.signals])
+
+def _rates(system: System, key: int) -> tuple[Array, list[float], list[int]]:
+    """The rates of network and signals [state, n], the gains of the limiters, and the states held at zero."""
+    *_, limiter_modes, _, switch_modes = system.modes(key)
+    nq, rates = len(system.coordinates), np.vstack([system.network, system.signals])
     gains = [limiter.gain for limiter in system.limiters]
     still: list[int] = []
     for switch, where in zip(system.switches, switch_modes):
@@ -132,18 +153,29 @@ def assemble(system: System, key: int) -> ModeSet:
             gains[x] = gain
     for limiter, gain, mode in zip(system.limiters, gains, limiter_modes):
         at = limiter.state - 2 * nq
-        if mode == LINEAR:
+        if mode == records.LINEAR:
             rates[at] += gain * limiter.row
         else:
-            rates[at, first] += gain * (limiter.low if mode == LOW else limiter.high)
-    network, signals = rates[: first - 2 * nq], rates[first - 2 * nq :]
+            rates[at, system.one] += gain * (limiter.low if mode == records.LOW else limiter.high)
+    return rates, gains, still
+
+
+def assemble(system: System, key: int) -> ModeSet:
+    """The matrices of mode set `key` (numpy, a fraction of a millisecond; runs once for each mode set visited)."""
+    nq, n, inputs, P = len(system.coordinates), system.n, system.inputs, len(system.patches)
+    v = slice(nq, 2 * nq)
+    contacts = _contacts(system, key)
+    stuck, mu = contacts.stuck, contacts.mu
+    rows = np.array([k.row for k in system.normals]).reshape(-1, n) + system.change(system.modes(key)[3]).rows
+    Me, applied = bearing_mass(system, key, mu), _applied(system, key, rows, mu)
+    rates, gains, still = _rates(system, key)
 
     # dw/dt of the stuck patches: W_v a + (the rest, over x)
-    rest = np.zeros((len(stuck), n))
     W = system.slip_rows[stuck]
+    rest = np.zeros((len(stuck), n))
     rest[:, v] += W[:, :nq]
-    rest += W[:, 2 * nq : first] @ network
-    rest += W[:, first:] @ signals
+    rest += W[:, 2 * nq : system.one] @ rates[: system.one - 2 * nq]
+    rest += W[:, system.one :] @ rates[system.one - 2 * nq :]
 
     C = -W[:, v]
     directions = np.array([p.direction for p in system.patches]).reshape(P, nq)
@@ -153,67 +185,71 @@ def assemble(system: System, key: int) -> ModeSet:
     lhs[:nq, nq:] = -directions[stuck].T
     lhs[nq:, :nq] = C
     rhs = np.zeros((nq + s, n + inputs))
-    rhs[:nq, :n], rhs[:nq, n:] = R, R_t
-    rhs[nq:, :n] = rest
-    for p in range(P):
-        if nonlinear[p]:
-            rhs[:nq, n + p] = directions[p]
+    rhs[:nq], rhs[nq:, :n] = applied, rest
+    for p in np.flatnonzero(contacts.nonlinear).tolist():
+        rhs[:nq, n + p] = directions[p]
     MT = np.linalg.solve(system.mass, directions[stuck].T) if stuck else np.zeros((nq, 0))
     redundant = _redundant(C @ MT)
     if redundant:  # the reactions are not unique: take the smallest
         solved = np.linalg.lstsq(lhs, rhs, rcond=_SINGULAR)[0]
     else:
         solved = np.linalg.solve(lhs, rhs) if nq else rhs
-    a, lam = solved[:nq], solved[nq:]
+    a, reactions = solved[:nq], solved[nq:]
 
-    A = np.zeros((n, n))
+    A, b = np.zeros((n, n)), np.zeros((n, inputs))
     A[:nq, v] = np.eye(nq)
-    A[v] = a[:, :n]
+    A[v], b[v] = a[:, :n], a[:, n:]
     A[2 * nq :] = rates
-    b = np.zeros((n, inputs))
-    b[v] = a[:, n:]
-
-    loads, loads_t = np.zeros((K, n)), np.zeros((K, inputs))
-    for k, contact in enumerate(system.normals):
-        loads[k] = rows[k] + contact.inertia @ a[:, :n]
-        loads_t[k] = contact.inertia @ a[:, n:]
-        loads_t[k, P:] += contact.row_t
-    friction, friction_t = np.zeros((P, n)), np.zeros((P, inputs))
-    for p in range(P):
-        if p in stuck:
-            friction[p], friction_t[p] = lam[stuck.index(p), :n], lam[stuck.index(p), n:]
-        elif nonlinear[p]:
-            friction_t[p, p] = 1.0
-        elif sigma[p] != 0.0:
-            for k, contact in enumerate(system.normals):
-                if contact.patch == p and normal_modes[k] == CLOSED:
-                    friction[p] += sigma[p] * laws[p].numbers[0] * loads[k]
-                    friction_t[p] += sigma[p] * laws[p].numbers[0] * loads_t[k]
-    _in_order(system, friction_t, loads_t)
-
     landing = np.eye(n)
     if stuck:
         landing[v] += MT @ (np.linalg.pinv(C @ MT, rcond=_SINGULAR) @ W if redundant else np.linalg.solve(C @ MT, W))
     landing[:, still] = 0.0
 
-    guards, guards_t, kinds, owners = _guards(system, key, sigma, stuck, friction, friction_t, loads, loads_t, gains)
+    loads = _loads(system, rows, a)
+    friction = _friction(system, contacts, reactions, loads)
+    _in_order(system, friction[:, n:], loads[:, n:])
+    guards, kinds, owners = _guards(system, key, contacts, friction, loads, gains)
     return ModeSet(
         key=key,
         A=A,
         b=b,
         landing=landing,
-        friction=friction,
-        friction_t=friction_t,
-        normal=loads,
-        normal_t=loads_t,
-        sigma=sigma,
-        nonlinear=nonlinear,
-        guards=np.array(guards).reshape(-1, n),
-        guards_t=np.array(guards_t).reshape(len(guards), inputs),
-        kinds=np.array(kinds, dtype=np.int64),
-        owners=np.array(owners, dtype=np.int64),
+        friction=friction[:, :n],
+        friction_t=friction[:, n:],
+        normal=loads[:, :n],
+        normal_t=loads[:, n:],
+        sigma=contacts.sigma,
+        nonlinear=contacts.nonlinear,
+        guards=guards[:, :n],
+        guards_t=guards[:, n:],
+        kinds=kinds,
+        owners=owners,
         jam=float(np.linalg.det(Me) / np.linalg.det(system.mass)) if nq else 1.0,
     )
+
+
+def _loads(system: System, rows: Array, a: NDArray[Any]) -> Array:
+    """The normal forces as rows over [x, T], from their `rows` over x and the accelerations a, rows over [x, T]."""
+    P, n = len(system.patches), system.n
+    loads = np.zeros((len(system.normals), n + system.inputs))
+    for k, contact in enumerate(system.normals):
+        loads[k, :n] = rows[k] + contact.inertia @ a[:, :n]
+        loads[k, n:] = contact.inertia @ a[:, n:]
+        loads[k, n + P :] += contact.row_t
+    return loads
+
+
+def _friction(system: System, contacts: _Contacts, reactions: NDArray[Any], loads: Array) -> Array:
+    """The friction force of each patch as a row over [x, T]; in stick the reaction."""
+    friction = np.zeros((len(system.patches), loads.shape[1]))
+    friction[contacts.stuck] = reactions
+    for p in np.flatnonzero(contacts.nonlinear).tolist():
+        friction[p, system.n + p] = 1.0
+    for k, contact in enumerate(system.normals):
+        p = contact.patch
+        if contacts.closed[k] and contacts.sigma[p] != 0.0 and not contacts.nonlinear[p]:
+            friction[p] += contacts.sigma[p] * contacts.mu[p] * loads[k]
+    return friction
 
 
 def _in_order(system: System, friction_t: Array, loads_t: Array) -> None:
@@ -238,84 +274,62 @@ def _in_order(system: System, friction_t: Array, loads_t: Array) -> None:
 
 
 def _guards(
-    system: System,
-    key: int,
-    sigma: Array,
-    stuck: Sequence[int],
-    friction: Array,
-    friction_t: Array,
-    loads: Array,
-    loads_t: Array,
-    gains: Sequence[float],
-) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """The guards of a mode set, as rows over x and T that stay positive while it lasts, with their kinds and owners.
+    system: System, key: int, contacts: _Contacts, friction: Array, loads: Array, gains: Sequence[float]
+) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """The guards of a mode set, rows over [x, T] that stay positive while it lasts, with their kinds and owners.
 
     `gains`: of the limiters; a limiter with gain 0 is out of the network.
     """
-    _, normal_modes, limiter_modes, sector_modes, _ = system.modes(key)
-    n, inputs = system.n, system.inputs
-    guards: list[Array] = []
-    guards_t: list[Array] = []
-    kinds: list[int] = []
-    owners: list[int] = []
+    _, _, limiter_modes, sector_modes, _ = system.modes(key)
+    guards: list[tuple[Array, int, int]] = []
 
-    def guard(row: Array, row_t: Array, kind: int, owner: int) -> None:
-        if np.any(row) or np.any(row_t):  # a guard that is identically zero would only give rounding noise
-            guards.append(row)
-            guards_t.append(row_t)
-            kinds.append(kind)
-            owners.append(owner)
+    def guard(row: Array, kind: int, owner: int) -> None:
+        if np.any(row):  # a guard that is identically zero would only give rounding noise
+            guards.append((np.pad(row, (0, loads.shape[1] - len(row))), kind, owner))
 
-    for p in range(len(system.patches)):
-        static = system.law(p, sector_modes).static
-        if p in stuck:
-            limit, limit_t = np.zeros(n), np.zeros(inputs)
+    for p, law in enumerate(contacts.laws):
+        if p in contacts.stuck:
+            limit = np.zeros(loads.shape[1])
             for k, contact in enumerate(system.normals):
-                if contact.patch == p and normal_modes[k] == CLOSED:
-                    limit += static * loads[k]
-                    limit_t += static * loads_t[k]
-            guard(limit - friction[p], limit_t - friction_t[p], G_RELEASE_PLUS, p)
-            guard(limit + friction[p], limit_t + friction_t[p], G_RELEASE_MINUS, p)
-        elif sigma[p] != 0.0 and system.law(p, sector_modes).sticks:
-            guard(sigma[p] * system.slip_rows[p], np.zeros(inputs), G_SLIP, p)
+                if contact.patch == p and contacts.closed[k]:
+                    limit += law.static * loads[k]
+            guard(limit - friction[p], records.G_RELEASE_PLUS, p)
+            guard(limit + friction[p], records.G_RELEASE_MINUS, p)
+        elif contacts.sigma[p] != 0.0 and law.sticks:
+            guard(contacts.sigma[p] * system.slip_rows[p], records.G_SLIP, p)
     for k, contact in enumerate(system.normals):
-        if not contact.opens or _never_changes(loads[k], loads_t[k], system):
-            continue
-        closed = normal_modes[k] == CLOSED
-        sign = 1.0 if closed else -1.0
-        guard(sign * loads[k], sign * loads_t[k], G_OPEN if closed else G_CLOSE, k)
-    one = np.zeros(n)
-    one[system.one] = 1.0
+        if contact.opens and not _never_changes(loads[k], system):
+            guard(
+                loads[k] if contacts.closed[k] else -loads[k],
+                records.G_OPEN if contacts.closed[k] else records.G_CLOSE,
+                k,
+            )
+    one = np.eye(system.n)[system.one]
     for x, (limiter, mode) in enumerate(zip(system.limiters, limiter_modes)):
         if gains[x] == 0.0:
             continue
         below, above = limiter.row - limiter.low * one, limiter.high * one - limiter.row
-        if mode == LINEAR:
-            guard(below, np.zeros(inputs), G_LIMIT_LOW, x)
-            guard(above, np.zeros(inputs), G_LIMIT_HIGH, x)
+        if mode == records.LINEAR:
+            guard(below, records.G_LIMIT_LOW, x)
+            guard(above, records.G_LIMIT_HIGH, x)
         else:
-            guard(-below if mode == LOW else -above, np.zeros(inputs), G_LIMIT_BACK, x)
+            guard(-below if mode == records.LOW else -above, records.G_LIMIT_BACK, x)
     for s, (sector, where) in enumerate(zip(system.sectors, sector_modes)):
-        if sector.patch < 0 or sigma[sector.patch] != 0.0:  # a stuck contact cannot leave its sector
+        if sector.patch < 0 or contacts.sigma[sector.patch] != 0.0:  # a stuck contact cannot leave its sector
             ends = (*sector.edges, sector.period)
-            guard(ends[where + 1] * one - sector.row, np.zeros(inputs), G_NEXT, s)
-            guard(sector.row - ends[where] * one, np.zeros(inputs), G_PREVIOUS, s)
-
-    return (
-        np.array(guards).reshape(-1, n),
-        np.array(guards_t).reshape(len(guards), inputs),
-        np.array(kinds, dtype=np.int64),
-        np.array(owners, dtype=np.int64),
-    )
+            guard(ends[where + 1] * one - sector.row, records.G_NEXT, s)
+            guard(sector.row - ends[where] * one, records.G_PREVIOUS, s)
+    rows = np.array([row for row, *_ in guards]).reshape(-1, loads.shape[1])
+    kinds, owners = (np.array([own[i] for own in guards], dtype=np.int64) for i in (1, 2))
+    return rows, kinds, owners
 
 
-def _never_changes(row: Array, row_t: Array, system: System) -> bool:
+def _never_changes(load: Array, system: System) -> bool:
     """Whether a normal force is constant: it depends only on state variables that nothing drives or writes.
 
     Only the state "one" is known to be constant. A load written by a command is a state and keeps its guard.
     """
-    used = np.flatnonzero(row)
-    return not np.any(row_t) and bool(np.all(used == system.one))
+    return bool(np.all(np.flatnonzero(load) == system.one))
 
 
 def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) -> tuple[Array, Array]:
@@ -339,7 +353,7 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
     clamped, thrown = system.modes(modes.key)[2], system.modes(modes.key)[4]
     gains = [position.gains for position in (s.positions[at] for s, at in zip(system.switches, thrown))]
     for i, (limiter, mode) in enumerate(zip(system.limiters, clamped)):
-        held = {LOW: limiter.low, HIGH: limiter.high}.get(mode)
+        held = {records.LOW: limiter.low, records.HIGH: limiter.high}.get(mode)
         idle = any(found.get(i) == 0.0 for found in gains)  # a switch took the limiter out of the network
         within = held is None or idle
         known[f"c:{limiter.name}"] = (limiter.row if within else held * states[system.one], np.zeros(system.inputs))

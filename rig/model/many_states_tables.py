@@ -1,8 +1,7 @@
 """Tables for the exact propagation of rigs with many states (rig.solve.many_states).
 
-Approximates powers of u on [0, 1] by polynomials of lower degree, for short series over a whole tick.
-
-Telescoping after Lanczos: u^j = u u^(j-1), where the Chebyshev polynomials beyond the degree are removed from u^(j-1).
+Short series over a whole tick need powers of u on [0, 1] as polynomials of lower degree (`economy`). They are
+telescoped after Lanczos: u^j = u u^(j-1), where the Chebyshev polynomials beyond the degree are removed from u^(j-1).
 For a vibration that turns by w h radians per tick, degree d leaves an error of 2 (w h / 4)^(d+1) / (d+1)!; its Taylor
 series of the same degree would leave (w h)^(d+1) / (d+1)!. At u = 0 the approximation is exact.
 
@@ -35,6 +34,8 @@ from rig.solve.many_states import (
 )
 from rig.solve.roots import DEGREE as ORDER
 from rig.solve.segment_output import DEGREE
+
+Array = NDArray[np.float64]
 
 
 @cache
@@ -74,9 +75,6 @@ def _shifted(count: int) -> list[list[int]]:
             new[k] -= value
         found.append(new)
     return found
-
-
-Array = NDArray[np.float64]
 
 
 def depth(A: Array, step: float) -> int:

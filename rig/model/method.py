@@ -1,10 +1,9 @@
 """Which method serves a system, and the system as each method sees it.
 
-Smoothed friction, for comparison only: T = mu(|w|) N tanh(w / scale), without stick and without events.
-
-A stuck contact creeps at scale atanh(T / (mu N)) forever. The jump from static to kinetic friction has no smooth form.
-As in the literature it becomes a decay over 5 scales, whose maximum is a sixth below the static coefficient for any
-scale. The result is finite, smooth and wrong; the method exists to show this error.
+The method smooth sees smoothed friction: T = mu(|w|) N tanh(w / scale), without stick and without events. A stuck
+contact creeps at scale atanh(T / (mu N)) forever. The jump from static to kinetic friction has no smooth form. As in
+the literature it becomes a decay over 5 scales, whose maximum is a sixth below the static coefficient for any scale.
+The result is finite, smooth and wrong; the method exists to show this error.
 
 Source: the form of Liu and Ouyang, Mechanical Systems and Signal Processing (2022), with tanh(50 v).
 """

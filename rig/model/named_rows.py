@@ -101,6 +101,13 @@ class Rows:
         self.damping[name, name] = damping
         self.stiffness[name, name] = stiffness
 
+    def spring(self, extension: Row, stiffness: float, damping: float = 0.0) -> None:
+        """Add a spring and a parallel damper. `extension`: as a row over coordinates."""
+        for i, row in extension.items():
+            for j, column in extension.items():
+                self.stiffness[i, j] = self.stiffness.get((i, j), 0.0) + stiffness * row * column
+                self.damping[i, j] = self.damping.get((i, j), 0.0) + damping * row * column
+
     def signal(self, name: str, rate: Row, start: float, owner: str, about: str = "") -> None:
         """Add a state s with s' = rate; `owner`, `about`: see `own`. Raises ValueError as `coordinate`."""
         self._new_state(name)

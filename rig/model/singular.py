@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import Singular
-from rig.model.formulation import ModeSet, assemble
+from rig.model.formulation import ModeSet, assemble, bearing_mass
 from rig.model.system import System
-from rig.solve.records import CLOSED, OPEN, SLIP_PLUS, STICK
+from rig.solve.records import CLOSED, STICK
 
 Array = NDArray[np.float64]
 JAMS = "jams: friction takes up all of the inertia at these parameter values"
@@ -33,7 +32,7 @@ def singular(system: System, key: int) -> Singular:
     if not _regular(system.mass):
         return Singular("the mass matrix is singular: some motion has no inertia", mode)
     laws = [system.law(p, sectors) for p in range(len(system.patches))]
-    mass = bearing_mass(system, key, lambda p: float(laws[p].numbers[0]) if laws[p].constant else 0.0)
+    mass = bearing_mass(system, key, [law.numbers[0] if law.constant else 0.0 for law in laws])
     if not _regular(np.linalg.solve(system.mass, mass)):
         return Singular(JAMS, mode, jams=True)
     loaded = {k.patch for k, where in zip(system.normals, normal_modes) if where == CLOSED}
@@ -43,20 +42,6 @@ def singular(system: System, key: int) -> Singular:
     if free:
         return Singular(f"no coordinate moves along {names}: no friction force can stop the slip there", mode)
     return Singular(f"no friction forces can hold {names}: their effect on the slip speeds cancels", mode)
-
-
-def bearing_mass(system: System, key: int, mu: Callable[[int], float]) -> Array:
-    """The mass matrix with friction included, in mode set `key`. `mu`: coefficient of each patch, by its index."""
-    patch_modes, normal_modes, *_ = system.modes(key)
-    Me = system.mass.copy()
-    for normal, where in zip(system.normals, normal_modes):
-        if where == OPEN:
-            continue
-        d, p = normal.direction.copy(), normal.patch
-        if patch_modes[p] != STICK:
-            d += (1.0 if patch_modes[p] == SLIP_PLUS else -1.0) * mu(p) * system.patches[p].direction
-        Me -= np.outer(d, normal.inertia)
-    return Me
 
 
 def _regular(matrix: NDArray[Any]) -> bool:

@@ -1,14 +1,11 @@
-"""A rig as matrices and rows, and its mode sets: their keys, the contact states of a key, and their names in text.
+"""A rig as matrices and rows, its parts (patches, normal forces, limiters, sectors, switches) and its mode sets.
 
 State  x = [q, v, network, signals]. Terms that are not linear in x are the inputs T = [friction forces, products]: the
 force of a patch with a speed-dependent law, and products of states such as x y, cos(k phi) - 1 or N sin(k phi). Rows
 whose name ends in `_t` are over T.
 
-The findings about a rig before it runs.
-
-Products of states, forces and angles as a rig states them, their packing for the kernels, and their derivatives.
-
-The parts of a rig as matrices: patches, normal forces, limiters, sectors, switches, losses (rig.model.system).
+A System knows the keys of its mode sets, the contact states of a key, and both in text. `pack` prepares products for
+the kernels; `tangent` gives their derivatives. A Finding is a fact about a system before it runs.
 """
 
 from __future__ import annotations
@@ -28,6 +25,7 @@ from rig.model.friction_law import Law
 from rig.solve.forces import FRICTION, NORMAL, PRESS, SINE, STATE, ProductTables
 from rig.solve.records import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN
 
+Array = NDArray[np.float64]
 Level = Literal["info", "warning", "error"]
 
 
@@ -43,9 +41,6 @@ class Finding:
     def to_json(self) -> dict[str, object]:
         """The finding as plain values."""
         return dict(vars(self))
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,7 @@
-"""The tables that a kernel reads, stacked by mode set.
+"""What the kernels read and write for a system: tables stacked by mode set, and a workspace of scratch memory.
 
 A guard g = G x is certified free of events over a cell of length h if it exceeds, at both ends, the bound b = B.|x|,
 B_j = 1.25 h^2/8 max |(G A^2 exp(A t))_j|. This bounds the interpolation error of the chord, so g cannot reach zero.
-
-Allocates the scratch memory that the kernels need for a system.
 """
 
 from __future__ import annotations
@@ -30,6 +28,10 @@ from rig.solve.records import Workspace
 from rig.solve.roots import DEGREE as ROOT_DEGREE
 from rig.solve.roots import WORK_COLUMNS, WORK_ROWS
 from rig.solve.segment_output import DEGREE
+
+Array = NDArray[np.float64]
+UNROLLED = 8
+"""Up to this number of states, compiled code has it as a constant; above, the same code serves all rigs."""
 
 
 def workspace(system: System, read: int, guards: int) -> Workspace:
@@ -78,11 +80,6 @@ def workspace(system: System, read: int, guards: int) -> Workspace:
         nodes3=np.pad(0.5 * (nodes + 1.0), (PART, 0)),
         weights3=np.pad(0.5 * weights, (PART, 0)),
     )
-
-
-Array = NDArray[np.float64]
-UNROLLED = 8
-"""Up to this number of states, compiled code has it as a constant; above, the same code serves all rigs."""
 
 
 class Tables(NamedTuple):

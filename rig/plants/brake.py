@@ -11,7 +11,7 @@ pad is proportional to the pressure p; its stiffness is kn (p / p0)^exponent.
 The coordinates are relative to the pressed state. `load.at` = "sliding": every contact carries N0 while the disc turns,
 so steady sliding is q = 0 and the static moment of friction is not taken up by the pads. `load.at` = "rest": every
 contact carries N0 without friction; friction then loads one end of a pad more than the other. C also acts between pad
-and disc while a contact is open. With `disc_modes` the disc bends (rig.plants.structures.bending); each contact then
+and disc while a contact is open. With `disc_modes` the disc bends (rig.plants.structures.multibody); each contact then
 slides in its own direction.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c, figures 15 to 17 (kind of model).
 The paper gives no numbers: springs, masses and the pressure law are calibrated here to its 0.64 and 2140 Hz.
@@ -35,8 +35,8 @@ from rig.model.assembly import Assembly, Output
 from rig.model.named_rows import Row
 from rig.picture import Own, Plot
 from rig.plants.belt import RAMPED
-from rig.plants.structures.bending import Bending
 from rig.plants.structures.multibody import (
+    Bending,
     Body,
     Spring,
     both_ends_act,
@@ -166,11 +166,9 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         for coordinate, (inertia, damping, stiffness) in body.coordinates(name).items():
             a.coordinate(coordinate, inertia, damping, stiffness)
     for spring in p.springs.values():
-        if not both_ends_act(bodies, spring):
-            continue
-        row = relative_motion(bodies, spring.first, spring.second, spring.direction)
-        _lay(a.stiffness, row, elastic * spring.stiffness)
-        _lay(a.damping, row, viscous * spring.stiffness)
+        if both_ends_act(bodies, spring):
+            row = relative_motion(bodies, spring.first, spring.second, spring.direction)
+            a.spring(row, elastic * spring.stiffness, viscous * spring.stiffness)
 
     speed = drive.add(a, p.drive, "rad/s", moved)
     share = p.load.pressure / p.linings.pressure
@@ -191,7 +189,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         force = p.linings.force * share / pads.count(pad)
         pressed = {coordinate: elastic * stiffness * value for coordinate, value in approach.items()}
         a.normal(name, patch, pressed | {"one": force}, {coordinate: -value for coordinate, value in approach.items()})
-        _lay(a.damping, approach, viscous * stiffness)
+        a.spring(approach, 0.0, viscous * stiffness)
         for coordinate, value in approach.items():
             a.push(coordinate, {"one": value * force})
         for coordinate, value in along.items() if p.load.at == "sliding" else ():
@@ -219,13 +217,6 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     }
     a.outputs |= {f"normal_force_{name}": Output({f"N:{name}": 1.0}, "N", Plot()) for name in p.contacts}
     return a
-
-
-def _lay(matrix: dict[tuple[str, str], float], row: Row, value: float) -> None:
-    """Add value row row^T."""
-    for i, left in row.items():
-        for j, right in row.items():
-            matrix[i, j] = matrix.get((i, j), 0.0) + value * left * right
 
 
 def _side(p: Parameters, contact: Contact) -> float:

@@ -122,13 +122,13 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.coordinate("u", slider.mass, slider.normal_damping, 0.5 * slider.inclined)
     a.stiffness["s", "u"] = a.stiffness["u", "s"] = -0.5 * slider.inclined
     for mode in modes:
-        for name in names(mode):
+        for name in mode.names:
             a.coordinate(name, 1.0, 2.0 * p.disc.damping_ratio * mode.omega, mode.omega**2)
     a.start |= {"s": p.start.displacement, "s'": p.start.velocity, "u": p.start.height, "u'": p.start.height_velocity}
 
     compliance = sum(mode.at(r0) ** 2 / mode.omega**2 for mode in modes)
     force = -slider.contact * p.start.height / (1.0 + slider.contact * compliance)
-    a.start |= {names(mode)[0]: -mode.at(r0) * force / mode.omega**2 for mode in modes}
+    a.start |= {mode.names[0]: -mode.at(r0) * force / mode.omega**2 for mode in modes}
 
     free, most = (-math.inf, math.inf), drive.FASTEST["rad/s"]
     speed = drive.actuator(a, "drive.speed", "rad/s", p.drive.speed, 0.0, free, most, None, "drive", moved)
@@ -137,8 +137,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
             _turn(a, mode, p, speed)
     a.push("u", {name: -value for name, value in load.add(a, p.load, moved).items()})
 
-    lift = {names(mode)[0]: mode.at(r0) for mode in modes}  # deflection at the unmoved slider
-    bend = {names(mode)[1]: 0.5 * p.disc.thickness / r0 * mode.diameters * mode.at(r0) for mode in modes if mode.pair}
+    lift = {mode.names[0]: mode.at(r0) for mode in modes}  # deflection at the unmoved slider
+    bend = {mode.names[1]: 0.5 * p.disc.thickness / r0 * mode.diameters * mode.at(r0) for mode in modes if mode.pair}
     surface = {name: r0 * value for name, value in speed.items()}
     a.patch("contact", {"s": 1.0} | bend, surface, p.friction.friction(), {"s": 1.0})
     pressed = {name: slider.contact * value for name, value in lift.items()} | {"u": -slider.contact}
@@ -176,25 +176,19 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     return a
 
 
-def names(mode: Mode) -> tuple[str, ...]:
-    """The coordinates of a mode: cosine and, for a pair, sine."""
-    which = f"{mode.diameters}.{mode.circles}" if mode.circles else f"{mode.diameters}"
-    return (f"C{which}", f"S{which}") if mode.pair else (f"C{which}",)
-
-
 def deflection(modes: tuple[Mode, ...], radius: float, angle: float) -> dict[str, float]:
     """The deflection w [m] at a radius [m] and an angle [rad] of the fixed frame, as a row over coordinates."""
     row: dict[str, float] = {}
     for mode in modes:
         around = math.cos(mode.diameters * angle), math.sin(mode.diameters * angle)
-        row |= {name: mode.at(radius) * part for name, part in zip(names(mode), around)}
+        row |= {name: mode.at(radius) * part for name, part in zip(mode.names, around)}
     return row
 
 
 def _turn(a: Assembly, mode: Mode, p: Parameters, speed: dict[str, float]) -> None:
     """Add the terms of the rotation of the disc to a pair of modes, in the fixed frame."""
     l, damper = mode.diameters, 2.0 * p.disc.damping_ratio * mode.omega
-    cosine, sine = names(mode)
+    cosine, sine = mode.names
     [(state, value)] = speed.items()
     for name, other, sign in ((cosine, sine, 1.0), (sine, cosine, -1.0)):
         if state == "one":
@@ -211,7 +205,7 @@ def _turn(a: Assembly, mode: Mode, p: Parameters, speed: dict[str, float]) -> No
 
 def _move(a: Assembly, mode: Mode, p: Parameters, lift: dict[str, float], bend: dict[str, float]) -> None:
     """Add the terms that the angle of the slider changes: in the normal force, in both forces on a pair of modes."""
-    cosine, sine = names(mode)
+    cosine, sine = mode.names
     turned = {"s": mode.diameters / p.slider.radius}
     away, aside = ("cos-1", turned), ("sin", turned)
     a.product(f"{cosine} cos-1", cosine, away)
@@ -230,7 +224,7 @@ def _move(a: Assembly, mode: Mode, p: Parameters, lift: dict[str, float], bend: 
 
 def _incline(a: Assembly, mode: Mode, p: Parameters) -> None:
     """Add the force -N dw / (r0 dtheta) on the slider."""
-    cosine, sine = names(mode)
+    cosine, sine = mode.names
     gain = mode.diameters * mode.at(p.slider.radius) / p.slider.radius
     turned = {"s": mode.diameters / p.slider.radius}
     _product(a, "s", -gain, "N:load", sine)

@@ -86,17 +86,14 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     for name, body in {"u1": p.body_1, "v3": p.body_3, "u2": p.body_2, "v2": p.body_2}.items():
         a.coordinate(name, body.mass)
     angle, start = p.spring_3.angle, p.start
-    for spring, stretch in (
+    for spring, extension in (
         (p.spring_1, {"u1": 1.0}),
         (p.spring_2, {"u1": -1.0, "u2": 1.0}),
         (p.spring_3, {"u2": math.cos(angle), "v2": math.sin(angle)}),
         (p.spring_4, {"v3": 1.0, "v2": -1.0}),
         (p.spring_5, {"v3": 1.0}),
     ):
-        for i, row in stretch.items():
-            for j, column in stretch.items():
-                a.stiffness[i, j] = a.stiffness.get((i, j), 0.0) + spring.stiffness * row * column
-                a.damping[i, j] = a.damping.get((i, j), 0.0) + spring.damping * row * column
+        a.spring(extension, spring.stiffness, spring.damping)
     a.start |= {"u1": start.body_1_displacement, "v3": start.body_3_height}
     a.start |= {"u2": start.displacement, "u2'": start.velocity, "v2": start.height, "v2'": start.height_velocity}
     a.push("v2", {name: -value for name, value in load.add(a, p.load, moved).items()})

@@ -29,7 +29,7 @@ from rig.model.named_rows import Row
 from rig.picture import Own
 from rig.plants.belt import RAMPED
 from rig.plants.structures import film_slider, model_store, plate_model
-from rig.plants.structures.film_slider import Film, FilmPoints, Slider, SliderTables
+from rig.plants.structures.film_slider import Film, Slider, SliderTables
 from rig.plants.structures.plate_elements import Foam, Plate
 from rig.plants.structures.plate_model import Grid, Reduced
 from rig.quantities import Metre, NonNegativeMetre, Section
@@ -110,9 +110,9 @@ class Parameters(Noisy):
         return None
 
     @property
-    def film_points(self) -> FilmPoints | None:
+    def film_points(self) -> Grid | None:
         """The points whose pressures are outputs; None without a slider, and where the film is bonded."""
-        return self.slid.points if self.slid is not None and self.slid.film.opens else None
+        return self.grid() if self.slid is not None and self.slid.film.opens else None
 
     def grid(self) -> Grid:
         """The contact points; of a plate alone any will do."""

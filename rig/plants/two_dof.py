@@ -89,11 +89,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.coordinate("x", p.body.mass)
     a.coordinate("y", p.body.mass)
     for strut in (p.spring_1, p.spring_2):
-        lean = {"x": math.cos(strut.angle), "y": math.sin(strut.angle)}
-        for i, row in lean.items():
-            for j, column in lean.items():
-                a.stiffness[i, j] = a.stiffness.get((i, j), 0.0) + strut.stiffness * row * column
-                a.damping[i, j] = a.damping.get((i, j), 0.0) + strut.damping * row * column
+        a.spring({"x": math.cos(strut.angle), "y": math.sin(strut.angle)}, strut.stiffness, strut.damping)
     a.start |= {"x": p.start.displacement, "x'": p.start.velocity, "y": p.start.height, "y'": p.start.height_velocity}
     a.push("y", {name: -value for name, value in load.add(a, p.load, moved).items()})
     a.patch("contact", {"x": 1.0}, drive.add(a, p.drive, "m/s", moved), p.friction.friction())

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from rig.errors import PartError, SceneError
-from rig.plants.structures.film_slider import FilmPoints
+from rig.plants.structures.plate_model import Grid
 from rig.scenes.protocol import Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 
@@ -22,7 +22,7 @@ _ABOVE_MEAN = 5.0
 
 
 @dataclass(frozen=True)
-class Points(FilmPoints):
+class Points(Grid):
     """The points of a scene's film. `load` [N]: the largest load of the scene."""
 
     load: float
@@ -30,7 +30,7 @@ class Points(FilmPoints):
     @classmethod
     def of(cls, scene: Scene) -> Self | None:
         """Return the points of a scene's film; None if it has no film, or a bonded one."""
-        points: FilmPoints | None = getattr(scene.parameters, "film_points", None)
+        points: Grid | None = getattr(scene.parameters, "film_points", None)
         if points is None:
             return None
         return cls(points.length, points.width, points.along, points.across, largest_load(scene))

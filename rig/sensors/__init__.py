@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import ModuleType
-from typing import Any
 
 from rig.errors import PartError
 from rig.parts import Room, code_of, file_of, named, one_class
@@ -36,9 +35,11 @@ if __name__ != "rig.sensors":  # found through the link at the top of a checkout
     raise ImportError("friction-rig's sensors are imported as rig.sensors")
 
 
-def _section(module: ModuleType, kind: str) -> Any:
+def _section(module: ModuleType, kind: str) -> type[Instrument]:
     """The instrument class of a module."""
-    own = one_class(module, lambda one: issubclass(one, Instrument), "Sensor", "class derived from Instrument")
+    own: type[Instrument] = one_class(
+        module, lambda one: issubclass(one, Instrument), "Sensor", "class derived from Instrument"
+    )
     if code_of(module) is None:
         return own
     if lacking := sorted(own.__abstractmethods__):
@@ -47,7 +48,7 @@ def _section(module: ModuleType, kind: str) -> Any:
         raise PartError(f"{file_of(module)}: {own.__name__}.perfect is {brief(own.perfect)}; expected a dict")
     if strange := own.perfect.keys() - own.model_fields.keys() - Instrument.perfect.keys():
         raise PartError(f"{file_of(module)}: {own.__name__}.perfect names {', '.join(sorted(strange))}, no field of it")
-    return named(module, (own,), "kind", kind)
+    return named(module, (own,), "kind", kind)  # type: ignore[no-any-return]
 
 
 KINDS: Room[type[Instrument]] = Room("sensors", __name__, __path__, _section)

@@ -6,18 +6,9 @@ import math
 from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, PositiveSecond
-from rig.sensors.chain import filters
-from rig.sensors.chain.front_end import FrontEnd, deviation
-from rig.sensors.chain.instrument import Instrument
-from rig.sensors.chain.units import (
-    Acceleration,
-    AccelerationDensity,
-    AccelerationPerKelvin,
-    AccelerationSpan,
-    AccelerationStep,
-    Kelvin,
-    Quality,
-)
+from rig.sensors.chain import filters, units
+from rig.sensors.chain.front_end import FrontEnd
+from rig.sensors.chain.instrument import SPANNED, Instrument
 
 
 class Accelerometer(Instrument):
@@ -36,12 +27,9 @@ class Accelerometer(Instrument):
 
     delivers: ClassVar[str] = "m/s^2"
     accepts: ClassVar[str] = "m/s^2"
-    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+    perfect: ClassVar[dict[str, Any]] = SPANNED | {
         "resonance": math.inf,
         "highpass": 0.0,
-        "span": math.inf,
-        "resolution": 0.0,
-        "noise": 0.0,
         "temperature_sensitivity": 0.0,
     }
     part_of: ClassVar[dict[str, str]] = {
@@ -53,14 +41,14 @@ class Accelerometer(Instrument):
     kind: Literal["accelerometer"] = "accelerometer"
     reads: str = "acceleration"
     resonance: Hertz = 40e3
-    quality: Quality = 30.0
+    quality: units.Quality = 30.0
     highpass: Hertz = 0.1
-    span: AccelerationSpan = 100.0
-    resolution: AccelerationStep = 3.1e-3
-    noise: AccelerationDensity = 7e-5
-    offset: Acceleration = 0.0
-    temperature_sensitivity: AccelerationPerKelvin = 0.2
-    warming: Kelvin = 1.0
+    span: units.AccelerationSpan = 100.0
+    resolution: units.AccelerationStep = 3.1e-3
+    noise: units.AccelerationDensity = 7e-5
+    offset: units.Acceleration = 0.0
+    temperature_sensitivity: units.AccelerationPerKelvin = 0.2
+    warming: units.Kelvin = 1.0
     warm_up: PositiveSecond = 300.0
 
     def flawed(self) -> FrontEnd:
@@ -68,17 +56,7 @@ class Accelerometer(Instrument):
         corner, b = 2.0 * math.pi * self.highpass, 1.0 / self.warm_up
         if math.isclose(corner, b, rel_tol=1e-6):  # the limit is a double pole; this is within 1e-6 of it
             b *= 1.0 - 1e-6
-        return FrontEnd(
-            self.instants,
-            self.delay,
-            *filters.resonance(self.resonance, self.quality, self.highpass),
-            gain=self.gain,
-            offset=self.offset,
-            warmth=self.temperature_sensitivity * self.warming * b / (corner - b),
-            fade=b,
-            rise=corner,
-            noise=deviation(self.noise, self.rate),
-            low=-self.span,
-            high=self.span,
-            resolution=self.resolution,
-        )
+        modal = filters.resonance(self.resonance, self.quality, self.highpass)
+        warmth = self.temperature_sensitivity * self.warming * b / (corner - b)
+        drift = {"warmth": warmth, "fade": b, "rise": corner}
+        return self.spanned(modal, self.offset, self.span, self.resolution, self.noise, **drift)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 from rig.quantities import Hertz, PositiveMetre, RadianPerSecond
 from rig.sensors.chain import filters
 from rig.sensors.chain.front_end import FrontEnd, deviation
-from rig.sensors.chain.instrument import Instrument
+from rig.sensors.chain.instrument import SPANNED, Instrument
 from rig.sensors.chain.units import TurnDensity, TurnSpan, TurnStep
 
 
@@ -25,12 +25,7 @@ class DiscSpeed(Instrument):
 
     delivers: ClassVar[str] = "rad/s"
     accepts: ClassVar[str] = "rad/s"
-    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
-        "bandwidth": math.inf,
-        "span": math.inf,
-        "resolution": 0.0,
-        "noise": 0.0,
-    }
+    perfect: ClassVar[dict[str, Any]] = SPANNED | {"bandwidth": math.inf}
 
     kind: Literal["disc_speed"] = "disc_speed"
     reads: str = "disc_speed"
@@ -54,14 +49,5 @@ class DiscSpeed(Instrument):
     def flawed(self) -> FrontEnd:
         """The front end: low-pass; the values of the wheel are converted to its rim for a belt."""
         rim = 1.0 if self.radius is None else float(self.radius)
-        return FrontEnd(
-            self.instants,
-            self.delay,
-            *filters.first_order(self.bandwidth),
-            gain=self.gain,
-            offset=rim * self.offset,
-            noise=rim * deviation(self.noise, self.rate),
-            low=-rim * self.span,
-            high=rim * self.span,
-            resolution=rim * self.resolution,
-        )
+        modal, noise = filters.first_order(self.bandwidth), rim * deviation(self.noise, self.rate)
+        return self.spanned(modal, rim * self.offset, rim * self.span, rim * self.resolution, 0.0, noise=noise)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
 from rig.quantities import Metre, PositiveMetre
+from rig.sensors.chain import filters
 from rig.sensors.chain.front_end import FrontEnd
-from rig.sensors.chain.instrument import Instrument
+from rig.sensors.chain.instrument import SPANNED, Instrument
 from rig.sensors.chain.units import Length
 
 
@@ -25,12 +25,7 @@ class DisplacementLaser(Instrument):
 
     delivers: ClassVar[str] = "m"
     accepts: ClassVar[str] = "m"
-    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
-        "processing": 0,
-        "span": math.inf,
-        "resolution": 0.0,
-        "noise": 0.0,
-    }
+    perfect: ClassVar[dict[str, Any]] = SPANNED | {"processing": 0}
 
     kind: Literal["displacement_laser"] = "displacement_laser"
     reads: str = "displacement"
@@ -42,15 +37,13 @@ class DisplacementLaser(Instrument):
 
     def flawed(self) -> FrontEnd:
         """The front end: mean over a period, published after the processing; an ideal one does not average."""
-        return FrontEnd(
-            self.instants,
-            self.delay + round(self.processing * self.instants.period_ns),
-            direct=1.0 if self.ideal else 0.0,
-            averages=not self.ideal,
-            gain=self.gain,
-            offset=self.offset,
+        return self.spanned(
+            filters.PASS if self.ideal else filters.Modal(),
+            self.offset,
+            self.span,
+            self.resolution,
+            0.0,
             noise=self.noise,
-            low=-self.span,
-            high=self.span,
-            resolution=self.resolution,
+            delay_ns=self.delay + round(self.processing * self.instants.period_ns),
+            averages=not self.ideal,
         )

@@ -9,8 +9,8 @@ from pydantic import ValidationInfo, field_validator
 
 from rig.quantities import Hertz, MetrePerSecond, PositiveMetrePerSecond, Second
 from rig.sensors.chain import filters
-from rig.sensors.chain.front_end import FrontEnd, deviation
-from rig.sensors.chain.instrument import Instrument
+from rig.sensors.chain.front_end import FrontEnd
+from rig.sensors.chain.instrument import SPANNED, Instrument
 from rig.sensors.chain.units import AccelerationSpan, PerSecond, SpeedDensity, SpeedStep
 
 
@@ -33,14 +33,7 @@ class LaserVibrometer(Instrument):
 
     delivers: ClassVar[str] = "m/s"
     accepts: ClassVar[str] = "m/s"
-    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
-        "bandwidth": math.inf,
-        "span": math.inf,
-        "resolution": 0.0,
-        "noise": 0.0,
-        "slew": math.inf,
-        "dropout_rate": 0.0,
-    }
+    perfect: ClassVar[dict[str, Any]] = SPANNED | {"bandwidth": math.inf, "slew": math.inf, "dropout_rate": 0.0}
     part_of: ClassVar[dict[str, str]] = dict.fromkeys(
         ("dropout", "dropout_shortest", "dropout_longest"), "dropout_rate"
     )
@@ -68,16 +61,12 @@ class LaserVibrometer(Instrument):
 
     def flawed(self) -> FrontEnd:
         """The front end: Bessel filter, drop-outs, slew limit."""
-        return FrontEnd(
-            self.instants,
-            self.delay,
-            *filters.bessel(self.bandwidth),
-            gain=self.gain,
-            offset=self.offset,
-            noise=deviation(self.noise, self.rate),
-            low=-self.span,
-            high=self.span,
-            resolution=self.resolution,
+        return self.spanned(
+            filters.bessel(self.bandwidth),
+            self.offset,
+            self.span,
+            self.resolution,
+            self.noise,
             slew=self.slew,
             dropout_rate=self.dropout_rate,
             dropout_shortest=self.dropout_shortest,

@@ -8,19 +8,9 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from rig.quantities import Hertz, PositiveMetre, PositiveMetrePerSecond
-from rig.sensors.chain import filters
+from rig.sensors.chain import filters, units
 from rig.sensors.chain.front_end import FrontEnd, deviation
-from rig.sensors.chain.instrument import Instrument
-from rig.sensors.chain.units import (
-    Paths,
-    Pressure,
-    PressureDensity,
-    PressureOffset,
-    PressurePerSpeed,
-    PressureSpan,
-    Quality,
-    Share,
-)
+from rig.sensors.chain.instrument import SPANNED, Instrument
 
 
 class Microphone(Instrument):
@@ -40,14 +30,11 @@ class Microphone(Instrument):
 
     delivers: ClassVar[str] = "Pa"
     accepts: ClassVar[str] = "m/s"
-    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+    perfect: ClassVar[dict[str, Any]] = SPANNED | {
         "distance": 0.0,
         "paths": (),
         "resonance": math.inf,
         "highpass": 0.0,
-        "span": math.inf,
-        "resolution": 0.0,
-        "noise": 0.0,
         "background": 0.0,
     }
     part_of: ClassVar[dict[str, str]] = {
@@ -59,19 +46,19 @@ class Microphone(Instrument):
 
     kind: Literal["microphone"] = "microphone"
     reads: str = "velocity"
-    radiation: PressurePerSpeed = 11.0
+    radiation: units.PressurePerSpeed = 11.0
     distance: PositiveMetre = 0.5
     sound_speed: PositiveMetrePerSecond = 343.0
-    paths: Paths = (1.4, 2.6, 4.1)
-    reflection: Share = 0.5
+    paths: units.Paths = (1.4, 2.6, 4.1)
+    reflection: units.Share = 0.5
     resonance: Hertz = 23e3
-    quality: Quality = 0.7
+    quality: units.Quality = 0.7
     highpass: Hertz = 4.0
-    noise: PressureDensity = 7.8e-7
-    background: Pressure = 0.03
-    offset: PressureOffset = 0.0
-    span: PressureSpan = 400.0
-    resolution: Pressure = 4.8e-5
+    noise: units.PressureDensity = 7.8e-7
+    background: units.Pressure = 0.03
+    offset: units.PressureOffset = 0.0
+    span: units.PressureSpan = 400.0
+    resolution: units.Pressure = 4.8e-5
 
     @model_validator(mode="after")
     def _longer(self) -> Self:
@@ -91,18 +78,16 @@ class Microphone(Instrument):
 
     def flawed(self) -> FrontEnd:
         """The front end: delay of the sound path, diaphragm and vent, echoes as delayed and attenuated copies."""
-        return FrontEnd(
-            self.instants,
-            self.delay + round(1e9 * self.distance / self.sound_speed),
-            *filters.resonance(self.resonance, self.quality, self.highpass),
-            gain=self.gain,
-            offset=self.offset,
-            echoes=tuple(
-                (self.reflection * self.distance / path, (path - self.distance) / self.sound_speed)
-                for path in self.paths
-            ),
+        echoes = tuple(
+            (self.reflection * self.distance / path, (path - self.distance) / self.sound_speed) for path in self.paths
+        )
+        return self.spanned(
+            filters.resonance(self.resonance, self.quality, self.highpass),
+            self.offset,
+            self.span,
+            self.resolution,
+            0.0,
             noise=math.hypot(deviation(self.noise, self.rate), self.background),
-            low=-self.span,
-            high=self.span,
-            resolution=self.resolution,
+            delay_ns=self.delay + round(1e9 * self.distance / self.sound_speed),
+            echoes=echoes,
         )

@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, Newton
 from rig.sensors.chain import filters
-from rig.sensors.chain.front_end import FrontEnd, deviation
-from rig.sensors.chain.instrument import Instrument
+from rig.sensors.chain.front_end import FrontEnd
+from rig.sensors.chain.instrument import SPANNED, Instrument
 from rig.sensors.chain.units import ForceDensity, ForceRate, ForceSpan, ForceStep, Quality
 
 
@@ -25,13 +25,7 @@ class NormalForce(Instrument):
 
     delivers: ClassVar[str] = "N"
     accepts: ClassVar[str] = "N"
-    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
-        "bandwidth": math.inf,
-        "span": math.inf,
-        "resolution": 0.0,
-        "noise": 0.0,
-        "drift": 0.0,
-    }
+    perfect: ClassVar[dict[str, Any]] = SPANNED | {"bandwidth": math.inf, "drift": 0.0}
     part_of: ClassVar[dict[str, str]] = {"quality": "bandwidth"}
 
     kind: Literal["normal_force"] = "normal_force"
@@ -46,15 +40,5 @@ class NormalForce(Instrument):
 
     def flawed(self) -> FrontEnd:
         """The front end: low-pass and linear drift."""
-        return FrontEnd(
-            self.instants,
-            self.delay,
-            *filters.second_order(self.bandwidth, self.quality),
-            gain=self.gain,
-            offset=self.offset,
-            slope=self.drift,
-            noise=deviation(self.noise, self.rate),
-            low=-self.span,
-            high=self.span,
-            resolution=self.resolution,
-        )
+        modal = filters.second_order(self.bandwidth, self.quality)
+        return self.spanned(modal, self.offset, self.span, self.resolution, self.noise, slope=self.drift)

@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, Number, PositiveSecond
 from rig.sensors.chain import filters
-from rig.sensors.chain.front_end import FrontEnd, deviation
-from rig.sensors.chain.instrument import Instrument
+from rig.sensors.chain.front_end import FrontEnd
+from rig.sensors.chain.instrument import SPANNED, Instrument
 from rig.sensors.chain.units import Kelvin, StrainDensity, StrainPerKelvin, StrainPerNewton, StrainSpan, StrainStep
 
 
@@ -27,13 +27,7 @@ class StrainGauge(Instrument):
 
     delivers: ClassVar[str] = "1"
     accepts: ClassVar[str] = "N"
-    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
-        "bandwidth": math.inf,
-        "span": math.inf,
-        "resolution": 0.0,
-        "noise": 0.0,
-        "zero_drift": 0.0,
-    }
+    perfect: ClassVar[dict[str, Any]] = SPANNED | {"bandwidth": math.inf, "zero_drift": 0.0}
     part_of: ClassVar[dict[str, str]] = {"warming": "zero_drift", "warm_up": "zero_drift"}
 
     kind: Literal["strain_gauge"] = "strain_gauge"
@@ -55,16 +49,6 @@ class StrainGauge(Instrument):
 
     def flawed(self) -> FrontEnd:
         """The front end: amplifier and zero drift."""
-        return FrontEnd(
-            self.instants,
-            self.delay,
-            *filters.second_order(self.bandwidth, math.sqrt(0.5)),
-            gain=self.gain,
-            offset=self.offset,
-            warmth=self.zero_drift * self.warming,
-            rise=1.0 / self.warm_up,
-            noise=deviation(self.noise, self.rate),
-            low=-self.span,
-            high=self.span,
-            resolution=self.resolution,
-        )
+        modal = filters.second_order(self.bandwidth, math.sqrt(0.5))
+        drift = {"warmth": self.zero_drift * self.warming, "rise": 1.0 / self.warm_up}
+        return self.spanned(modal, self.offset, self.span, self.resolution, self.noise, **drift)

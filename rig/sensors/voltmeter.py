@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, PositiveVolt, Volt
 from rig.sensors.chain import filters
-from rig.sensors.chain.front_end import FrontEnd, deviation
-from rig.sensors.chain.instrument import Instrument
+from rig.sensors.chain.front_end import FrontEnd
+from rig.sensors.chain.instrument import SPANNED, Instrument
 from rig.sensors.chain.units import Voltage, VoltageDensity
 
 
@@ -23,12 +23,7 @@ class Voltmeter(Instrument):
 
     delivers: ClassVar[str] = "V"
     accepts: ClassVar[str] = "V"
-    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
-        "bandwidth": math.inf,
-        "span": math.inf,
-        "resolution": 0.0,
-        "noise": 0.0,
-    }
+    perfect: ClassVar[dict[str, Any]] = SPANNED | {"bandwidth": math.inf}
 
     kind: Literal["voltmeter"] = "voltmeter"
     reads: str = "stack_voltage"
@@ -40,14 +35,5 @@ class Voltmeter(Instrument):
 
     def flawed(self) -> FrontEnd:
         """The front end: second-order low-pass."""
-        return FrontEnd(
-            self.instants,
-            self.delay,
-            *filters.second_order(self.bandwidth, math.sqrt(0.5)),
-            gain=self.gain,
-            offset=self.offset,
-            noise=deviation(self.noise, self.rate),
-            low=-self.span,
-            high=self.span,
-            resolution=self.resolution,
-        )
+        modal = filters.second_order(self.bandwidth, math.sqrt(0.5))
+        return self.spanned(modal, self.offset, self.span, self.resolution, self.noise)

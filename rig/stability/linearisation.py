@@ -1,16 +1,11 @@
 """Steady sliding: the equilibrium of a mode set, its Jacobian and eigenvalues, from the matrices of the run.
 
-    0 = A x + b T(x),   dx' = (A + b dT/dx) dx        rig.stability.linearisation
+    0 = A x + b T(x),   dx' = (A + b dT/dx) dx
+    T_p = sigma mu(sigma w_p) N_p,   dT_p = sigma mu dN_p + N_p mu' dw_p,   N = load x + load_t T
 
 Driving states without an equilibrium of their own (commands, generators) are held at their values; lags take their
 steady values. The eigenvalues are those of the states that structure and network move. States that only drive them (the
-exosystem) have a spectrum of their own.
-
-The linearised equations of a mode set at a state: the Jacobian, and the states whose eigenvalues count.
-
-dx' = (A + b dT/dx) dx
-T_p = sigma mu(sigma w_p) N_p,   dT_p = sigma mu dN_p + N_p mu' dw_p,   N = load x + load_t T
-products by the product rule (rig.solve.forces)
+exosystem) have a spectrum of their own. Products are differentiated by the product rule (rig.solve.forces).
 """
 
 from __future__ import annotations

@@ -2,9 +2,7 @@
 
 Friction rigs are unstable on purpose: their vibration grows from sliding into stick-slip. The report lists such growth
 as information. An error is a growth that no part of the rig limits, because the run would then end at the
-largest allowed state (rig.stability.report).
-
-What limits a growing motion.
+largest allowed state. A growing motion is limited by
 
     a limiter          that the motion reaches and that makes it decay once it clamps
     the friction law   if its fall with speed causes the growth: the growth ends where the law is flat
@@ -32,7 +30,8 @@ from numpy.typing import NDArray
 
 from rig.errors import Singular
 from rig.model import friction_law
-from rig.model.singular import assembled, bearing_mass
+from rig.model.formulation import bearing_mass
+from rig.model.singular import assembled
 from rig.model.system import Finding, Level, Normal, Patch, System
 from rig.solve.records import OPEN, STICK
 from rig.stability.linearisation import Steady, moving_states, steady
@@ -231,7 +230,7 @@ def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
     speeds = [abs(float(patch.surface @ system.start)) for patch in system.patches]
     for share in np.linspace(0.0, _FAST, _SPEEDS).tolist():
         mu = [float(system.law(p, sectors).mu(share * speed)) for p, speed in enumerate(speeds)]
-        Me = bearing_mass(system, key, mu.__getitem__)
+        Me = bearing_mass(system, key, mu)
         worst = min(worst, float(np.linalg.det(Me) / np.linalg.det(M)))
     if worst <= 0.0:
         yield _jammed(name, worst)

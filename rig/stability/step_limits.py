@@ -1,6 +1,6 @@
 """Limits of the step and the tolerance: where a method is unstable, coarse or stiff, and which step it needs.
 
-The mode sets that the stability report examines: all of them for few contacts, a selection for many.
+They are examined in all mode sets of a rig with few contacts, in a selection for many (`mode_sets`).
 """
 
 from __future__ import annotations

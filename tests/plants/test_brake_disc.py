@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 import rig
 from rig.effects.disc_modes import free_modes
-from rig.plants.structures.bending import Bending
+from rig.plants.structures.multibody import Bending
 
 PLATE = {
     "disc_modes.inner_radius": 0.07,

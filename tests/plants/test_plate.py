@@ -61,10 +61,10 @@ def independent(p, duration, h, every, written):
     for step in range(1, round(duration / h) + 1):
         v = v + 0.5 * h * (pushed - K * q - C * v) / mass
         q = q + h * v
-        where = (block.position + (speed * step * h if block.travels else 0.0)) / model.pitch
+        where = (block.position + (speed * step * h if block.travels else 0.0)) / model.grid.pitch
         if int(where) != cell:
             cell = int(where)
-            here, there = rows(cell * model.pitch), rows((cell + 1) * model.pitch)
+            here, there = rows(cell * model.grid.pitch), rows((cell + 1) * model.grid.pitch)
         up, along, across = here + (where - cell) * (there - here)
         deep = up.T @ q
         P = np.where(deep > 0.0, np.maximum(k * deep + c * (up.T @ (v + 0.5 * h * (pushed - K * q) / mass)), 0.0), 0.0)
@@ -130,7 +130,7 @@ def test_a_footprint_under_even_pressure_sinks_as_independent_elements_do():
     rows = film.everywhere(0.02185)[0][: len(model.frequencies)]
     pressure = REFERENCE["pressure"]
     force = rows.sum(axis=1) * pressure * 0.043 * 0.0253 / film.points
-    mean = (rows.T @ (force / (2.0 * np.pi * model.frequencies) ** 2)).mean() + pressure * model.residual
+    mean = (rows.T @ (force / (2.0 * np.pi * model.frequencies) ** 2)).mean() + pressure * model.surface.residual
     assert 1e9 * mean == pytest.approx(REFERENCE["deflection_nm"], rel=0.01)
 
 

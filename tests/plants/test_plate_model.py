@@ -79,14 +79,14 @@ def test_what_modes_leave_out_is_in_the_residual():
 
 
 def test_shapes_at_places_are_those_of_the_surface(soft):
-    assert soft.pitch <= 0.5e-3
-    assert soft.pitch * soft.stride == pytest.approx(0.043 / 12)
+    assert soft.grid.pitch <= 0.5e-3
+    assert soft.grid.pitch * soft.grid.stride == pytest.approx(0.043 / 12)
     points = np.array([3, 7])
-    position = 100 * soft.pitch
-    there = soft.surface.at(position + (points + 0.5) * 0.043 / 12, GRID.lines)
-    assert soft.shapes[..., 100 + points * soft.stride] == pytest.approx(there, rel=1e-12, abs=1e-12)
+    position = 100 * soft.grid.pitch
+    there = soft.surface.at(position + (points + 0.5) * 0.043 / 12, GRID.y)
+    assert soft.shapes[..., 100 + points * soft.grid.stride] == pytest.approx(there, rel=1e-12, abs=1e-12)
     travel = 0.0867 - 0.043
-    assert soft.shapes.shape == (40, 3, 8, np.ceil(travel / soft.pitch) + 1 + 11 * soft.stride)
+    assert soft.shapes.shape == (40, 3, 8, np.ceil(travel / soft.grid.pitch) + 1 + 11 * soft.grid.stride)
 
 
 def test_a_probe_has_the_shapes_of_its_point(soft):
@@ -115,12 +115,12 @@ def test_a_free_plate_has_its_mass():
 @pytest.mark.parametrize("along", [1, 12, 100])
 def test_every_position_of_the_slider_has_its_places(along):
     found = build(plate((4, 4, 1), modes=8), foam(), Grid(0.043, 0.0253, along, 2), (0.01, 0.0))
-    last = (0.0867 - 0.043) / found.pitch  # of the slider, in places
-    assert np.ceil(last - 1e-9) + (along - 1) * found.stride == found.shapes.shape[3] - 1
+    last = (0.0867 - 0.043) / found.grid.pitch  # of the slider, in places
+    assert np.ceil(last - 1e-9) + (along - 1) * found.grid.stride == found.shapes.shape[3] - 1
     before = int(last)
     share = last - before
-    ends = [found.shapes[..., before + n + (along - 1) * found.stride] for n in (0, 1)]
-    exact = found.surface.at(np.array([0.0867 - 0.5 * 0.043 / along]), found.grid.lines)[..., 0]
+    ends = [found.shapes[..., before + n + (along - 1) * found.grid.stride] for n in (0, 1)]
+    exact = found.surface.at(np.array([0.0867 - 0.5 * 0.043 / along]), found.grid.y)[..., 0]
     assert (1.0 - share) * ends[0] + share * ends[1] == pytest.approx(exact, abs=0.01 * np.abs(exact).max())
 
 
@@ -152,7 +152,7 @@ def test_a_model_travels_as_bytes(soft):
     assert again.to_bytes() == content
     assert (again.shapes == soft.shapes).all()
     assert (again.probe == soft.probe).all()
-    assert (again.pitch, again.residual, again.grid) == (soft.pitch, soft.residual, soft.grid)
+    assert (again.grid.pitch, again.surface.residual, again.grid) == (soft.grid.pitch, soft.surface.residual, soft.grid)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
 """Structures that plants use: beams, rigid bodies, plates of finite elements, and the store of reduced models.
 
-bending         modes of a clamped beam; the bending disc of the brake
+bending         modes of a clamped beam
 series          power series of two small angles
-multibody       rigid bodies on springs
+multibody       bodies on springs: rigid ones, and the bending disc of the brake
 hexahedra       finite elements of solids
 plate_elements  plate and foam of finite elements
 plate_model     the plate, reduced to its modes; plate_surface: shapes of the plate at its top face

@@ -7,16 +7,12 @@ The slider's upper face is guided: the slider heaves (z), pitches (theta) and ro
 load F presses on this face. h: distance from this face to the plate. The slider starts at `slider.position` and moves
 along the plate's x at the speed of the drive; friction acts on the plate in this direction. Half of the film's
 mass moves with the slider.
-
-The points of a contact film: their positions, and the output with the pressure of each.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -39,36 +35,6 @@ from rig.quantities import KilogramPerCubicMetre, NonNegativeMetre, Pascal, Pois
 from rig.solve import film_steps
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class FilmPoints:
-    """The points of a film: `along` x `across` equal areas of a slider of `length` x `width` [m]."""
-
-    length: float
-    width: float
-    along: int
-    across: int
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the pressure outputs, in order of the lines across the slider from the rear."""
-        return tuple(f"pressure_{i}_{j}" for i in range(1, self.along + 1) for j in range(1, self.across + 1))
-
-    @property
-    def x(self) -> Array:
-        """Positions [m] of the points along the travel, from the slider's middle."""
-        return ((np.arange(self.along) + 0.5) / self.along - 0.5) * self.length
-
-    @property
-    def y(self) -> Array:
-        """Positions [m] of the points across the travel, from the slider's middle."""
-        return ((np.arange(self.across) + 0.5) / self.across - 0.5) * self.width
-
-    def maps(self, signals: Mapping[str, Array]) -> Array:
-        """Pressures [instant, along, across] in Pa; 0 where a point is open."""
-        table = np.stack([signals[name] for name in self.names], axis=-1)
-        return table.reshape(*table.shape[:-1], self.along, self.across)
 
 
 Along = Annotated[int, Ge(1), Le(64)]
@@ -146,11 +112,6 @@ class SliderTables(NamedTuple):
     load: Load
     friction: Constant
 
-    @property
-    def points(self) -> FilmPoints:
-        """The points of the film."""
-        return FilmPoints(self.slider.length, self.slider.width, self.film.along, self.film.across)
-
 
 def motion_of(what: str, row: Row, unit: str, plots: tuple[Plot, Plot, Plot]) -> dict[str, Output]:
     """The outputs displacement, velocity and acceleration of `what`, in these plots; `row`: its displacement [unit]."""
@@ -203,7 +164,7 @@ def add(a: Assembly, p: SliderTables, grid: Grid, model: Reduced, names: list[st
         "surface_speed": Output(dict(speed), "m/s", Plot(), "drive"),
     }
     if p.film.opens:
-        _contact(a, p, own)
+        _contact(a, grid, own)
 
 
 def _pressed(p: SliderTables, names: list[str], values: Array) -> Row:
@@ -216,12 +177,11 @@ def _pressed(p: SliderTables, names: list[str], values: Array) -> Row:
 
 def _film(p: SliderTables, grid: Grid, model: Reduced) -> film.Film:
     """The film with its points, those of the left half first."""
-    lines = np.flatnonzero(grid.lines > 0.0)
+    lines = np.flatnonzero(grid.y > 0.0)
     count = model.shapes.shape[3] - (grid.along - 1) * grid.stride
     components = (Z, X, Y)[: 3 if p.film.lateral else 2]
     h = p.slider.thickness + p.film.thickness
-    x = ((np.arange(grid.along) + 0.5) / grid.along - 0.5) * grid.length
-    pairs_x, pairs_y = np.repeat(x, len(lines)), np.tile(grid.lines[lines], grid.along)
+    pairs_x, pairs_y = np.repeat(grid.x, len(lines)), np.tile(grid.y[lines], grid.along)
     modes = len(model.frequencies)
     rows = np.zeros((count, len(components), modes + len(SLIDER), len(pairs_x)))
     at = np.arange(count)[:, None] + np.arange(grid.along) * grid.stride
@@ -235,11 +195,11 @@ def _film(p: SliderTables, grid: Grid, model: Reduced) -> film.Film:
     area = p.slider.length * p.slider.width / (2 * len(pairs_x))
     stiffness = p.film.normal
     if p.film.completed:
-        stiffness = 1.0 / (1.0 / stiffness + model.residual)
+        stiffness = 1.0 / (1.0 / stiffness + model.surface.residual)
     return film.Film(
         rows=rows,
         parity=np.array([*_parity(model), 1.0, 1.0, -1.0]),
-        pitch=model.pitch,
+        pitch=grid.pitch,
         travel="position",
         slid="position" if p.slider.travels else "slid",
         longest=float(model.surface.x[-1] - model.surface.x[0]) - grid.length,
@@ -259,7 +219,7 @@ def _parity(model: Reduced) -> Array:
     return np.asarray(np.sign(both), dtype=np.float64)
 
 
-def _contact(a: Assembly, p: SliderTables, own: film.Film) -> None:
+def _contact(a: Assembly, grid: Grid, own: film.Film) -> None:
     """Add the outputs of all points together and of each point."""
     a.outputs |= {
         "normal_force": Output({over("normal"): 1.0}, "N", FORCES),
@@ -269,11 +229,11 @@ def _contact(a: Assembly, p: SliderTables, own: film.Film) -> None:
         "pressure_centre_y": Output({over("centre_y"): 1.0}, "m", CENTRE),
         "openings": Output({over("openings"): 1.0 / film_steps.COUNTED}, "1", Plot()),
     }
-    area = p.slider.length * p.slider.width / own.points
-    for name, point in places(p.points, own).items():
+    area = grid.length * grid.width / own.points
+    for name, point in places(grid, own).items():
         a.outputs[name] = Output({film.at("P", point): 1.0 / area}, "Pa")
 
 
-def places(points: FilmPoints, own: film.Film) -> dict[str, int]:
+def places(points: Grid, own: film.Film) -> dict[str, int]:
     """Pressure output -> number of the point; in order from the rear, then from the right."""
     return dict(zip(points.names, np.lexsort((own.y, own.x)).tolist(), strict=True))

@@ -104,7 +104,7 @@ def assemble(x: Array, y: Array, z: Array, parts: Sequence[Part], held: bool) ->
     order = np.lexsort(lattice.T)
     places, lattice = places[order], lattice[order]
 
-    def assembled(form: Any, basis: Any) -> Any:
+    def assembled(form: Any, basis: Any) -> scipy.sparse.csr_matrix:
         return skfem.BilinearForm(form).assemble(basis)[order][:, order]
 
     blocks: Any = [[0, 0, 0] for _ in range(3)]
@@ -251,7 +251,7 @@ class _Class:
         return squares[order], vectors[:, order]
 
 
-def _symmetric(structure: Structure, signs: tuple[float, float]) -> Any:
+def _symmetric(structure: Structure, signs: tuple[float, float]) -> scipy.sparse.csr_matrix:
     """Orthonormal basis [unknown, own unknown] of the displacements of one class."""
     lattice = structure.lattice
     count = len(lattice)

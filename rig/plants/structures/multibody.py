@@ -1,21 +1,33 @@
-"""Rigid bodies in a plane, joined by springs: three degrees of freedom each, geometry by named points.
+"""Bodies in a plane, joined by springs, with their geometry by named points: rigid ones, and a disc that bends.
 
-The coordinates of a body are x, z and the rotation phi; its point (a along x, b along z) moves by
+The coordinates of a rigid body are x, z and the rotation phi; its point (a along x, b along z) moves by
 
     u_x = x + b phi,   u_z = z - a phi
 
 A spring of stiffness k between two points, or between a point and the ground, along x or z (or between two rotations)
 adds k b b^T, where b is the motion of its first point minus that of its second.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c (kind of model; rows derived here).
+
+In the bending disc of a brake, modes of a free annular plate replace the axial motion and the tilt of a rigid disc:
+
+    u_z = w(theta) = sum R(r) (C cos l theta + S sin l theta),   u_x = x - b dw / (r dtheta),   theta = a / r
+
+for the point at the distance a along the circle on which the pads rub and b from the middle plane. For a rigid disc
+these are z - a phi and x + b phi. The springs of a rigid disc along z and phi represent bending and are not used here.
+At the speeds of a braking disc (l Omega of a few rad/s) the effect of the rotation on a pair of modes is far below its
+damping and is neglected.
+Source: rig.effects.disc_modes; slope as in Liu and Ouyang, Meccanica 55 (2020), section 3; derived.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from rig.effects.disc_modes import Disc, free_modes
 from rig.model.named_rows import Row
 from rig.quantities import (
     Kilogram,
@@ -56,6 +68,39 @@ class Body(Section):
     def acts_on(self, point: str, direction: str) -> bool:
         """Whether a spring at this point along this direction acts on a coordinate."""
         return True
+
+
+class Bending(Body):
+    """A bending disc: its mass along x, its points; deflection of `disc` at `radius` [m]."""
+
+    disc: Disc
+    radius: float
+
+    def coordinates(self, name: str) -> dict[str, tuple[float, float, float]]:
+        """See `Body.coordinates`."""
+        bends = {
+            f"{name}.{part}": (1.0, 2.0 * self.disc.damping_ratio * mode.omega, mode.omega**2)
+            for mode in free_modes(self.disc)
+            for part in mode.names
+        }
+        return {f"{name}.x": (self.mass, 0.0, 0.0)} | bends
+
+    def row(self, name: str, a: float, b: float, direction: str) -> Row:
+        """See `Body.row`."""
+        row: Row = {f"{name}.x": 1.0} if direction == "x" else {}
+        for mode in free_modes(self.disc):
+            l, deflection = mode.diameters, mode.at(self.radius)
+            turn = l * a / self.radius
+            shapes = (math.cos(turn), math.sin(turn))
+            slopes = (-l * math.sin(turn) / self.radius, l * math.cos(turn) / self.radius)
+            for part, shape, slope in zip(mode.names, shapes, slopes):
+                moved = {"x": -b * slope, "z": shape}.get(direction, -slope)
+                row[f"{name}.{part}"] = deflection * moved
+        return row
+
+    def acts_on(self, point: str, direction: str) -> bool:
+        """See `Body.acts_on`."""
+        return bool(point) or direction == "x"
 
 
 class Straight(Section):

@@ -16,7 +16,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Self
@@ -47,9 +49,24 @@ class Grid:
     across: int
 
     @property
-    def lines(self) -> Array:
-        """Positions y [m] of the lines of points along the plate."""
+    def x(self) -> Array:
+        """Positions [m] of the points along the travel, from the slider's middle."""
+        return ((np.arange(self.along) + 0.5) / self.along - 0.5) * self.length
+
+    @property
+    def y(self) -> Array:
+        """Positions [m] of the points across the travel, from the slider's middle."""
         return ((np.arange(self.across) + 0.5) / self.across - 0.5) * self.width
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the pressure outputs, in order of the lines across the slider from the rear."""
+        return tuple(f"pressure_{i}_{j}" for i in range(1, self.along + 1) for j in range(1, self.across + 1))
+
+    def maps(self, signals: Mapping[str, Array]) -> Array:
+        """Pressures [instant, along, across] in Pa; 0 where a point is open."""
+        table = np.stack([signals[name] for name in self.names], axis=-1)
+        return table.reshape(*table.shape[:-1], self.along, self.across)
 
     @property
     def stride(self) -> int:
@@ -67,8 +84,8 @@ class Reduced:
     """The structure for contact points that move with the slider.
 
     `shapes` [mode, 3 (x, y, z), line, position] kg^-0.5: on the contact grid's lines along the plate, at positions with
-    the distance `pitch` [m]. With the slider at n `pitch`, point i along is at position n + i `stride`. In between,
-    shapes are interpolated linearly. `probe` [mode, 3] kg^-0.5: shapes at `point`, x and y [m].
+    the distance `grid.pitch` [m]. With the slider at n pitches, point i along is at position n + i `grid.stride`. In
+    between, shapes are interpolated linearly. `probe` [mode, 3] kg^-0.5: shapes at `point`, x and y [m].
     """
 
     surface: Surface
@@ -81,21 +98,6 @@ class Reduced:
     def frequencies(self) -> Array:
         """Frequencies [Hz] of the modes, ascending."""
         return self.surface.frequencies
-
-    @property
-    def residual(self) -> float:
-        """Mean deflection per pressure that the modes lack [m/Pa]; it acts in series with the film."""
-        return self.surface.residual
-
-    @property
-    def pitch(self) -> float:
-        """Between two places [m]."""
-        return self.grid.pitch
-
-    @property
-    def stride(self) -> int:
-        """Places from a contact point to the next one along."""
-        return self.grid.stride
 
     def to_bytes(self) -> bytes:
         """The model as bytes with a checksum; equal models give equal bytes, which hold all that `from_bytes` needs."""
@@ -121,7 +123,7 @@ class Reduced:
         travel = surface.x[-1] - surface.x[0] - grid.length
         count = math.ceil(travel / grid.pitch - 1e-9) + 1 + (grid.along - 1) * grid.stride
         places = 0.5 * grid.length / grid.along + np.arange(count) * grid.pitch  # the last may be beside the plate
-        shapes = np.ascontiguousarray(surface.continued(places, grid.lines))
+        shapes = np.ascontiguousarray(surface.continued(places, grid.y))
         probe = surface.at(np.array([point[0]]), np.array([point[1]]))[:, :, 0, 0]
         return cls(surface, grid, point, shapes, probe)
 

@@ -1,6 +1,7 @@
 """The sample instants of an instrument: sample k at round(k / rate) in whole nanoseconds, without accumulated error.
 
-Random numbers of the instruments, drawn in advance: the division of a run into frames has no influence on them.
+`Stream` draws the random numbers of an instrument in advance: the division of a run into frames has no influence on
+them.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ SECOND = 1_000_000_000  # ns
 FINEST_STEP = 1000  # ns
 _LARGEST = 1 << 31  # products of two such numbers are int64
 
+_PIECE = 1 << 16
 Integers = NDArray[np.int64]
 
 
@@ -107,9 +109,6 @@ def common_step(frame_ns: int, instants: Iterable[Instants]) -> int:
         if frame_ns % period == 0 and math.gcd(step, period) >= finest:
             step = math.gcd(step, period)
     return step
-
-
-_PIECE = 1 << 16
 
 
 class Stream:

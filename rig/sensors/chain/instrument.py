@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from typing import Any, ClassVar, Self
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from rig.quantities import Section
-from rig.sensors.chain.front_end import FrontEnd
+from rig.sensors.chain.filters import Modal
+from rig.sensors.chain.front_end import FrontEnd, deviation
 from rig.sensors.chain.instants import Instants
 from rig.sensors.chain.units import Delay, GainError, Rate
 
@@ -91,9 +93,24 @@ class Instrument(Section):
     def flawed(self) -> FrontEnd:
         """The front end with all its flaws."""
 
+    def spanned(
+        self, modal: Modal, offset: float, span: float, resolution: float, density: float, **more: Any
+    ) -> FrontEnd:
+        """A front end with this filter, which saturates at +-`span`, and white noise of this density [unit/sqrt(Hz)].
+
+        Delay and gain are those of the instrument. `more`: further fields of the front end, or others of these.
+        """
+        common = {"delay_ns": self.delay, "gain": self.gain, "noise": deviation(density, self.rate)}
+        limits = {"offset": offset, "low": -span, "high": span, "resolution": resolution}
+        return FrontEnd(self.instants, **modal._asdict() | common | limits | more)
+
     def front_end(self) -> FrontEnd:
         """The front end that the bank runs: with all flaws, or with `ideal` only with those that are stated."""
         if not self.ideal:
             return self.flawed()
         absent = {key: value for key, value in self.perfect.items() if key not in self.model_fields_set}
         return self.model_copy(update=absent).flawed()
+
+
+SPANNED = Instrument.perfect | {"span": math.inf, "resolution": 0.0, "noise": 0.0}
+"""`perfect` of an instrument with a span, a resolution and noise."""
