@@ -13,7 +13,6 @@ import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from rig.qualify.cost.reference import references
 from rig.qualify.cost.table import WORST, recommended
 from rig.scenes.loader import load
 from rig.scenes.scene import Scene
+from rig.scenes.source import dotted
 
 RIGS, SEED, ROUNDS = 24, 20261122, 7
 MEETS, WITHIN = 0.95, 1.3
@@ -54,7 +54,7 @@ def drawn(count: int, seed: int) -> Iterator[tuple[Scene, float]]:
     draw = np.random.default_rng(seed)
     for i in range(count):
         name = SCENES[i % len(SCENES)]
-        values = dict(_numbers(load(name).parameters.model_dump()))
+        values = {key: v for key, v in dotted(load(name).parameters.model_dump()) if isinstance(v, float)}
         changes = {
             key: value * 10.0 ** draw.uniform(-SPREAD, SPREAD)
             for key, value in values.items()
@@ -63,14 +63,6 @@ def drawn(count: int, seed: int) -> Iterator[tuple[Scene, float]]:
         faster = changes["drive.speed"] / values["drive.speed"]
         changes |= {key: value * faster for key, value in values.items() if key.endswith("velocity") and value}
         yield load(name, changes), float(draw.choice(TARGETS))
-
-
-def _numbers(raw: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
-    for key, value in raw.items():
-        if isinstance(value, dict):
-            yield from _numbers(value, f"{prefix}{key}.")
-        elif isinstance(value, float):
-            yield prefix + key, value
 
 
 def judged(scene: Scene, target: float, rounds: int = ROUNDS) -> HeldOutRig:
@@ -104,18 +96,11 @@ def main() -> int:
         sys.stdout.write(f"{held_out.rig:16} {held_out.setting:18} {met} {held_out.target:.0e} with "
                          f"{held_out.error:.1e}, {held_out.ratio:.2f} of the cheapest\n")  # fmt: skip
         sys.stdout.flush()
-    meets, within = share(rigs)
+    meets = float(np.mean([held_out.error <= held_out.target for held_out in rigs]))
+    within = float(np.mean([held_out.ratio <= WITHIN for held_out in rigs]))
     sys.stdout.write(f"{len(rigs)} of {given.rigs} rigs have a setting for the target; error met in {meets:.0%} of "
                      f"these (goal {MEETS:.0%}), cost within {WITHIN:g} in {within:.0%}\n")  # fmt: skip
     return 0 if meets >= MEETS and within >= MEETS else 1
-
-
-def share(rigs: list[HeldOutRig]) -> tuple[float, float]:
-    """Return the shares of the rigs that meet their target error, and whose cost is within `WITHIN` of the cheapest."""
-    return (
-        float(np.mean([held_out.error <= held_out.target for held_out in rigs])),
-        float(np.mean([held_out.ratio <= WITHIN for held_out in rigs])),
-    )
 
 
 if __name__ == "__main__":
