@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.axis import axes
+from rig.analysis.axis import Axis, axes
 from rig.errors import UsageError
 from rig.lessons import FOLDER, lesson, lessons, readable
 from rig.machine.files import DATA, contents
@@ -184,13 +184,10 @@ def _about(folder: Path) -> str:
     """Scene and axes of a map; the scene of a cost table; "" if that cannot be read."""
     try:
         job = json.loads(contents(folder / "job.json", DATA))
-        over = [f"{axis['key']} from {_end(axis, 0)} to {_end(axis, -1)} {axis['shown']}, {len(axis['values'])} values"
-                for axis in job["axes"] if axis]  # fmt: skip
+        shown = [Axis(axis["key"], axis["unit"], tuple(axis["values"]), axis["shown"]) for axis in job["axes"] if axis]
+        ends = [(axis, *axis.shown_values[[0, -1]]) for axis in shown]
+        over = [f"{a.key} from {low:.4g} to {high:.4g} {a.shown}, {len(a.values)} values" for a, low, high in ends]
         how = "stable and unstable regions, " if job["settings"]["eigenvalues"] else ""
         return f"{job['scene']['title']}: {how}{'; '.join(over)}"
     except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, ZeroDivisionError, RecursionError):
         return ""
-
-
-def _end(axis: Mapping[str, Any], at: int) -> str:
-    return f"{axis['values'][at] / axis['scale']:.4g}"
