@@ -104,9 +104,8 @@ class Analysis(NamedTuple):
                 if (text := given[name])
             }
             values: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
-            if values.get("first", 0.0) >= values.get("last", float("inf")):
-                span = f"--from {values.pop('first', 0.0):g} s to {values.pop('last'):g} s"
-                faults.found.append(f"{span}: the time span is empty; --to must be later")
+            if _empty(faults, values.get("first", 0.0), values.get("last", float("inf"))):
+                values = {name: value for name, value in values.items() if name not in _SPAN}
             result: Any = faults(lambda: getattr(recorded, self.function)(run, **values), None)
             faults.raise_found()
             if self.show and not as_json:
@@ -128,6 +127,13 @@ class Analysis(NamedTuple):
             for name, kind in kinds.items()
         ])  # fmt: skip
         return run_it
+
+
+def _empty(faults: Faults, begin: float, end: float) -> bool:
+    """Whether a time span is empty; then it is one of the faults."""
+    if begin >= end:
+        faults.found.append(f"--from {begin:g} s to {end:g} s: the time span is empty; --to must be later")
+    return begin >= end
 
 
 def _stages(amplitudes: Any) -> None:
@@ -305,6 +311,7 @@ def diff(
     faults = Faults()
     low = faults(lambda: seconds(begin, "--from", 0.0), None) or 0.0
     high = faults(lambda: seconds(end, "--to"), None) or float("inf")
+    _empty(faults, low, high)
     faults.raise_found()
     compared = compare(opened(first, trust), opened(second, trust), low, high, tolerance)
     printing.result(compared, as_json, figure=figure)
