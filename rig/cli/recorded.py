@@ -101,7 +101,7 @@ class Analysis(NamedTuple):
             asked = {
                 name: faults(partial(option.read, text, option.flag, run), None)
                 for name, option in self.options.items()
-                if (text := given[name])
+                if (text := given[name]) is not None
             }
             values: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
             if _empty(faults, values.get("first", 0.0), values.get("last", float("inf"))):
