@@ -49,7 +49,7 @@ def _section(module: ModuleType, name: str) -> type[Effect]:
     """The section of an effect that acts on any plant, with the key `effect`."""
     foreign = code_of(module) is not None
     what = "class derived from rig.effects.Effect" if foreign else ""
-    own = one_class(module, lambda one: issubclass(one, Effect), "Parameters", what)
+    own = one_class(module, lambda kind: issubclass(kind, Effect), "Parameters", what)
     if own is None:
         raise PartError(
             f"{name} does not act on any plant; plants that have this effect have a table of their own for it"

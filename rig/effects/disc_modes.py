@@ -57,10 +57,10 @@ class Disc(Section):
     def _whole(self) -> Self:
         if self.inner_radius >= self.outer_radius:
             raise ValueError(f"inner_radius {self.inner_radius:g} m is not below outer_radius {self.outer_radius:g} m")
-        found = sum(mode.pair + 1 for mode in free_modes(self))
-        if found != self.modes:
+        count = sum(mode.pair + 1 for mode in free_modes(self))
+        if count != self.modes:
             raise ValueError(
-                f"modes {self.modes} would take one mode of a pair (cosine and sine); give {found - 2} or {found}"
+                f"modes {self.modes} would take one mode of a pair (cosine and sine); give {count - 2} or {count}"
             )
         return self
 
@@ -121,17 +121,17 @@ def free_modes(disc: Disc) -> tuple[Mode, ...]:
     """
     most = 2.0 / (disc.outer_radius - disc.inner_radius)
     while True:
-        found = sorted(
+        roots = sorted(
             (float(k), l, circles)
             for l in range(math.ceil(disc.outer_radius * most / _SLOWEST) + 1)
             for circles, k in enumerate(_roots(disc, l, most))
         )
-        counted = np.cumsum([2 if l else 1 for _, l, _ in found])
-        if len(found) and counted[-1] >= disc.modes:
+        counted = np.cumsum([2 if l else 1 for _, l, _ in roots])
+        if len(roots) and counted[-1] >= disc.modes:
             break
         most *= 1.5
     last = int(np.searchsorted(counted, disc.modes))
-    return tuple(_mode(disc, l, circles, k) for k, l, circles in found[: last + 1])
+    return tuple(_mode(disc, l, circles, k) for k, l, circles in roots[: last + 1])
 
 
 def _roots(disc: Disc, l: int, most: float) -> Array:
@@ -180,7 +180,7 @@ def _functions(disc: Disc, l: int, k: Array, r: float | Array) -> tuple[Array, A
     f = [s * function(l, x) for s, function in zip(scale, four)]
     before, after = ([s * function(o, x) for s, function in zip(scale, four)] for o in (l - 1, l + 1))
     sides = ((1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, -1.0))
-    g = [0.5 * (p * one + q * other) for (p, q), one, other in zip(sides, before, after)]
+    g = [0.5 * (p * below + q * above) for (p, q), below, above in zip(sides, before, after)]
     return np.stack(f, axis=-1), np.stack(g, axis=-1)
 
 

@@ -90,7 +90,11 @@ def fastest(system: System, h: float) -> float:
     root = 1.0 / np.sqrt(np.diag(system.mass))
     for place in np.linspace(0.0, film.longest, _EXAMINED).tolist():
         normal, *sticking = film.everywhere(place)
-        K = system.stiffness + stiffness * (normal @ normal.T) + sum(film.shear * (one @ one.T) for one in sticking)
+        K = (
+            system.stiffness
+            + stiffness * (normal @ normal.T)
+            + sum(film.shear * (row_t @ row_t.T) for row_t in sticking)
+        )
         highest = max(highest, float(np.linalg.eigvalsh(root[:, None] * K * root)[-1]))
     return math.sqrt(highest)
 
@@ -290,13 +294,15 @@ def portrait(outputs: Mapping[str, Output]) -> tuple[str, str] | None:
 
     None if there is no such pair.
     """
-    x, v = (next((n for n, one in outputs.items() if one.role == role), "") for role in ("displacement", "velocity"))
+    x, v = (
+        next((n for n, shown in outputs.items() if shown.role == role), "") for role in ("displacement", "velocity")
+    )
     if x and v:
         return x, v
     for name, output in outputs.items():
         rate = {f"{coordinate}'": factor for coordinate, factor in output.row.items()}
-        if rate and (found := next((other for other, seen in outputs.items() if dict(seen.row) == rate), "")):
-            return name, found
+        if rate and (velocity := next((other for other, seen in outputs.items() if dict(seen.row) == rate), "")):
+            return name, velocity
     return None
 
 

@@ -90,11 +90,11 @@ def at_nodes_extended(A: Array, landing: Array, cell: float) -> NDArray[np.longd
 
     Their levels are many, and `work` doubles a rounding error from each level to the next.
     """
-    one, out = np.eye(len(A), dtype=np.longdouble), []
+    unit, out = np.eye(len(A), dtype=np.longdouble), []
     for node in NODES:
-        C, series = A * (np.longdouble(node) * cell), one
+        C, series = A * (np.longdouble(node) * cell), unit
         for k in range(ORDER, 0, -1):
-            series = one + C @ series / k
+            series = unit + C @ series / k
         out.append(series @ landing)
     return np.array(out)
 

@@ -82,8 +82,8 @@ class Film:
         normal = float(P.sum())
         share = P / normal if normal else P
         sums = normal, self.mu * normal, float(np.mean(P > 0.0)), float(self.x @ share), float(self.y @ share), 0.0
-        found = {over(name): value for name, value in zip(SUMS, sums)}
-        return found | {at("P", point): value for point, value in enumerate(P.tolist())}
+        states = {over(name): value for name, value in zip(SUMS, sums)}
+        return states | {at("P", point): value for point, value in enumerate(P.tolist())}
 
     def creep(self, force: float) -> float:
         """The displacement [m] of a point under `force` [N] before it slips: the error of its stick."""

@@ -304,11 +304,11 @@ def _guards(
                 records.G_OPEN if contacts.closed[k] else records.G_CLOSE,
                 k,
             )
-    one = np.eye(system.n)[system.one]
+    constant = np.eye(system.n)[system.one]
     for x, (limiter, mode) in enumerate(zip(system.limiters, limiter_modes)):
         if gains[x] == 0.0:
             continue
-        below, above = limiter.row - limiter.low * one, limiter.high * one - limiter.row
+        below, above = limiter.row - limiter.low * constant, limiter.high * constant - limiter.row
         if mode == records.LINEAR:
             guard(below, records.G_LIMIT_LOW, x)
             guard(above, records.G_LIMIT_HIGH, x)
@@ -317,8 +317,8 @@ def _guards(
     for s, (sector, where) in enumerate(zip(system.sectors, sector_modes)):
         if sector.patch < 0 or contacts.sigma[sector.patch] != 0.0:  # a stuck contact cannot leave its sector
             ends = (*sector.edges, sector.period)
-            guard(ends[where + 1] * one - sector.row, records.G_NEXT, s)
-            guard(sector.row - ends[where] * one, records.G_PREVIOUS, s)
+            guard(ends[where + 1] * constant - sector.row, records.G_NEXT, s)
+            guard(sector.row - ends[where] * constant, records.G_PREVIOUS, s)
     rows = np.array([row for row, *_ in guards]).reshape(-1, loads.shape[1])
     kinds, owners = (np.array([own[i] for own in guards], dtype=np.int64) for i in (1, 2))
     return rows, kinds, owners
@@ -354,7 +354,7 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
     gains = [position.gains for position in (s.positions[at] for s, at in zip(system.switches, thrown))]
     for i, (limiter, mode) in enumerate(zip(system.limiters, clamped)):
         held = {records.LOW: limiter.low, records.HIGH: limiter.high}.get(mode)
-        idle = any(found.get(i) == 0.0 for found in gains)  # a switch took the limiter out of the network
+        idle = any(of_position.get(i) == 0.0 for of_position in gains)  # a switch took the limiter out of the network
         within = held is None or idle
         known[f"c:{limiter.name}"] = (limiter.row if within else held * states[system.one], np.zeros(system.inputs))
     over_x, over_t = np.zeros((len(rows), system.n)), np.zeros((len(rows), system.inputs))
@@ -404,4 +404,4 @@ def _ladder(A: Array, length: float, levels: int) -> Array:
     """exp(A length / 2^level) - 1 for so many levels, [level, n, n]."""
     E = expm.ladder(A, length)[:levels]
     rest = [expm.taylor(A, length / 2.0**level, expm.ORDER) for level in range(len(E), levels)]
-    return np.concatenate([E, *(one[None] for one in rest)])
+    return np.concatenate([E, *(term[None] for term in rest)])

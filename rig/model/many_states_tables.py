@@ -64,17 +64,17 @@ def bernstein(degree: int) -> NDArray[np.float64]:
 
 def _shifted(count: int) -> list[list[int]]:
     """The coefficients of T_i(2u - 1), i < count, lowest power first."""
-    found = [[1], [-1, 2]]
-    while len(found) < count:
-        before, last = found[-2], found[-1]
+    polynomials = [[1], [-1, 2]]
+    while len(polynomials) < count:
+        before, last = polynomials[-2], polynomials[-1]
         new = [0] * (len(last) + 1)
         for k, value in enumerate(last):
             new[k] -= 2 * value
             new[k + 1] += 4 * value
         for k, value in enumerate(before):
             new[k] -= value
-        found.append(new)
-    return found
+        polynomials.append(new)
+    return polynomials
 
 
 def depth(A: Array, step: float) -> int:

@@ -209,11 +209,11 @@ class ModeSets:
         visited = np.flatnonzero(tables.whole[:count].any(axis=(1, 2)) | tables.part[:count].any(axis=(1, 2)))
         return {"visited": visited, "whole": tables.whole[visited], "part": tables.part[visited]}
 
-    def put_sums(self, found: Mapping[str, NDArray[Any]]) -> None:
+    def put_sums(self, kept: Mapping[str, NDArray[Any]]) -> None:
         """Replace the collected sums by those of `sums`."""
         tables = self.tables.many_states
         tables.whole[:], tables.part[:] = 0.0, 0.0
-        tables.whole[found["visited"]], tables.part[found["visited"]] = found["whole"], found["part"]
+        tables.whole[kept["visited"]], tables.part[kept["visited"]] = kept["whole"], kept["part"]
 
 
 def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:

@@ -71,18 +71,19 @@ def _outputs(a: Assembly, known: set[str], contacts: Collection[str], normals: C
                 yield f"output {name!r} has the plot {brief(output.plot)}; expected a text and a whole number"
         else:
             yield f"output {name!r} is {brief(output)}; expected a rig.model.assembly.Output"
-    for name, one in a.inputs.items():
-        if not isinstance(one, Input):
-            yield f"input {name!r} is {brief(one)}; expected a rig.model.assembly.Input"
+    for name, actuator in a.inputs.items():
+        if not isinstance(actuator, Input):
+            yield f"input {name!r} is {brief(actuator)}; expected a rig.model.assembly.Input"
             continue
-        if fault := unit_fault(one.unit):
+        if fault := unit_fault(actuator.unit):
             yield f"unit of input {name!r}: {fault}"
-        numbers = (one.low, one.value, one.high, one.safe)
+        numbers = (actuator.low, actuator.value, actuator.high, actuator.safe)
         if not all(isinstance(number, int | float) and not isnan(number) for number in numbers):
             yield f"input {name!r} has the numbers {brief(numbers)} (low, value, high, safe); expected four numbers"
-        elif not one.low <= one.value <= one.high:
-            yield f"input {name!r} begins with {one.value:g}, outside its range {one.low:g} to {one.high:g} {one.unit}"
-        named = {state for state in (one.state, one.slope, one.lagging) if state} - set(a.names)
+        elif not actuator.low <= actuator.value <= actuator.high:
+            span = f"{actuator.low:g} to {actuator.high:g} {actuator.unit}"
+            yield f"input {name!r} begins with {actuator.value:g}, outside its range {span}"
+        named = {state for state in (actuator.state, actuator.slope, actuator.lagging) if state} - set(a.names)
         yield from (f"input {name!r} names the state {state!r}, {_near(a.names)}" for state in sorted(named))
 
 

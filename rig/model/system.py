@@ -349,15 +349,15 @@ class System:
     @property
     def generators(self) -> list[tuple[int, int, float]]:
         """Undamped generators: states a, b with a' = rate b, b' = -rate a, without other rates, and the rate."""
-        found, driven = [], {limiter.state for limiter in self.limiters}
+        pairs, driven = [], {limiter.state for limiter in self.limiters}
         moving = set((self.one + np.flatnonzero(self.signals.any(axis=1))).tolist())
         for a, b in permutations(moving - driven, 2):
             rate = float(self.signals[a - self.one, b])
             rows = np.zeros((2, self.n))
             rows[0, b], rows[1, a] = rate, -rate
             if rate > 0.0 and np.array_equal(self.signals[[a - self.one, b - self.one]], rows):
-                found.append((a, b, rate))
-        return found
+                pairs.append((a, b, rate))
+        return pairs
 
     @property
     def radices(self) -> list[int]:
@@ -406,12 +406,12 @@ class System:
         present state, if sectors may have other edges.
         """
         patches, normals, limiters, sectors, switches = old.modes(key)
-        limited = {one.name: mode for one, mode in zip(old.limiters, limiters)}
-        thrown = {one.name: mode for one, mode in zip(old.switches, switches)}
+        limited = {part.name: mode for part, mode in zip(old.limiters, limiters)}
+        thrown = {part.name: mode for part, mode in zip(old.switches, switches)}
         last = [len(sector.edges) - 1 for sector in self.sectors]
         where = list(map(min, sectors, last)) if x is None else [sector.at(x) for sector in self.sectors]
         positions = [min(thrown.get(s.name, s.at(self.start)), len(s.positions) - 1) for s in self.switches]
-        return self.key(patches, normals, [limited.get(one.name, 0) for one in self.limiters], where, positions)
+        return self.key(patches, normals, [limited.get(part.name, 0) for part in self.limiters], where, positions)
 
     def law(self, p: int, sectors: Sequence[int]) -> Law:
         """The law of patch p in these sectors."""
@@ -422,9 +422,9 @@ class System:
 
     def change(self, sectors: Sequence[int]) -> Change:
         """The sum of what these sectors add."""
-        nq, found = len(self.coordinates), [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
+        nq, changes = len(self.coordinates), [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
         none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
-        return Change(*(sum((getattr(c, part) for c in found), getattr(none, part)) for part in vars(none)))
+        return Change(*(sum((getattr(c, part) for c in changes), getattr(none, part)) for part in vars(none)))
 
     def switched_keys(self, key: int) -> Iterator[int]:
         """The keys of mode set `key` with every position of its switches."""

@@ -177,8 +177,8 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
     varies = any(sector.changes for sector in s.sectors)
     change = np.zeros((len(s.sectors), nodes - 1, nq, nq) if varies else (0, 1, 1, 1))
     for i, sector in enumerate(s.sectors):
-        for at, one in enumerate(sector.changes):
-            change[i, at] = one.stiffness
+        for at, addition in enumerate(sector.changes):
+            change[i, at] = addition.stiffness
     z = np.zeros
     return Tables(
         mode_set_of=np.full(s.keys, -1, dtype=np.int32),

@@ -65,8 +65,8 @@ class Balance:
         return np.array([self.first, self.impulses])
 
     @numbers.setter
-    def numbers(self, found: Array) -> None:
-        self.first, self.impulses = found.tolist()
+    def numbers(self, values: Array) -> None:
+        self.first, self.impulses = values.tolist()
 
     def pause(self, now: CurrentState) -> None:
         """Begin a change of state or system: energy that the springs gain until `go_on` is not work of the kicks."""

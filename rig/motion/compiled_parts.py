@@ -64,18 +64,18 @@ def addresses(
     compiled, by two processes if this process belongs to a command. `more`: functions that the run then calls, with
     their types.
     """
-    missing = [one for one in wanted.values() if one not in _ADDRESSES]
+    missing = [part for part in wanted.values() if part not in _ADDRESSES]
     if missing:
         common = tuple(kinds())
-        parts = [Task(_name(*one), one[0], (one[1], *common)) for one in missing]
-        found = [Task(f"{function.__module__}.{function.__name__}", function, of) for function, of in more(common)]
-        others = [task for task in found if not FOLDER.noted(task.name)]
+        parts = [Task(_name(*part), part[0], (part[1], *common)) for part in missing]
+        further = [Task(f"{function.__module__}.{function.__name__}", function, of) for function, of in more(common)]
+        others = [task for task in further if not FOLDER.noted(task.name)]
         with _beside([task for task in (*parts, *others) if not FOLDER.noted(task.name)]):
             compiled([*parts, *others])
-        for one, task in zip(missing, parts):
+        for part, task in zip(missing, parts):
             code = task.function.overloads[task.kinds]
-            _ADDRESSES[one] = code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
-    return {name: _ADDRESSES[one] for name, one in wanted.items()}
+            _ADDRESSES[part] = code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
+    return {name: _ADDRESSES[part] for name, part in wanted.items()}
 
 
 def compiled(tasks: Sequence[Task]) -> None:

@@ -413,24 +413,24 @@ class Motion:
         kept |= {"keys": np.array(self.mode_sets.keys, dtype=np.int64), "balance": self.balance.numbers}
         return kept | self.mode_sets.sums()
 
-    def resume(self, found: Mapping[str, NDArray[Any]], tick: int) -> None:
+    def resume(self, saved: Mapping[str, NDArray[Any]], tick: int) -> None:
         """Continue at `tick` from the `checkpoint` of a motion of the same system, with the same bits.
 
         Raises ValueError for a checkpoint of another system.
         """
         kept = _kept(self.state) | {"size": self.work.size, "ended": self.work.x_at_end}
         for name, array in kept.items():
-            if found[name].shape != array.shape:
-                raise ValueError(f"{name} has the shape {found[name].shape}, not {array.shape}")
-        integration, keys = self.integration, tuple(found["keys"].tolist())
+            if saved[name].shape != array.shape:
+                raise ValueError(f"{name} has the shape {saved[name].shape}, not {array.shape}")
+        integration, keys = self.integration, tuple(saved["keys"].tolist())
         if self.mode_sets.keys[: len(keys)] != keys:  # else this motion has built them in this order itself
             self.mode_sets = ModeSets(self.system, integration.step_ns * 1e-9, self._outputs, integration.read)
             for key in keys:
                 add(self.mode_sets, key)
-        self.mode_sets.put_sums(found)
+        self.mode_sets.put_sums(saved)
         for name, array in kept.items():
-            array[:] = found[name]
-        self.balance.numbers = found["balance"]
+            array[:] = saved[name]
+        self.balance.numbers = saved["balance"]
         self.tick, self.kept, self._first = tick, 0, 0
         if not tick:
             self._begun = self.state.x.copy()

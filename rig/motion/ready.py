@@ -94,7 +94,7 @@ def plan(
 
     def more(common: Sequence[Any]) -> list[tuple[Any, tuple[Any, ...]]]:
         tables, *carried, ticks = common
-        loan = Lent(types.NamedTuple([one.content for one in carried], MotionRecords))
+        loan = Lent(types.NamedTuple([lent.content for lent in carried], MotionRecords))
         matrix = types.Array(types.float64, 2, "C")
         block = tables, loan, types.boolean, ticks, ticks
         return [

@@ -27,7 +27,7 @@ def _plant(module: ModuleType, name: str) -> ModuleType:
     if not callable(getattr(module, "assemble", None)):
         raise PartError(f"{where}: defines no function assemble(parameters, moved)")
     pictures, figure = getattr(module, "PICTURES", ()), getattr(module, "FIGURE", None)
-    if not isinstance(pictures, tuple | list) or not all(isinstance(one, Picture) for one in pictures):
+    if not isinstance(pictures, tuple | list) or not all(isinstance(picture, Picture) for picture in pictures):
         raise PartError(f"{where}: PICTURES is {brief(pictures)}; expected a tuple of pictures of rig.picture")
     if figure is not None and not isinstance(figure, Own):
         raise PartError(f"{where}: FIGURE is {brief(figure)}; expected a rig.picture.Own")

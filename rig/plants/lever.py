@@ -246,7 +246,7 @@ def energy(p: Parameters) -> NDArray[np.float64]:
     r1, r2, rv = p.cylinder.arm, p.cylinder.pin, p.cylinder.tail
     r3 = p.lever.leg if p.lever is not None else 0.0
     n, l0 = p.springs.order, p.springs.free_length
-    one = series.constant(1.0, n)
+    unit = series.constant(1.0, n)
     (sin_phi, sin_theta), (up_phi, up_theta) = ([f(axis, n) for axis in (0, 1)] for f in (series.sine, series.versine))
     sides = (
         (p.springs.arm, (r1 * sin_phi, r1 * up_phi)),
@@ -257,8 +257,8 @@ def energy(p: Parameters) -> NDArray[np.float64]:
     for spring, (along, *across) in sides:
         if spring is None:
             continue
-        along = along + (l0 + spring.deformation) * one
+        along = along + (l0 + spring.deformation) * unit
         length = series.root(series.total(np.array([series.times(side, side) for side in (along, *across)])))
-        deformed = series.cut(series.total(np.array([length, -l0 * one])), n, n + 2)
+        deformed = series.cut(series.total(np.array([length, -l0 * unit])), n, n + 2)
         parts.append(0.5 * spring.stiffness * series.times(deformed, deformed))
     return series.total(np.array(parts))

@@ -113,11 +113,11 @@ class Shapes:
 
 def shapes(p: Parameters) -> Shapes:
     """The modes of the beam in the directions of the disc."""
-    found = p.beam.reduced()
+    modes = p.beam.reduced()
     cosine, sine = math.cos(p.contact.angle), math.sin(p.contact.angle)
-    (across, along), (shear, pull) = found.tip.T, found.clamp.T
+    (across, along), (shear, pull) = modes.tip.T, modes.clamp.T
     return Shapes(
-        found.omega.tolist(),
+        modes.omega.tolist(),
         (cosine * across - sine * along).tolist(),
         (sine * across + cosine * along).tolist(),
         (cosine * shear - sine * pull).tolist(),
@@ -131,27 +131,27 @@ def jam(p: Parameters) -> float:
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     """Assemble the rig. `moved`: actuators that a scene commands ("held") or ramps ("ramped"); others are constant."""
-    found = shapes(p)
+    modes = shapes(p)
     a = Assembly(title="tip_beam")
-    names = [f"q{i}" for i in range(1, len(found.omega) + 1)]
-    for name, omega in zip(names, found.omega):
+    names = [f"q{i}" for i in range(1, len(modes.omega) + 1)]
+    for name, omega in zip(names, modes.omega):
         a.coordinate(name, 1.0, 2.0 * p.beam.damping_ratio * omega, omega**2)
-    along: Row = dict(zip(names, found.along))
-    normal: Row = dict(zip(names, found.normal))
+    along: Row = dict(zip(names, modes.along))
+    normal: Row = dict(zip(names, modes.normal))
     a.patch("contact", along, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
     pressed = load.add(a, p.load, moved)
     for name, share in normal.items():
         a.push(name, {state: -share * value for state, value in pressed.items()})
     a.normal("load", "contact", pressed | {name: -p.contact.stiffness * n for name, n in normal.items()}, normal)
-    if found.relief(p.contact.stiffness) * p.friction.friction().static >= 1.0:
+    if modes.relief(p.contact.stiffness) * p.friction.friction().static >= 1.0:
         a.inputs["drive.speed"] = replace(a.inputs["drive.speed"], low=0.0)
     a.outputs |= contact_outputs(along, a)
     if p.waviness is not None:
         waviness.add(a, p.waviness, "contact", "load", along)
-    damped = {f"{name}'": 2.0 * p.beam.damping_ratio / w * k for name, w, k in zip(names, found.omega, found.clamp)}
+    damped = {f"{name}'": 2.0 * p.beam.damping_ratio / w * k for name, w, k in zip(names, modes.omega, modes.clamp)}
     a.outputs |= {
         "height": Output(normal, "m", Plot()),
-        "clamp_force": Output(dict(zip(names, found.clamp)) | damped, "N", Plot()),
+        "clamp_force": Output(dict(zip(names, modes.clamp)) | damped, "N", Plot()),
     }
-    a.free = {f"beam, mode {i}": w / (2.0 * math.pi) for i, w in enumerate(found.omega[: p.beam.modes], 1)}
+    a.free = {f"beam, mode {i}": w / (2.0 * math.pi) for i, w in enumerate(modes.omega[: p.beam.modes], 1)}
     return a

@@ -38,7 +38,7 @@ if __name__ != "rig.sensors":  # found through the link at the top of a checkout
 def _section(module: ModuleType, kind: str) -> type[Instrument]:
     """The instrument class of a module."""
     own: type[Instrument] = one_class(
-        module, lambda one: issubclass(one, Instrument), "Sensor", "class derived from Instrument"
+        module, lambda member: issubclass(member, Instrument), "Sensor", "class derived from Instrument"
     )
     if code_of(module) is None:
         return own

@@ -169,22 +169,22 @@ def modes(structure: Structure, count: int) -> Modes:
         raise ValueError(f"modes is {count}; these elements give at most {most}: take more elements or fewer modes")
     classes = [_Class(structure, signs) for signs in CLASSES]
     asked = [wanted // len(CLASSES) + _SPARE] * len(CLASSES)
-    found = [one.elastic(number) for one, number in zip(classes, asked)]
+    known = [symmetry.elastic(number) for symmetry, number in zip(classes, asked)]
     while True:  # until each class is known up to the highest mode that is taken
-        highest = np.sort(np.concatenate([squares for squares, _ in found]))[wanted - 1]
-        short = [i for i, (squares, _) in enumerate(found) if squares[-1] <= highest]
+        highest = np.sort(np.concatenate([squares for squares, _ in known]))[wanted - 1]
+        short = [i for i, (squares, _) in enumerate(known) if squares[-1] <= highest]
         if not short:
             break
         for i in short:
             asked[i] *= 2
-            found[i] = classes[i].elastic(asked[i])
-    squares = np.concatenate([part for part, _ in found])
-    vectors = np.concatenate([one.basis @ part for one, (_, part) in zip(classes, found)], axis=1)
+            known[i] = classes[i].elastic(asked[i])
+    squares = np.concatenate([part for part, _ in known])
+    vectors = np.concatenate([symmetry.basis @ part for symmetry, (_, part) in zip(classes, known)], axis=1)
     order = np.argsort(squares, kind="stable")
     steps = np.diff(squares[order], prepend=squares[order[0]])
     level = np.empty(len(squares), dtype=np.int64)
     level[order] = np.cumsum(steps > 2.0 * _SAME * squares[order])
-    taken = np.lexsort((np.repeat(np.arange(len(CLASSES)), [len(part) for part, _ in found]), level))[:wanted]
+    taken = np.lexsort((np.repeat(np.arange(len(CLASSES)), [len(part) for part, _ in known]), level))[:wanted]
     squares, vectors = squares[taken], _signed(vectors[:, taken])
     energies = (vectors * (structure.stiffness @ vectors)).sum(axis=0)
     if not (np.abs(energies - squares) <= _ROUNDED * squares).all():
@@ -200,20 +200,20 @@ def _signed(vectors: Array) -> Array:
     return vectors * np.sign(vectors[first, np.arange(vectors.shape[1])])  # type: ignore[no-any-return]
 
 
-def left_out(structure: Structure, found: Modes, load: Array) -> Array:
+def left_out(structure: Structure, kept: Modes, load: Array) -> Array:
     """Static displacement [unknown] under `load` [unknown] N, without the part that the modes contain.
 
     `load` is symmetric about both middles. On a free structure it is the elastic displacement under the load and the
     inertia forces that balance it.
     """
-    one = _Class(structure, CLASSES[0])
-    vectors = one.basis.T @ found.vectors
-    rest = one.basis.T @ load
-    rest = rest - one.mass @ (vectors @ (vectors.T @ rest))
-    moved = one.solve(rest)
+    symmetric = _Class(structure, CLASSES[0])
+    vectors = symmetric.basis.T @ kept.vectors
+    rest = symmetric.basis.T @ load
+    rest = rest - symmetric.mass @ (vectors @ (vectors.T @ rest))
+    moved = symmetric.solve(rest)
     for _ in range(_REFINED):
-        moved = one.solve(rest + structure.shift * (one.mass @ moved))
-    return one.basis @ (moved - vectors @ (vectors.T @ (one.mass @ moved)))  # type: ignore[no-any-return]
+        moved = symmetric.solve(rest + structure.shift * (symmetric.mass @ moved))
+    return symmetric.basis @ (moved - vectors @ (vectors.T @ (symmetric.mass @ moved)))  # type: ignore[no-any-return]
 
 
 class _Class:

@@ -55,10 +55,10 @@ def offer(content: bytes) -> str:
     OFFERED[name] = content
     OFFERED.move_to_end(name)
     left = LIMIT
-    for one in reversed(list(OFFERED)):
-        left -= len(OFFERED[one])
-        if left < 0 and one != name:
-            del OFFERED[one]
+    for known in reversed(list(OFFERED)):
+        left -= len(OFFERED[known])
+        if left < 0 and known != name:
+            del OFFERED[known]
     return name
 
 
@@ -75,10 +75,10 @@ def using(models: Mapping[str, str]) -> Iterator[None]:
 @contextmanager
 def collected() -> Iterator[dict[str, bytes]]:
     """Context that collects the models that `stored_or_built` returns in it: subject -> model as bytes."""
-    found: dict[str, bytes] = {}
-    before = _taken.set(found)
+    models: dict[str, bytes] = {}
+    before = _taken.set(models)
     try:
-        yield found
+        yield models
     finally:
         _taken.reset(before)
 
@@ -99,10 +99,10 @@ def stored_or_built(
             return _take(of, offered, read(offered))
     with suppress(OSError, ValueError):
         content = files.own_bytes(path, _INSTEAD)
-        found = read(content)
+        model = read(content)
         with suppress(OSError):  # of a folder that cannot be written
             os.utime(path)
-        return _take(of, content, found)
+        return _take(of, content, model)
     made = build()
     content = write(made)
     try:
@@ -164,18 +164,18 @@ def _keep(path: Path, content: bytes) -> None:
             draft.unlink()
         raise
     left = LIMIT
-    for _, size, one in sorted(_files(path.parent), reverse=True):
+    for _, size, file in sorted(_files(path.parent), reverse=True):
         left -= size
-        if left < 0 and one != path:
+        if left < 0 and file != path:
             with suppress(OSError):
-                one.unlink()
+                file.unlink()
 
 
 def _files(folder: Path) -> list[tuple[float, int, Path]]:
     """Time of last use, size and path of each file."""
-    found = []
-    for one in folder.iterdir():
+    uses = []
+    for file in folder.iterdir():
         with suppress(OSError):  # another process has just removed it
-            status = one.stat()
-            found.append((status.st_mtime, status.st_size, one))
-    return found
+            status = file.stat()
+            uses.append((status.st_mtime, status.st_size, file))
+    return uses

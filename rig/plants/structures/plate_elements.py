@@ -68,11 +68,11 @@ def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> 
 
     length, width = footprint
     structure, first = _structure(plate, foam)
-    found = hexahedra.modes(structure, plate.modes)
+    modes = hexahedra.modes(structure, plate.modes)
     x, y, z = structure.axes
     top = structure.lattice[:, 2] == len(z) - 1
     whole = np.zeros((len(structure.free), plate.modes))
-    whole[structure.free] = found.vectors
+    whole[structure.free] = modes.vectors
     nodes = (2 * plate.elements_across + 1, 2 * plate.elements_along + 1)
     shapes = whole.reshape(3, len(top), -1)[:, top].reshape(3, *nodes, -1).transpose(3, 0, 1, 2)
     x, y = (axis[2 * n : len(axis) - 2 * n] for axis, n in zip((x, y), first))
@@ -81,13 +81,13 @@ def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> 
     along = _integrals(x, middle - 0.5 * length, middle + 0.5 * length)
     load[2, top] = np.multiply.outer(_integrals(y, -0.5 * width, 0.5 * width), along).ravel()
     force = load.ravel()[structure.free]
-    residual = float(force @ hexahedra.left_out(structure, found, force)) / (length * width)
+    residual = float(force @ hexahedra.left_out(structure, modes, force)) / (length * width)
     if residual < 0.0:
         raise ValueError(hexahedra.LOST)
-    elastic = found.frequencies > 0.0
-    given = (force @ found.vectors[:, elastic]) / (2.0 * math.pi * found.frequencies[elastic])
+    elastic = modes.frequencies > 0.0
+    given = (force @ modes.vectors[:, elastic]) / (2.0 * math.pi * modes.frequencies[elastic])
     return Surface(
-        found.frequencies,
+        modes.frequencies,
         x,
         y,
         np.ascontiguousarray(shapes),
@@ -147,12 +147,12 @@ def _widened(lines: Array, by: float, elements: int) -> Array:
 
 def _integrals(nodes: Array, low: float, high: float) -> Array:
     """Integral [m] of each node's shape function from `low` to `high`."""
-    found = np.zeros(len(nodes))
+    integrals = np.zeros(len(nodes))
     for start, end in zip(nodes[:-2:2], nodes[2::2]):
         left, right = max(start, low), min(end, high)
         if right > left:
             middle, half = 0.5 * (left + right), 0.5 * (right - left)
             first, weights = element_at(nodes, middle + half / math.sqrt(3.0) * np.array([-1.0, 1.0]))  # Gauss: exact
             for i in range(3):
-                np.add.at(found, first + i, half * weights[i])
-    return found
+                np.add.at(integrals, first + i, half * weights[i])
+    return integrals

@@ -166,7 +166,9 @@ def _key(given: dict[str, Any]) -> str:
     built = {
         "sources": [sha256((_HERE / name).read_bytes()).hexdigest() for name in _SOURCES],
         "libraries": [np.__version__, scipy.__version__],
-        "processor": [one.get("architecture") for one in threadpool_info() if one["user_api"] == "blas"][:1],  # numpy's
+        "processor": [library.get("architecture") for library in threadpool_info() if library["user_api"] == "blas"][
+            :1
+        ],  # numpy's
     }
     return _hash(given | built)
 

@@ -54,7 +54,7 @@ class Surface:
         """The structure as bytes with a checksum; equal structures give equal bytes."""
         sizes = {"modes": len(self.frequencies), "x": len(self.x), "y": len(self.y)}
         arrays = (self.frequencies, self.x, self.y, self.shapes)
-        body = b"".join(one.astype("<f8").tobytes() for one in arrays)
+        body = b"".join(array.astype("<f8").tobytes() for array in arrays)
         return framed(sizes | {"compliance": self.compliance, "residual": self.residual}, body)
 
     @classmethod

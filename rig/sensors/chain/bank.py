@@ -57,12 +57,12 @@ class Bank:
         self.seed = seed
         """Seed of the noise that `start`, `resume` and `back` draw."""
         n = len(self.names)
-        most = [int(frame_ns // one.period_ns) + 1 + (not one.even) for one in self.instants]
+        most = [int(frame_ns // instants.period_ns) + 1 + (not instants.even) for instants in self.instants]
         wait = max((int(end.delay_ns // end.period_ns) + m + 1 for end, m in zip(self._ends, most)), default=1)
         room = max(chunk, _FRAMES * max(most, default=1))
         self.latest = np.full(n, np.nan)
         self.fresh = np.zeros(n, dtype=np.int64)
-        stored = max(room, *(int(KEPT_NS // one.period_ns) for one in self.instants), 0)
+        stored = max(room, *(int(KEPT_NS // instants.period_ns) for instants in self.instants), 0)
         self._samples, self._noise = np.zeros((n, stored)), np.zeros((n, room))
         self._memory = [row.data for row in self._samples]
         longest = max((max(end.period_ns, frame_ns) * end.dropout_rate * 1e-9 for end in self._ends), default=0.0)
@@ -205,11 +205,11 @@ class Bank:
         stored = self._samples[:, : int(self._fronts["kept"].max(initial=0))].copy()
         return {**self.checkpoint(), "latest": self.latest.copy(), "fresh": self.fresh.copy(), "stored": stored}
 
-    def back(self, found: Mapping[str, NDArray[Any]]) -> None:
+    def back(self, kept: Mapping[str, NDArray[Any]]) -> None:
         """Store the samples of `keep` again; `resume` does the rest."""
-        fronts, stored = found["fronts"].copy().view(INSTRUMENT).reshape(-1), found["stored"]
+        fronts, stored = kept["fronts"].copy().view(INSTRUMENT).reshape(-1), kept["stored"]
         self._samples[:, : stored.shape[1]] = stored
-        self.latest[:], self.fresh[:] = found["latest"], found["fresh"]
+        self.latest[:], self.fresh[:] = kept["latest"], kept["fresh"]
         self._fronts["published"], self._fronts["kept"] = fronts["published"], fronts["kept"]
 
     def play(self, recorded: Sequence[tuple[Integers, NDArray[np.float64]]], t_ns: int) -> None:
@@ -233,23 +233,23 @@ class Bank:
         """Number of frames that `play` can take at once."""
         return min(((self._samples.shape[1] - 1) // most for most in self._most), default=CHUNK)
 
-    def resume(self, found: Mapping[str, NDArray[Any]], t_ns: int) -> None:
+    def resume(self, saved: Mapping[str, NDArray[Any]], t_ns: int) -> None:
         """Continue from the `checkpoint` of a bank of the same instruments, at `t_ns`, up to which `play` has played.
 
         Raises ValueError for a checkpoint of other instruments.
         """
-        fronts = found["fronts"].copy().view(INSTRUMENT).reshape(-1)
+        fronts = saved["fronts"].copy().view(INSTRUMENT).reshape(-1)
         if (fronts["published"] != self._fronts["published"]).any():
             raise ValueError("other numbers of samples were published")
         fronts["kept"] = self._fronts["kept"]
         self._fronts[:] = fronts
         for array, name in ((self._poles, "poles"), (self.loan.content.queue, "waiting"), (self._past, "past")):
-            if found[name].shape != array.shape:
-                raise ValueError(f"{name} has the shape {found[name].shape}, not {array.shape}")
-            array[:] = found[name]
+            if saved[name].shape != array.shape:
+                raise ValueError(f"{name} has the shape {saved[name].shape}, not {array.shape}")
+            array[:] = saved[name]
         self._clock["now"] = t_ns
         self._streams = [Stream(self.seed, name) for name in self.names]
-        for stream, end, (numbers, gaps) in zip(self._streams, self._ends, found["used"].tolist()):
+        for stream, end, (numbers, gaps) in zip(self._streams, self._ends, saved["used"].tolist()):
             if end.noise > 0.0:
                 stream.skip(numbers)
             if end.dropout_rate > 0.0:

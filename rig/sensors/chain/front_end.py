@@ -73,11 +73,11 @@ class FrontEnd:
         """The complex response to exp(s t), without saturation and other limits."""
         if self.averages:
             turn = s * 1e-9 * self.period_ns
-            found = (1.0 - cmath.exp(-turn)) / turn
+            filtered = (1.0 - cmath.exp(-turn)) / turn
         else:
-            found = self.direct + sum(_pole(r, p, s) for p, r in zip(self.poles, self.residues))
+            filtered = self.direct + sum(_pole(r, p, s) for p, r in zip(self.poles, self.residues))
         echoes = sum(share * cmath.exp(-s * later) for share, later in self.echoes)
-        return self.gain * found * (1.0 + echoes) * cmath.exp(-s * 1e-9 * self.delay_ns)
+        return self.gain * filtered * (1.0 + echoes) * cmath.exp(-s * 1e-9 * self.delay_ns)
 
 
 def _pole(residue: complex, pole: complex, s: complex) -> complex:

@@ -41,10 +41,10 @@ class Instants(NamedTuple):
         """
         period = SECOND / rate
         if abs(period - round(period)) <= 1e-6:
-            found = Fraction(SECOND, round(period))
+            ratio = Fraction(SECOND, round(period))
         else:
-            found = Fraction(rate).limit_denominator(max(int(_LARGEST / rate), 1))
-        return cls(found.numerator, found.denominator)
+            ratio = Fraction(rate).limit_denominator(max(int(_LARGEST / rate), 1))
+        return cls(ratio.numerator, ratio.denominator)
 
     @property
     def period_ns(self) -> float:
@@ -105,7 +105,7 @@ def common_step(frame_ns: int, instants: Iterable[Instants]) -> int:
     Other sensors are sampled within steps, and so are those that would need a step shorter than `FINEST_STEP`.
     """
     step, finest = frame_ns, min(FINEST_STEP, frame_ns)
-    for period in sorted({one.whole[0] for one in instants if one.even}, reverse=True):
+    for period in sorted({instant.whole[0] for instant in instants if instant.even}, reverse=True):
         if frame_ns % period == 0 and math.gcd(step, period) >= finest:
             step = math.gcd(step, period)
     return step
