@@ -108,16 +108,16 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
 
     def _finalize_final_module(self) -> None:
         module = self._final_module
-        own = [one for one in module.functions if not one.is_declaration]
-        copies = [one for one in own if one.linkage == _SHARED and one.name.startswith("_ZN3rig")]
+        own = [function for function in module.functions if not function.is_declaration]
+        copies = [function for function in own if function.linkage == _SHARED and function.name.startswith("_ZN3rig")]
         if copies and self._shared_module is None:
             shared = module.clone()  # the copy that others link keeps its symbols open, or they would have them twice
-            for one in own:
-                if one.linkage == _OPEN:
-                    shared.get_function(one.name).linkage = _SHARED
+            for function in own:
+                if function.linkage == _OPEN:
+                    shared.get_function(function.name).linkage = _SHARED
             self._shared_module = shared
-            for one in copies:
-                one.linkage = "internal"
+            for function in copies:
+                function.linkage = "internal"
         super()._finalize_final_module()  # type: ignore[no-untyped-call]
 
 

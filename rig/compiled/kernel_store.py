@@ -64,17 +64,17 @@ def key(root: Path, kept: Path, version: str, instead: str) -> str:
     """
     known: dict[str, Module] = {}
     with suppress(OSError, ValueError, TypeError):  # missing or damaged
-        known = {name: Module(*one) for name, one in json.loads(own_bytes(kept, instead)).items()}
-    found: dict[str, Module] = {}
+        known = {name: Module(*summary) for name, summary in json.loads(own_bytes(kept, instead)).items()}
+    summaries: dict[str, Module] = {}
 
     def read(name: str) -> Module:
         path = root / name
         status = path.stat()
         stamp = [status.st_size, status.st_mtime_ns]
-        if name not in found:
+        if name not in summaries:
             old = known.get(str(path))
-            found[name] = old if old is not None and old.stamp == stamp else _summary(path.read_bytes(), stamp)
-        return found[name]
+            summaries[name] = old if old is not None and old.stamp == stamp else _summary(path.read_bytes(), stamp)
+        return summaries[name]
 
     rooms = [path.relative_to(root).as_posix() for room in ROOMS for path in (root / room).glob("*.py")]
     todo = [name for name in rooms if read(name).holds]
@@ -85,16 +85,16 @@ def key(root: Path, kept: Path, version: str, instead: str) -> str:
             if name not in needed:
                 needed.add(name)
                 todo.append(name)
-    read_here = {str(root / name): one for name, one in found.items()}
-    if any(known.get(path) != one for path, one in read_here.items()) and trusted(kept.parent, instead):
-        others = {path: one for path, one in known.items() if Path(path).is_file()}  # summaries of other checkouts
+    read_here = {str(root / name): summary for name, summary in summaries.items()}
+    if any(known.get(path) != summary for path, summary in read_here.items()) and trusted(kept.parent, instead):
+        others = {path: summary for path, summary in known.items() if Path(path).is_file()}  # of other checkouts
         draft = kept.with_suffix(f".{os.getpid()}")
         with suppress(OSError):  # a folder that cannot be written costs only the time of parsing
             own_folder(kept.parent)
             draft.write_text(json.dumps(others | read_here))
             own_file(draft)
             draft.replace(kept)
-    text = "".join(f"{name} {found[name].digest}\n" for name in sorted(needed))
+    text = "".join(f"{name} {summaries[name].digest}\n" for name in sorted(needed))
     return hashlib.sha256(f"{version}\n{text}".encode()).hexdigest()[:16]
 
 
@@ -203,7 +203,7 @@ class _Places(CompileResultCacheImpl):  # type: ignore[misc]
         Loading such an environment imports the module of its function, and with it much of numba's compiler.
         """
         *kept, environments = data._reduce()  # noqa: SLF001
-        return (*kept, tuple(one for one in environments if one.consts))
+        return (*kept, tuple(environment for environment in environments if environment.consts))
 
 
 class _Kept(FunctionCache):  # type: ignore[misc]
@@ -242,9 +242,9 @@ def _alone(folder: Path) -> Iterator[None]:
 
 def _whole(path: str) -> bytes:
     """The content of a file without its checksum. Raises OSError if the file is unreadable or damaged."""
-    found = files.own_bytes(Path(path), INSTEAD)
-    content = found[_SUM:]
-    if len(found) <= _SUM or zlib.crc32(content).to_bytes(_SUM) != found[:_SUM]:
+    stored = files.own_bytes(Path(path), INSTEAD)
+    content = stored[_SUM:]
+    if len(stored) <= _SUM or zlib.crc32(content).to_bytes(_SUM) != stored[:_SUM]:
         raise OSError(f"{path} is damaged")
     return content
 
@@ -328,12 +328,12 @@ class Folder:
             return
         self._pruned = True
         with suppress(OSError):
-            others = [one for one in self.path.parent.iterdir() if one.is_dir() and one != self.path]
+            others = [folder for folder in self.path.parent.iterdir() if folder.is_dir() and folder != self.path]
             left = LIMIT - _size(self.path)
-            for one in sorted(others, key=lambda one: one.stat().st_mtime, reverse=True):
-                left -= _size(one)
+            for folder in sorted(others, key=lambda folder: folder.stat().st_mtime, reverse=True):
+                left -= _size(folder)
                 if left < 0:
-                    shutil.rmtree(one, ignore_errors=True)
+                    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _taken(lock: IO[bytes]) -> bool:
@@ -344,7 +344,7 @@ def _taken(lock: IO[bytes]) -> bool:
 
 
 def _size(folder: Path) -> int:
-    return sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
 
 
 class CompileProgress(event.Listener):  # type: ignore[misc]

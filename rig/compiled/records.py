@@ -100,7 +100,7 @@ def lent_type(content: Any) -> Lent:
 def _type_of(value: Any) -> types.Type:
     """`numba.typeof` of a field, which takes four to six times as long: it makes the type of every array anew."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return types.NamedTuple([_type_of(one) for one in value], type(value))  # type: ignore[no-untyped-call]
+        return types.NamedTuple([_type_of(entry) for entry in value], type(value))  # type: ignore[no-untyped-call]
     if isinstance(value, np.ndarray) and value.flags.c_contiguous:
         return _array_type(value.dtype, value.ndim, value.flags.writeable, value.flags.aligned)
     return numba.typeof(value)  # type: ignore[no-untyped-call, no-any-return]
@@ -161,8 +161,8 @@ class _Names(AttributeTemplate):  # type: ignore[misc]
         """The type of a field."""
         if name not in kind.content.fields:
             return None
-        found = kind.content.types[kind.content.fields.index(name)]
-        return Lent(found, kind.inside) if isinstance(found, types.BaseNamedTuple) else found
+        of_field = kind.content.types[kind.content.fields.index(name)]
+        return Lent(of_field, kind.inside) if isinstance(of_field, types.BaseNamedTuple) else of_field
 
 
 @lower_getattr_generic(Lent)  # type: ignore[no-untyped-call, untyped-decorator]
@@ -179,9 +179,9 @@ def _constant(builder: Any, at: Any) -> ir.Value:
     """Load a value that nothing changes, word by word: otherwise every store to an array might have changed it."""
     kind = at.type.pointee
     if not isinstance(kind, ir.LiteralStructType | ir.ArrayType):
-        found = builder.load(at)
-        found.set_metadata("invariant.load", builder.module.add_metadata([]))
-        return found
+        word = builder.load(at)
+        word.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return word
     whole = ir.Constant(kind, ir.Undefined)
     for i in range(len(kind)):
         whole = builder.insert_value(whole, _constant(builder, cgutils.gep_inbounds(builder, at, 0, i)), i)  # type: ignore[no-untyped-call]

@@ -95,9 +95,9 @@ def spread(builder: Any, number: Any) -> ir.Value:
 
 def load(builder: Any, data: Any, offset: Any) -> ir.Value:
     """Emit the vector that begins at data[offset]; it need not be aligned."""
-    found = builder.load(builder.bitcast(builder.gep(data, [offset]), VECTOR.as_pointer()))
-    found.align = 8
-    return found
+    vector = builder.load(builder.bitcast(builder.gep(data, [offset]), VECTOR.as_pointer()))
+    vector.align = 8
+    return vector
 
 
 def store(builder: Any, vector: Any, data: Any, offset: Any) -> None:
@@ -132,7 +132,8 @@ def _define(operation: Any, emit: str) -> None:
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         a, b = (
-            one if kind == LANES else spread(builder, one) for kind, one in zip(signature.args, arguments, strict=True)
+            given if kind == LANES else spread(builder, given)
+            for kind, given in zip(signature.args, arguments, strict=True)
         )
         return getattr(builder, emit)(a, b, flags=_FLAGS)
 
@@ -214,12 +215,12 @@ def _pick(typing: Any, table: Any, places: Any) -> Emission:
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> ir.Value:
         data = _data(context, builder, table, arguments[0])
         at = builder.fptoui(arguments[1], ir.VectorType(_WORD, LANE))
-        found = ir.Constant(VECTOR, ir.Undefined)
+        picked = ir.Constant(VECTOR, ir.Undefined)
         for k in range(LANE):
             lane = ir.Constant(_WORD, k)
             place = builder.zext(builder.extract_element(at, lane), ir.IntType(64))
-            found = builder.insert_element(found, builder.load(builder.gep(data, [place])), lane)
-        return found
+            picked = builder.insert_element(picked, builder.load(builder.gep(data, [place])), lane)
+        return picked
 
     return LANES(table, LANES), codegen
 
@@ -402,7 +403,7 @@ def _across(typing: Any, table: Any, weights: Any, out: Any) -> Emission:
 
         def rows(first: Any, together: int) -> None:
             sums = [[_place(builder) for _ in range(BLOCK // LANE)] for _ in range(together)]
-            for total in (one for row in sums for one in row):
+            for total in (place for row in sums for place in row):
                 builder.store(_ZERO, total)
             begins = [builder.mul(builder.add(first, _whole(i)), width) for i in range(together)]
 

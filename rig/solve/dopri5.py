@@ -138,12 +138,12 @@ def sample_guards(t, mode_set, w):
 
     w.fits[g, 0..5] = values; w.fits[g, 6] = bound on their rounding error.
     """
-    found, fits = False, w.guard_samples
+    needed, fits = False, w.guard_samples
     for g in range(t.guards[mode_set]):
         if t.guard_needs_inputs[mode_set, g]:
-            found = True
+            needed = True
             fits[g, 6] = 0.0
-    if found:
+    if needed:
         states_at(w.derivatives, lanes(w.probes), w.x_at)
         inputs_at(t, mode_set, w, 0, 6)
         for g in range(t.guards[mode_set]):

@@ -367,7 +367,7 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
                 whole //= 2
                 level -= 1
                 width *= 2.0
-            found = False
+            held = False
             while not many_states or depth > 0:  # of a rig with many states, the whole tick was tried before
                 certified = call(plan.certified_cell, shape, t, w, state, log, seg, plan, level)
                 if event_of < 0 and certified == 0 and t.room[mode_set] == 0 and level < depth:
@@ -375,13 +375,13 @@ def subdivide(shape, t, w, state, log, seg, plan, mode_set):
                     certified = 1 if event_of == -1 else 0
                     event_at = u + width * event_at if event_of >= 0 else NONE
                 if u + width <= event_at if event_of >= 0 else certified:
-                    found = True
+                    held = True
                     break
                 if level == depth:
                     break
                 level += 1
                 width *= 0.5
-            if found:
+            if held:
                 start, length = begin + u * h, width * h
                 if plan.emitting and not emit_cell(t, mode_set, x, level, start, length, seg, w, many_states):
                     return full(now, u)

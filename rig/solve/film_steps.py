@@ -179,20 +179,20 @@ def generalised_forces(own, forces):
         gives, lanes = own.gives[direction], slice(direction * pairs, (direction + 1) * pairs)
         both, other = own.symmetric.felt[lanes], own.antisymmetric.felt[lanes]
         for i in range(pairs):
-            one, image = gives[i], side * gives[pairs + i]
-            both[i], other[i] = one + image, one - image
+            own_force, image = gives[i], side * gives[pairs + i]
+            both[i], other[i] = own_force + image, own_force - image
     _sum_forces(own.symmetric, forces)
     _sum_forces(own.antisymmetric, forces)
 
 
 @inlined
-def propagate_structure(own, x, one):
+def propagate_structure(own, x, first_signal):
     """Kick the coordinates by half a step, then propagate everything but the film over a whole step.
 
     The energy that the dampers dissipate is added to own.damped. Returns the work of the driving states.
     """
     nq, m, work = own.kick.shape[0], own.moved.shape[0], 0.0
-    places, speeds, forces = x[:nq], x[nq : 2 * nq], x[one + m : one + m + nq]
+    places, speeds, forces = x[:nq], x[nq : 2 * nq], x[first_signal + m : first_signal + m + nq]
     kick, taken = own.kick, own.damped  # locals: read from the record once, not at every store
     qq, qv, vv = own.loss[0], own.loss[1], own.loss[2]
     by_place, by_speed, turned, slowed = own.turn[0], own.turn[1], own.turn[2], own.turn[3]
@@ -207,7 +207,7 @@ def propagate_structure(own, x, one):
         speeds[i] = before[i] + (turned[i] * places[i] + slowed[i] * before[i])
     for i in range(nq):
         places[i] += by_place[i] * places[i] + by_speed[i] * before[i]
-    signals, moved = x[one : one + m], own.moved
+    signals, moved = x[first_signal : first_signal + m], own.moved
     for j in range(m):
         rate, s = own.signal[j], 0.0
         for k in range(m):
@@ -363,7 +363,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     own, now, x, energy = t.film, state.progress[0], state.x, state.energy
     substeps, emitting, origin = plan.substeps, plan.emitting, now.reached
     n, nq, h = x.shape[0], own.kick.shape[0], t.step[0] / substeps
-    slid, first, one = own.slid, own.first, own.first - own.moved.shape[0]
+    slid, first, first_signal = own.slid, own.first, own.first - own.moved.shape[0]
     speeds, forces, kick = x[nq : 2 * nq], x[first : first + nq], own.kick
     values, gathered = own.values, 0
     tick, done, opened = now.tick, int(now.place * substeps + 0.5), 0
@@ -373,9 +373,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     while within and tick < ticks and not (emitting and nearly_full(t, 0, seg, ticks - tick)):
         if done == 0:
             for j in range(own.moved.shape[0]):
-                own.begun[0, j], own.begun[1, j] = x[one + j], 0.0
+                own.begun[0, j], own.begun[1, j] = x[first_signal + j], 0.0
         travelled = x[slid]
-        energy[3] += propagate_structure(own, x, one)
+        energy[3] += propagate_structure(own, x, first_signal)
         travelled = x[slid] - travelled
         for direction in range(own.seen.shape[0]):
             seen, last = own.seen[direction], own.last[direction]
@@ -388,7 +388,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         done += 1
         if done == substeps:  # round once per tick: rounding at each of millions of steps would drift
             for j in range(own.moved.shape[0]):
-                x[one + j] = own.begun[0, j] + own.begun[1, j]
+                x[first_signal + j] = own.begun[0, j] + own.begun[1, j]
         if done == substeps or (emitting and own.summed[0]):
             sum_over_points(own, x, opened)
             opened = 0

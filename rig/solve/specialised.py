@@ -136,8 +136,8 @@ def _call(
         kinds = signature.args[1:]
         code = context.call_conv.get_function_type(types.int64, kinds).as_pointer()
         leaf = builder.inttoptr(arguments[0], code)
-        _, found = context.call_conv.call_function(builder, leaf, types.int64, kinds, arguments[1:])
-        return found
+        _, result = context.call_conv.call_function(builder, leaf, types.int64, kinds, arguments[1:])
+        return result
 
     return types.int64(types.int64, shape, t, w, state, log, seg, plan, types.int64), codegen
 
