@@ -144,7 +144,7 @@ def test_a_recording_is_verified_without_fmpy_and_without_the_fmu(units, monkeyp
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"more": LATE + "return 3;"}, "the step from t = 0.05 s ended with the status error"),
+        ({"more": LATE + "return 3;"}, "the step from t = 0.05 s failed: fmi"),
         ({"more": LATE + '{ SAY(3, "no fuel"); return 3; }'}, "its log: error: no fuel"),
     ],
 )

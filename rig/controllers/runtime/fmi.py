@@ -2,8 +2,7 @@
 
 Units of an FMU are exponents of SI base units with factor and offset. Their names are free text and are not compared.
 
-fmpy loads the library and defines the types of its functions. A step calls these functions itself, with buffers that
-are made once: three calls take 2 to 4 us.
+fmpy reads the description, loads the library and calls it: an update takes 12 us.
 """
 
 from __future__ import annotations
@@ -226,22 +225,11 @@ class Unit:
         except Exception as error:  # fmpy raises Exception itself
             raise self._lost(f"cannot be instantiated: {error}") from None
         self._end = weakref.finalize(self, _free, made)
-        dll = made.dll
         kind, state = ("Float64", "FMUState") if self._three else ("Real", "FMUstate")
-        self._keep, self._back, self._drop, self._assign = (
-            getattr(made, call) for call in (f"get{state}", f"set{state}", f"free{state}", f"set{kind}")
-        )
-        self._set, self._get = (getattr(dll, f"{name}{verb}{kind}") for verb in ("Set", "Get"))
-        self._do = getattr(dll, f"{name}DoStep")
-        self._name, self._component = name, made.component
-        references = ctypes.c_uint32
-        self._in = (references * len(inputs))(*inputs), len(inputs), (ctypes.c_double * len(inputs))()
-        self._out = (references * len(outputs))(*outputs), len(outputs), (ctypes.c_double * len(outputs))()
-        self._parameters, self._values = tuple(parameters), tuple(values)
-        self._flags: list[Any] = [ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool(), ctypes.c_double()]
-        self._more = [ctypes.byref(flag) for flag in self._flags] if self._three else []
-        self._sizes: tuple[int, ...] = (len(inputs),) if self._three else ()
-        self._out_sizes: tuple[int, ...] = (len(outputs),) if self._three else ()
+        self._keep, self._back, self._drop = (getattr(made, f"{verb}{state}") for verb in ("get", "set", "free"))
+        self._assign, self._read = (getattr(made, f"{verb}{kind}") for verb in ("set", "get"))
+        self._inputs, self._outputs, self._parameters = list(inputs), list(outputs), list(parameters)
+        self._values = list(values)
 
     def _instantiate(self, module: Any, log: Callable[[int, bytes | None], None]) -> None:
         if self._three:
@@ -261,7 +249,7 @@ class Unit:
             if not self._three:
                 self._fmu.setupExperiment(**begin)
             if self._parameters:
-                self._assign(list(self._parameters), list(self._values))
+                self._assign(self._parameters, self._values)
             self._fmu.enterInitializationMode(**begin if self._three else {})
             self._fmu.exitInitializationMode()
 
@@ -273,24 +261,19 @@ class Unit:
 
     def step(self, t: float, h: float, values: Sequence[float] | None) -> list[float]:
         """The outputs after a step of h [s] from time t [s] with these inputs; None: with those of the last step."""
-        vr, count, buffer = self._in
-        if count and values is not None:
-            buffer[:] = list(values)
-            if self._set(self._component, vr, count, buffer, *self._sizes) > _WARNING:
-                raise self._lost(f"refuses its inputs {list(values)}")
-        status = self._do(self._component, t, h, True, *self._more)
-        if status > _WARNING:
-            raise self._lost(f"the step from t = {t:.9g} s ended with the status {_STATUS[min(status, 5)]}")
+        if self._inputs and values is not None:
+            with self._losing(f"refuses its inputs {list(values)}"):
+                self._assign(self._inputs, list(values))
+        with self._losing(f"the step from t = {t:.9g} s failed"):
+            ended = self._fmu.doStep(currentCommunicationPoint=t, communicationStepSize=h)
         if self._three:
-            _, ends, early, last = self._flags
-            if ends.value:
+            _, ends, early, last = ended
+            if ends:
                 raise self._lost(f"asked to end the simulation in the step from t = {t:.9g} s")
-            if early.value and not math.isclose(last.value, t + h, abs_tol=1e-12):
-                raise self._lost(f"ended the step from t = {t:.9g} s early, at t = {last.value:.9g} s")
-        vr, count, buffer = self._out
-        if self._get(self._component, vr, count, buffer, *self._out_sizes) > _WARNING:
-            raise self._lost("does not return its outputs")
-        return buffer[:]
+            if early and not math.isclose(last, t + h, abs_tol=1e-12):
+                raise self._lost(f"ended the step from t = {t:.9g} s early, at t = {last:.9g} s")
+        with self._losing("does not return its outputs"):
+            return [float(value) for value in self._read(self._outputs)] if self._outputs else []
 
     def keep(self) -> Any:
         """The state of the FMU, for `back`; `drop` frees its memory."""
