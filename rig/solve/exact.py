@@ -295,6 +295,13 @@ def first_event_of_series(t, mode_set, size, derivatives, terms, poly, work):
 
 
 @inner
+def add_quiet_energy(work, active, x, rows, energy):
+    """Add the energy terms of quiet ticks from x through all `rows` [tick, n] but the last."""
+    for tick in range(rows.shape[0]):
+        add_energy(work, active, x if tick == 0 else rows[tick - 1], energy)
+
+
+@inner
 def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Advance by quiet ticks as far as possible, or else by one subdivided tick, in a linear mode set.
 
@@ -326,10 +333,8 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 return FULL
         for tick in range(first, first + done):
             log.modes[tick] = mode_set
-        if with_energy:
-            for tick in range(first, first + done):
-                before = w.x0 if tick == first else log.out[tick - 1]
-                add_energy(t.work[mode_set, 0], t.active[mode_set], before, state.energy)
+        if with_energy and done > 0:
+            add_quiet_energy(t.work[mode_set, 0], t.active[mode_set], w.x0, log.out[first : first + done], state.energy)
         now.tick += done
         if done == block:
             return -1
