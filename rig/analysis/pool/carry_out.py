@@ -93,7 +93,7 @@ class WorkerProcesses:
         """Compute `units` (number -> values that they are given) and save them.
 
         `progress` gets the number of finished units, at least ten times a second. Raises WorkerError for a fault that
-        ends the whole work, and if a worker ends before it has begun.
+        ends the whole work, and if a worker ends before any has begun.
         """
         schedule = Schedule(units, self._count, SPAN)
         while schedule.left:
@@ -115,7 +115,7 @@ class WorkerProcesses:
     def _lost(self, member: _Member, schedule: Schedule) -> None:
         """Send the batch of a worker that has ended out again. Raises WorkerError if this is of no use."""
         ending = member.child.ending
-        if member.child.fault or not member.ready:
+        if member.child.fault or not any(other.ready for other in self._members):
             what = f"{member.child.name}: {member.child.fault}" if member.child.fault else ending
             raise WorkerError(f"{what}{self._store.kept}")
         for unit in schedule.lost(member.batch):
