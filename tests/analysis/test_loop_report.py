@@ -68,7 +68,7 @@ def test_ages_are_those_of_a_link(reorder):
         assert seen[1:8] / seen.sum() == pytest.approx([expected.get(age, 0.0) for age in range(1, 8)], abs=0.015)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(0, 25), st.integers(0, 25))
 def test_constant_delays_are_those_of_the_loop(belt, heard, commanded):
     found = jump_growth(belt, "nf", link(delay=heard * MS), link(delay=commanded * MS))

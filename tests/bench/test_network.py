@@ -69,7 +69,7 @@ def test_links_without_faults_have_the_bits_of_no_links(links):
     assert not any(n for counts in run.summary["network"].values() for what, n in counts.items() if what != "sent")
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.integers(0, 30), st.integers(1, 4))
 def test_a_constant_delay_of_commands_is_the_delay_of_the_controller(delay, period):
     about = {"controllers.nf.period": f"{period} ms"}

@@ -194,7 +194,7 @@ def test_faults_and_a_poor_network_together_are_simulated_again(tmp_path):
     assert verify(recorded(tmp_path, run)).passed
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(st.integers(0, 300), st.integers(1, 300), st.sampled_from(["freeze", "dropout", "wrong_sign"]))
 def test_outside_of_its_time_a_fault_changes_no_sample(sound, at, length, kind):
     run = rig.simulate(belt(of_sensor(kind, f"{at} ms", duration=f"{length} ms")), 0.4)

@@ -100,7 +100,7 @@ def test_energy_of_a_cycle_closes(move, scenes, name):
 
 
 @given(radius=st.floats(0.02, 2.0))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_a_pendulum_of_any_radius_is_the_mass_on_the_belt(move, radius):
     """J = m r^2, c r^2, d r^2, v0 / r: the same motion at the contact."""
     m, c, d = 5.0, 2500.0, 2.0

@@ -100,7 +100,7 @@ def test_beyond_divergence_no_sliding_equilibrium_presses(rigs):
     J=st.integers(2, 60).map(lambda i: i * 1e-5),
     d_phi=st.integers(1, 50).map(lambda i: i * 1e-3),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_below_the_lesser_limit_sliding_is_stable_and_above_it_is_not(s, h, c_phi, J, d_phi):
     """For any body: Hurwitz's limits against the eigenvalues of the matrices of equation 2.4.
 

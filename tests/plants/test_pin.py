@@ -60,7 +60,7 @@ def test_the_damping_limit_is_where_growth_begins(rigs):
     mu=st.integers(0, 250).map(lambda i: i / 100.0),
     ratio=st.integers(1, 100).map(lambda i: i / 20.0),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_effective_mass_damping_and_stiffness_vanish_at_the_limits(tilt, mu, ratio):
     """For any pin: the rows of the assembled mode set against the oscillator written down here; signs at the limits."""
     scene = rig.load("pin", {"pin.tilt": tilt, "friction.mu": mu, "pin.mass": ratio * M1})

@@ -144,7 +144,7 @@ def test_pressure_stands_ahead_of_the_middle_by_friction_times_its_arm():
 
 
 @given(scale=st.floats(0.2, 5.0), position=st.floats(0.0, 0.0437))
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 def test_pressure_and_speed_together_scale_the_motion(scale, position):
     """The rig knows no other force and no other speed; the slider is held."""
     changes = {"slider.travels": False, "slider.position": position, "friction.mu": 0.5}
@@ -162,7 +162,7 @@ def test_pressure_and_speed_together_scale_the_motion(scale, position):
     retardation=st.sampled_from([0.0, 1e-8, 2e-7]),
     roll=st.floats(-0.1, 0.1),
 )
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_no_point_pulls_or_bears_more_than_its_friction(mu, force, speed, lateral, retardation, roll):
     changes = {
         "friction.mu": mu,
@@ -200,7 +200,7 @@ def test_a_point_that_sticks_creeps_by_no_more_than_its_shear_gives():
 
 
 @given(roll=st.floats(1e-3, 0.1), lateral=st.booleans())
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 def test_a_mirrored_knock_gives_the_mirrored_motion(roll, lateral):
     changes = {"film.lateral": lateral, "load.force": 60.0, "drive.speed": 2e-3}
     left, right = (ride(changes, 4e-4, 500, written={"psi'": side * roll}) for side in (1.0, -1.0))

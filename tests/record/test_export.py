@@ -108,7 +108,7 @@ def test_csv(run, tmp_path):
     assert "damage" not in package["run"]
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.integers(0, 10**15), st.floats()), min_size=1, max_size=30, unique_by=lambda row: row[0]))
 def test_csv_keeps_any_number(tmp_path, rows):
     t_ns, v = np.array([t for t, _ in sorted(rows)]), np.array([v for _, v in sorted(rows)])

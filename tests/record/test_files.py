@@ -63,7 +63,7 @@ def test_equal_runs_make_equal_messages(run, saved, tmp_path):
     assert list(Scan(tmp_path / "again.mcap")) == list(Scan(saved))
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.integers(0, 2 * 10**9), unique=True, max_size=60),
     st.lists(st.integers(0, 2000), unique=True, max_size=20),

@@ -326,7 +326,7 @@ steps = [{step = "load", force = 5, over = "0.5 s"}, {step = "hold", time = "1 s
     assert scenes.Scene.from_json(scene.to_json()) == scene
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_any_broken_value_ends_in_a_scene_error_that_names_its_key(tmp_path_factory, data):
     raw = tomllib.loads(BELT)

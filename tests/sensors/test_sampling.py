@@ -30,7 +30,7 @@ def instruments(clean=None, **numbers):
     return sensors | {"fast": KINDS["laser_vibrometer"](**fast)}
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 10**6), delay=st.sampled_from([0, 0.3e-3, 1.7e-3]), frame_ms=st.sampled_from([1, 2, 5]))
 def test_samples_do_not_depend_on_how_the_run_is_cut(play, clean, seed, delay, frame_ms):
     rng = np.random.default_rng(seed)

@@ -38,7 +38,7 @@ def relative(ours, reference, scale):
     size=st.floats(-4.0, 3.0),
     spread=st.floats(0.0, 3.0),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_every_level_of_the_ladder_is_an_exponential(seed, n, size, spread):
     rng = np.random.default_rng(seed)
     scaling = 10.0 ** rng.uniform(-spread, spread, n)

@@ -70,7 +70,7 @@ def test_a_deeper_ladder_leaves_the_older_mode_sets_alone(rigs):
 @given(
     seed=st.integers(0, 2**32 - 1), name=st.sampled_from(["p1", "p3", "p4"]), step=st.sampled_from([1e-4, 1e-3, 5e-3])
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_bound_of_a_guard_bounds_its_bulge(rigs, seed, name, step):
     """No guard leaves the chord over a step by more than the bound that certifies quiet ticks."""
     system = getattr(rigs, name)()

@@ -61,7 +61,7 @@ def test_a_pole_at_zero_is_the_plain_integral():
     assert poles[0, STEP] == 1.0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     real=st.floats(-3e4, 0.0),
     imag=st.floats(-3e4, 3e4),

@@ -37,7 +37,7 @@ coefficients = st.lists(st.floats(-1.0, 1.0, allow_subnormal=False), min_size=2,
 
 
 @given(coefficients)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_what_is_found_is_a_fall_and_the_first(c):
     assume(c[0] > 1e-6)
     u = fall(c)
@@ -51,7 +51,7 @@ def test_what_is_found_is_a_fall_and_the_first(c):
 
 
 @given(st.lists(st.floats(0.01, 3.0), min_size=1, max_size=6, unique=True))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_the_smallest_root_is_found(roots):
     roots = sorted(roots)
     assume(all(b - a > 1e-3 for a, b in pairwise(roots)))
@@ -64,7 +64,7 @@ def test_the_smallest_root_is_found(roots):
 
 
 @given(st.floats(0.05, 0.95), st.floats(-1e-12, 1e-3))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_a_dip_below_zero_is_seen_however_short(at, depth):
     """(u - at)^2 - depth: below zero for 2 sqrt(depth) of the cell; a test at the ends sees nothing."""
     c = [at * at - depth, -2.0 * at, 1.0]
@@ -81,7 +81,7 @@ def test_touching_zero_is_a_fall():
 
 
 @given(st.floats(0.1, 0.9), st.floats(0.1, 10.0))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_a_guard_that_starts_at_zero_and_rises_falls_later(root, slope):
     """Just released: u slope (1 - u / root); what fell at u = 0 has been dealt with."""
     assert fall([0.0, slope, -slope / root], 1e-14) == pytest.approx(root, abs=1e-14)
@@ -90,7 +90,7 @@ def test_a_guard_that_starts_at_zero_and_rises_falls_later(root, slope):
 
 
 @given(st.floats(0.1, 0.9), st.floats(0.1, 10.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_guard_that_starts_flat_at_zero_and_rises_falls_later(root, bend):
     """mu_s = mu_d: the slope is zero as well."""
     assert fall([0.0, 0.0, bend, -bend / root], 1e-14) == pytest.approx(root, abs=1e-13)

@@ -198,7 +198,7 @@ def test_a_network_much_faster_than_the_step_is_told():
     assert not errors(a, "exact")
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     st.floats(0.01, 1.0), st.floats(0.5, 50.0), st.floats(0.0, 5.0), st.floats(1e2, 1e5),
     st.floats(0.0, 0.2), st.floats(0.01, 0.3),

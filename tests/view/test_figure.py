@@ -117,7 +117,7 @@ def test_a_controller_without_a_protocol_works_from_when_it_is_enabled():
     assert curves.controlled(run) == [(2.0, 3.0, "c")]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(arrays(np.float64, st.integers(50, 400), elements=st.floats(-1e6, 1e6)), st.integers(2, 10))
 def test_a_thinned_line_keeps_its_extremes(v, columns):
     t = np.arange(v.size) * 1.0

@@ -64,18 +64,13 @@ def on_measured(p: Feedback, state: PathState, t_ns: int, values: Values) -> tup
 
 
 def _on_observed(p: Any, state: PathState, t_ns: int, y: float, advance: Any) -> tuple[PathState, Values]:
-    (period_ns, _, smoothing, lagging, direct, lagged, observer), enable_ns, nominal, slope, low, high = p
     z, expected, smooth, lag = state
+    path = p.path
     if t_ns != expected or len(z) == 0:
-        late = (t_ns - expected) // period_ns
-        z = skipped(observer, z, late) if len(z) > 0 and 0 < late <= GAP else at_rest(observer, y)
-    z, v = advance(observer, z, y)
-    if expected < 0:
-        smooth = lag = v
-    smooth += smoothing * (v - smooth)
-    lag += lagging * (smooth - lag)
-    u = nominal + slope * (direct * smooth + lagged * lag) if t_ns >= enable_ns else nominal
-    return (z, t_ns + period_ns, smooth, lag), (low if u < low else high if u > high else u,)
+        late = (t_ns - expected) // path.period_ns
+        z = skipped(path.observer, z, late) if len(z) > 0 and 0 < late <= GAP else at_rest(path.observer, y)
+    z, v = advance(path.observer, z, y)
+    return on_measured(p, (z, expected, smooth, lag), t_ns, (v,))  # its scale is 1
 
 
 def on_observed(p: Feedback, state: PathState, t_ns: int, values: Values) -> tuple[PathState, Values]:

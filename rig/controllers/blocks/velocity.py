@@ -71,7 +71,8 @@ def path(section: VelocitySection, numbers: Numbers) -> Path:
         prediction = lead(2.0 * math.pi * frequency, period, ahead)
     elif ahead > 0.0:
         raise UsageError("compensation: needs the frequency of the oscillation to predict a measured velocity")
-    return Path(section.period, float(numbers.get("read_scale", 1.0)), smoothing, *prediction, observing)
+    scale = 1.0 if observing else float(numbers.get("read_scale", 1.0))
+    return Path(section.period, scale, smoothing, *prediction, observing)
 
 
 def lead(w: float, period: float, ahead: float) -> tuple[float, float, float]:
