@@ -212,31 +212,32 @@ class Windows:
         if topics.of_plant(topic):  # nobody else moves a window
             self.last_ns = max(self.last_ns, t_ns)
         message = _Waiting(topic, payload, t_ns, seq, wall_ns)
-        if self._writer is not None and self.last_ns > self._ends_ns + _SLACK_NS and t_ns > self._ends_ns:
+        if self._writer is not None and self._follows(message):
             self._hold(message)
             return
         self._wait(message)
         if topic == self._bound.topic:
             self._look(payload)
 
+    def _follows(self, message: _Waiting) -> bool:
+        """Whether a message is of what follows the open window; one of many commands is where its first one is."""
+        limit_ns = self._ends_ns + _SLACK_NS
+        if min(self.last_ns, message.t_ns) <= limit_ns:
+            return False
+        if message.topic.startswith("applied/"):
+            with suppress(DecodeError, BusError):
+                applied: Any = messages.TYPES["Applied"].FromString(message.payload)
+                return min(messages.commands(applied).tick) * self.setup.frame_ns > limit_ns
+        return True
+
     def _hold(self, message: _Waiting) -> None:
         """Keep a message for what follows the open window; end the window when it is complete."""
         if not self._beyond:
             self._behind = {topic for topic in self._last if topic.partition("/")[0] in _FLOWING}
         self._beyond.append(message)
-        if message.topic in self._behind:
-            self._behind.discard(message.topic)
-            if message.topic.startswith("applied/") and self._begins_before(message.payload):
-                self._put(message)
+        self._behind.discard(message.topic)
         if not self._behind or message.wall_ns > self._beyond[0].wall_ns + _PATIENCE_NS:
             self._end()
-
-    def _begins_before(self, payload: bytes) -> bool:
-        """Whether the first of the commands of this message is of the open window; its time is that of the last one."""
-        with suppress(DecodeError, BusError):
-            applied: Any = messages.TYPES["Applied"].FromString(payload)
-            return min(messages.commands(applied).tick) * self.setup.frame_ns <= self._ends_ns
-        return False
 
     def _end(self) -> None:
         """End the window at its time, and take what was held."""

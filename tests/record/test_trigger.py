@@ -227,7 +227,8 @@ def test_recordings_that_another_watch_is_writing_are_not_replaced(tmp_path):
 
 @pytest.mark.parametrize("many", [False, True])
 def test_a_window_waits_for_the_commands_that_a_batch_brings_last(tmp_path, many):
-    trigger = Trigger(triggers.condition("vibrometer > 0.1 m/s"), 0.1, 0.3, 5)
+    """And each command is in one of two windows that follow each other."""
+    trigger = Trigger(triggers.condition("vibrometer > 0.1 m/s"), 0.3, 0.3, 2)
     windows = Windows(tmp_path / "w.mcap", SETUP, trigger)
 
     def commands(k):
@@ -238,9 +239,11 @@ def test_a_window_waits_for_the_commands_that_a_batch_brings_last(tmp_path, many
                 message = encode.commands(MS, whole, whole, array("q", [1] * len(ticks)), values)
                 windows.write("applied/nf", message, (ticks[-1] + 1) * MS, ticks[-1], k * MS)
 
-    feed(windows, pulses(200, length=1200), each=commands)
+    feed(windows, pulses(200, 700, length=1600), each=commands)
     windows.close({"ended": "the plant left"}, {})
-    assert reader.open(windows.paths[0]).commands["nf"].tick[-1] >= 500
+    first, second = (reader.open(path).commands["nf"].tick for path in windows.paths)
+    assert first[-1] >= 500
+    assert np.array_equal(second, np.arange(first[-1] + 1, second[-1] + 1))
 
 
 def test_no_process_but_the_plant_ends_a_window(tmp_path):
