@@ -19,6 +19,23 @@ def order(sizes, errors):
     return np.polyfit(np.log(sizes), np.log(errors), 1)[0]
 
 
+def test_the_table_of_dopri5_has_the_orders_of_the_book():
+    c, A = np.array(dopri5.C), np.array([[*row, *[0.0] * (7 - len(row))] for row in dopri5.A])
+    b, e = np.array(dopri5.B), np.array(dopri5.E)
+    assert A.sum(axis=1) == pytest.approx(c, abs=1e-15)
+    for weights, order in ((b, 5), (b - e, 4)):
+        for power in range(order):
+            assert weights @ c**power == pytest.approx(1.0 / (power + 1), abs=1e-14)
+            if power + 2 <= order:
+                assert weights @ A @ c**power == pytest.approx(1.0 / ((power + 1) * (power + 2)), abs=1e-14)
+    first, last = np.eye(7)[[0, 6]]
+    for at in (0.1, 0.5, 0.8):  # the dense output is of fourth order everywhere
+        bulge = first - b
+        inside = at * (b + (1.0 - at) * (bulge + at * (b - last - bulge + (1.0 - at) * np.array(dopri5.D))))
+        for power in range(4):
+            assert inside @ c**power == pytest.approx(at ** (power + 1) / (power + 1), abs=1e-14)
+
+
 def test_rk4_is_of_fourth_order_in_smooth_motion(run, sliding):
     exact = run(sliding, 1.0, 1.0, "dopri5", tolerance=1e-13)
     assert len(exact.times) == 0
@@ -68,14 +85,3 @@ def test_exact_does_not_depend_on_the_step(rigs, run):
     for coarser in runs[1:]:
         assert coarser.times == pytest.approx(runs[0].times, abs=1e-13)
         assert coarser.states[-1] == pytest.approx(runs[0].states[-1], abs=1e-12)
-
-
-def test_the_table_of_dopri5_has_the_orders_of_the_book():
-    c, A = np.array(dopri5.C), np.array([[*row, *[0.0] * (7 - len(row))] for row in dopri5.A])
-    b, e = np.array(dopri5.B), np.array(dopri5.E)
-    assert A.sum(axis=1) == pytest.approx(c, abs=1e-15)
-    for weights, order in ((b, 5), (b - e, 4)):
-        for power in range(order):
-            assert weights @ c**power == pytest.approx(1.0 / (power + 1), abs=1e-14)
-            if power + 2 <= order:
-                assert weights @ A @ c**power == pytest.approx(1.0 / ((power + 1) * (power + 2)), abs=1e-14)
