@@ -28,12 +28,6 @@ def test_the_space_before_a_unit_may_be_left_out(number, unit):
     assert read(f"{number!r}{unit}") == read(f"{number!r} {unit}")
 
 
-@pytest.mark.parametrize("text", ["1e3", "12e-3", "1E+2", "7", ".5"])
-def test_an_exponent_is_no_unit(text):
-    assert si(text, "1") == float(text)
-    assert si(f"{text} s", "s") == float(text)
-
-
 def test_a_number_of_a_million_digits_is_read_at_once():
     digits = "9" * 1_000_000  # in quadratic time it would take hours
     assert parted(f"{digits}.{digits}") == (f"{digits}.{digits}", "")

@@ -1,23 +1,17 @@
 """What `rig explain` says: effects on or absent, states each adds, the origin of each value."""
 
-import pytest
-
 from rig import scenes
 from rig.scenes.explain import explain
 
 
-@pytest.mark.parametrize("name", scenes.names())
-def test_the_effects_own_all_states(name):
-    scene = scenes.load(name)
-    told = [state for effect in explain(scene).effects for state in effect.states]
-    assert sorted(told) == sorted(set(scene.assemble().system().names) - {"one"})
-
-
-@pytest.mark.parametrize("name", scenes.names())
-def test_every_value_of_the_file_is_shown_with_its_origin(name):
-    scene = scenes.load(name)
-    told = {value.key: value.origin for value in explain(scene).values}
-    assert {key: told.get(key) for key in scene.origins} == scene.origins
+def test_effects_own_all_states_say_what_they_are_and_every_value_has_its_origin(shipped):
+    for scene in shipped:
+        told = explain(scene)
+        states = [state for effect in told.effects for state in effect.states]
+        assert sorted(states) == sorted(set(scene.assemble().system().names) - {"one"}), scene.name
+        assert [effect.name for effect in told.effects if not effect.about] == [], scene.name
+        origins = {value.key: value.origin for value in told.values}
+        assert {key: origins.get(key) for key in scene.origins} == scene.origins, scene.name
 
 
 def test_an_absent_effect_adds_nothing():
@@ -29,15 +23,8 @@ def test_an_absent_effect_adds_nothing():
     assert effects["dither"].states == ("dither.sin", "dither.cos")
 
 
-def test_defaults_of_instruments_carry_the_origin_of_their_documentation():
-    told = {value.key: value.origin for value in explain(scenes.load("pendulum")).values}
-    assert told["sensors.vibrometer.slew"].origin == "calibrated"
-    assert told["sensors.strain_gauge.span"].origin == "public"
-    assert told["clock.tolerance"].origin == "chosen"
-
-
-def test_units_of_the_protocol_are_those_of_what_it_moves():
-    units = {value.key: value.unit for value in explain(scenes.load("pendulum")).values}
-    assert units["protocol[5].to"] == "rad/s"
-    assert units["protocol[2].to"] == "N"
-    assert units["load.lag"] == "s"
+def test_defaults_carry_the_origin_of_their_documentation_and_steps_the_unit_of_what_they_move():
+    told = {value.key: value for value in explain(scenes.load("pendulum")).values}
+    keys = ("sensors.vibrometer.slew", "sensors.strain_gauge.span", "clock.tolerance")
+    assert [told[key].origin.origin for key in keys] == ["calibrated", "public", "chosen"]
+    assert [told[key].unit for key in ("protocol[5].to", "protocol[2].to", "load.lag")] == ["rad/s", "N", "s"]

@@ -14,7 +14,7 @@ BELT = "belt_normal_force"
 
 def faults(changes):
     with pytest.raises(SceneError) as caught:
-        scenes.load(BELT, changes)
+        scenes.load(BELT, {f"network.{key}": value for key, value in changes.items()})
     return caught.value.faults
 
 
@@ -48,49 +48,20 @@ def test_a_link_in_words_is_read_as_it_was(delay, loss, duplicate, reorder):
 
 
 def test_all_faults_of_a_section_are_told_at_once():
-    assert list(
-        faults(
-            {
-                "network.meas.vibromter.delay": "1 ms",
-                "network.act.fn.loss": "1 %",
-                "network.meas.vibrometer.delay": "-1 ms",
-                "network.meas.vibrometer.los": "1 %",
-                "network.act.nf.loss": "120 %",
-                "network.act.nf.duplicate": "3 kg",
-                "network.act.nf.reorder": 3,
-                "network.seed": -3,
-            }
-        )
-    ) == [
-        "network.seed = -3: must be at least 0 (given in the call)",
-        'network.meas.vibrometer.delay = "-1 ms": must be at least 0 s (given in the call)',
-        "network.meas.vibrometer.los: unknown key; did you mean network.meas.vibrometer.loss? (given in the call)",
-        'network.act.nf.loss = "120 %": must be at most 1 (given in the call)',
-        'network.act.nf.duplicate = "3 kg": expected a unit that converts to 1 (no unit) (given in the call)',
-        "network.act.nf.reorder = 3: expected true or false (given in the call)",
-        "network.meas.vibromter: unknown sensor; did you mean vibrometer? (given in the call)",
-        "network.act.fn: unknown controller; known: nf (given in the call)",
+    changes = {"meas.vibromter.delay": "1 ms", "act.fn.loss": "1 %", "meas.vibrometer.delay": "-1 ms",
+               "meas.vibrometer.los": "1 %", "act.nf.loss": "120 %", "act.nf.reorder": 3, "seed": -3}  # fmt: skip
+    assert [line.removesuffix(" (given in the call)") for line in faults(changes)] == [
+        "network.seed = -3: must be at least 0",
+        'network.meas.vibrometer.delay = "-1 ms": must be at least 0 s',
+        "network.meas.vibrometer.los: unknown key; did you mean network.meas.vibrometer.loss?",
+        'network.act.nf.loss = "120 %": must be at most 1',
+        "network.act.nf.reorder = 3: expected true or false",
+        "network.meas.vibromter: unknown sensor; did you mean vibrometer?",
+        "network.act.fn: unknown controller; known: nf",
     ]
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"network.meas.vibromter.delay": "1 ms"}, "unknown sensor; did you mean vibrometer?"),
-        ({"network.act.fn.loss": "1 %"}, "network.act.fn: unknown controller; known: nf"),
-        ({"network.mess.vibrometer.loss": "1 %"}, "network.mess: unknown key; did you mean network.meas?"),
-        (
-            {"network.act.nf.jitter": "3 ms", "network.act.nf.delay": "2 ms"},
-            "is more than the delay of 2 ms; a message cannot arrive before it is sent, so at most 2 ms are possible",
-        ),
-        ({"network.act.nf.jitter": "3 ms"}, "is more than the delay of 0 ms"),
-        ({"network": 3}, "expected a table"),
-        ({"network.seed": "many"}, "network.seed"),
-        ({"network.meas": "fast"}, "network.meas"),
-    ],
-)
-def test_a_link_that_cannot_be_is_refused(changes, told):
-    assert told in "\n".join(faults(changes))
+    assert "network.mess: unknown key; did you mean network.meas?" in faults({"mess.vibrometer.loss": "1 %"})[0]
+    [told] = faults({"act.nf.jitter": "3 ms", "act.nf.delay": "2 ms"})
+    assert "is more than the delay of 2 ms; a message cannot arrive before it is sent, so at most 2 ms" in told
 
 
 def test_a_delay_between_frames_is_rounded_up():

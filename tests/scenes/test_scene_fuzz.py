@@ -27,15 +27,12 @@ from rig.stability.report import stability_report
 
 SECONDS = 30
 """In which every one of them must be judged."""
-HUGE = (1e300, -1e300, 1.7e308, math.inf, -math.inf, math.nan, int("9" * 400))
 ODD = (
-    *HUGE, 0, 0.0, -0.0, -1, -1.0,
-    1e-300, 3e-308, 1e-200, 1e-160, -1e-300, 5e-324, 1e30, -1e30, 1e16, 2**31, 2**63, 2**64, -(2**63) - 1,
-    1e-9, 1e9, True, False, [], {}, [[]], [{}], {"a": 1}, [1], [1, 2], ["5 kg", "paper"], ["5 kg", "papr"], [None],
-    "", " ", "none", "nan", "inf", "1e300", "1e999 m", "-1e300 N", "5 kg", "1 ns", "1e300 s", "nan s", "5 furlong",
-    "9^9^9^9 m", "1 m**m**m", "1 " + "(" * 300, "1 m" + "*m" * 300, "x" * 100_000, "\x00", "\u202e", "0x10", "1_000",
-    "٣ kg", "1,5 kg", "5kg", "forever", "belt", "../../etc/passwd", [1.0] * 5000, list(range(300)), {"kind": []},
-    {"kind": {}}, {"law": "table"}, {"law": []}, {"step": "hold"}, [{"step": []}], [{"step": "repeat"}],
+    1e300, -1e300, math.inf, math.nan, int("9" * 400), 0, -1.0, 5e-324, 1e30, 2**63, True, [], {}, [[]], {"a": 1},
+    [1, 2], ["5 kg", "paper"], ["5 kg", "papr"], [None], "", " ", "none", "nan", "1e999 m", "5 kg", "1 ns", "1e300 s",
+    "5 furlong", "9^9^9^9 m", "1 m**m**m", "1 " + "(" * 300, "1 m" + "*m" * 300, "x" * 100_000, "\x00", "\u202e",
+    "0x10", "٣ kg", "1,5 kg", "forever", "belt", "../../etc/passwd", [1.0] * 5000, {"kind": []}, {"law": "table"},
+    {"step": "hold"}, [{"step": []}], [{"step": "repeat"}],
 )  # fmt: skip
 RAW = (
     "9" * 5000, "-" + "9" * 5000, "1e" + "9" * 400, "0x" + "f" * 5000, "[" * 3000, "[" * 3000 + "]" * 3000,
@@ -69,10 +66,6 @@ def at(tree, path):
     for key in path:
         tree = tree[key]
     return tree
-
-
-class Raw(str):
-    """Text that goes into the file as it is."""
 
 
 def written(tree):
@@ -191,7 +184,7 @@ def fuzz(folder, seed, count, deep=False):
 
 
 def test_a_damaged_scene_is_refused_in_words_or_holds(tmp_path):
-    assert fuzz(tmp_path, seed=1, count=300) == []
+    assert fuzz(tmp_path, seed=1, count=150) == []
 
 
 @pytest.mark.slow
@@ -200,22 +193,18 @@ def test_thousands_of_damaged_scenes(tmp_path, seed):
     assert fuzz(tmp_path, seed, count=2000, deep=True) == []
 
 
-@pytest.mark.parametrize("override", [*ODD, *RAW], ids=lambda value: repr(value)[:20])
-@pytest.mark.parametrize(
-    "key", ["body.mass", "friction.law", "clock.frame", "seed", "sensors.laser.kind", "body", "x.y"]
-)
-def test_an_odd_change_is_refused_in_words_or_holds(key, override):
-    scene, faults = read("belt", {key: override})
-    if scene is None:
-        assert told_well(faults), faults
-    else:
-        assert 1e-9 <= scene.parameters.body.mass <= 1e6
-        assert 10_000 <= scene.clock.frame <= 1_000_000_000
+@pytest.mark.parametrize("key", ["body.mass", "friction.law", "clock.frame", "sensors.laser.kind", "body", "x.y"])
+def test_an_odd_change_is_refused_in_words_or_holds(key):
+    for override in (*ODD, *RAW):
+        scene, faults = read("belt", {key: override})
+        if scene is None:
+            assert told_well(faults), (override, faults)
+        else:
+            assert 1e-9 <= scene.parameters.body.mass <= 1e6, override
+            assert 10_000 <= scene.clock.frame <= 1_000_000_000, override
 
 
-@pytest.mark.parametrize(
-    "text", ["x.toml", "/dev/zero", "/dev/null", "", ".", "..", "/", "\0.toml", "\0", "x" * 5000, "~", "a/" * 3000]
-)
+@pytest.mark.parametrize("text", ["x.toml", "/dev/zero", "", "..", "\0.toml", "x" * 5000, "a/" * 3000])
 def test_what_is_no_file_is_refused_at_once(tmp_path, monkeypatch, text):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SceneError):
@@ -231,30 +220,16 @@ def test_a_pipe_a_folder_and_a_file_without_end_are_no_scenes(tmp_path):
             scenes.load(tmp_path / f"{name}.toml")
 
 
-@pytest.mark.parametrize(
-    ("key", "given", "told"),
-    [
-        ("body.mass", 1e300, "body.mass = 1e+300: must be 1e-09 to 1e+06 kg"),
-        ("body.mass", "1e-300 kg", 'body.mass = "1e-300 kg": must be 1e-09 to 1e+06 kg'),
-        ("body.damping", "1e300 N*s/m", 'body.damping = "1e300 N*s/m": must be 0 to 1e+09 N*s/m'),
-        ("drive.speed", "-1e300 m/s", 'drive.speed = "-1e300 m/s": must be -10000 to 10000 m/s'),
-        ("clock.frame", "1 ns", 'clock.frame = "1 ns": must be at least 1e-06 s'),
-        ("clock.frame", "2 s", 'clock.frame = "2 s": must be at most 1 s'),
-        ("clock.frame", "inf s", 'clock.frame = "inf s": must be a finite number, 1e-06 to 1 s'),
-        ("clock.frame", "1e308 s", 'clock.frame = "1e308 s": must be 1e-06 to 1 s'),
-        ("clock.frame", "1e308 h", 'clock.frame = "1e308 h": must be a finite number, 1e-06 to 1 s'),
-        ("load.force", "1e308 kN", 'load.force = "1e308 kN": must be a finite number, 0 to 1e+09 N'),
-        ("load.force", "1e400 N", 'load.force = "1e400 N": must be a finite number, 0 to 1e+09 N'),
-        (
-            "sensors.vibrometer.rate",
-            "1e308 kHz",
-            'sensors.vibrometer.rate = "1e308 kHz": must be a finite number, 1 to ',
-        ),
-        ("sensors.vibrometer.delay", "-1e9 s", 'sensors.vibrometer.delay = "-1e9 s": must be 0 to 100 s'),
-        ("seed", "9" * 5000, "seed = "),
-        ("limits.displacement", 1e300, "limits.displacement = 1e+300: must be 1e-12 to 10000 m"),
-    ],
-)
+@pytest.mark.parametrize(("key", "given", "told"), [
+    ("body.mass", 1e300, "body.mass = 1e+300: must be 1e-09 to 1e+06 kg"),
+    ("drive.speed", "-1e300 m/s", 'drive.speed = "-1e300 m/s": must be -10000 to 10000 m/s'),
+    ("clock.frame", "1 ns", 'clock.frame = "1 ns": must be at least 1e-06 s'),
+    ("clock.frame", "1e308 h", 'clock.frame = "1e308 h": must be a finite number, 1e-06 to 1 s'),
+    ("load.force", "1e400 N", 'load.force = "1e400 N": must be a finite number, 0 to 1e+09 N'),
+    ("sensors.vibrometer.delay", "-1e9 s", 'sensors.vibrometer.delay = "-1e9 s": must be 0 to 100 s'),
+    ("seed", "9" * 5000, "seed = "),
+    ("limits.displacement", 1e300, "limits.displacement = 1e+300: must be 1e-12 to 10000 m"),
+])  # fmt: skip
 def test_a_fault_says_what_is_allowed(key, given, told):
     with pytest.raises(SceneError) as caught:
         scenes.load("belt", {key: given})

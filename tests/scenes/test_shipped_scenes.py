@@ -14,58 +14,39 @@ from rig.scenes.scene import Scene
 from rig.scenes.shipped import card, plant
 
 NUMBER = re.compile(r"[+-]?[\d.]")
-EXPERIMENTS = {
-    "belt",
-    "belt_b",
-    "belt_c",
-    "belt_c_damped",
-    "belt_dither",
-    "belt_dither_controlled",
-    "belt_dither_sampled",
-    "belt_fluctuating_load",
-    "belt_hysteresis",
-    "belt_normal_force",
-    "belt_normal_force_acceleration",
-    "belt_normal_force_displacement",
-    "belt_remedy_damping",
-    "belt_remedy_friction",
-    "belt_remedy_load",
-    "belt_remedy_speed",
-    "belt_remedy_stiffness",
-    "belt_slow_card",
-    "belt_velocity_feedback",
-    "four_dof",
-    "north",
-    "north_divergence",
-    "pendulum",
-    "pin",
-    "seal_l",
-    "seal_p",
-    "tread",
-    "tread_rough",
-    "two_dof",
-    "two_dof_dither",
-}
+EXPERIMENTS = set(
+    """
+    belt belt_b belt_c belt_c_damped belt_dither belt_dither_controlled belt_dither_sampled belt_fluctuating_load
+    belt_hysteresis belt_normal_force belt_normal_force_acceleration belt_normal_force_displacement belt_remedy_damping
+    belt_remedy_friction belt_remedy_load belt_remedy_speed belt_remedy_stiffness belt_slow_card belt_velocity_feedback
+    four_dof north north_divergence pendulum pin seal_l seal_p tread tread_rough two_dof two_dof_dither
+""".split()
+)
+
+
+@pytest.fixture(scope="module", params=scenes.names())
+def scene(request, shipped):
+    return next(scene for scene in shipped if scene.name == request.param)
 
 
 def test_the_experiments_of_the_paper_ship():
     assert set(scenes.names()) >= EXPERIMENTS
 
 
-@pytest.mark.parametrize("name", scenes.names())
-def test_a_scene_comes_back_from_json_unchanged(name):
-    scene = scenes.load(name)
+def test_a_scene_comes_back_from_json_unchanged(scene):
     again = scenes.Scene.from_json(scene.to_json())
     assert again == scene
     assert again.to_json() == scene.to_json()
     assert again.digest == scene.digest
 
 
-@pytest.mark.parametrize("name", scenes.names())
-def test_every_value_bears_an_origin(name):
-    raw = tomllib.loads(scenes.path(name).read_text(encoding="utf-8"))
+def test_every_value_bears_an_origin_and_needs_no_unit_library(scene):
+    """Start-up counts: 0.3 s of pint for a factor of one would be wasted."""
+    raw = tomllib.loads(scenes.path(scene.name).read_text(encoding="utf-8"))
     assert list(_bare(raw)) == []
-    assert {origin.origin for origin in scenes.load(name).origins.values()} <= set(ORIGINS)
+    assert {origin.origin for origin in scene.origins.values()} <= set(ORIGINS)
+    for text in _texts(raw):
+        assert not re.search(r"\d\s+(ms|us|kHz|mm|um|rpm|mN|deg)\b", text), text
 
 
 def _bare(raw, key=""):
@@ -81,56 +62,39 @@ def _bare(raw, key=""):
         yield key
 
 
-@pytest.mark.parametrize("name", scenes.names())
-def test_a_scene_says_what_one_sees(name):
-    told = card(name)
+def test_a_scene_says_what_one_sees_and_a_list_reads_it(scene):
+    told = card(scene.name)
+    assert scene.name.startswith((told["plant"], "seal"))  # the seal is a friction law, on the belt
+    assert (told["title"], told["plant"], plant(scene.name)) == (scene.title, scene.plant, scene.plant)
     assert told["title"]
     assert told["about"]
-    assert name.startswith((told["plant"], "seal"))  # the seal is a friction law, on the belt
-
-
-@pytest.mark.parametrize("name", scenes.names())
-def test_what_a_list_reads_of_a_scene_is_what_its_file_says(name):
-    scene, told = scenes.load(name), card(name)
-    assert (told["title"], told["plant"], plant(name)) == (scene.title, scene.plant, scene.plant)
     assert scene.about.startswith(told["about"])
     assert told["pace_limit"] == scene.clock.pace_limit
     assert ([f"scene {told['based_on']}"] if told["based_on"] else []) == list(scene.bases[:1])
     assert scene.notes == ()
 
 
-@pytest.mark.parametrize("name", scenes.names())
-def test_nothing_speaks_against_a_run_of_a_scene(name):
+def test_nothing_speaks_against_a_run_of_a_scene(scene):
     """Assembled and looked at as before a run; nothing is compiled."""
-    scene = scenes.load(name)
     errors = [one.what for one in findings(scene) if one.level == "error"]
     assert errors == [] or scene.clock.unstable == "run"
 
 
 @pytest.mark.slow  # compiles every kind of rig
-@pytest.mark.parametrize("name", scenes.names())
-def test_a_scene_runs_for_a_frame(name):
-    scene = scenes.load(name)
+def test_a_scene_runs_for_a_frame(scene):
     run = simulate(scene, 2e-9 * scene.frame_ns)
     assert run.fault == ""
     assert run.time[-1] == pytest.approx(2e-9 * scene.frame_ns)
     assert all(np.isfinite(values).all() for values in run.signals.values())
 
 
-def test_a_scene_that_cannot_keep_up_with_the_clock_says_why():
-    limited = {name: scenes.load(name) for name in scenes.names() if card(name)["pace_limit"] is not None}
-    assert "brake_disc_modes" in limited
-    for name, scene in limited.items():
-        assert 0.0 < scene.clock.pace_limit == card(name)["pace_limit"]
+def test_a_scene_that_cannot_keep_up_with_the_clock_says_why(shipped):
+    limited = [scene for scene in shipped if scene.clock.pace_limit is not None]
+    assert "brake_disc_modes" in [scene.name for scene in limited]
+    for scene in limited:
+        assert scene.clock.pace_limit > 0.0
         assert " us" in scene.slow or " ms" in scene.slow
         assert Scene.from_json(scene.to_json()).slow == scene.slow
-
-
-@pytest.mark.parametrize("name", scenes.names())
-def test_shipped_units_need_no_unit_library(name):
-    """Start-up counts: 0.3 s of pint for a factor of one would be wasted."""
-    for origin_less in _texts(tomllib.loads(scenes.path(name).read_text(encoding="utf-8"))):
-        assert not re.search(r"\d\s+(ms|us|kHz|mm|um|rpm|mN|deg)\b", origin_less), origin_less
 
 
 def _texts(raw):
