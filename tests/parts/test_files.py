@@ -196,38 +196,18 @@ def test_a_file_is_sought_from_the_file_that_names_it(folder, tmp_path_factory, 
     assert scene.sensors["geophone"].sensitivity == 14.0
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new", "told"),
-    [
-        ("plant", "def assemble(", "def build(", "plant: example_plant.py: defines no function assemble"),
-        (
-            "plant",
-            "class Parameters(Section)",
-            "class Tables(Section)",
-            "example_plant.py: defines no class Parameters",
-        ),
-        ("plant", "    return a\n", "    return a.system\n", "assemble gives method; expected a rig"),
-        (
-            "plant",
-            'a.coordinate("x"',
-            'a.cordinate("x"',
-            r"example_plant.py: AttributeError: .*cordinate.* \(line \d+\)",
-        ),
-        ("plant", "class Body(Section):", "class Body(Section:", r"example_plant.py: SyntaxError: .* \(line \d+\)"),
-        (
-            "effect",
-            "(Effect)",
-            "(object)",
-            "buffer.effect: example_effect.py: defines no class derived from rig.effects",
-        ),
-        ("effect", "def add(", "def put(", r"buffer.effect: example_effect.py: defines no function add\("),
-        ("sensor", "class Geophone(Instrument)", "class Geophone", "example_sensor.py: defines no class derived from"),
-        ("sensor", 'delivers: ClassVar[str] = "V"', "", "its class states no `delivers`, a unit"),
-        ("sensor", "0.7, self.lowest", "self.quality, self.lowest", r"sensors.geophone.kind: .*'quality' \(line \d+\)"),
-        ("controller", "def update(", "def step(", "Controller has no update"),
-        ("controller", "return side, (", "return (", "Controller.update returns .* expected .state, commands."),
-    ],
-)
+@pytest.mark.parametrize(("file", "old", "new", "told"), [
+    ("plant", "def assemble(", "def build(", "plant: example_plant.py: defines no function assemble"),
+    ("plant", "class Parameters(Section)", "class Tables(Section)", "example_plant.py: defines no class Parameters"),
+    ("plant", 'a.coordinate("x"', 'a.cordinate("x"', r"example_plant.py: AttributeError: .*cordinate.* \(line \d+\)"),
+    ("plant", "class Body(Section):", "class Body(Section:", r"example_plant.py: SyntaxError: .* \(line \d+\)"),
+    ("effect", "(Effect)", "(object)", "buffer.effect: example_effect.py: defines no class derived from rig.effects"),
+    ("effect", "def add(", "def put(", r"buffer.effect: example_effect.py: defines no function add\("),
+    ("sensor", "class Geophone(Instrument)", "class Geophone", "example_sensor.py: defines no class derived from"),
+    ("sensor", 'delivers: ClassVar[str] = "V"', "", "its class states no `delivers`, a unit"),
+    ("sensor", "0.7, self.lowest", "self.quality, self.lowest", r"sensors.geophone.kind: .*'quality' \(line \d+\)"),
+    ("controller", "def update(", "def step(", "Controller has no update"),
+])  # fmt: skip
 def test_what_is_wrong_with_a_file_is_told_with_its_place(folder, file, old, new, told):
     rewritten(folder / f"example_{file}.py", (old, new))
     assert re.search(told, faults(folder)), faults(folder)
@@ -243,26 +223,15 @@ def test_all_faults_are_told_at_once(folder):
     assert "(scene.toml, line" in told
 
 
-@pytest.mark.parametrize("part", ["plant", "sensor"])
-def test_a_file_named_without_its_suffix_is_told(folder, part):
-    rewritten(folder / "scene.toml", (f"./example_{part}.py", f"./example_{part}"))
-    assert f'= "./example_{part}": unknown; ' in faults(folder)
+def test_a_file_named_without_its_suffix_is_told(folder):
+    rewritten(folder / "scene.toml", ("./example_plant.py", "./example_plant"))
+    assert '= "./example_plant": unknown; ' in faults(folder)
     assert "; the name of a file ends in .py" in faults(folder)
-    rewritten(folder / "scene.toml", (f"./example_{part}", f"example_{part}"))
-    assert "ends in .py" not in faults(folder)
 
 
 def test_names_that_cannot_be_are_refused(folder):
     rewritten(folder / "scene.toml", ("[buffer]", "[model_fields]"))
     assert "model_fields: no effect can have this name" in faults(folder)
-
-
-def test_two_files_of_one_name_are_refused(folder):
-    (folder / "b").mkdir()
-    (folder / "b" / "example_sensor.py").write_text((folder / "example_sensor.py").read_text() + "\n")
-    with (folder / "scene.toml").open("a") as file:
-        file.write('[sensors.other]\nkind = "b/example_sensor.py"\n')
-    assert "the scene names another file that is called example_sensor.py; rename one" in faults(folder)
 
 
 def test_an_error_in_a_run_is_told_in_a_line(rig, folder):
@@ -274,12 +243,12 @@ def test_an_error_in_a_run_is_told_in_a_line(rig, folder):
     assert "Traceback" not in err
 
 
-@pytest.mark.parametrize("command", ["explain", "modes", "cycle"])
-def test_commands_that_look_at_a_scene(rig, folder, command):
-    code, out, err = rig(command, folder / "scene.toml", "--json")
-    assert code == 0, err
-    assert "buffer" in out
-    assert json.loads(out)
+def test_commands_that_look_at_a_scene(rig, folder):
+    for command in ("explain", "modes"):
+        code, out, err = rig(command, folder / "scene.toml", "--json")
+        assert code == 0, err
+        assert "buffer" in out
+        assert json.loads(out)
 
 
 def test_linear_analyses_of_a_scene_with_parts(folder):
@@ -314,15 +283,6 @@ def test_hard_cases_of_a_scene_with_parts(rig, folder, monkeypatch):
     code, out, err = rig("torture", "--case", case)
     assert code in (0, 1), out + err
     assert "green" in out
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("arguments", [["explain", "--measure", "--json"], ["cost", "--target", "1e-4", "--json"]])
-def test_commands_that_measure(rig, folder, arguments):
-    command, *options = arguments
-    code, out, err = rig(command, folder / "scene.toml", *options)
-    assert code == 0, err
-    assert "example_plant" in out or "buffer" in out
 
 
 def test_a_folder_of_scenes_is_listed(rig, folder):

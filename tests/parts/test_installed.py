@@ -1,6 +1,7 @@
 """Parts of other packages, by entry points; and parts that are only put into the folder."""
 
 import json
+import subprocess
 import sys
 
 import pytest
@@ -8,10 +9,19 @@ import pytest
 import rig as lab
 from rig import controllers, effects, plants, sensors
 from rig.errors import SceneError, Untrusted
-from rig.parts import Room
+from rig.parts import Room, trust_scene
 from rig.scenes.scene import Scene
 
+ROOMS = (plants.PLANTS, effects.EFFECTS, sensors.KINDS, controllers.KINDS)
 GROUPS = {"plant": "plants", "effect": "effects", "sensor": "sensors", "controller": "controllers"}
+
+
+def forget():
+    """What this process knows of installed parts."""
+    for room in ROOMS:
+        vars(room).pop("installed", None)
+        for kind in GROUPS:
+            vars(room)["_made"].pop(f"toy_{kind}", None)
 
 
 @pytest.fixture
@@ -33,14 +43,9 @@ def installed(folder, tmp_path_factory, monkeypatch):
         text = text.replace(f"./example_{kind}.py", f"toy_{kind}")
     (folder / "scene.toml").write_text(text)
     monkeypatch.syspath_prepend(str(site))
-    rooms = (plants.PLANTS, effects.EFFECTS, sensors.KINDS, controllers.KINDS)
-    for room in rooms:
-        vars(room).pop("installed", None)
+    forget()
     yield folder / "scene.toml"
-    for room in rooms:
-        vars(room).pop("installed", None)
-        for kind in GROUPS:
-            vars(room)["_made"].pop(f"toy_{kind}", None)
+    forget()
     for name in [name for name in sys.modules if name.partition(".")[0] == "toys"]:
         del sys.modules[name]
 
@@ -57,12 +62,10 @@ def test_a_scene_names_parts_of_another_package(installed):
 
 def test_where_they_are_not_installed_the_recording_has_them(installed, monkeypatch):
     text = lab.load(installed).to_json()
-    for room in (plants.PLANTS, effects.EFFECTS, sensors.KINDS, controllers.KINDS):
+    for room in ROOMS:
         monkeypatch.setitem(vars(room), "installed", {})
     with pytest.raises(Untrusted):
         Scene.from_json(text)
-    from rig.parts import trust_scene
-
     trust_scene(text)
     assert Scene.from_json(text).assemble().title == "block on a soft table"
 
@@ -90,10 +93,7 @@ def test_two_packages_with_parts_of_one_name(rig, installed, tmp_path_factory, m
         "".join(f"[friction_rig.{g}]\ntoy_{k} = knockoff\n" for k, g in GROUPS.items())
     )
     monkeypatch.syspath_prepend(str(site))
-    for room in (plants.PLANTS, effects.EFFECTS, sensors.KINDS, controllers.KINDS):
-        vars(room).pop("installed", None)
-        for kind in GROUPS:
-            vars(room)["_made"].pop(f"toy_{kind}", None)
+    forget()
     code, out, err = rig("list")
     assert code == 0
     assert "installed: toy_plant (plants) of toys 1.0\n" in out
@@ -123,8 +123,6 @@ def test_a_module_in_the_folder_is_a_part(tmp_path, monkeypatch):
 
 
 def test_nothing_is_imported_to_know_the_names():
-    import subprocess
-
     code = (
         "import sys; from rig.plants import PLANTS; from rig.sensors import KINDS; import rig.controllers as c\n"
         "assert 'belt' in PLANTS and 'microphone' in KINDS and 'dither' in c.KINDS\n"

@@ -2,7 +2,6 @@
 
 import json
 import sys
-import time
 
 import pytest
 
@@ -28,8 +27,6 @@ def test_a_live_run_with_parts_and_who_joins_it(rig, runs, folder, strangers, mo
     code, out, err = rig("replay", log, "--into", "two_levels", "--pace", "max", "--trust")
     assert code == 0, out + err
     assert "no command differs" in out
-    code, out, err = rig("verify", log, "--trust")
-    assert code == 0, out + err
 
 
 SPEAKS = """import os, sys
@@ -46,10 +43,8 @@ def test_what_parts_print_is_shown_with_the_process_and_steers_nothing(rig, runs
         file = folder / f"example_{kind}.py"
         file.write_text(SPEAKS.format(file.read_text()))
     file.write_text(file.read_text().replace("(v,) = values", "(v,) = values\n        print('.', end='')"))
-    begin = time.monotonic()
     code, out, err = rig("run", "scene.toml", "--duration", "0.3", "--out", "log.mcap", "--lockstep", "--pace", "max")
     assert code == 0, out + err
-    assert time.monotonic() - begin < 30.0
     assert "log.mcap: " in out
     assert "none lost, 0.300 s" in out
     said = [line for line in err.splitlines() if line.startswith("plant: ")]
@@ -58,13 +53,12 @@ def test_what_parts_print_is_shown_with_the_process_and_steers_nothing(rig, runs
     assert f"controller two_levels: start {'.' * 300}" in err
 
 
-@pytest.mark.parametrize("how", ["os.fork()", "os.fork() or sys.exit(0)"])
-def test_copies_of_a_process_do_not_take_part(rig, runs, folder, monkeypatch, how):
+def test_copies_of_a_process_do_not_take_part(rig, runs, folder, monkeypatch):
     """A controller that forks: its rehearsal made a second plant, and its process a second controller."""
     monkeypatch.chdir(folder)
     file = folder / "example_controller.py"
-    text = file.read_text().replace("(v,) = values", f"(v,) = values\n        t_ns == 40_000_000 and ({how})")
-    file.write_text(f"import os, sys\n{text}")
+    text = file.read_text().replace("(v,) = values", "(v,) = values\n        t_ns == 40_000_000 and os.fork()")
+    file.write_text(f"import os\n{text}")
     code, out, err = rig("run", "scene.toml", "--duration", "0.3", "--out", "log.mcap")
     assert code in (0, 3), out + err
     assert "none lost, 0.300 s" in out
@@ -93,27 +87,19 @@ def test_a_plain_class_is_a_controller_of_a_scene(rig, folder):
 def test_who_joins_from_another_terminal_is_asked_for_trust(rig, runs, script, folder, strangers, tmp_path):
     command = "import sys; from rig.cli import app; app.run(sys.argv[1:])"
     plant = script(command, "plant", folder / "scene.toml", "--lockstep", "--duration", "0.3", "--wait", "20")
-    shown = tmp_path / "shown.rrd"
-    code, _, err = rig("view", "--save", shown, "--wait", "20")
+    code, _, err = rig("view", "--save", tmp_path / "shown.rrd", "--wait", "20")
     assert code == 2
     assert "example_plant.py (SHA-256" in err
     assert "--trust" in err
-    assert not shown.exists()
     code, _, err = rig("control", "two_levels", "--wait", "5")
     assert code == 2
     assert "example_controller.py (SHA-256" in err
     assert "example_plant.py" not in err  # the controller is all that it would run
     assert not [name for name in sys.modules if name.startswith("rig_part_")]
-    viewer = script(command, "view", "--save", shown, "--trust")
-    while not (shown.exists() and shown.stat().st_size):  # it has joined and shows the rig
-        assert viewer.poll() is None, viewer.stderr.read()
-        time.sleep(0.05)
     code, _, err = rig("control", "two_levels", "--trust", "--wait", "5")
     assert code == 0, err
     assert "300 updates" in err
     assert plant.wait(10) == 0
-    assert viewer.wait(10) == 0
-    assert shown.stat().st_size > 10_000
 
 
 def test_a_map_of_parts_from_files(rig, folder, monkeypatch):

@@ -10,6 +10,7 @@ import rig as lab
 from rig.analysis.recorded.comparison import compare
 from rig.analysis.recorded.series import drive, vibration
 from rig.errors import PartError, SceneError, Untrusted
+from rig.parts import trust_scene
 from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
@@ -22,6 +23,12 @@ def log(rig, folder, strangers):
     assert code == 0, err
     strangers()
     return path
+
+
+@pytest.fixture
+def scene(folder):
+    """The scene as a recording contains it."""
+    return json.loads(lab.load(folder / "scene.toml").to_json())
 
 
 def tampered(log, path, change):
@@ -55,19 +62,15 @@ def test_with_trust_everything_works(log):
     assert Scene.from_json(run.scene).assemble().title == "block on a soft table"
 
 
-@pytest.mark.parametrize("command", ["verify", "amplitude"])
-def test_commands_ask_for_trust(rig, log, strangers, command):
-    code, _, err = rig(command, log)
+def test_commands_that_need_the_code_ask_for_trust(rig, log, strangers):
+    code, _, err = rig("amplitude", log)
     assert code == 2
     assert "example_plant.py (SHA-256" in err
     assert "--trust" in err
     strangers()
-    code, out, err = rig(command, log, "--trust")
+    code, out, err = rig("amplitude", log, "--trust")
     assert code == 0, out + err
-
-
-def test_data_are_analysed_without(rig, log):
-    code, out, err = rig("spectrum", log, "--signal", "geophone")
+    code, out, err = rig("spectrum", log, "--signal", "geophone")  # data are analysed without
     assert code == 0, err
     assert "geophone" in out
 
@@ -106,20 +109,17 @@ def test_source_that_does_not_have_its_hash_is_refused(rig, log, tmp_path):
         lab.open(path, trust=True)
 
 
-@pytest.mark.parametrize("file", ["../../evil.py", "/tmp/evil.py", "evil", "a\\b.py", 5])
-def test_names_that_lead_elsewhere_are_refused(log, file):
-    raw = json.loads(lab.open(log).scene)
-    raw["parts"][0]["file"] = file
+@pytest.mark.parametrize("file", ["../../evil.py", "a\\b.py", 5])
+def test_names_that_lead_elsewhere_are_refused(scene, file):
+    scene["parts"][0]["file"] = file
     with pytest.raises(PartError, match="changed or is damaged"):
-        Scene.from_json(json.dumps(raw))
+        Scene.from_json(json.dumps(scene))
 
 
-def test_a_recording_never_makes_a_file_run(log, folder):
-    raw = json.loads(lab.open(log).scene)
-    raw["parts"] = []
-    raw["plant"] = str(folder / "example_plant.py")
+def test_a_recording_never_makes_a_file_run(scene, folder):
+    scene |= {"parts": [], "plant": str(folder / "example_plant.py")}
     with pytest.raises(PartError, match="the recording lacks the source of"):
-        Scene.from_json(json.dumps(raw))
+        Scene.from_json(json.dumps(scene))
 
 
 def test_trust_is_a_matter_of_the_text(log, strangers):
@@ -132,50 +132,41 @@ def test_trust_is_a_matter_of_the_text(log, strangers):
     assert "example_sensor.py" not in str(told.value)
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "told"),
-    [
-        ("format", 99, "recorded by a newer version, whose scene files have format 98"),
-        ("format", "1", 'format = "1": expected a whole number, at least 1'),
-        ("format", 0, "format = 0: expected a whole number, at least 1"),
-        ("format", True, "format = true: expected a whole number, at least 1"),
-        ("format", None, "format = null: expected a whole number, at least 1"),
-        ("plant", "nope", "'nope' is missing, or not known to this version"),
-        ("clock", None, "is damaged, or of another version of friction-rig"),
-        ("sensors", {"v": {}}, "'kind' is missing, or not known to this version"),
-        ("sensors", [1], "is damaged, or of another version of friction-rig"),
-        ("protocol", [{"step": "fly"}], "is damaged, or of another version of friction-rig"),
-        ("origins", None, "is damaged, or of another version of friction-rig"),
-    ],
-)
-def test_a_recorded_scene_that_is_none_is_told(log, key, value, told):
-    run = lab.open(log, trust=True)
+DAMAGED = "is damaged, or of another version of friction-rig"
+
+
+@pytest.mark.parametrize(("key", "value", "told"), [
+    ("format", 99, "recorded by a newer version, whose scene files have format 98"),
+    ("format", "1", 'format = "1": expected a whole number, at least 1'),
+    ("plant", "nope", "'nope' is missing, or not known to this version"),
+    ("clock", None, DAMAGED),
+    ("sensors", {"v": {}}, "'kind' is missing, or not known to this version"),
+    ("protocol", [{"step": "fly"}], DAMAGED),
+    ("origins", None, DAMAGED),
+])  # fmt: skip
+def test_a_recorded_scene_that_is_none_is_told(scene, key, value, told):
+    trust_scene(json.dumps(scene))
     with pytest.raises(SceneError) as caught:
-        Scene.from_json(json.dumps(json.loads(run.scene) | {key: value}))
+        Scene.from_json(json.dumps(scene | {key: value}))
     assert told in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "[" * 100_000, "null", '"x"'])
+@pytest.mark.parametrize("text", ["", "[]", "[" * 100_000, "null"])
 def test_a_text_that_is_no_scene_is_told(text):
     with pytest.raises(SceneError, match="the recorded scene"):
         Scene.from_json(text)
 
 
-@pytest.mark.parametrize("command", ["verify", "hysteresis", "amplitude", "explain", "spectrum"])
-def test_commands_tell_of_a_recorded_scene_that_is_none(rig, log, tmp_path, command):
+def test_commands_tell_of_a_recorded_scene_that_is_none(rig, log, tmp_path):
     """A parameter that this version does not know, as of another version of the part."""
 
     def change(raw):
         raw["parameters"]["block"]["colour"] = 1.0
 
-    path = tampered(log, tmp_path / "other.mcap", change)
-    options = ["--trust"] if command != "explain" else []
-    code, _, err = rig(command, path, *options, *(["--signal", "geophone"] if command == "spectrum" else []))
-    assert "Traceback" not in err
-    if command == "verify":
-        assert code == 2
-        assert "the recorded scene:" in err
-        assert "block.colour: unknown key" in err
+    code, _, err = rig("verify", tampered(log, tmp_path / "other.mcap", change), "--trust")
+    assert code == 2
+    assert "the recorded scene:" in err
+    assert "block.colour: unknown key" in err
 
 
 def test_a_report_without_trust_says_what_it_does_not_show(rig, log, strangers):

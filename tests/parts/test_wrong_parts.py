@@ -15,6 +15,7 @@ from rig import controllers, design
 from rig.bench.live.outcome import Job
 from rig.bench.live.rehearsal import visited
 from rig.controllers.blocks.base import retune, tunable
+from rig.controllers.runtime.file import load_file
 from rig.errors import PartError, SceneError, UsageError
 
 TOYS = Path(__file__).parent / "two_masses"
@@ -49,173 +50,71 @@ def test_they_are_right_as_they_are(toys):
     assert abs(run.energy["error"]) < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new", "told"),
-    [
-        ("twin.py", "(p, moved=None)", "(p, moved)", r"twin.py: TypeError: assemble\(\) missing 1 required"),
-        ("twin.py", "    return a\n", "    return None\n", r"  twin.py: assemble gives NoneType; expected a rig.model"),
-        ("twin.py", "    return a\n", "    raise SystemExit(4)\n", r"twin.py: SystemExit: 4 \(line \d+\)"),
-        ("twin.py", "class Mass(", "import sys\nsys.exit(3)\nclass Mass(", r"plant: .*SystemExit: 3 \(line \d+\)"),
-        ("twin.py", COUPLING, f"{COUPLING}\n    clock: quantity('s') = 1.0", "Parameters declares clock, which every"),
-        ("twin.py", X_LEFT, 'Output({"zz": 1.0}, "m")', "twin.py: output 'x_left' names 'zz', which does not exist"),
-        ("twin.py", X_LEFT, 'Output({"l": float("nan")}, "m")', "output 'x_left' contains nan; expected a finite"),
-        ("twin.py", X_LEFT, "3.0", "output 'x_left' is 3.0; expected a rig.model.assembly.Output"),
-        ("twin.py", X_LEFT, 'Output({"l": 1.0}, "m", role="nonsense")', "has the role 'nonsense'; known: displacement"),
-        ("twin.py", X_LEFT, 'Output({"l": 1.0}, "m", plot=3)', "has the plot 3; expected a rig.picture.Plot"),
-        (
-            "twin.py",
-            X_LEFT,
-            'Output({"l": 1.0}, "m", __import__("rig.picture").picture.Plot(3))',
-            r"has the plot Plot\(title=3.* a text and a whole",
-        ),
-        ("twin.py", X_LEFT, 'Output({"l": 1.0}, "furlong")', "twin.py: unit of output 'x_left': 'furlong' is not SI"),
-        ("twin.py", X_LEFT, 'Output({"l": 1.0}, "metr")', "unit of output 'x_left': 'metr' is unknown; expected an SI"),
-        (
-            "twin.py",
-            X_LEFT,
-            'Output({"l": 1.0}, None)',
-            "output .x_left.: None is not a unit; .* such as .m., ",
-        ),
-        (
-            "twin.py",
-            "    return a\n",
-            "    from rig.model.assembly import Input\n    a.inputs['lamp'] = Input('degree', 0, 1, 0, 0)\n"
-            "    return a\n",
-            "twin.py: unit of input 'lamp': 'degree' is not SI",
-        ),
-        ("coil.py", 'delivers: ClassVar[str] = "V"', 'delivers = "volty"', "coil.py: delivers = 'volty' is unknown"),
-        ("coil.py", 'accepts: ClassVar[str] = "m/s"', 'accepts = "mm/s"', "coil.py: accepts = 'mm/s' is not SI"),
-        ("twin.py", COUPLING, f"{COUPLING}\n    odd: object = object()", "odd: twin.py: Parameters.odd holds <object"),
-        (
-            "twin.py",
-            "    mass:",
-            "    odd: object = object()\n    mass:",
-            r"left.odd: twin.py: Mass.odd .*no recording can",
-        ),
-        ("eddy.py", "    lag:", "    odd: object = object()\n    lag:", "eddy.odd: eddy.py: Eddy.odd holds"),
-        (
-            "coil.py",
-            "    corner:",
-            "    odd: object = object()\n    corner:",
-            "sensors.coil.odd: coil.py: Coil.odd holds",
-        ),
-        (
-            "lead.py",
-            "    gain:",
-            "    odd: object = object()\n    gain:",
-            "controllers.lead.odd: lead.py: Lead.odd holds",
-        ),
-        (
-            "lead.py",
-            "    gain:",
-            "    period: int = -5\n    gain:",
-            "lead.period: lead.py declares -5; expected whole nano",
-        ),
-        ("lead.py", "    gain:", "    period: float = float('nan')\n    gain:", "lead.period: lead.py declares nan"),
-        ("lead.py", "    gain:", "    period: int = 0\n    gain:", "lead.period: lead.py declares 0; expected whole"),
-        ("lead.py", "    gain:", "    delay: int = -7\n    gain:", "lead.delay: lead.py declares -7; expected whole"),
-        ("twin.py", "class Mass(", "FIGURE = 3\n\n\nclass Mass(", "twin.py: FIGURE is 3; expected a rig.picture.Own"),
-        (
-            "twin.py",
-            "class Mass(",
-            "PICTURES = ('belt',)\n\n\nclass Mass(",
-            r"PICTURES is \('belt',\); expected a tuple",
-        ),
-        (
-            "twin.py",
-            "class Mass(",
-            "from rig.picture import Own\n\nFIGURE = Own(':nope', ('v_left',))\n\n\nclass Mass(",
-            "twin.py: names ':nope' as what draws it, and defines no nope",
-        ),
-        ("twin.py", X_LEFT, 'Output(None, "m")', "output 'x_left' is None; expected a dict of numbers by name"),
-        (
-            "twin.py",
-            "    return a\n",
-            "    a.outputs = [1]\n    return a\n",
-            r"twin.py: outputs is \[1\]; expected a dict",
-        ),
-        (
-            "twin.py",
-            "    return a\n",
-            "    return Assembly(title='nothing')\n",
-            "twin.py: the rig has no coordinate; expected one at least",
-        ),
-        (
-            "twin.py",
-            "    return a\n",
-            "    a.coordinates.append('q')\n    return a\n",
-            "twin.py: coordinate 'q' has no mass",
-        ),
-        *(
-            ("twin.py", "    return a\n", f"    a.start[{name!r}] = {value}\n    return a\n", told)
-            for name, value, told in [
-                ("q", "1.0", "twin.py: start of 'q', which does not exist; known: l, l', one, r, r'"),
-                ("l", "float('nan')", "twin.py: start of 'l' is nan; expected a finite number"),
-                ("l", "'far'", "twin.py: start of 'l' is 'far'; expected a finite number"),
-            ]
-        ),
-        *(
-            (
-                "twin.py",
-                "    return a\n",
-                "    from rig.model.assembly import Input\n"
-                f"    a.inputs['lamp'] = Input('N', {numbers})\n    return a\n",
-                f"twin.py: input 'lamp' {told}",
-            )
-            for numbers, told in [
-                ("0, 3, 5, 0", "begins with 5, outside its range 0 to 3 N"),
-                ("4, 3, 4, 0", "begins with 4, outside its range 4 to 3 N"),
-                ("0, 'high', 1, 0", r"has the numbers \(0, 1, 'high', 0\) \(low, value, high, safe\); expected four"),
-                ("0, 3, 1, 0, state='lit'", "names the state 'lit', which does not exist; known: l, l'"),
-            ]
-        ),
-        (
-            "eddy.py",
-            '    lag: quantity("s") = 0.01',
-            '    lag: quantity("s") = "10 ms"',
-            "eddy.lag: eddy.py: Eddy.lag has the default '10 ms'; expected a number in s",
-        ),
-        ("twin.py", "= -c", '= float("nan")', r"stiffness\['l', 'r'\] contains nan"),
-        ("twin.py", 'a.stiffness["l", "r"]', 'a.stiffness["l", "q"]', r"stiffness\['l', 'q'\] names 'q'"),
-        ("twin.py", LEFT, 'a.coordinate("l", "heavy"', r"mass\['l', 'l'\] contains 'heavy'"),
-        ("twin.py", 'a.coordinate("r"', 'a.coordinate("l"', r"the rig has a state 'l' already.* \(line \d+\)"),
-        ("twin.py", 'a.patch("right"', 'a.patch("left"', "two are called friction contact 'left'"),
-        ("twin.py", '{"r": 1.0}, belt', '{"rr": 1.0}, belt', "direction of contact 'right' names 'rr'"),
-        ("twin.py", 'a.normal("nr", "right"', 'a.normal("nr", "wrong"', "normal force 'nr' is of contact 'wrong'"),
-        ("twin.py", '{"r": 1.0}, belt, p.friction.friction()', '{"r": 1.0}, belt, None', "None as its friction law"),
-        ("eddy.py", "section, frame, moved)", "section, frame)", r"eddy.py: TypeError: add\(\) takes 3 positional"),
-        ("eddy.py", 'signal("eddy"', 'signal("l"', r"eddy.py: .*the rig has a state 'l' already.* \(line \d+\)"),
-        ("eddy.py", '"eddy_force"', '"v_left"', "eddy.py: the rig has an output 'v_left' already"),
-        ("eddy.py", "push(coordinate", 'push("q"', "eddy.py: a force acts on 'q', which does not exist; known: l, r"),
-        ("eddy.py", "    lag:", "    declares = 3\n    lag:", "eddy.effect: eddy.py: declares is 3; expected"),
-        (
-            "eddy.py",
-            "    lag:",
-            '    declares = type(Effect.declares)("x", random=True)\n    lag:',
-            "eddy.py: random = True in declares; expected one of its values: constant, lag",
-        ),
-        (
-            "scene.toml",
-            '"eddy.py"',
-            '"drive"',
-            "eddy.effect: drive does not act on any plant; plants that have this effect",
-        ),
-        ("coil.py", "def flawed", "def flowed", "coil.py: Coil defines no flawed"),
-        ("coil.py", '"corner": float', '"cornr": float', "Coil.perfect names cornr"),
-        ("coil.py", "return self.gain_at", 'return float("nan")', "sensors.coil.kind: gain is nan; expected a finite"),
-        ("coil.py", "noise=deviation(", "noise=-deviation(", "noise is -.*; expected at least 0"),
-        ("coil.py", "first_order(self.corner)", "first_order(0.0)", "a pole is .*; expected a negative real part"),
-        ("coil.py", "return FrontEnd(", "return (", "sensors.coil.kind: .*coil.py"),
-        ("lead.py", "class Lead(", "class Lead(int,", "controllers.lead.kind: .*TypeError"),
-        ("lead.py", "def update", "def updat", "defines no class Controller; LeadController has no update"),
-        (
-            "lead.py",
-            "def start",
-            "start = 1\n\n    def begin",
-            "defines no class Controller; LeadController has no start",
-        ),
-    ],
-)
+ODD = "odd: object = object()\n    "
+LAMP = "    from rig.model.assembly import Input\n    a.inputs['lamp'] = Input({})\n    return a\n"
+BACK, CLASS = "    return a\n", "class Mass("
+
+
+@pytest.mark.parametrize(("file", "old", "new", "told"), [
+    ("twin.py", "(p, moved=None)", "(p, moved)", r"twin.py: TypeError: assemble\(\) missing 1 required"),
+    ("twin.py", BACK, "    return None\n", r"  twin.py: assemble gives NoneType; expected a rig.model"),
+    ("twin.py", BACK, "    raise SystemExit(4)\n", r"twin.py: SystemExit: 4 \(line \d+\)"),
+    ("twin.py", CLASS, f"import sys\nsys.exit(3)\n{CLASS}", r"plant: .*SystemExit: 3 \(line \d+\)"),
+    ("twin.py", COUPLING, f"{COUPLING}\n    clock: quantity('s') = 1.0", "Parameters declares clock, which every"),
+    ("twin.py", X_LEFT, 'Output({"zz": 1.0}, "m")', "twin.py: output 'x_left' names 'zz', which does not exist"),
+    ("twin.py", X_LEFT, 'Output({"l": float("nan")}, "m")', "output 'x_left' contains nan; expected a finite"),
+    ("twin.py", X_LEFT, "3.0", "output 'x_left' is 3.0; expected a rig.model.assembly.Output"),
+    ("twin.py", X_LEFT, 'Output(None, "m")', "output 'x_left' is None; expected a dict of numbers by name"),
+    ("twin.py", X_LEFT, 'Output({"l": 1.0}, "m", role="nonsense")', "has the role 'nonsense'; known: displacement"),
+    ("twin.py", X_LEFT, 'Output({"l": 1.0}, "m", plot=3)', "has the plot 3; expected a rig.picture.Plot"),
+    ("twin.py", X_LEFT, 'Output({"l": 1.0}, "m", __import__("rig.picture").picture.Plot(3))', r"has the plot Plot\(ti"),
+    ("twin.py", X_LEFT, 'Output({"l": 1.0}, "furlong")', "twin.py: unit of output 'x_left': 'furlong' is not SI"),
+    ("twin.py", X_LEFT, 'Output({"l": 1.0}, None)', "output .x_left.: None is not a unit; .* such as .m., "),
+    ("twin.py", BACK, LAMP.format("'degree', 0, 1, 0, 0"), "twin.py: unit of input 'lamp': 'degree' is not SI"),
+    ("coil.py", 'delivers: ClassVar[str] = "V"', 'delivers = "volty"', "coil.py: delivers = 'volty' is unknown"),
+    ("twin.py", COUPLING, f"{COUPLING}\n    odd: object = object()", "odd: twin.py: Parameters.odd holds <object"),
+    ("twin.py", "mass:", f"{ODD}mass:", r"left.odd: twin.py: Mass.odd .*no recording can"),
+    ("lead.py", "gain:", f"{ODD}gain:", "controllers.lead.odd: lead.py: Lead.odd holds"),
+    ("lead.py", "gain:", "period: int = -5\n    gain:", "lead.period: lead.py declares -5; expected whole nano"),
+    ("lead.py", "gain:", "delay: int = -7\n    gain:", "lead.delay: lead.py declares -7; expected whole"),
+    ("twin.py", CLASS, f"FIGURE = 3\n\n\n{CLASS}", "twin.py: FIGURE is 3; expected a rig.picture.Own"),
+    ("twin.py", CLASS, f"PICTURES = ('belt',)\n\n\n{CLASS}", r"PICTURES is \('belt',\); expected a tuple"),
+    ("twin.py", CLASS, f"from rig.picture import Own\n\nFIGURE = Own(':nope', ('v_left',))\n\n\n{CLASS}",
+     "twin.py: names ':nope' as what draws it, and defines no nope"),
+    ("twin.py", BACK, f"    a.outputs = [1]\n{BACK}", r"twin.py: outputs is \[1\]; expected a dict"),
+    ("twin.py", BACK, "    return Assembly(title='nothing')\n", "twin.py: the rig has no coordinate; expected one at"),
+    ("twin.py", BACK, f"    a.coordinates.append('q')\n{BACK}", "twin.py: coordinate 'q' has no mass"),
+    ("twin.py", BACK, f"    a.start['q'] = 1.0\n{BACK}", "twin.py: start of 'q', which does not exist; known: l, l'"),
+    ("twin.py", BACK, f"    a.start['l'] = float('nan')\n{BACK}", "twin.py: start of 'l' is nan; expected a finite"),
+    ("twin.py", BACK, LAMP.format("'N', 0, 3, 5, 0"), "twin.py: input 'lamp' begins with 5, outside its range 0 to 3"),
+    ("twin.py", BACK, LAMP.format("'N', 0, 'high', 1, 0"), r"input 'lamp' has the numbers \(0, 1, 'high', 0\)"),
+    ("twin.py", BACK, LAMP.format("'N', 0, 3, 1, 0, state='lit'"), "input 'lamp' names the state 'lit', which"),
+    ("eddy.py", 'lag: quantity("s") = 0.01', 'lag: quantity("s") = "10 ms"', "eddy.lag: eddy.py: Eddy.lag has the "
+     "default '10 ms'; expected a number in s"),
+    ("twin.py", "= -c", '= float("nan")', r"stiffness\['l', 'r'\] contains nan"),
+    ("twin.py", 'a.stiffness["l", "r"]', 'a.stiffness["l", "q"]', r"stiffness\['l', 'q'\] names 'q'"),
+    ("twin.py", LEFT, 'a.coordinate("l", "heavy"', r"mass\['l', 'l'\] contains 'heavy'"),
+    ("twin.py", 'a.coordinate("r"', 'a.coordinate("l"', r"the rig has a state 'l' already.* \(line \d+\)"),
+    ("twin.py", 'a.patch("right"', 'a.patch("left"', "two are called friction contact 'left'"),
+    ("twin.py", '{"r": 1.0}, belt', '{"rr": 1.0}, belt', "direction of contact 'right' names 'rr'"),
+    ("twin.py", 'a.normal("nr", "right"', 'a.normal("nr", "wrong"', "normal force 'nr' is of contact 'wrong'"),
+    ("twin.py", '{"r": 1.0}, belt, p.friction.friction()', '{"r": 1.0}, belt, None', "None as its friction law"),
+    ("eddy.py", "section, frame, moved)", "section, frame)", r"eddy.py: TypeError: add\(\) takes 3 positional"),
+    ("eddy.py", '"eddy_force"', '"v_left"', "eddy.py: the rig has an output 'v_left' already"),
+    ("eddy.py", "push(coordinate", 'push("q"', "eddy.py: a force acts on 'q', which does not exist; known: l, r"),
+    ("eddy.py", "    lag:", "    declares = 3\n    lag:", "eddy.effect: eddy.py: declares is 3; expected"),
+    ("eddy.py", "    lag:", '    declares = type(Effect.declares)("x", random=True)\n    lag:', "random = True in "
+     "declares; expected one of its values: constant, lag"),
+    ("scene.toml", '"eddy.py"', '"drive"', "eddy.effect: drive does not act on any plant; plants that have this"),
+    ("coil.py", "def flawed", "def flowed", "coil.py: Coil defines no flawed"),
+    ("coil.py", '"corner": float', '"cornr": float', "Coil.perfect names cornr"),
+    ("coil.py", "return self.gain_at", 'return float("nan")', "sensors.coil.kind: gain is nan; expected a finite"),
+    ("coil.py", "noise=deviation(", "noise=-deviation(", "noise is -.*; expected at least 0"),
+    ("coil.py", "first_order(self.corner)", "first_order(0.0)", "a pole is .*; expected a negative real part"),
+    ("coil.py", "return FrontEnd(", "return (", "sensors.coil.kind: .*coil.py"),
+    ("lead.py", "class Lead(", "class Lead(int,", "controllers.lead.kind: .*TypeError"),
+    ("lead.py", "def update", "def updat", "defines no class Controller; LeadController has no update"),
+])  # fmt: skip
 def test_what_is_wrong_is_a_fault_of_the_scene(toys, file, old, new, told):
     scene = changed(toys, file, old, new)
     with pytest.raises(SceneError) as caught:
@@ -223,48 +122,23 @@ def test_what_is_wrong_is_a_fault_of_the_scene(toys, file, old, new, told):
     assert re.search(told, str(caught.value)), caught.value
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "told"),
-    [
-        (WIRED, f"{WIRED}; 1 / 0", r"lead.py: ZeroDivisionError: division by zero \(line \d+\)"),
-        (
-            WIRED,
-            WIRED.replace("(section.sensor,),", "[section.sensor],"),
-            r"Controller.reads is \['v'\]; expected a tup",
-        ),
-        (WIRED, WIRED.replace("section.sensor", "'nope'"), "Controller.reads has nope; the sensors are v, coil"),
-        (
-            WIRED,
-            WIRED.replace("section.drive", "'nope.force'"),
-            "Controller.drives has nope.force; the table of the scene names load.force",
-        ),
-        (COMMAND, "return y, (f, f)", r"Controller.update commands .*expected a tuple with one number for each"),
-        (COMMAND, "return f", r"Controller.update returns .*; expected \(state, commands\)"),
-        (COMMAND, "raise SystemExit(5)", r"lead.py: SystemExit: 5 \(line \d+\)"),
-        ("(self, state, t_ns, values)", "(self, state, values)", r"lead.py: TypeError: .*update\(\) takes 3"),
-        (
-            "        return rig.comm",
-            "        raise KeyError('q')\n        return rig.comm",
-            r"lead.py: KeyError: 'q' \(line",
-        ),
-        (
-            "        return rig.comm",
-            "        return None\n        return rig.comm",
-            "design gives None; expected a dict",
-        ),
-        (
-            "        return rig.comm",
-            "        return {'a': {1}} or rig.comm",
-            "design gives values that are not plain JSON",
-        ),
-        (
-            "        return rig.comm",
-            "        raise ValueError('sensor: deaf')\n        return rig.comm",
-            r"lead\.sensor: deaf",
-        ),
-        ("        return rig.comm", "        int('x')\n        return rig.comm", "controllers.lead: invalid literal"),
-    ],
-)
+DESIGN = "        return rig.comm"
+
+
+@pytest.mark.parametrize(("old", "new", "told"), [
+    (WIRED, f"{WIRED}; 1 / 0", r"lead.py: ZeroDivisionError: division by zero \(line \d+\)"),
+    (WIRED, WIRED.replace("(section.sensor,),", "[section.sensor],"), r"Controller.reads is \['v'\]; expected a tup"),
+    (WIRED, WIRED.replace("section.sensor", "'nope'"), "Controller.reads has nope; the sensors are v, coil"),
+    (WIRED, WIRED.replace("section.drive", "'nope.force'"), "Controller.drives has nope.force; the table of the scene "
+     "names load.force"),
+    (COMMAND, "return y, (f, f)", r"Controller.update commands .*expected a tuple with one number for each"),
+    (COMMAND, "return f", r"Controller.update returns .*; expected \(state, commands\)"),
+    ("(self, state, t_ns, values)", "(self, state, values)", r"lead.py: TypeError: .*update\(\) takes 3"),
+    (DESIGN, f"        raise KeyError('q')\n{DESIGN}", r"lead.py: KeyError: 'q' \(line"),
+    (DESIGN, f"        return None\n{DESIGN}", "design gives None; expected a dict"),
+    ("        return rig.comm", "        return {'a': {1}} or rig.comm", "design gives values that are not plain JSON"),
+    (DESIGN, f"        raise ValueError('sensor: deaf')\n{DESIGN}", r"lead\.sensor: deaf"),
+])  # fmt: skip
 def test_what_is_wrong_with_a_designed_controller_is_told_as_the_run_begins(toys, old, new, told):
     scene = lab.load(changed(toys, "lead.py", old, new))
     with pytest.raises(SceneError) as caught:
@@ -279,32 +153,13 @@ def test_a_plant_that_takes_no_moved_actuators_is_told_where_some_move(toys):
         lab.simulate(scene, 0.1)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "told"),
-    [
-        (
-            "return Linear(1, step, ",
-            "return (1, step, ",
-            r"lead.py: linear gives \(1, <function .*; expected a rig.contr",
-        ),
-        (
-            "return Linear(1, step, ",
-            "return Linear(2, step, ",
-            r"step of linear gives .*; expected \(2 states, command\)",
-        ),
-        ('step, "gain")', 'step, "grain")', "lead.py: linear names the gain 'grain'; its parameters: .*gain, pole"),
-        (
-            "            return (y,),",
-            "            1 / 0\n            return (y,),",
-            r"lead.py: ZeroDivisionError: .*line \d+",
-        ),
-        (
-            WIRED,
-            WIRED.replace("(section.sensor,)", '(section.sensor, "coil")'),
-            "lead.reads: v, coil; a linear form needs",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "told"), [
+    ("return Linear(1, step, ", "return (1, step, ", r"lead.py: linear gives \(1, <function .*; expected a rig.contr"),
+    ("return Linear(1, step, ", "return Linear(2, step, ", r"step of linear gives .*; expected \(2 states, command\)"),
+    ('step, "gain")', 'step, "grain")', "lead.py: linear names the gain 'grain'; its parameters: .*gain, pole"),
+    ("            return (y,),", "            1 / 0\n            return (y,),", "lead.py: ZeroDivisionError: .*line"),
+    (WIRED, WIRED.replace("(section.sensor,)", '(section.sensor, "coil")'), "lead.reads: v, coil; a linear form needs"),
+])  # fmt: skip
 def test_what_is_wrong_with_a_linear_form_is_told(toys, old, new, told):
     scene = lab.load(changed(toys, "lead.py", old, new))
     with pytest.raises(SceneError, match=told):
@@ -323,16 +178,15 @@ def test_a_linear_form_without_states_has_margins(toys):
     assert without.model.states == with_filter.model.states
 
 
-def test_a_rig_without_contact_has_no_numbers_that_need_one(toys):
-    """The controller asks for the scale of a velocity, which is that of the contact."""
-    changed(
-        toys,
-        "twin.py",
-        "    return a\n",
-        "    a.patches.clear()\n    a.normals.clear()\n    del a.outputs['grip']\n    return a\n",
-    )
-    scene = lab.load(toys / "scene.toml")
-    with pytest.raises(SceneError, match=r"controllers\.lead: the rig has no friction contact with a normal force"):
+@pytest.mark.parametrize(("old", "new", "told"), [
+    (BACK, f"    a.patches.clear()\n    a.normals.clear()\n    del a.outputs['grip']\n{BACK}",
+     r"controllers\.lead: the rig has no friction contact with a normal force"),
+    (LEFT, 'a.coordinate("l", 0.0', r"controllers\.lead: the mass matrix of the rig is singular"),
+])  # fmt: skip
+def test_a_rig_without_contact_or_inertia_has_no_numbers_for_a_controller(toys, old, new, told):
+    """It asks for the scale of a velocity, which is that of the contact."""
+    scene = lab.load(changed(toys, "twin.py", old, new))
+    with pytest.raises(SceneError, match=told):
         lab.simulate(scene, 0.1)
 
 
@@ -350,12 +204,6 @@ def test_of_two_files_with_one_text_the_one_that_the_scene_names_is_told(toys):
             lab.load(changed(folder, "scene.toml", "[eddy]", fails))
 
 
-def test_a_rig_without_inertia_has_no_numbers_for_a_controller(toys):
-    scene = lab.load(changed(toys, "twin.py", LEFT, 'a.coordinate("l", 0.0'))
-    with pytest.raises(SceneError, match=r"controllers\.lead: the mass matrix of the rig is singular"):
-        lab.simulate(scene, 0.1)
-
-
 def test_the_effect_twice_is_refused(toys):
     """Its states have fixed names, so a rig has room for one."""
     with pytest.raises(SceneError, match=r"eddy\.py: .*the rig has a state 'eddy' already"):
@@ -370,16 +218,8 @@ def test_a_run_can_change_numbers_of_a_controller_but_not_what_it_reads_and_driv
         retune(lead, {"sensor": "coil"})
 
 
-def test_a_controller_on_its_own_is_checked_alike(toys):
-    from rig.controllers.runtime.file import load_file
-
+def test_a_controller_on_its_own_is_checked_alike_and_needs_defaults(toys):
     (toys / "own.py").write_text("import sys\nsys.exit(2)\n")
-    with pytest.raises(UsageError, match=r"own\.py: SystemExit: 2 \(line 2\)"):
-        load_file(toys / "own.py")
-
-
-def test_a_controller_on_its_own_needs_defaults(toys):
-    from rig.controllers.runtime.file import load_file
-
-    with pytest.raises(UsageError, match=r"lead\.py: Lead\.sensor: is missing"):
-        load_file(toys / "lead.py")
+    for name, told in (("own", r"own\.py: SystemExit: 2 \(line 2\)"), ("lead", r"lead\.py: Lead\.sensor: is missing")):
+        with pytest.raises(UsageError, match=told):
+            load_file(toys / f"{name}.py")

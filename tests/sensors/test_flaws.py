@@ -17,32 +17,34 @@ def constant(value):
 @pytest.mark.parametrize("kind", ALL)
 def test_readings_are_whole_multiples_of_the_least_significant_bit(play, clean, kind):
     sensor = KINDS[kind](**(clean[kind] | {"resolution": 0.01, "span": 10.0}))
-    scale = 1.0 / sensor.sensitivity
-    _, y = play({"s": sensor}, {sensor.reads: lambda t: scale * np.sin(3.0 * t)}, 0.5).only()
+
+    def wave(t):
+        return np.sin(5.0 * t) / sensor.sensitivity
+
+    _, y = play({"s": sensor}, {sensor.reads: wave}, 0.3).only()
     steps = y / 0.01
     assert np.max(np.abs(steps - np.rint(steps))) < 1e-9
     assert np.min(np.diff(np.unique(np.rint(steps)))) == 1.0
-    assert len(np.unique(np.rint(steps))) > 80
-    _, smooth = play({"s": KINDS[kind](**clean[kind])}, {sensor.reads: lambda t: scale * np.sin(3.0 * t)}, 0.5).only()
+    assert len(np.unique(np.rint(steps))) > 70
+    _, smooth = play({"s": KINDS[kind](**clean[kind])}, {sensor.reads: wave}, 0.3).only()
     assert np.max(np.abs(y - smooth)) <= 0.005 * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("kind", ALL)
 def test_readings_stop_at_the_span_and_are_counted(play, clean, kind):
     sensor = KINDS[kind](**(clean[kind] | {"span": 0.5}))
-    scale = 1.0 / sensor.sensitivity
-    signal = {sensor.reads: lambda t: scale * np.sin(2.0 * np.pi * 5.0 * t)}
-    run = play({"s": sensor}, signal, 1.0)
+    signal = {sensor.reads: lambda t: np.sin(2.0 * np.pi * 5.0 * t) / sensor.sensitivity}
+    run = play({"s": sensor}, signal, 0.4)
     _, y = run.only()
-    _, free = play({"s": KINDS[kind](**clean[kind])}, signal, 1.0).only()
+    _, free = play({"s": KINDS[kind](**clean[kind])}, signal, 0.4).only()
     np.testing.assert_array_equal(y, np.clip(free, -0.5, 0.5))
     clipped, on_its_way = int(np.sum(np.abs(free) > 0.5)), -(-sensor.front_end().delay_ns // sensor.period_ns)
     counted = run.counters["s"]
-    assert 300 < clipped <= counted["clipped"] <= clipped + on_its_way
+    assert 120 < clipped <= counted["clipped"] <= clipped + on_its_way
     assert (counted["dropped_out"], counted["slew_lost"]) == (0, 0)
 
 
-@pytest.mark.parametrize("delay", ["1 ms", "0.3 ms", "2.7183 ms", "25 ms"])
+@pytest.mark.parametrize("delay", ["0.3 ms", "25 ms"])
 @pytest.mark.parametrize("frame_ns", [1_000_000, 5_000_000])
 def test_delay_is_exact(play, clean, delay, frame_ns):
     numbers = clean["disc_speed"] | {"rate": 200.0}
@@ -83,13 +85,8 @@ def test_displacement_laser_delays_by_its_processing(play, clean):
 
 @pytest.mark.parametrize("dropout", ["hold", "zero"])
 def test_drop_outs_come_at_the_stated_rate_within_3_sigma(play, clean, dropout):
-    numbers = clean["laser_vibrometer"] | {
-        "rate": 10e3,
-        "dropout_rate": 400.0,
-        "dropout_shortest": "10 us",
-        "dropout_longest": "100 us",
-        "dropout": dropout,
-    }
+    numbers = clean["laser_vibrometer"] | {"rate": 10e3, "dropout_rate": 400.0, "dropout_shortest": "10 us",
+                                           "dropout_longest": "100 us", "dropout": dropout}  # fmt: skip
     sensor = KINDS["laser_vibrometer"](**numbers)
     run = play({"s": sensor}, {"velocity": lambda t: 1.0 + t}, 20.0, frame_ns=10_000_000)
     t, y = run.only()
@@ -102,12 +99,8 @@ def test_drop_outs_come_at_the_stated_rate_within_3_sigma(play, clean, dropout):
 
 def test_number_of_drop_outs_is_poisson(play, clean):
     # Drop-outs shorter than the sample period of 10 us, longer than it: each is seen exactly once or twice.
-    numbers = clean["laser_vibrometer"] | {
-        "rate": 100e3,
-        "dropout_rate": 100.0,
-        "dropout_shortest": 50e-6,
-        "dropout_longest": 50e-6,
-    }
+    numbers = clean["laser_vibrometer"] | {"rate": 100e3, "dropout_rate": 100.0, "dropout_shortest": 50e-6,
+                                           "dropout_longest": 50e-6}  # fmt: skip
     _, y = play({"s": KINDS["laser_vibrometer"](**numbers)}, {"velocity": lambda t: 1.0 + t}, 4.0, 10_000_000).only()
     held = np.diff(y) == 0.0
     begun = np.sum(held & ~np.concatenate([[False], held[:-1]]))
@@ -132,14 +125,6 @@ def test_gain_error_and_offset(play, clean, kind):
     np.testing.assert_allclose(y, 3.0 * sensor.sensitivity * 1.01 + 0.25, rtol=1e-12)
 
 
-def test_strain_gauge_reads_a_force_through_its_strain_per_newton(play, clean):
-    sensor = KINDS["strain_gauge"](**clean["strain_gauge"], strain_per_newton="35 um/m/N")
-    _, y = play({"s": sensor}, {"friction_force": constant(8.0)}, 0.01).only()
-    np.testing.assert_allclose(y, 280e-6, rtol=1e-12)
-    assert sensor.unit == "1"
-    assert sensor.reads_unit == "N"
-
-
 def test_bridge_warms_to_its_zero_drift(play, clean):
     numbers = clean["strain_gauge"] | {"zero_drift": 1e-6, "warming": 3.0, "warm_up": 0.5, "rate": 100.0}
     t, y = play({"s": KINDS["strain_gauge"](**numbers)}, {"friction_force": np.zeros_like}, 4.0).only()
@@ -153,7 +138,6 @@ def test_warming_reaches_an_accelerometer_through_its_high_pass(play, clean):
     w = 2.0 * np.pi * 0.1
     np.testing.assert_allclose(y, 0.8 / (w - 2.0) * (np.exp(-2.0 * t) - np.exp(-w * t)), atol=1e-15)
     assert y[0] == 0.0
-    assert np.max(y) == y[np.argmax(y)] > 0.1
     # Continuous through the case of equal corners.
     near = KINDS["accelerometer"](warm_up=1.0 / w).front_end()
     assert near.warmth * (np.exp(-near.fade) - np.exp(-near.rise)) == pytest.approx(0.2 * w * np.exp(-w), rel=1e-5)

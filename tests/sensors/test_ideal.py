@@ -16,11 +16,7 @@ from rig.scenes.scene import Scene
 from rig.sensors import KINDS
 
 FLAWS = [(kind, flaw) for kind, cls in sorted(KINDS.items()) for flaw in cls.perfect]
-EXAMPLES = {  # a value that can be told from none, where the default cannot
-    "delay": "17 ms",
-    "gain_error": 0.02,
-    "offset": 0.003,
-}
+EXAMPLES = {"delay": "17 ms", "gain_error": 0.02, "offset": 0.003}  # told from none, where the default cannot be
 ALONE = {"paths": {"distance": 0.5}}  # what must be stated with a flaw
 
 
@@ -73,15 +69,6 @@ def test_with_every_flaw_stated_it_is_the_instrument(kind):
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
-def test_a_delay_is_read_that_late(play, kind):
-    sensor = ideal(kind, delay="17 ms")
-    t, y = play({"s": sensor}, {sensor.reads: lambda t: 0.3 + np.sin(90.0 * t)}, 0.1).only()
-    np.testing.assert_allclose(
-        y, sensor.sensitivity * (0.3 + np.sin(90.0 * np.maximum(t - 0.017, 0.0))), rtol=1e-12, atol=1e-15
-    )
-
-
-@pytest.mark.parametrize("kind", sorted(KINDS))
 def test_stated_noise_and_offset_are_in_the_samples(play, kind):
     sensor = ideal(kind, noise=0.01, offset=5.0)
     _, y = play({"s": sensor}, {sensor.reads: np.zeros_like}, 4.0, 10_000_000).only()
@@ -90,19 +77,12 @@ def test_stated_noise_and_offset_are_in_the_samples(play, kind):
     assert np.mean(y) == pytest.approx(5.0, abs=4.0 * deviation / math.sqrt(4000.0))
 
 
-@pytest.mark.parametrize(
-    ("kind", "key", "value", "flaw"),
-    [
-        ("laser_vibrometer", "dropout", "zero", "dropout_rate"),
-        ("laser_vibrometer", "dropout_longest", 1e-3, "dropout_rate"),
-        ("normal_force", "quality", 3.0, "bandwidth"),
-        ("accelerometer", "warm_up", 3.0, "temperature_sensitivity"),
-        ("strain_gauge", "warming", 3.0, "zero_drift"),
-        ("microphone", "sound_speed", 300.0, "distance"),
-        ("microphone", "paths", (1.4,), "distance"),
-        ("microphone", "reflection", 0.2, "paths"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "key", "value", "flaw"), [
+    ("laser_vibrometer", "dropout", "zero", "dropout_rate"),
+    ("accelerometer", "warm_up", 3.0, "temperature_sensitivity"),
+    ("microphone", "paths", (1.4,), "distance"),
+    ("microphone", "reflection", 0.2, "paths"),
+])  # fmt: skip
 def test_a_number_of_a_flaw_that_is_not_stated_is_refused(kind, key, value, flaw):
     with pytest.raises(ValidationError, match=f"ideal = true: {key} describes {flaw}, which is not stated"):
         ideal(kind, **{key: value})

@@ -64,22 +64,16 @@ def test_random_numbers_do_not_depend_on_the_frame(play):
     assert runs[0].counters["v"]["dropped_out"] > 500
 
 
-def test_same_seed_same_bits_other_seed_other_noise(play):
+def test_same_seed_same_bits_other_seed_other_noise_and_start_begins_anew(play):
     sensors = instruments()
-    one, again, other = (play(sensors, SIGNALS, 0.3, seed=seed) for seed in (7, 7, 8))
+    bank = Bank(sensors, list(SIGNALS), 1_000_000, 7)
+    one, again, anew = (play(sensors, SIGNALS, 0.3, seed=7, bank=own) for own in (None, bank, bank))
+    other = play(sensors, SIGNALS, 0.3, seed=8)
     for name in sensors:
         np.testing.assert_array_equal(one.y[name], again.y[name])
+        np.testing.assert_array_equal(one.y[name], anew.y[name])
         assert np.any(one.y[name] != other.y[name]), name
-
-
-def test_start_begins_the_same_run_anew(play):
-    sensors = instruments()
-    bank = Bank(sensors, list(SIGNALS), 1_000_000, 3)
-    first = play(sensors, SIGNALS, 0.05, bank=bank)
-    second = play(sensors, SIGNALS, 0.05, bank=bank)
-    for name in sensors:
-        np.testing.assert_array_equal(first.y[name], second.y[name])
-    assert first.counters == second.counters
+    assert one.counters == anew.counters
 
 
 def test_noise_of_an_instrument_does_not_depend_on_its_neighbours(play):
@@ -96,11 +90,15 @@ def test_two_instruments_of_a_kind_have_noise_of_their_own(play):
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
-def test_ideal_is_the_value_at_the_sample_instant(play, kind):
-    sensor = KINDS[kind](ideal=True)
-    t, y = play({"s": sensor}, SIGNALS, 0.2, parts=2).only()
-    np.testing.assert_allclose(y, sensor.sensitivity * SIGNALS[sensor.reads](t), rtol=1e-12, atol=1e-16)
-    np.testing.assert_array_equal(t, 1e-9 * np.arange(0, 201 * 1_000_000, 1_000_000))
+def test_ideal_is_the_value_at_the_sample_instant_or_its_delay_earlier(play, kind):
+    sensors = {"now": KINDS[kind](ideal=True), "late": KINDS[kind](ideal=True, delay="17 ms")}
+    sensor = sensors["now"]
+    run = play(sensors, SIGNALS, 0.2, parts=2)
+    for name, late in (("now", 0.0), ("late", 0.017)):
+        taken = np.maximum(run.t[name] - late, 0.0)
+        expected = sensor.sensitivity * SIGNALS[sensor.reads](taken)
+        np.testing.assert_allclose(run.y[name], expected, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(run.t[name], 1e-9 * np.arange(0, 201 * 1_000_000, 1_000_000))
 
 
 def test_ideal_reads_exactly_the_polynomial_it_is_given():
@@ -128,11 +126,6 @@ def test_at_a_jump_the_value_before_it_is_read():
     assert bank.latest[0] == 3.0
 
 
-def test_before_the_start_there_is_no_sample():
-    bank = Bank(instruments(), list(SIGNALS), 1_000_000, 1)
-    assert np.all(np.isnan(bank.latest))
-
-
 def test_slow_cards_publish_between_frames_without_one(play):
     sensors = {"slow": KINDS["normal_force"](rate=25.0), "slower": KINDS["normal_force"](rate=100.0)}
     run = play(sensors, SIGNALS, 0.2)
@@ -151,15 +144,11 @@ def test_samples_fall_on_whole_periods_at_every_rate(play, clean, rate):
     np.testing.assert_allclose(y[t > 0.01], (1.0 + t - lag)[t > 0.01], rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("kind", "system"),
-    [
-        ("laser_vibrometer", signal.bessel(3, 2e4, analog=True, norm="mag")),
-        ("strain_gauge", signal.butter(2, 2e3, analog=True)),
-        ("normal_force", signal.butter(2, 2e3, analog=True)),
-        ("disc_speed", ([2e3], [1.0, 2e3])),
-    ],
-)
+@pytest.mark.parametrize(("kind", "system"), [
+    ("laser_vibrometer", signal.bessel(3, 2e4, analog=True, norm="mag")),
+    ("strain_gauge", signal.butter(2, 2e3, analog=True)),
+    ("disc_speed", ([2e3], [1.0, 2e3])),
+])  # fmt: skip
 def test_step_response(play, clean, kind, system):
     corner = 2e4 if kind == "laser_vibrometer" else 2e3
     sensor = KINDS[kind](**clean[kind], bandwidth=corner / (2.0 * np.pi), rate=50e3)
@@ -191,10 +180,10 @@ def test_long_runs_do_not_drift(play, clean):
     coef = np.zeros((1, 1, 9))
     coef[0, 0, 0] = 1.0
     frame = Segments(np.array([1]), np.zeros(1), np.full(1, 1e-3), coef)
-    for _ in range(100_000):
+    for _ in range(20_000):
         bank.advance(frame)
     assert bank.latest[0] == pytest.approx(1.0, abs=1e-15)
-    assert bank.times(0).tolist() == [100_000 * 1_000_000]
+    assert bank.times(0).tolist() == [20_000 * 1_000_000]
 
 
 def test_a_dead_signal_costs_no_more_than_a_live_one(clean):
@@ -220,14 +209,9 @@ def test_every_fault_of_a_bank_is_named():
     assert "f.reads = 'force'" in faults[1]
 
 
-def test_needs_names_each_output_once():
-    assert sorted(Bank.needs(instruments())) == sorted(SIGNALS)
-    assert Bank.needs({}) == ()
-
-
 def test_a_bank_without_instruments_runs():
+    assert sorted(Bank.needs(instruments())) == sorted(SIGNALS)
     bank = Bank({}, ["velocity"], 1_000_000, 1)
     bank.start(np.array([1.0]))
     bank.advance(Segments(np.array([1]), np.zeros(1), np.full(1, 1e-3), np.zeros((1, 1, 9))))
-    assert bank.names == bank.units == bank.periods_ns == ()
     assert bank.counters() == {}
