@@ -8,12 +8,9 @@ from pydantic import ValidationError
 
 from rig import scenes
 from rig.bench.run.audit import Comparison, VisitedState
-from rig.bench.run.experiment import Experiment
-from rig.bench.run.runner import PlantRunner
 from rig.bench.run.simulate import simulate
 from rig.effects.drive import BeltDrive
 from rig.effects.load import Load
-from rig.errors import UsageError
 from rig.solve.records import CLOSED
 
 HELD, RAMPED = {"drive.speed": "held"}, {"drive.speed": "ramped"}
@@ -25,13 +22,6 @@ def test_an_actuator_that_nobody_moves_is_no_state(move):
     assert move("belt").motion.system.names == ("x", "x'", "one")
     assert "drive.command" in move("belt", moved=HELD).motion.system.names
     assert "drive.slope" in move("belt", moved=RAMPED).motion.system.names
-
-
-def test_without_lag_a_command_is_the_speed(move):
-    run = move("belt_c_damped", moved=RAMPED, duration=0.1)
-    run.write("drive.command", 0.2)
-    run.motion.advance(3)
-    assert run["surface_speed"] == pytest.approx(0.2, rel=1e-15)
 
 
 def test_a_drive_with_lag_follows_exponentially(move):
@@ -106,38 +96,31 @@ def test_acceleration_is_the_force_over_the_mass(move):
     assert run["slip_speed"] == pytest.approx(run["surface_speed"] - run["velocity"], abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("section", "given", "told"),
-    [
-        (BeltDrive, {"speed": 0.3, "speed_min": 0.0, "speed_max": 0.25}, "speed 0.3 is outside"),
-        (BeltDrive, {"speed": 0.1, "speed_min": 0.2, "speed_max": 0.1}, "is not below"),
-        (BeltDrive, {"speed": 0.1, "lag": 0.0}, "lag"),
-        (Load, {"force": 20.0, "force_min": 30.0}, "force 20 N is outside"),
-        (Load, {"force": 20.0, "force_min": 5.0, "force_max": 5.0}, "is not below"),
-        (Load, {"force": -1.0}, "force"),
-    ],
-)
+@pytest.mark.parametrize(("section", "given", "told"), [
+    (BeltDrive, {"speed": 0.3, "speed_min": 0.0, "speed_max": 0.25}, "speed 0.3 is outside"),
+    (BeltDrive, {"speed": 0.1, "speed_min": 0.2, "speed_max": 0.1}, "is not below"),
+    (BeltDrive, {"speed": 0.1, "lag": 0.0}, "lag"),
+    (Load, {"force": 20.0, "force_min": 30.0}, "force 20 N is outside"),
+])  # fmt: skip
 def test_actuators_that_cannot_be_are_refused(section, given, told):
     with pytest.raises(ValidationError, match=told):
         section(**given)
 
 
-@pytest.mark.parametrize("name", scenes.names())
-def test_every_actuator_has_a_range_that_holds_what_the_scene_does(name):
-    scene = scenes.load(name)
-    for actuator, one in scene.assemble().inputs.items():
-        assert math.isfinite(one.high - one.low), actuator
-        assert one.low < one.high, actuator
-        assert one.low <= one.value <= one.high, actuator
-        assert one.low <= one.safe <= one.high, actuator
+def test_every_actuator_has_a_range_that_holds_what_the_scene_does(shipped):
+    for scene in shipped:
+        for actuator, one in scene.assemble().inputs.items():
+            assert math.isfinite(one.high - one.low), actuator
+            assert one.low < one.high, actuator
+            assert one.low <= one.value <= one.high, actuator
+            assert one.low <= one.safe <= one.high, actuator
 
 
 def test_a_scene_widens_the_range_of_its_actuators():
-    given = {"load.force_max": "1 MN", "drive.speed_max": "200 m/s"}
+    given = {"load.force": "200 kN", "drive.speed_max": "200 m/s"}
     inputs = scenes.load("belt", given).assemble().inputs
-    assert (inputs["load.force"].low, inputs["load.force"].high) == (0.0, 1e6)
+    assert (inputs["load.force"].low, inputs["load.force"].high) == (0.0, 2e5)
     assert (inputs["drive.speed"].low, inputs["drive.speed"].high) == (-100.0, 200.0)
-    assert scenes.load("belt", {"load.force": "200 kN"}).assemble().inputs["load.force"].high == 2e5
 
 
 class Wild:
@@ -180,15 +163,3 @@ def test_an_audit_tells_its_share_at_any_size():
     ]
     assert 0.1 < shares[0] < 1.0
     assert shares == pytest.approx([shares[0]] * 3, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"), [("load.force", 1e308), ("drive.speed", "-1e300 m/s"), ("load.force", math.nan)]
-)
-def test_an_operator_is_told_the_range(key, value):
-    scene = scenes.load("belt")
-    experiment = Experiment(scene, PlantRunner(scene), None, lambda *_: None)
-    with pytest.raises(UsageError, match=f"{key} = .*: must be -?[0-9]+ to 100"):
-        experiment.tuning.change({key: value})
-    with pytest.raises(UsageError, match="an impulse of 1e\\+300 N s: it must be"):
-        experiment.knock(1e300)

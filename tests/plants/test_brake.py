@@ -3,14 +3,13 @@
 Numbers: tests/reference/brake.json, by independent code (sets BRAKE and BRAKE-P); eigenvalues to 1e-3 1/s, in Hz.
 """
 
-import json
 import math
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import numbers
 from scipy.optimize import brentq
 
 import rig
@@ -20,7 +19,7 @@ from rig.motion.motion import Motion
 from rig.solve.records import OPEN, STICK
 from rig.stability.linearisation import sliding_key, steady
 
-BRAKE = json.loads((Path(__file__).parents[1] / "reference" / "brake.json").read_text())
+BRAKE = numbers("brake")
 
 
 def system(changes=None, scene="brake"):
@@ -84,18 +83,12 @@ def test_critical_friction_falls_with_the_pressure(bar):
 
 def test_light_braking_never_squeals():
     assert BRAKE["mu_crit_vs_p_bar"]["2"] is None
-    assert all(growth({"load.pressure": "2 bar", "friction.mu": mu}) < 0.0 for mu in np.linspace(0.1, 1.5, 15))
+    assert all(growth({"load.pressure": "2 bar", "friction.mu": mu}) < 0.0 for mu in np.linspace(0.1, 1.5, 8))
 
 
 def test_the_stiffer_brake_grows_as_the_shorted_stack_does():
     flutter = rig.modes(rig.load("brake_3400")).sliding.modes[0]
     assert [flutter.growth, 2.0 * math.pi * flutter.frequency] == pytest.approx(BRAKE["BRAKE-P"]["short"], abs=1e-3)
-
-
-def test_contacts_of_a_pad_are_one_patch():
-    brake = system()
-    assert [p.name for p in brake.patches] == ["inner_pad", "outer_pad"]
-    assert [k.patch for k in brake.normals] == [0, 0, 1, 1]
 
 
 def test_sliding_is_where_the_scene_says():
@@ -104,11 +97,8 @@ def test_sliding_is_where_the_scene_says():
     assert found["displacement"] == pytest.approx(0.0, abs=1e-15)
     at_rest = rig.modes(rig.load("brake", {"load.at": "rest"})).sliding.equilibrium
     assert at_rest["normal_force_inner_left"] != pytest.approx(at_rest["normal_force_inner_right"], rel=0.05)
-
-
-def test_pressure_presses():
-    found = rig.modes(rig.load("brake", {"load.pressure": "5 bar"})).sliding.equilibrium
-    assert found["normal_force"] == pytest.approx(2000.0 / 3.0)
+    pressed = rig.modes(rig.load("brake", {"load.pressure": "5 bar"})).sliding.equilibrium
+    assert pressed["normal_force"] == pytest.approx(2000.0 / 3.0)
 
 
 def test_all_faults_of_the_geometry_are_told_at_once():
@@ -231,12 +221,9 @@ def test_pads_on_a_disc_at_rest_or_nearly_so_come_to_stick(speed, events):
 
 def test_the_verdict_tells_growth_and_what_bounds_it():
     """A squealing brake is refused by nobody: lift-off bounds it. The growth is that of the eigenvalues."""
-    found = [
-        one
-        for one in rig.modes(rig.load("brake_3400")).findings
-        if "flutter in inner_pad slip+, outer_pad slip+," in one.what
-    ]
-    assert [one.level for one in found] == ["info"]
-    assert found[0].number == pytest.approx(BRAKE["BRAKE-P"]["short"][0], abs=1e-3)
-    assert found[0].what.endswith("it grows until inner_left opens")
-    assert "friction" in found[0].remedy
+    what = "flutter in inner_pad slip+, outer_pad slip+,"
+    [found] = [one for one in rig.modes(rig.load("brake_3400")).findings if what in one.what]
+    assert found.level == "info"
+    assert found.number == pytest.approx(BRAKE["BRAKE-P"]["short"][0], abs=1e-3)
+    assert found.what.endswith("it grows until inner_left opens")
+    assert "friction" in found.remedy

@@ -8,14 +8,9 @@ import rig
 from rig.effects.disc_modes import free_modes
 from rig.plants.structures.multibody import Bending
 
-PLATE = {
-    "disc_modes.inner_radius": 0.07,
-    "disc_modes.outer_radius": 0.14,
-    "disc_modes.thickness": 0.012,
-    "disc_modes.density": 7200.0,
-    "disc_modes.modulus": 1.2e11,
-    "disc_modes.poisson": 0.25,
-}
+DISC = {"inner_radius": 0.07, "outer_radius": 0.14, "thickness": 0.012, "density": 7200.0, "modulus": 1.2e11,
+        "poisson": 0.25}  # fmt: skip
+PLATE = {f"disc_modes.{key}": value for key, value in DISC.items()}
 
 
 def motions(changes):

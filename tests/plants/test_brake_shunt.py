@@ -4,12 +4,11 @@ Numbers: Kroeger, Neubauer, Popp (2008), section 4 d, with calibrated parameters
 (tests/reference/kroger_shunt.json).
 """
 
-import json
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import numbers
 from scipy.optimize import brentq, minimize_scalar
 
 import rig
@@ -20,7 +19,7 @@ from rig.plants import brake
 from rig.stability.linearisation import sliding_key, steady
 from rig.stability.report import stability_report
 
-ORACLE = json.loads((Path(__file__).parents[1] / "reference" / "kroger_shunt.json").read_text())["brake"]
+ORACLE = numbers("kroger_shunt")["brake"]
 
 
 @cache

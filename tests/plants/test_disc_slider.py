@@ -4,12 +4,11 @@ Liu and Ouyang, Meccanica 55 (2020), section 3. Numbers: tests/reference/liu_dis
 and natural frequencies 1e-6. The equations are written down once more here, for scipy.
 """
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import numbers
 from scipy.integrate import quad, solve_ivp
 
 import rig
@@ -21,7 +20,7 @@ from rig.plants import disc_slider
 from rig.scenes.variants import without
 from rig.stability.linearisation import sliding_key, steady
 
-LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())
+LIU = numbers("liu_disc")
 BASE = rig.load("disc_slider").parameters.model_dump(exclude_none=True)
 W0 = LIU["omega_ref"]
 
@@ -60,11 +59,6 @@ def disc(**changes):
     return type(parameters().disc).model_validate(BASE["disc"] | changes)
 
 
-def test_natural_frequencies_are_those_of_the_paper():
-    found = [mode.omega for mode in free_modes(disc()) for _ in range(mode.pair + 1)]
-    assert [round(omega) for omega in found] == [1492, 1517, 1517, 1824, 1824, 2774, 2774]
-
-
 def test_modes_are_those_of_the_reference():
     found = {(mode.circles, mode.diameters): mode for mode in free_modes(disc(modes=30))}
     for one in LIU["modes"]:
@@ -91,14 +85,11 @@ def test_a_narrow_rim_vibrates_like_a_clamped_beam():
     assert found[0].wavenumber * 0.002 == pytest.approx(1.8751, rel=0.01)
 
 
-@pytest.mark.parametrize(("changes", "fault"), [
-    ({"modes": 8}, "modes 8 would take one mode of a pair .* give 7 or 9"),
-    ({"modes": 0}, "must be at least 1"),
-    ({"inner_radius": 0.13}, r"inner_radius 0.13 m is not below outer_radius 0.12 m"),
-])  # fmt: skip
-def test_a_disc_that_cannot_be_is_refused(changes, fault):
-    with pytest.raises(rig.errors.SceneError, match=fault):
-        rig.load("disc_slider", {f"disc.{key}": value for key, value in changes.items()})
+def test_a_disc_that_cannot_be_is_refused():
+    with pytest.raises(rig.errors.SceneError, match=r"modes 8 would take one mode of a pair .* give 7 or 9"):
+        rig.load("disc_slider", {"disc.modes": 8})
+    with pytest.raises(rig.errors.SceneError, match=r"inner_radius 0.13 m is not below outer_radius 0.12 m"):
+        rig.load("disc_slider", {"disc.inner_radius": 0.13})
 
 
 def test_critical_speed_and_compliance():
@@ -251,53 +242,49 @@ def field(p, speed=None):
     return rate
 
 
-def motion(p, seconds, step_ms=0.1, moved=None, start=None, **how):
-    assembly = disc_slider.assemble(p, moved or {})
-    system = assembly.system()
-    m = Motion(system, round(step_ms * 1e6), how.pop("method", "dopri5"), longest=round(seconds * 1e3 / step_ms), **how)
-    for i, value in enumerate([] if start is None else start):
+def motion(p, seconds, step_ms=0.1, moved=None, start=(), **how):
+    system = disc_slider.assemble(p, moved or {}).system()
+    ticks = round(seconds * 1e3 / step_ms)
+    m = Motion(system, round(step_ms * 1e6), how.pop("method", "dopri5"), longest=ticks, **how)
+    for i, value in start.items() if isinstance(start, dict) else enumerate(start):
         m.write(i, value)
-    m.advance(round(seconds * 1e3 / step_ms))
+    m.advance(ticks)
     return m
 
 
 FAR = np.array([0.03, -0.004, -5e-5, -7e-5, 2e-5, -5e-5, 1e-5, -2e-5, 2e-5] + [0.0] * 9)
 
 
+def same_end(m, rate, seconds, rel=1e-8):
+    """The motion ends where scipy does, from a third of a radian off."""
+    end = solve_ivp(rate, (0.0, seconds), FAR, "DOP853", rtol=1e-12, atol=1e-16).y[:, -1]
+    assert not m.events()
+    for part in (slice(0, 9), slice(9, 18)):
+        assert m.x[part] == pytest.approx(end[part], rel=rel, abs=rel * abs(end[part]).max())
+    assert abs(m.energy()["error"]) < 1e-9
+
+
 @pytest.mark.parametrize(
     "tables", [{}, {"slope": 1.0}, {"slope": 1.0, "geometry": None}], ids=["paper", "slope", "flat"]
 )
 def test_motion_is_that_of_the_equations_in_scipy(tables):
-    """From a third of a radian off, the disc turning fast."""
+    """The disc turning fast."""
     p = parameters("b", 300.0, 300.0, **tables)
-    found = motion(p, 0.03, tolerance=1e-11, start=FAR)
-    end = solve_ivp(field(p), (0.0, 0.03), FAR, "DOP853", rtol=1e-12, atol=1e-16).y[:, -1]
-    assert not found.events()
-    assert found.x[:9] == pytest.approx(end[:9], rel=1e-8, abs=1e-8 * abs(end[:9]).max())
-    assert found.x[9:18] == pytest.approx(end[9:], rel=1e-8, abs=1e-8 * abs(end[9:]).max())
-    assert abs(found.energy()["error"]) < 1e-9
+    same_end(motion(p, 0.03, tolerance=1e-11, start=FAR), field(p), 0.03)
 
 
 def test_a_disc_that_runs_up_moves_as_in_scipy():
     p = parameters("b", 300.0, 300.0)
-    assembly = disc_slider.assemble(p, {"drive.speed": "ramped"})
-    m = Motion(assembly.system(), 100_000, "dopri5", tolerance=1e-11, longest=300)
-    for i, value in enumerate(FAR):
-        m.write(i, value)
-    m.write(assembly.names.index("drive.slope"), 1e4)
-    m.advance(300)
-    rate = field(p, lambda t: (300.0 + 1e4 * t, 1e4))
-    end = solve_ivp(rate, (0.0, 0.03), FAR, "DOP853", rtol=1e-12, atol=1e-16).y[:, -1]
-    assert m.x[:9] == pytest.approx(end[:9], rel=1e-8, abs=1e-8 * abs(end[:9]).max())
-    assert abs(m.energy()["error"]) < 1e-9
+    slope = disc_slider.assemble(p, {"drive.speed": "ramped"}).names.index("drive.slope")
+    found = motion(
+        p, 0.03, tolerance=1e-11, start={**dict(enumerate(FAR)), slope: 1e4}, moved={"drive.speed": "ramped"}
+    )
+    same_end(found, field(p, lambda t: (300.0 + 1e4 * t, 1e4)), 0.03)
 
 
 def test_without_geometry_and_with_constant_friction_exact_serves():
     p = parameters("a", 100.0, 1000.0, geometry=None)
-    found = motion(p, 0.03, method="exact", start=FAR)
-    end = solve_ivp(field(p), (0.0, 0.03), FAR, "DOP853", rtol=1e-12, atol=1e-16).y[:, -1]
-    assert not found.events()
-    assert found.x[:9] == pytest.approx(end[:9], rel=1e-8, abs=1e-8 * abs(end[:9]).max())
+    same_end(motion(p, 0.03, method="exact", start=FAR), field(p), 0.03)
     with pytest.raises(ValueError, match="use dopri5"):
         motion(parameters("a", 100.0, 1000.0), 0.05, method="exact")
 

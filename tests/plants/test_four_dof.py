@@ -4,44 +4,29 @@
 independent code, and the closed form h^2 = 5000 (1 - mu) with h = 200 - W - 10000 / (200 - W), W = omega^2.
 """
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import in_order, numbers, rates
 from scipy.optimize import brentq
 
 import rig
 from rig.stability.linearisation import sliding_key, steady
 from rig.view import contact
 
-REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "four_dof.json").read_text())
+REFERENCE = numbers("four_dof")
 BELOW = [one for one in REFERENCE["eig"] if one["mu"] < 1.0]
-ABOVE = [one for one in REFERENCE["eig"] if one["mu"] > 1.0]
-PRESSED = {"load.force": 2.0}
 
 
 def printed(mu):
     """The stiffness matrix of equation 1 with all k = kc = 100 N/m."""
-    return np.array(
-        [
-            [200.0, 0.0, -100.0, 0.0],
-            [0.0, 200.0, 0.0, -100.0],
-            [-100.0, 0.0, 150.0, -50.0 + 100.0 * mu],
-            [0.0, -100.0, -50.0, 250.0],
-        ]
-    )
+    across = -50.0 + 100.0 * mu
+    return np.array([[200.0, 0, -100, 0], [0, 200, 0, -100], [-100, 0, 150, across], [0, -100, -50, 250]])
 
 
 def sliding(**changes):
     return rig.modes(rig.load("four_dof", {key.replace("__", "."): value for key, value in changes.items()})).sliding
-
-
-def rates(found):
-    """Eigenvalues [1/s] with a positive imaginary part, by frequency and growth."""
-    told = [complex(mode.growth, 2.0 * math.pi * mode.frequency) for mode in found.modes]
-    return sorted(told, key=lambda value: (round(value.imag, 4), value.real))
 
 
 def closed_form(mu):
@@ -65,7 +50,7 @@ def test_matrices_of_sliding_are_those_of_the_paper(mu):
 @pytest.mark.parametrize("one", REFERENCE["eig"], ids=lambda one: f"mu={one['mu']}")
 def test_eigenvalues_are_those_of_the_reference(one):
     found = rates(sliding(friction__mu=one["mu"]))
-    expected = sorted(map(complex, one["re"], one["im"]), key=lambda value: (round(value.imag, 4), value.real))
+    expected = in_order(map(complex, one["re"], one["im"]))
     double = 1e-6 if one["mu"] == 1.0 else 1e-11  # a rounding of K moves a double eigenvalue by its square root
     assert found == pytest.approx(expected, abs=double)
 
@@ -85,15 +70,6 @@ def test_both_pairs_coalesce_at_a_friction_coefficient_of_one():
     low, same_low, high, same_high = (rate.imag for rate in rates(sliding(friction__mu=1.0)))
     assert [low, high] == pytest.approx(REFERENCE["omega_crit"], rel=1e-7)
     assert [same_low, same_high] == pytest.approx([low, high], rel=1e-7)
-
-
-@pytest.mark.parametrize("one", ABOVE, ids=lambda one: f"mu={one['mu']}")
-def test_above_it_each_pair_has_one_frequency_and_opposite_growth(one):
-    slow, fast = np.split(np.array(rates(sliding(friction__mu=one["mu"]))), 2)
-    for pair in (slow, fast):
-        assert pair[0].imag == pytest.approx(pair[1].imag, rel=1e-9)
-        assert pair[0].real == pytest.approx(-pair[1].real, rel=1e-9)
-        assert pair[1].real > 0.1
 
 
 @pytest.mark.parametrize(
@@ -235,27 +211,21 @@ def test_a_contact_that_pulls_does_not_limit_the_growth():
     assert run.signals["normal_force"].min() < 0.0
 
 
-def test_dampers_stand_beside_their_springs():
-    """Damping in proportion to stiffness: D = 0.002 s of the structure's stiffness matrix."""
-    changes = {f"spring_{i}.damping": 0.2 for i in range(1, 6)}
-    system = rig.load("four_dof", changes).assemble().system()
-    assert system.damping == pytest.approx(0.002 * system.stiffness, rel=1e-12, abs=1e-15)
-
-
 @pytest.mark.parametrize("spring", [1, 2, 4, 5])
 def test_one_damper_halves_the_critical_friction(spring):
     """At mu = 0.5 friction cancels the coupling of spring 3 in row u2, whatever the damper."""
-    for damping in (0.02, 0.2):
-        scene = rig.load("four_dof", {f"spring_{spring}.damping": damping})
-        [critical] = rig.sweep(scene, "friction.mu", np.linspace(0.0, 0.9, 31)).critical
-        assert critical.value == pytest.approx(0.5, abs=1e-9)
+    scene = rig.load("four_dof", {f"spring_{spring}.damping": 0.1})
+    [critical] = rig.sweep(scene, "friction.mu", np.linspace(0.0, 0.9, 16)).critical
+    assert critical.value == pytest.approx(0.5, abs=1e-9)
 
 
 def test_dampers_beside_all_springs_raise_it():
+    """Damping in proportion to stiffness: D = 0.002 s of the structure's stiffness matrix."""
     scene = rig.load("four_dof", {f"spring_{i}.damping": 0.2 for i in range(1, 6)})
-    assert rig.sweep(scene, "friction.mu", np.linspace(0.0, 1.05, 22)).critical[0].value == pytest.approx(
-        1.0016, abs=1e-4
-    )
+    system = scene.assemble().system()
+    assert system.damping == pytest.approx(0.002 * system.stiffness, rel=1e-12, abs=1e-15)
+    [critical] = rig.sweep(scene, "friction.mu", np.linspace(0.0, 1.05, 22)).critical
+    assert critical.value == pytest.approx(1.0016, abs=1e-4)
 
 
 def test_with_dampers_it_has_a_limit_cycle_that_slides_lifts_off_and_sticks():

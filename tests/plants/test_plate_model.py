@@ -3,8 +3,6 @@
 Reference: tests/reference/plate.json.
 """
 
-import hashlib
-import json
 import os
 import subprocess
 import sys
@@ -12,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import numbers
 
 from rig.plants.structures.plate_elements import surface
 from rig.plants.structures.plate_model import Foam, Grid, Plate, Reduced, build
 from rig.plants.structures.plate_surface import framed, unframed
 
-REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "plate.json").read_text())
+REFERENCE = numbers("plate")
 GRID = Grid(0.043, 0.0253, 12, 8)
 SIZE = (GRID.length, GRID.width)
 STEEL = {"length": 0.0867, "width": 0.0766, "thickness": 0.0126, "young": 230e9, "density": 7740.0, "poisson": 0.28}
@@ -35,8 +34,10 @@ def foam(thickness=0.018, young=7e9, through=2, **changes):
 
 @pytest.fixture(scope="module")
 def soft():
-    """40 modes on the foam of 18 mm and 7 GPa."""
-    return build(plate(), foam(), GRID, (0.01, 0.02))
+    """40 modes, to 50 kHz, on the foam of 18 mm and 7 GPa."""
+    found = build(plate(), foam(), GRID, (0.01, 0.02))
+    assert found.frequencies[-1] == pytest.approx(REFERENCE["highest_of_40"], rel=1e-6)
+    return found
 
 
 @pytest.mark.parametrize("mesh", REFERENCE["free"])
@@ -65,10 +66,6 @@ def test_thickness_and_overhang_of_the_foam_move_the_frequencies(case):
     assert found == pytest.approx(case["Hz"], rel=1.5e-3)
 
 
-def test_forty_modes_reach_50_khz(soft):
-    assert soft.frequencies[-1] == pytest.approx(REFERENCE["highest_of_40"], rel=1e-6)
-
-
 def test_what_modes_leave_out_is_in_the_residual():
     pressure, stiff = REFERENCE["pressure"], foam(0.010, 10e9)
     few, many = (surface(plate(modes=n), stiff, SIZE) for n in (12, 40))
@@ -87,9 +84,6 @@ def test_shapes_at_places_are_those_of_the_surface(soft):
     assert soft.shapes[..., 100 + points * soft.grid.stride] == pytest.approx(there, rel=1e-12, abs=1e-12)
     travel = 0.0867 - 0.043
     assert soft.shapes.shape == (40, 3, 8, np.ceil(travel / soft.grid.pitch) + 1 + 11 * soft.grid.stride)
-
-
-def test_a_probe_has_the_shapes_of_its_point(soft):
     assert soft.probe == pytest.approx(soft.surface.at(np.array([0.01]), np.array([0.02]))[:, :, 0, 0])
 
 
@@ -112,7 +106,7 @@ def test_a_free_plate_has_its_mass():
         assert found.shapes[i, i] ** -2.0 == pytest.approx(REFERENCE["mass"], rel=1e-4)
 
 
-@pytest.mark.parametrize("along", [1, 12, 100])
+@pytest.mark.parametrize("along", [1, 100])
 def test_every_position_of_the_slider_has_its_places(along):
     found = build(plate((4, 4, 1), modes=8), foam(), Grid(0.043, 0.0253, along, 2), (0.01, 0.0))
     last = (0.0867 - 0.043) / found.grid.pitch  # of the slider, in places
@@ -124,22 +118,14 @@ def test_every_position_of_the_slider_has_its_places(along):
     assert (1.0 - share) * ends[0] + share * ends[1] == pytest.approx(exact, abs=0.01 * np.abs(exact).max())
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"grid": Grid(0.09, 0.0253, 4, 4)}, "slider.length is 0.09 m; it must be at most plate.length, 0.0867 m"),
-        ({"grid": Grid(0.043, 0.08, 4, 4)}, "slider.width is 0.08 m; it must be at most plate.width, 0.0766 m"),
-        ({"point": (0.1, 0.0)}, "x is 0.1 m; the plate reaches from 0 to 0.0867 m"),
-        ({"point": (0.0, -0.04)}, "y is -0.04 m; the plate reaches from -0.0383 to 0.0383 m"),
-        ({"plate": plate((64, 64, 4))}, "599076 unknowns; at most 60000 are allowed: lower elements_along"),
-        ({"plate": plate((2, 2, 1))}, "modes is 40; these elements give at most 28: take more elements or fewer modes"),
-        (
-            {"foam": foam(poisson=0.4999999999)},
-            "lost in rounding, because sizes",
-        ),
-        ({"plate": plate((4, 4, 1), thickness=1e-6), "foam": None}, "bring values that lie far apart closer together"),
-    ],
-)
+@pytest.mark.parametrize(("given", "message"), [
+    ({"grid": Grid(0.09, 0.0253, 4, 4)}, "slider.length is 0.09 m; it must be at most plate.length, 0.0867 m"),
+    ({"point": (0.0, -0.04)}, "y is -0.04 m; the plate reaches from -0.0383 to 0.0383 m"),
+    ({"plate": plate((64, 64, 4))}, "599076 unknowns; at most 60000 are allowed: lower elements_along"),
+    ({"plate": plate((2, 2, 1))}, "modes is 40; these elements give at most 28: take more elements or fewer modes"),
+    ({"foam": foam(poisson=0.4999999999)}, "lost in rounding, because sizes"),
+    ({"plate": plate((4, 4, 1), thickness=1e-6), "foam": None}, "bring values that lie far apart closer together"),
+])  # fmt: skip
 def test_what_cannot_be_built_is_refused(given, message):
     whole = {"plate": plate((4, 4, 1)), "foam": foam(), "grid": GRID, "point": (0.01, 0.0)} | given
     with pytest.raises(ValueError, match=message):
@@ -155,21 +141,14 @@ def test_a_model_travels_as_bytes(soft):
     assert (again.grid.pitch, again.surface.residual, again.grid) == (soft.grid.pitch, soft.surface.residual, soft.grid)
 
 
-@pytest.mark.parametrize(
-    "harm",
-    [
-        lambda whole: b"",
-        lambda whole: whole[:-1],
-        lambda whole: whole[:2000],
-        lambda whole: whole[:100_000] + b"\x00" + whole[100_001:],
-        lambda whole: whole.replace(b'"along": 12', b'"along": 13'),
-        lambda whole: b"\x89MCAP" + whole,
-        lambda whole: framed({"along": 12}, b""),
-        lambda whole: framed(
-            {"length": 0.04, "width": 0.02, "along": 0, "across": 8, "point": [0, 0]}, unframed(whole)[1]
-        ),
-    ],
-)
+@pytest.mark.parametrize("harm", [
+    lambda whole: b"",
+    lambda whole: whole[:-1],
+    lambda whole: whole[:100_000] + b"\x00" + whole[100_001:],
+    lambda whole: whole.replace(b'"along": 12', b'"along": 13'),
+    lambda whole: framed({"along": 12}, b""),
+    lambda whole: framed({"length": 0.04, "width": 0.02, "along": 0, "across": 8, "point": [0, 0]}, unframed(whole)[1]),
+])  # fmt: skip
 def test_bytes_that_are_no_model_are_refused(soft, harm):
     with pytest.raises(ValueError, match=r"is (no|damaged)"):
         Reduced.from_bytes(harm(soft.to_bytes()))
@@ -178,28 +157,26 @@ def test_bytes_that_are_no_model_are_refused(soft, harm):
 BUILD = """
 import sys, hashlib
 from rig.plants.structures.plate_model import Foam, Grid, Plate, Reduced, build
-from rig.plants.structures.plate_surface import framed, unframed
-plate = Plate(length=0.0867, width=0.0766, thickness=0.0126, young=230e9, density=7740.0, poisson=0.28)
+size = {"length": 0.0867, "width": 0.0766, "thickness": 0.0126, "young": 230e9, "density": 7740.0, "poisson": 0.28}
+mesh = {"elements_along": 4, "elements_across": 4, "elements_through": 1, "modes": 8}
 foam = Foam(thickness=0.018, young=7e9, density=1000.0, poisson=0.25)
-found = build(plate, foam, Grid(0.043, 0.0253, 12, 8), (0.01, 0.02))
+found = build(Plate(**size, **mesh), foam, Grid(0.043, 0.0253, 12, 8), (0.01, 0.02))
 print(hashlib.sha256(found.to_bytes()).hexdigest(), "skfem" in sys.modules, "scipy.sparse" in sys.modules)
 """
 
 
 def start(folder, **environment):
-    """A process that builds the model of `soft`."""
+    """A process that builds a model."""
     given = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "RIG_MODELS": str(folder)} | environment
     return subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE, text=True, env=given)
 
 
-def test_every_process_builds_the_same_bits_however_many_threads_its_libraries_have(soft, tmp_path):
+def test_every_process_builds_the_same_bits_however_many_threads_its_libraries_have(tmp_path):
     """And together they write one file, which the next process reads without the libraries that build."""
     processes = [start(tmp_path / "models", OPENBLAS_NUM_THREADS=threads) for threads in ("1", "2")]
-    told = hashlib.sha256(soft.to_bytes()).hexdigest()
-    for process in processes:
-        assert process.communicate(timeout=120)[0].split()[0] == told
-    assert len(list((tmp_path / "models").iterdir())) == 1
-    assert start(tmp_path / "models").communicate(timeout=120)[0].split() == [told, "False", "False"]
+    told = {process.communicate(timeout=120)[0].split()[0] for process in processes}
+    assert len(told) == len(list((tmp_path / "models").iterdir())) == 1
+    assert start(tmp_path / "models").communicate(timeout=120)[0].split() == [*told, "False", "False"]
 
 
 def test_a_file_serves_only_processors_for_which_the_libraries_have_the_same_code(tmp_path, monkeypatch):
@@ -211,32 +188,28 @@ def test_a_file_serves_only_processors_for_which_the_libraries_have_the_same_cod
         assert len(list(tmp_path.iterdir())) == count
 
 
-@pytest.mark.parametrize(
-    "harm", [lambda whole: b"", lambda whole: whole[:-1], lambda whole: whole.replace(b"1", b"2", 9)]
-)
-def test_a_damaged_file_is_built_again(soft, tmp_path, monkeypatch, harm):
+def test_a_damaged_file_is_built_again(tmp_path, monkeypatch):
     monkeypatch.setenv("RIG_MODELS", str(tmp_path))
     small = plate((4, 4, 1), modes=8), foam(), GRID, (0.01, 0.0)
     found = build(*small)
     (file,) = tmp_path.iterdir()
     whole = file.read_bytes()
-    file.write_bytes(harm(whole))
-    assert build(*small).to_bytes() == found.to_bytes()
-    assert file.read_bytes() == whole
+    for harmed in (b"", whole[:-1], whole.replace(b"1", b"2", 9)):
+        file.write_bytes(harmed)
+        assert build(*small).to_bytes() == found.to_bytes()
+        assert file.read_bytes() == whole
 
 
 def test_a_file_serves_all_that_depend_on_the_same_numbers(tmp_path, monkeypatch):
     monkeypatch.setenv("RIG_MODELS", str(tmp_path))
-    mesh = (3, 3, 1)
-    build(plate(mesh, modes=7), foam(), GRID, (0.01, 0.0))
+    mesh, place = (3, 3, 1), (GRID, (0.01, 0.0))
+    build(plate(mesh, modes=7), foam(), *place)
     build(plate(mesh, modes=7, damping_ratio=0.01), foam(), Grid(*SIZE, 5, 3), (0.02, 0.01))
     assert len(list(tmp_path.iterdir())) == 1
-    changes = [{"young": 200e9}, {"poisson": 0.3}, {"density": 7800.0}, {"thickness": 0.012}, {"elements_along": 4}]
-    for number, change in enumerate(changes, 2):
-        build(plate(mesh, modes=7, **change), foam(), GRID, (0.01, 0.0))
-        assert len(list(tmp_path.iterdir())) == number
-    for number, below in enumerate([None, foam(0.02), foam(overhang=0.001)], 2 + len(changes)):
-        build(plate(mesh, modes=7), below, GRID, (0.01, 0.0))
+    others = [(plate(mesh, modes=7, **change), foam()) for change in ({"young": 200e9}, {"elements_along": 4})]
+    others += [(plate(mesh, modes=7), below) for below in (None, foam(overhang=0.001))]
+    for number, structure in enumerate(others, 2):
+        build(*structure, *place)
         assert len(list(tmp_path.iterdir())) == number
     build(plate(mesh, modes=7), foam(), Grid(0.04, 0.0253, 12, 8), (0.01, 0.0))
-    assert len(list(tmp_path.iterdir())) == 3 + len(changes) + 2
+    assert len(list(tmp_path.iterdir())) == 2 + len(others)

