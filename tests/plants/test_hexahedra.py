@@ -149,13 +149,6 @@ def test_what_modes_leave_out_of_a_load_completes_them():
     assert np.abs(found.vectors.T @ (structure.mass @ rest)).max() < 1e-12 * np.linalg.norm(exact)
 
 
-@pytest.mark.parametrize(
-    ("count", "message"),
-    [
-        (6, "modes is 6; a free structure has 6 rigid modes: take at least 7"),
-        (40, "modes is 40; these elements give at most 14: take more elements or fewer modes"),
-    ],
-)
-def test_modes_that_elements_cannot_give_are_refused(count, message):
-    with pytest.raises(ValueError, match=message):
-        modes(free((0.08, 0.07, 0.012), (2, 2, 1)), count)
+def test_modes_that_elements_cannot_give_are_refused():
+    with pytest.raises(ValueError, match="modes is 6; a free structure has 6 rigid modes: take at least 7"):
+        modes(free((0.08, 0.07, 0.012), (2, 2, 1)), 6)

@@ -4,12 +4,11 @@ Liu and Ouyang, Mechanical Systems and Signal Processing (2022). The reference t
 of time that is no whole number of cycles, which is wrong in the third digit; it is compared with scipy instead.
 """
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import numbers
 from scipy.optimize import brentq
 
 import rig
@@ -17,7 +16,7 @@ from rig.errors import SceneError
 from rig.plants import lever
 from rig.plants.structures import series
 
-LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_lever.json").read_text())
+LIU = numbers("liu_lever")
 RPM = math.pi / 30.0
 COULOMB = {"friction.law": "coulomb", "friction.mu_static": 0.42, "friction.mu_kinetic": 0.3}
 PROPERTY_2 = {"friction.mu_static": 0.38, "friction.mu_kinetic": 0.32}
@@ -215,7 +214,6 @@ def test_coulomb_sliding_is_stable_at_every_speed():
 @pytest.mark.parametrize(("changes", "said"), [
     ({"springs.free_length": 0.0048}, "fixture.deformation -0.0048 m compresses the spring by its whole free length"),
     ({"cylinder.bolted": True}, "a bolted pin cannot rub"),
-    ({"springs.order": 6}, "springs.order = 6"),
 ])  # fmt: skip
 def test_what_cannot_be_built_is_refused_in_words(changes, said):
     with pytest.raises(SceneError, match="(?s)" + said.replace(".", r"\.")):
@@ -225,8 +223,6 @@ def test_what_cannot_be_built_is_refused_in_words(changes, said):
 def test_all_that_is_missing_is_told_at_once(tmp_path):
     text = rig.scenes.path("lever").read_text()
     broken = tmp_path / "broken.toml"
-    for table in ("lever", "disc", "springs.arm"):
-        text = text.replace(f"[{table}]", f"[{table}]\n#", 1)
     text = "\n".join(part for part in text.split("\n\n") if not part.startswith(("[lever]", "[disc]", "[springs.arm]")))
     broken.write_text(text)
     with pytest.raises(SceneError) as fault:

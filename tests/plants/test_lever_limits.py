@@ -4,13 +4,12 @@ V1: sliding loses its stability. V2: stick-slip ends, found from a standing star
 or by continuation, carrying the motion up in speed. Liu and Ouyang, Mechanical Systems and Signal Processing (2022).
 """
 
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from reference import numbers
 
 import rig
 from rig.analysis.cycle import stuck
@@ -21,7 +20,7 @@ from rig.analysis.stick_speeds import stages
 from rig.motion.motion import Motion
 from rig.stability.linearisation import sliding_key, steady
 
-LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_lever.json").read_text())
+LIU = numbers("liu_lever")
 RPM = math.pi / 30.0
 COULOMB = {"friction.law": "coulomb", "friction.mu_static": 0.42, "friction.mu_kinetic": 0.3}
 PROPERTY_2 = {"friction.mu_static": 0.38, "friction.mu_kinetic": 0.32}

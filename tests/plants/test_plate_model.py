@@ -40,7 +40,7 @@ def soft():
     return found
 
 
-@pytest.mark.parametrize("mesh", REFERENCE["free"])
+@pytest.mark.parametrize("mesh", ["6x5x1", "12x10x2"])
 def test_a_free_plate_has_the_frequencies_of_independent_elements_on_the_same_mesh(mesh):
     found = surface(plate(tuple(map(int, mesh.split("x"))), modes=16), None, SIZE).frequencies
     assert (found[:6] == 0.0).all()
@@ -52,11 +52,12 @@ def test_the_modulus_of_the_printed_frequencies_is_200_gpa():
     assert found[6:] == pytest.approx(REFERENCE["free_200_GPa"], rel=3e-3)
 
 
-@pytest.mark.parametrize("case", REFERENCE["foam"], ids=lambda case: f"{1e3 * case['thickness']:g} mm")
-def test_on_foam_the_frequencies_are_those_of_independent_elements(case):
-    *mesh, through = case["elements"]
-    found = surface(plate(tuple(mesh), modes=8), foam(case["thickness"], case["young"], through), SIZE).frequencies
-    assert found[: len(case["Hz"])] == pytest.approx(case["Hz"], rel=1e-4)
+def test_on_foam_the_frequencies_are_those_of_independent_elements(soft):
+    thin, thick = REFERENCE["foam"]
+    *mesh, through = thin["elements"]
+    found = surface(plate(tuple(mesh), modes=8), foam(thin["thickness"], thin["young"], through), SIZE).frequencies
+    assert found[: len(thin["Hz"])] == pytest.approx(thin["Hz"], rel=1e-4)
+    assert soft.frequencies[: len(thick["Hz"])] == pytest.approx(thick["Hz"], rel=1e-4)
 
 
 @pytest.mark.parametrize("case", REFERENCE["thickness"] + REFERENCE["overhang"], ids=str)

@@ -74,7 +74,7 @@ def test_a_plate_that_has_no_order_is_told():
         rig.load("points", {"plate.lowest": "13 kHz"})
 
 
-@pytest.mark.parametrize(("along", "across"), [(31, 2), (64, 64)])
+@pytest.mark.parametrize(("along", "across"), [(31, 2), (32, 32)])
 def test_any_number_of_points_is_served(along, across):
     """62 points have more mode sets than an int64 counts."""
     changes = {"contact.along": along, "contact.across": across, "contact.stiffness": 4.8e7 / (along * across)}

@@ -28,25 +28,23 @@ def law_of(curve, load=10.0):
 @pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("load", [10.0, 37.0])
 def test_force_is_that_of_the_curve_whatever_the_load_it_is_told_for(rigs, curve, load):
-    law = law_of(curve, load)
+    law, shipped = law_of(curve, load), rig.load(SCENES[curve]).parameters
     for v, force in rigs["seal"][curve]["F"].items():
         assert load * law.mu(float(v) * MM) == pytest.approx(force, rel=1e-12)
+        assert shipped.load.force * shipped.friction.friction().mu(float(v) * MM) == pytest.approx(force, rel=1e-12)
     assert load * law.static == pytest.approx(rigs["seal"][curve]["F"]["0"], rel=1e-12)
 
 
-def test_slope_is_that_of_the_curve(rigs):
+def test_slope_and_the_speed_of_least_friction_are_those_of_the_curve(rigs):
     law = law_of("V1")
     for v, slope in rigs["seal"]["V1"]["dF_Ns_per_mm"].items():
         assert 10.0 * law.slope(float(v) * MM) * MM == pytest.approx(slope, rel=1e-9)
         h = 1e-8
         v = float(v) * MM
         assert law.slope(v) == pytest.approx((law.mu(v + h) - law.mu(v - h)) / (2.0 * h), rel=1e-5)
-
-
-@pytest.mark.parametrize("curve", CURVES)
-def test_friction_is_least_at_a_speed(rigs, curve):
-    least = brentq(law_of(curve).slope, 1.0 * MM, 20.0 * MM, xtol=1e-14)
-    assert least / MM == pytest.approx(rigs["seal"][curve]["v_min"], rel=1e-9)
+    for curve in CURVES:
+        least = brentq(law_of(curve).slope, 1.0 * MM, 20.0 * MM, xtol=1e-14)
+        assert least / MM == pytest.approx(rigs["seal"][curve]["v_min"], rel=1e-9)
 
 
 def test_below_zero_speed_the_law_goes_on_straight():
@@ -55,14 +53,6 @@ def test_below_zero_speed_the_law_goes_on_straight():
     for v in (-1e-7, -1e-5, -2e-3, -0.1):
         assert law.mu(v) == pytest.approx(law.static + v * law.slope(0.0), rel=1e-12)
         assert law.slope(v) == law.slope(0.0)
-
-
-@pytest.mark.parametrize("name", ["seal_p", "seal_l"])
-def test_scenes_have_the_curves_of_the_reference(rigs, name):
-    curve = next(c for c, scene in SCENES.items() if scene == name)
-    p = rig.load(name).parameters
-    for v, force in rigs["seal"][curve]["F"].items():
-        assert p.load.force * p.friction.friction().mu(float(v) * MM) == pytest.approx(force, rel=1e-12)
 
 
 def critical_speed(scene, damping):
@@ -91,19 +81,22 @@ def force(v):
     return 9.7 / (0.7 * v / MM + 1.0) + 1.2 * np.sqrt(v / MM + 0.01)
 
 
+def slipping(speed, m, c, d):
+    """The equation of slip for scipy."""
+    return lambda _, y: [y[1], (force(max(speed - y[1], 0.0)) - d * y[1] - c * y[0]) / m]
+
+
 def slips_on(speed, m, c, d):
     """A mass let go by the bolt: does it reach the bolt's speed again? scipy, no code of the rig."""
-
-    def rate(_, y):
-        return [y[1], (force(max(speed - y[1], 0.0)) - d * y[1] - c * y[0]) / m]
 
     def stuck(_, y):
         return speed - y[1] - 1e-12
 
     stuck.terminal, stuck.direction = True, -1.0
     start = [(force(0.0) - d * speed) / c, speed - 1e-9]
-    run = solve_ivp(rate, (0.0, 10.0 * math.pi * math.sqrt(m / c)), start, "DOP853", rtol=1e-10, atol=1e-14,
-                    events=stuck, max_step=1e-3)  # fmt: skip
+    until = 10.0 * math.pi * math.sqrt(m / c)
+    run = solve_ivp(slipping(speed, m, c, d), (0.0, until), start, "DOP853", rtol=1e-10, atol=1e-14, events=stuck,
+                    max_step=1e-3)  # fmt: skip
     return not run.t_events[0].size
 
 
@@ -165,14 +158,12 @@ def test_stick_slip_events_are_those_of_scipy(move):
     release = (force(0.0) - d * speed) / (c * speed)
     assert run.times("contact releases +")[0] == pytest.approx(release, rel=1e-12)
 
-    def rate(_, y):
-        return [y[1], (force(max(speed - y[1], 0.0)) - d * y[1] - c * y[0]) / m]
-
     def stuck(t, y):
         return 1.0 if t < 1e-3 else speed - y[1]
 
     stuck.terminal, stuck.direction = True, -1.0
-    slip = solve_ivp(rate, (0.0, 0.1), [speed * release, speed], "DOP853", rtol=1e-12, atol=1e-16, events=stuck)
+    slip = solve_ivp(slipping(speed, m, c, d), (0.0, 0.1), [speed * release, speed], "DOP853", rtol=1e-12, atol=1e-16,
+                     events=stuck)  # fmt: skip
     found = run.times("contact slip ends")
     assert slip.t_events[0].size
     assert found[0] - release == pytest.approx(slip.t_events[0][0], rel=1e-6)
