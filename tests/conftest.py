@@ -147,7 +147,7 @@ def runs(monkeypatch):
 
 @pytest.fixture
 def script(runs):
-    """Starts Python code in a process of its own; each is gone after 25 s, or after the test."""
+    """Starts Python code in a process of its own; each is gone after two minutes, or after the test."""
     started = []
 
     def start(code, *args):
@@ -158,7 +158,7 @@ def script(runs):
             text=True,
             env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
         )
-        started.append((process, threading.Timer(25.0, process.kill)))
+        started.append((process, threading.Timer(120.0, process.kill)))
         started[-1][1].start()
         return process
 

@@ -32,9 +32,11 @@ CLIENTS = 8
 LARGEST = 1 << 16
 """Largest message of a client [bytes]."""
 SEND_S, _END_S = 5, 3.0
-_QUIET = logging.getLogger(__name__)
+PING_S, PONG_S = 5.0, 10.0
+"""Time between two pings, and that in which a client must answer one [s]."""
+_QUIET = logging.getLogger(__name__)  # a client that breaks off its handshake is none of the user's concern
 _QUIET.addHandler(logging.NullHandler())
-_QUIET.propagate = False  # a client that breaks off its handshake is none of the user's concern
+_QUIET.propagate = False
 FORBIDDEN = "Open the address that rig bridge printed, with its token, from a program or a page of this address.\n"
 
 
@@ -54,7 +56,8 @@ class Bridge:
         self._gate = Gate(self.port, self.token)
         self._server = needed("websockets.sync.server", "web").serve(
             self._serve, sock=self._socket, process_request=self._check, compression=None, open_timeout=5,
-            ping_interval=5, ping_timeout=10, close_timeout=1, max_size=LARGEST, server_header=None, logger=_QUIET,
+            ping_interval=PING_S, ping_timeout=PONG_S, close_timeout=1, max_size=LARGEST, server_header=None,
+            logger=_QUIET,
         )  # fmt: skip
         self._thread = threading.Thread(target=self._server.serve_forever, name="bridge", daemon=True)
 

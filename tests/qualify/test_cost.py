@@ -82,13 +82,12 @@ RUNS = {
 SETTINGS = (Setting("dopri5", 1e-3), Setting("dopri5", 1e-8), Setting("rk4", step_ns=100_000), Setting("exact"))
 
 
-@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name == "belt_tuned_mass" else name for name in RUNS]
 )
-def test_a_row_errs_as_a_run_with_its_setting_does(name, seed):
+def test_a_row_errs_as_a_run_with_its_setting_does(name):
     """Mode changes of the run, and its state at the end, are those that the row was judged by, bit by bit."""
-    draw = np.random.default_rng(seed)
+    draw = np.random.default_rng(1)
     mass = rig.load(name).parameters.body.mass * draw.uniform(0.8, 1.25)
     scene = rig.load(name, {**RUNS[name], "body.mass": mass, "limits": {}})
     asked = problem(scene)
@@ -99,7 +98,7 @@ def test_a_row_errs_as_a_run_with_its_setting_does(name, seed):
         if able[setting.method]:
             continue
         seen = observe(asked, setting)
-        run, events = as_run(asked, setting, seed)
+        run, events = as_run(asked, setting, seed=1)
         assert list(seen.events) == events[: len(seen.events)]
         own = replace(seen, events=tuple(events[: len(seen.events)]), count=len(events))
         row, told = errors(asked, seen, truth), errors(asked, own, truth)
@@ -130,15 +129,11 @@ def test_references_are_kept_and_used_again(belt, tmp_path):
     assert [path.stat().st_mtime_ns for path in kept] == times
 
 
-def test_progress_is_told_to_the_end(belt):
-    done, total = belt[3][-1]
-    assert done == total
-
-
-def test_the_table_comes_back_from_its_files(belt):
+def test_progress_is_told_to_the_end_and_the_table_comes_back_from_its_files(belt):
     from pyarrow import parquet
 
-    scene, folder, found, _ = belt
+    scene, folder, found, told = belt
+    assert told[-1][0] == told[-1][1]
     folder = folder_of(scene, folder)
     read = Table.read(folder)
     assert [r.setting for r in read.rows] == [r.setting for r in found.rows]
@@ -165,7 +160,7 @@ def test_a_state_with_missed_events_is_no_small_error(belt):
     assert math.isinf(errors(asked, fewer, seen)["event times"])
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_simultaneous_events_have_no_order(belt, seed):
     """Two equal contacts change at once: a shift of all times is the error, whichever of the two is the first."""
     asked, draw = problem(belt[0]), np.random.default_rng(seed)
@@ -248,12 +243,9 @@ def test_what_frames_cannot_distinguish_the_plant_alone_decides():
     assert recommended(rows, "period", 1e-3, None) is rows[1]
 
 
-def test_of_equal_errors_and_costs_the_finest_tolerance_is_taken():
+def test_of_equal_settings_the_finest_and_of_what_references_cannot_tell_apart_the_cheapest_is_taken():
     rows = [replace(row(1e-5, 20.0), setting=Setting("dopri5", tolerance)) for tolerance in (1e-3, 1e-8, 1e-4)]
     assert recommended(rows, "period", 1e-3, None) is rows[1]
-
-
-def test_what_is_measured_no_better_than_the_references_is_not_asked_for():
     rows = [row(1.5e-12, 10.0, 0.01, floor=1e-12), row(1e-13, 90.0, 0.09, floor=1e-12)]
     assert recommended(rows, "period", None, 0.5) is rows[0]
 
@@ -413,11 +405,10 @@ def test_a_run_takes_what_the_table_of_this_machine_recommends(belt):
 
 
 def test_what_is_recommended_holds_when_it_is_judged_anew():
-    """Two rigs of the trial, with a seed of their own; what they cost is for a quiet machine to say."""
+    """A rig of the trial, with a seed of its own; what it costs is for a quiet machine to say."""
     from benchmarks.holdout import SCENES, drawn, judged
 
-    rigs = [(scene, target) for scene, target in drawn(2 * len(SCENES), seed=7) if scene.name == "belt_c"]
-    found = [judged(scene, target, rounds=1) for scene, target in rigs]
-    assert len(found) == 2
-    assert all(one.error <= one.target for one in found)
-    assert all(one.ratio >= 1.0 for one in found)
+    scene, target = next(rig for rig in drawn(len(SCENES), seed=7) if rig[0].name == "belt_c")
+    found = judged(scene, target, rounds=1)
+    assert found.error <= found.target
+    assert found.ratio >= 1.0

@@ -69,25 +69,18 @@ def made_up(seconds, step_ns, **told):
     )
 
 
-def test_a_simulated_run_becomes_a_picture_of_1600_pixels(run, tmp_path):
-    path = tmp_path / "belt.png"
-    put(run.plot(), path)
-    width, height, share = ink(path)
-    assert width == 1600
-    assert 900 <= height <= 1200
-    assert 0.05 < share < 0.8
-
-
-@pytest.mark.parametrize("kind", ["empty", "short", "long and fine", "stopped"])
-def test_any_run_can_be_drawn(kind, tmp_path):
+@pytest.mark.parametrize("kind", ["simulated", "empty", "long and fine", "stopped"])
+def test_any_run_can_be_drawn(kind, run, tmp_path):
     runs = {
+        "simulated": lambda: run,
         "empty": lambda: Run("", 1_000_000, 1_000_000, np.empty(0), {}, {}),
-        "short": lambda: made_up(0.003, 1_000_000),
-        "long and fine": lambda: made_up(140.0, 100_000, measurements={"laser": NOTHING}),
+        "long and fine": lambda: made_up(140.0, 1_000_000, measurements={"laser": NOTHING}),
         "stopped": lambda: made_up(2.5, 1_000_000, fault="diverged\n at t = 2.5 s", summary={"verdict": "INVALID"}),
     }  # fmt: skip
     put(runs[kind]().plot(), tmp_path / "run.png")
-    assert ink(tmp_path / "run.png")[0] == 1600
+    width, height, share = ink(tmp_path / "run.png")
+    assert width == 1600
+    assert kind != "simulated" or (900 <= height <= 1200 and 0.05 < share < 0.8)
 
 
 def test_phases_marks_and_controllers_are_told_in_spans():
@@ -210,16 +203,14 @@ def test_a_live_run_shows_no_vibration_that_there_was_not(tmp_path):
 @pytest.mark.parametrize(
     ("scene", "only", "labels"),
     [
-        ("belt", ["velocity"], ["velocity [m/s]"]),
         ("belt", ["vibrometer", "slip_speed"], ["velocity [m/s]", "slip speed [m/s]"]),
         ("brake_shunt_listener", ["microphone", "truth/stack_voltage"], ["stack voltage [V]", "microphone [Pa]"]),
-        ("brake_shunt_listener", ["displacement"], ["displacement [nm]"]),
     ],
 )
 def test_any_sensor_and_output_can_be_drawn_alone(scene, only, labels, tmp_path):
     run = rig.simulate(scene, 0.02)
-    put(run.plot(only), tmp_path / "run.png")
     figure = run.plot(only)
+    put(figure, tmp_path / "run.png")
     assert [axes.get_ylabel() for axes in figure.axes[: len(labels)]] == labels
     drawn = [line.get_label() for axes in figure.axes[: len(labels)] for line in axes.get_lines()]
     names = {name.removeprefix("truth/").replace("_", " ") for name in only}

@@ -83,7 +83,6 @@ def outside(axes):
     ("spoil", "fault"),
     [
         (labelled("drive.speed [m/s]"), "has a key instead of words"),
-        (labelled("surface_speed [m/s]"), "has a key instead of words"),
         (labelled("v [m/s]"), "has no word"),
         (labelled("velocity"), "has no unit"),
         (crowded, "'10000' overlaps '5000'"),
@@ -131,11 +130,11 @@ def test_the_measure_of_colours_knows_what_looks_alike():
     assert nearest(["#000000", "#ffffff"])[0] == pytest.approx(100.0, abs=0.1)
 
 
-@pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
+@pytest.mark.parametrize("kind", ["svg", "pdf"])
 def test_the_same_figure_has_the_same_bytes(kind):
     first, second = (encoded(drawn()[0], kind) for _ in range(2))
     assert first == second
-    assert kind == "png" or b"Date" not in first
+    assert b"Date" not in first
 
 
 def test_no_line_joins_what_is_apart():
@@ -155,15 +154,11 @@ def test_every_figure_of_a_paper_fits_a_page():
 @pytest.mark.parametrize(
     ("typed", "sign"),
     [
-        ("[m/s^2]", "[m/s²]"),
         ("[(m/s^2)^2/Hz]", "[(m/s²)²/Hz]"),
         ("[N/Hz^0.5]", "[N/√Hz]"),
-        ("[um]", "[µm]"),
         ("[dB re 20 uPa]", "[dB re 20 µPa]"),
         ("[C]", "[°C]"),
-        ("[1/C]", "[1/C]"),
         ("[N*s/m]", "[N s/m]"),
-        ("[us per run]", "[µs per run]"),
         ("[number of runs]", "[number of runs]"),
     ],
 )

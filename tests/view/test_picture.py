@@ -32,6 +32,14 @@ def moving(columns, path, component):
     return np.array(found.columns.fields[component], float).reshape(len(found.t_ns), -1)
 
 
+def played(scene, seconds, frames=200):
+    """The picture of a scene, a run of it, and the rows of the run at which `columns` draw it."""
+    picture, run = drawn(scene), rig.simulate(scene, seconds)
+    t_ns = np.round(run.time * 1e9).astype(np.int64)
+    shown = np.arange(0, t_ns.size, max(t_ns.size // frames, 1))
+    return picture, run, shown, picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
+
+
 def test_in_stick_arm_and_disc_turn_as_one():
     scene = rig.load("pendulum")
     picture = drawn(scene)
@@ -49,7 +57,7 @@ def test_in_stick_arm_and_disc_turn_as_one():
         assert np.ptp(arm[:, 2]) > 0.0
 
 
-@pytest.mark.parametrize("name", ["belt", "pendulum", "belt_dither", "belt_c_damped"])
+@pytest.mark.parametrize("name", ["belt", "pendulum", "belt_c_damped"])
 def test_motion_is_magnified_by_a_round_number_that_keeps_it_in_the_picture(name):
     scene = rig.load(name)
     system = scene.assemble().system()
@@ -60,17 +68,10 @@ def test_motion_is_magnified_by_a_round_number_that_keeps_it_in_the_picture(name
     assert 0.05 < scale.motion * reach < 0.5
 
 
-@pytest.mark.parametrize(
-    ("name", "moves"), [("pin", (0, 2)), ("north", (2,)), ("tread", (0, 2)), ("two_dof", (0, 2)), ("four_dof", (0, 2))]
-)
+@pytest.mark.parametrize(("name", "moves"), [("pin", (0, 2)), ("north", (2,)), ("two_dof", (0, 2))])
 def test_bodies_that_move_across_the_surface_are_drawn_so(name, moves):
     """A short run: along which axes the body goes, and no farther than the picture reaches."""
-    scene = rig.load(name)
-    picture = drawn(scene)
-    run = rig.simulate(scene, 20.0 if name.endswith("_dof") else 0.05)
-    t_ns = np.round(run.time * 1e9).astype(np.int64)
-    shown = np.arange(0, t_ns.size, max(t_ns.size // 200, 1))
-    columns = picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
+    *_, columns = played(rig.load(name), 20.0 if name.endswith("_dof") else 0.05)
     place = moving(columns, "rig/mass", "translation")
     assert {axis for axis in range(3) if np.ptp(place[:, axis]) > 1e-3} == set(moves)
     assert np.abs(place).max() < 0.5
@@ -81,12 +82,8 @@ def test_bodies_that_move_across_the_surface_are_drawn_so(name, moves):
 
 
 def test_the_beam_ends_in_its_tip_which_moves_with_the_disc_in_stick():
-    scene = rig.load("tip_beam", {"drive.speed": 0.006})
-    picture = drawn(scene)
-    run = rig.simulate(replace(scene, protocol=()), 0.02)
-    t_ns = np.round(run.time * 1e9).astype(np.int64)
-    shown = np.arange(0, t_ns.size, 5)
-    columns = picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
+    scene = replace(rig.load("tip_beam", {"drive.speed": 0.006}), protocol=())
+    picture, run, shown, columns = played(scene, 0.02)
     tip, beam = moving(columns, "rig/mass", "translation"), moving(columns, "rig/spring", "strips")
     assert 0.05 < np.ptp(tip[:, 0]) < 1.0
     assert beam[:, -3] == pytest.approx(tip[:, 0], abs=1e-5)
@@ -100,12 +97,7 @@ def test_the_beam_ends_in_its_tip_which_moves_with_the_disc_in_stick():
 
 def test_the_lever_is_drawn_as_it_moves():
     """Disc and pin as one in stick; every spring ends where what it pulls is."""
-    scene = rig.load("lever")
-    picture = drawn(scene)
-    run = rig.simulate(scene, 3.0)
-    t_ns = np.round(run.time * 1e9).astype(np.int64)
-    shown = np.arange(0, t_ns.size, 20)
-    columns = picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
+    picture, run, shown, columns = played(rig.load("lever"), 3.0)
     zoom = picture.scale.motion
     phi, theta = (zoom * run.signals[name][shown] for name in ("angle", "lever_angle"))
     assert 0.05 < np.ptp(phi) < 0.8
@@ -124,12 +116,7 @@ def test_the_lever_is_drawn_as_it_moves():
 
 def test_springs_of_the_three_bodies_end_at_them():
     """Bodies 1 and 3 go with their own outputs, and each spring is as long as the bodies at its ends leave it."""
-    scene = rig.load("four_dof")
-    picture = drawn(scene)
-    run = rig.simulate(scene, 20.0)
-    t_ns = np.round(run.time * 1e9).astype(np.int64)
-    shown = np.arange(0, t_ns.size, 100)
-    columns = picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
+    picture, run, shown, columns = played(rig.load("four_dof"), 20.0)
     side, top, slider = (moving(columns, f"rig/{name}", "translation") for name in ("body_1", "body_3", "mass"))
     zoom = picture.scale.motion
     assert side[:, 0] == pytest.approx(zoom * run.signals["body_1_displacement"][shown], abs=1e-6)
@@ -180,20 +167,6 @@ def test_a_disc_of_a_brake_is_drawn_as_its_contacts_feel_it():
     bent = drawn(scene).motion
     assert bent.omega / (2.0 * math.pi) == pytest.approx(rig.modes(scene).sliding.modes[0].frequency, rel=1e-9)
     assert abs(bent.shape["disc"][2]) > abs(bent.shape["inner_pad"][2])
-
-
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [
-        ("lever", "Lever"),
-        ("disc_slider", "Slider"),
-        ("pendulum", "Pendulum"),
-        ("brake_3400", "Brake"),
-        ("four_dof", "ThreeBodies"),
-    ],
-)
-def test_each_rig_has_its_own_picture(name, kind):
-    assert type(drawn(rig.load(name))).__name__ == kind
 
 
 def test_a_rig_that_declares_no_picture_gets_curves_and_a_strip_and_nothing_is_guessed():
@@ -258,23 +231,7 @@ def test_modes_have_names_for_each_state_of_the_contact():
 
 
 @pytest.mark.parametrize("until", [None, 20.0])
-@pytest.mark.parametrize(
-    "name",
-    [
-        "pendulum",
-        "belt",
-        "pin",
-        "north",
-        "tread",
-        "tread_rough",
-        "two_dof",
-        "four_dof",
-        "tip",
-        "tip_beam",
-        "brake_shunt_sound",
-        None,
-    ],
-)
+@pytest.mark.parametrize("name", ["pendulum", "tread_rough", "brake_shunt_sound", None])
 def test_every_rig_has_a_window(name, until):
     scene = rig.load(name).to_json() if name else "{}"
     told = outputs(rig.load(name)) if name else {"velocity": "m/s"}

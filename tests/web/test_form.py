@@ -21,7 +21,7 @@ def test_every_shipped_scene_has_a_card_and_those_of_the_folder_come_first(tmp_p
     assert [one["name"] for one in found if not one["own"]] == list(names())
 
 
-@pytest.mark.parametrize("name", ["belt_normal_force", "pendulum", "brake_shunt", "tip", "north"])
+@pytest.mark.parametrize("name", ["belt_normal_force", "pendulum", "brake_shunt"])
 def test_the_form_has_every_value_with_unit_range_and_origin(name):
     scene = scenes.load(name)
     found = json.loads(json.dumps(form(scene), allow_nan=False))
@@ -39,24 +39,8 @@ def test_the_form_has_every_value_with_unit_range_and_origin(name):
             assert one["limits"][0] <= low <= one["value"] <= high <= one["limits"][1]
             assert low < high
     assert all(not one["live"] for key, one in entries.items() if key.startswith(("start.", "clock.")))
-
-
-def test_a_scene_file_that_cannot_be_used_is_listed_and_says_why(client, folder):
-    (folder / "typo.toml").write_text('based_on = "belt"\n[drive]\nsped = 3\n')
-    (folder / "cut.toml").write_text('based_on = "belt"\n[drive\n')
-    (folder / "lost.toml").write_text('based_on = "nothing"\n')
-    (folder / "pyproject.toml").write_text('[project]\nname = "x"\n')
-    own = {Path(one["name"]).name: one for one in client.get("/api/scenes").json() if one["own"]}
-    assert {*own} == {"typo.toml", "cut.toml", "lost.toml"}
-    assert own["lost.toml"]["title"].startswith('cannot be read: based_on = "nothing": no scene has this name')
-    for name, told in (
-        ("typo.toml", "did you mean drive.speed"),
-        ("cut.toml", "line 2"),
-        ("lost.toml", "no scene has this name"),
-    ):
-        refused = client.post("/api/scene", scene=own[name]["name"])
-        assert (refused.status_code, told in refused.json()["error"]) == (422, True), refused.text
-        assert client.post("/api/run", scene=own[name]["name"]).status_code == 422
+    owners = {key: entry["owner"] for key, entry in entries.items() if entry["owner"]}
+    assert owners == ({} if name == "brake_shunt" else {"load.force": "nf"})
 
 
 DOTS = ".".join(["a"] * 20_000)
@@ -67,14 +51,10 @@ ODD = {
     "endless": ("based_on = '/dev/zero'\n", "is not a regular file (endless.toml, line 1)"),
     "fifo": ("based_on = './pipe.toml'\n", "is not a regular file (fifo.toml, line 1)"),
     "circle": ("based_on = './circle.toml'\n", "based on one another in a circle"),
-    "plant": ("plant = 3\n", "plant = 3: expected a text"),
     "title": ("plant = 'belt'\ntitle = 3\n", "title = 3: expected a text"),
-    "key": (f"{DOTS} = 1\n", "nested more than 20 deep"),
     "header": (f"[{DOTS}]\n", "nested more than 20 deep"),
-    "inline": (f"x = {{ {DOTS.replace('.', ' . ')} = 1 }}\n", "nested more than 20 deep"),
-    "quoted": (DOTS.replace("a", '"a.b"') + " = 1\n", "nested more than 20 deep"),
-    "lists": (f"x = {'[' * 9000}\n", "nested more than 20 deep"),
-    "digits": (f"x = {'9' * 5000}\n", "whole number of more than"),
+    "cut": ('based_on = "belt"\n[drive\n', "line 2"),
+    "lost": ('based_on = "nothing"\n', "no scene has this name"),
     "bytes": ("\udcff", "is not text in UTF-8"),
     "format": ("format = 99\n", "format"),
 }
@@ -105,10 +85,10 @@ def test_an_odd_scene_file_is_the_text_of_its_row_on_the_page_and_in_the_list(cl
         assert all(titles[name].startswith("cannot be read: ") for name in odd)
     for row in rows:
         if Path(row["name"]).stem in odd:
-            refused = client.post("/api/scene", scene=row["name"])
-            assert (refused.status_code, bool(refused.json()["error"])) == (422, True)
-    refused = client.post("/api/scene", scene="belt", changes={"drive.speed": f"{{ {DOTS} = 1 }}"})
-    assert refused.status_code == 422
+            assert client.refused("/api/scene", scene=row["name"])
+    (folder / "typo.toml").write_text('based_on = "belt"\n[drive]\nsped = 3\n')
+    assert "did you mean drive.speed" in client.refused("/api/scene", scene=str(folder / "typo.toml"))
+    assert client.refused("/api/scene", scene="belt", changes={"drive.speed": f"{{ {DOTS} = 1 }}"})
 
 
 def test_a_folder_that_takes_long_is_listed_without_its_content(folder, monkeypatch):
@@ -122,13 +102,6 @@ def test_a_shipped_scene_has_the_same_card_if_it_is_read_like_a_file_of_a_user()
     for name in scenes.names():
         layers = inherit.layers(scenes.path(name))
         assert card_of(name, [(layer.based_on, layer.raw) for layer in layers]) == card(name)
-
-
-def test_the_owner_of_an_actuator_is_its_controller():
-    found = form(scenes.load("belt_normal_force"))
-    entries = {one["key"]: one for section in found["sections"] for one in section["values"]}
-    assert entries["load.force"]["owner"] == "nf"
-    assert entries["drive.speed"]["owner"] == ""
 
 
 def test_the_slider_has_the_whole_range_only_where_it_is_not_much_wider_than_the_value():
