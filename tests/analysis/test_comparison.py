@@ -17,7 +17,7 @@ STICKS = {"friction.mu_static": "0.45"}
 
 @pytest.fixture(scope="module")
 def runs():
-    """A run of 4 s with stick-slip, and one with a faster belt."""
+    """A run with stick-slip, and one with a faster belt."""
     return [lab.simulate(lab.load("belt", {**STICKS, "drive.speed": speed}), 4.0) for speed in (0.06, 0.07)]
 
 
@@ -66,12 +66,9 @@ def test_a_value_that_is_no_number_is_never_within_a_tolerance(runs):
     assert [one.deviation for one in found.signals.signals if one.differing] == [math.inf]
 
 
-def test_values_of_the_scenes_that_differ_are_named(runs):
-    assert [tuple(one) for one in lab.diff(*runs).values] == [("drive.speed", "0.06", "0.07")]
-
-
 def test_measures_are_those_of_the_motion(runs):
     """Against numbers that do not come from these functions."""
+    assert [tuple(one) for one in lab.diff(*runs).values] == [("drive.speed", "0.06", "0.07")]
     found = {(one.channel, one.name): one for one in compare(*runs, 1.0).measures}
     for which, speed in enumerate((0.06, 0.07)):
         cycle = lab.limit_cycle(lab.load("belt", {**STICKS, "drive.speed": speed}))
@@ -87,10 +84,9 @@ def test_measures_are_those_of_the_motion(runs):
     assert math.isnan(found["velocity", "growth rate"].percent)  # neither grows
 
 
-@pytest.mark.parametrize("rate", [0.7, -0.7])
-def test_a_growth_rate_is_found(rate):
+def test_a_growth_rate_is_found():
     t = np.arange(0.0, 1.5, 1e-3)
-    assert growth(t, np.exp(rate * t) * np.sin(40.0 * t)) == pytest.approx(rate, rel=1e-3)
+    assert growth(t, np.exp(-0.7 * t) * np.sin(40.0 * t)) == pytest.approx(-0.7, rel=1e-3)
     assert math.isnan(growth(t, np.ones_like(t)))
 
 
@@ -123,12 +119,8 @@ def test_the_command_prints_draws_and_decides(rig, logs, tmp_path):
     first, second = map(str, logs)
     picture = tmp_path / "d.png"
     code, out, _ = rig("diff", first, second, "--figure", picture)
-    assert code == 1
-    assert "drive.speed" in out
-    assert "stick share" in out
+    assert (code, "drive.speed" in out, "stick share" in out) == (1, True, True)
     assert picture.stat().st_size > 20_000
-    for kind in ("svg", "pdf"):
-        assert rig("diff", first, first, "--figure", tmp_path / f"d.{kind}")[0] == 0
     code, out, _ = rig("diff", first, second, "--json", "--from", "1 s", "--to", "2")
     assert code == 1
     told = json.loads(out)
@@ -143,8 +135,6 @@ def test_a_damaged_recording_is_compared_as_far_as_it_goes(rig, logs, tmp_path):
     data = logs[0].read_bytes()
     cut.write_bytes(data[: len(data) * 2 // 3])
     code, out, _ = rig("diff", logs[0], cut)
-    assert code == 1
-    assert "B: " in out
-    assert "other length" in out
+    assert (code, "B: " in out, "other length" in out) == (1, True, True)
     end = lab.open(cut).time[-1] - 0.5
     assert rig("diff", logs[0], cut, "--to", f"{end:g}")[0] == 0

@@ -12,7 +12,6 @@ from rig.analysis.recorded.hysteresis import branches, moving_rms, slowest
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save_run import save
-from rig.view.palette import put
 
 RATE = 1000
 T = np.arange(20 * RATE) / RATE
@@ -46,19 +45,13 @@ def loop(size=3.0, **how):
 
 
 def test_rms_of_a_sine_is_its_amplitude_over_root_two():
-    found = series(run_of(3.0 * np.sin(2.0 * math.pi * 50.0 * T)), "accelerometer")
-    for asked in (0.02, 0.1, 0.16, 0.5, 2.0):  # whole periods
+    found = series(run_of(1e3 + 3.0 * np.sin(2.0 * math.pi * 50.0 * T)), "accelerometer")  # a mean counts nothing
+    for asked in (0.02, 0.16, 2.0):  # whole periods
         t, rms, window = moving_rms(found, asked)
         assert window == asked
         assert rms == pytest.approx(3.0 / math.sqrt(2.0), rel=1e-12)
         assert t[0] == pytest.approx(0.5 * window - 0.5 / RATE)
     assert moving_rms(found, 0.503)[2] == pytest.approx(0.503, abs=1.5 / RATE)  # a prime number of samples
-
-
-def test_a_mean_counts_nothing_however_large():
-    small = moving_rms(series(run_of(3.0 * np.sin(2.0 * math.pi * 50.0 * T)), "accelerometer"), 0.16)[1]
-    large = moving_rms(series(run_of(1e5 + 3.0 * np.sin(2.0 * math.pi * 50.0 * T)), "accelerometer"), 0.16)[1]
-    assert large == pytest.approx(small, rel=1e-9)
 
 
 def test_quiet_after_loud_is_told_to_its_last_digit():
@@ -81,7 +74,6 @@ def test_the_window_is_centred():
         ([0, 2.5, 5, 7.5, 10], [0, 1, 0.2, 1, 0], [(0, 2.5, True), (2.5, 5, False), (5, 7.5, True), (7.5, 10, False)]),
         ([0, 2, 3, 5, 6, 8], [0, 0.5, 0.5, 1, 0.97, 1], [(0, 5, True)]),  # a hold and a small reversal on the way
         ([0, 2, 9, 10], [1, 1, 0, 0], [(2, 9, False)]),
-        ([0, 10], [0, -1], [(0, 10, False)]),
         ([0, 10], [0.3, 0.3], []),
     ],
 )
@@ -91,12 +83,11 @@ def test_branches_begin_and_end_where_the_speed_is_held(times, speeds, expected)
     assert [branch.rises for branch in found] == [rises for *_, rises in expected]
     for branch, (begin, end, _) in zip(found, expected):
         assert [branch.begin, branch.end] == pytest.approx([begin, end], abs=0.12)
-
-
-def test_noise_of_a_speed_sensor_makes_no_branches():
-    t = np.linspace(0.0, 10.0, 2001)
-    noise = 2e-3 * np.random.default_rng(3).standard_normal(t.size)
-    assert [b.rises for b in branches(t, np.interp(t, [0, 4, 6, 10], [0, 1, 1, 0]) + noise)] == [True, False]
+    noise = 2e-3 * np.random.default_rng(3).standard_normal(t.size)  # of a sensor: makes no branches
+    if expected:
+        assert [branch.rises for branch in branches(t, np.interp(t, times, speeds) + noise)] == [
+            rises for *_, rises in expected
+        ]
 
 
 def test_up_and_down_are_told_apart():
@@ -201,9 +192,8 @@ def test_what_cannot_be_is_told_all_at_once():
         UsageError, match=r"does not rise or fall: it stays at 0.3 to 0.3 m/s.*two ramps of drive.speed"
     ):
         hysteresis(loop(speed=0.0 * T + 0.3))
-    for window in (1e-3, 10.0):
-        with pytest.raises(UsageError, match=r"must be 0.004 s \(4 samples of accelerometer at 1000 Hz\) to 1.96"):
-            hysteresis(loop(), window=window)
+    with pytest.raises(UsageError, match=r"must be 0.004 s \(4 samples of accelerometer at 1000 Hz\) to 1.96"):
+        hysteresis(loop(), window=10.0)
     with pytest.raises(UsageError, match=r"0 samples from 30 s to the end; the recording ends at 19\.999 s"):
         hysteresis(loop(), first=30.0)
 
@@ -217,18 +207,11 @@ def test_a_sensor_and_an_output_of_one_name():
         series(run, "nothing")
 
 
-def test_a_signal_that_does_not_vibrate_has_no_frequency():
-    assert slowest(series(run_of(0.0 * T + 2.0), "accelerometer")) == 0.0
-
-
 def test_periods_are_those_of_the_slowest_strong_vibration():
     """Not of a faster and stronger one, nor of a drift, nor of what is weak."""
-    v = (
-        np.sin(2.0 * math.pi * 50.0 * T)
-        + 2.0 * np.sin(2.0 * math.pi * 300.0 * T)
-        + 0.3 * np.sin(2.0 * math.pi * 9.0 * T)
-    )
+    v = sum(size * np.sin(2.0 * math.pi * hertz * T) for size, hertz in ((1.0, 50.0), (2.0, 300.0), (0.3, 9.0)))
     assert slowest(series(run_of(v + 0.1 * T), "accelerometer")) == pytest.approx(50.0, abs=0.1)
+    assert slowest(series(run_of(0.0 * T + 2.0), "accelerometer")) == 0.0
 
 
 def test_the_command(tmp_path, rig):
@@ -242,19 +225,6 @@ def test_the_command(tmp_path, rig):
     lines = table.read_text().splitlines()
     assert lines[0] == "branch,direction,time [s],surface_speed [m/s],rms of accelerometer [m/s^2]"
     assert len(lines) > 1000
-    code, out, _ = rig("hysteresis", log)
-    assert code == 0
-    assert "surface_speed m/s  rising m/s^2  falling m/s^2" in out
-    code, out, err = rig(
-        "hysteresis", log, "--window", "1 kg", "--from", "5", "--to", "2", "--signal", "x", "--csv", table
-    )
-    assert code == 2
+    assert "surface_speed m/s  rising m/s^2  falling m/s^2" in rig("hysteresis", log)[1]
     code, out, err = rig("hysteresis", log, "--window", "1 kg", "--from", "5", "--to", "2", "--signal", "x")
-    assert (code, out) == (2, "")
-    assert len(err.splitlines()) == 3
-    assert "Traceback" not in err
-
-
-def test_a_picture(tmp_path):
-    put(hysteresis(loop()).plot(), tmp_path / "loop.png")
-    assert (tmp_path / "loop.png").stat().st_size > 30_000
+    assert (code, out, len(err.splitlines())) == (2, "", 3)

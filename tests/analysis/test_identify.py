@@ -25,12 +25,16 @@ EXPERIMENTS = {
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_an_experiment_gives_back_the_parameters_of_its_scene(name):
-    for seed in (1, 2, 3):
+    for seed in (1, 2):
         found = identify(replace(rig.load(name), seed=seed))
         assert {one.key: one.stated for one in found.parameters} == EXPERIMENTS[name]
         for one in found.parameters:
             assert one.found == pytest.approx(EXPERIMENTS[name][one.key], rel=0.01), one.key
             assert one.found != one.stated
+    fit = found.fit
+    there = np.interp(fit.x, fit.model_x, fit.model_y)
+    assert np.sqrt(np.mean((fit.y - there) ** 2)) < 0.02 * np.abs(fit.y).max()
+    assert abs(np.mean(fit.y - there)) < 0.005 * np.abs(fit.y).max()
 
 
 def test_another_rig_is_told_apart():
@@ -38,16 +42,6 @@ def test_another_rig_is_told_apart():
     stiff = {"cylinder.inertia": 0.05, "cylinder.damping": 0.3}
     found = identify(rig.load("lever_free_cylinder", stiff))
     assert [one.found for one in found.parameters] == pytest.approx([0.05, 0.3], rel=0.01)
-
-
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_the_fitted_model_lies_among_what_was_measured(name):
-    fit = identify(rig.load(name)).fit
-    assert fit.x.shape == fit.y.shape
-    assert fit.model_x.shape == fit.model_y.shape
-    there = np.interp(fit.x, fit.model_x, fit.model_y)
-    assert np.sqrt(np.mean((fit.y - there) ** 2)) < 0.02 * np.abs(fit.y).max()
-    assert abs(np.mean(fit.y - there)) < 0.005 * np.abs(fit.y).max()
 
 
 def test_the_command_draws_the_fit(rig, tmp_path):
@@ -68,7 +62,7 @@ def test_a_whole_rig_is_no_experiment():
         identify(rig.load("lever_kinetic_friction", coulomb))
 
 
-@pytest.mark.parametrize(("w", "b"), [(20.0, 1.0), (62.0, 2.0), (5.0, 0.01)])
+@pytest.mark.parametrize(("w", "b"), [(62.0, 2.0), (5.0, 0.01)])
 def test_frequency_and_decay_of_a_free_vibration(w, b):
     t = np.arange(500) * 0.01
     x = 0.3 + np.exp(-b * t) * np.cos(w * t + 0.4)
@@ -88,20 +82,13 @@ def test_amplitude_index_of_a_known_signal():
     assert noisy.cycles == 15
     still = amplitude.index(t, np.full(t.size, 3.0))
     assert (still.half, still.cycles) == (0.0, 0)
-
-
-@pytest.mark.parametrize("periods", [0.2, 0.9, 1.2])
-def test_less_than_one_whole_cycle_has_no_amplitude(periods):
-    t = np.linspace(0.0, 1.0, 500)
-    found = amplitude.index(t, np.sin(2.0 * np.pi * periods * t))
-    assert (found.cycles, found.why) == (0, "less than one whole cycle")
-    assert math.isnan(found.half)
-    assert math.isnan(found.full)
+    short = amplitude.index(t, np.sin(0.24 * np.pi * t))  # 1.2 periods
+    assert (short.cycles, short.why, math.isnan(short.half)) == (0, "less than one whole cycle", True)
 
 
 def test_amplitude_index_of_the_lever_as_its_lasers_see_it():
     """Against the limit cycle; the lasers take the mean over 10 ms, of a motion with 2.87 cycles a second."""
-    run = rig.simulate("lever", 12.0)
+    run = rig.simulate("lever", 9.0)
     cycle = rig.limit_cycle("lever")
     for sensor, output in (("arm_laser", "arm_displacement"), ("lever_laser", "lever_displacement")):
         samples = run.measurements[sensor]
@@ -154,13 +141,6 @@ def test_amplitude_and_last_stick_of_each_stage():
     assert late[0].found.cycles == 10  # twelve periods; the first begins in its middle, the last is cut off
 
 
-def test_a_run_without_stages_has_none():
-    t = np.arange(3001) * 1e-3
-    assert stages(recorded(np.ones(t.size), t < 1.0, np.sin(t))) is None
-    whole = recorded(t, t < 1.0, np.sin(t))
-    assert stages(whole) is None
-
-
 def test_what_a_cut_recording_lost_of_speed_and_contact_modes_counts_for_no_stage():
     t = np.arange(3001) * 1e-3
     speed = np.minimum(np.minimum(t, 1.0), 3.0 - t)
@@ -174,3 +154,5 @@ def test_what_a_cut_recording_lost_of_speed_and_contact_modes_counts_for_no_stag
     assert np.isnan(stages(run).down)
     run.signals["surface_speed"][:] = np.nan
     assert stages(run) is None
+    for speed in (np.ones(t.size), t):  # it does not accelerate, or not decelerate again
+        assert stages(recorded(speed, t < 1.0, np.sin(t))) is None

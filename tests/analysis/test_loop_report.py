@@ -41,6 +41,7 @@ def belt():
     return rig.load("belt_normal_force")
 
 
+@settings(max_examples=30)
 @given(links)
 def test_probabilities_add_up(one):
     least, most = one.ticks(MS)
@@ -51,24 +52,19 @@ def test_probabilities_add_up(one):
     assert all(age is None or least <= age <= most for age, _ in found)
 
 
-@pytest.mark.parametrize("reorder", [False, True])
-def test_ages_are_those_of_a_link(reorder):
-    one, count = link(delay=4 * MS, jitter=3 * MS, reorder=reorder), 30_000
+def test_ages_are_those_of_a_link():
+    one = link(delay=4 * MS, jitter=3 * MS)
     heard, seen = HeardSensor(one.made("meas/v", 1, MS)), np.zeros(20)
-    for tick in range(count):
+    for tick in range(30_000):
         heard.tick(tick, [float(tick)])
-        if tick > 20 and not reorder:
+        if tick > 20:
             seen[int(tick - heard.latest)] += 1
     expected = dict(ages(one, MS))
-    if reorder:
-        arriving = {age: p for age, p in expected.items() if age is not None}
-        assert sum(arriving.values()) + expected[None] == pytest.approx(1.0)
-        assert mean_age(one, MS) < mean_age(link(delay=4 * MS, jitter=3 * MS), MS)
-    else:
-        assert seen[1:8] / seen.sum() == pytest.approx([expected.get(age, 0.0) for age in range(1, 8)], abs=0.015)
+    assert seen[1:8] / seen.sum() == pytest.approx([expected.get(age, 0.0) for age in range(1, 8)], abs=0.015)
+    assert mean_age(link(delay=4 * MS, jitter=3 * MS, reorder=True), MS) < mean_age(one, MS)
 
 
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(st.integers(0, 25), st.integers(0, 25))
 def test_constant_delays_are_those_of_the_loop(belt, heard, commanded):
     found = jump_growth(belt, "nf", link(delay=heard * MS), link(delay=commanded * MS))
@@ -119,10 +115,7 @@ def test_the_report_of_a_scene_with_links(monkeypatch, tmp_path):
     assert [curve.key for curve in found.curves] == ["delay", "jitter", "loss"]
     assert found.computed == found.growth  # the scene's own links are the point that is simulated
     assert found.error < 0.1
-    text = found.text()
-    assert f"relative error {found.error:.2g}" in text
-    assert "delay margin" in text
-    assert found.to_json()["check"]["relative_error"] == found.error
+    assert f"relative error {found.error:.2g}" in found.text()
     put(found.plot(), tmp_path / "loop.png")
     assert (tmp_path / "loop.png").stat().st_size > 20_000
 
@@ -141,7 +134,6 @@ def test_a_loop_of_a_longer_period_has_the_longest_delay(monkeypatch):
     ("arguments", "told"),
     [
         (["belt"], "name the controller of the loop with --controller; there are: none"),
-        (["belt_normal_force", "--controller", "fn"], "controller fn: unknown; known: nf"),
         (["belt_dither_sampled"], "is not a linear feedback"),
         (["belt_normal_force", "--net", "act/nf: loss 100 %"], "loses every message"),
         (["belt_normal_force", "--net", "act/nf: los 1 %"], "column 9: los: unknown; did you mean loss?"),

@@ -32,10 +32,7 @@ def test_regions_over_the_speed_are_those_of_the_reference(belt):
     expected = ["III" if x < stable else "II" if x < lives else "I" for x in belt.job.x.values]
     assert [REGIONS[r] for r in belt.regions[0]] == expected
     assert not belt.disagreement.any()
-
-
-def test_the_eigenvalue_boundary_is_found_between_the_points(belt):
-    assert belt.onsets[0] == pytest.approx([KROGER["A_linear_stability_v0"]], abs=5e-6)
+    assert belt.onsets[0] == pytest.approx([stable], abs=5e-6)
 
 
 def test_the_run_up_loses_the_cycle_at_the_end_of_the_branch(belt):
@@ -49,19 +46,13 @@ def test_the_run_up_loses_the_cycle_at_the_end_of_the_branch(belt):
 def test_amplitude_and_stick_share_are_those_of_the_limit_cycle(belt):
     at = belt.job.x.values.index(pytest.approx(0.1))
     cycle = rig.limit_cycle(rig.load("belt", {"drive.speed": belt.job.x.values[at]}))
-    for run in RUNS:
-        number = RUNS.index(run)
+    section = belt.tables["section"][RUNS.index("up"), 0, at]
+    assert np.count_nonzero(~np.isnan(section)) >= 5
+    assert section[~np.isnan(section)] == pytest.approx(belt.tables["high"][RUNS.index("up"), 0, at], rel=1e-3)
+    for number in range(len(RUNS)):
         assert belt.amplitude[number, 0, at] == pytest.approx(cycle.amplitude["displacement"], rel=1e-5)
         assert belt.tables["share"][number, 0, at] == pytest.approx(cycle.stick_share["contact"], rel=1e-5)
         assert belt.tables["period"][number, 0, at] == pytest.approx(cycle.period, rel=1e-6)
-
-
-def test_a_bifurcation_diagram_keeps_the_maxima_of_each_point(belt):
-    section = belt.tables["section"][RUNS.index("up"), 0]
-    highest = belt.tables["high"][RUNS.index("up"), 0]
-    one = section[5][~np.isnan(section[5])]
-    assert len(one) >= 5
-    assert one == pytest.approx(highest[5], rel=1e-3)
 
 
 def test_no_curve_of_a_bifurcation_diagram_joins_vibration_and_sliding(belt):
@@ -93,7 +84,7 @@ def test_a_coulomb_belt_has_no_region_without_sliding(tmp_path):
 
 def test_a_parameter_that_cannot_be_ramped_is_an_axis_too(tmp_path):
     """Less static friction, less stick-slip: over mu_static the cycle ends on the way down."""
-    found = rig.map("belt", "friction.mu_static=0.19:0.5:6", folder=tmp_path, runs=("up", "down"))
+    found = rig.map("belt", "friction.mu_static=0.19:0.5:4", folder=tmp_path, runs=("up", "down"))
     assert found.state[RUNS.index("down"), 0, -1] == STICK_SLIP
     assert found.state[RUNS.index("up"), 0, 0] == SLIDING
     cycle = rig.limit_cycle(rig.load("belt"))
@@ -138,8 +129,8 @@ def test_a_point_with_singular_equations_is_told_and_the_map_goes_on(tmp_path, m
 
 def test_an_axis_that_begins_where_the_rig_jams_has_a_map_too(tmp_path):
     """A pin of 0.05 kg jams at mu = 0.75: below 0.109 kg friction takes up all of the inertia."""
-    found = rig.map("pin", "pin.mass=0.05:0.25:3", runs=("up", "near"), folder=tmp_path)
-    first, *_, last = (NAMES[state] for state in found.state[RUNS.index("up"), 0])
+    found = rig.map("pin", "pin.mass=0.05:0.25:2", runs=("up", "near"), folder=tmp_path)
+    first, last = (NAMES[state] for state in found.state[RUNS.index("up"), 0])
     assert first == "stopped"
     assert last in ("sliding", "stick-slip")
 
@@ -170,20 +161,8 @@ def test_a_drive_that_stands_still_is_stuck(tmp_path):
     assert np.isnan(found.growth[0, 0])
 
 
-@pytest.mark.parametrize(
-    ("settings", "told"),
-    [
-        ({"output": "displacment"}, "did you mean displacement"),
-        ({"runs": ("up", "sideways")}, "sideways is unknown; known: up, down, near, far"),
-        ({"runs": ()}, "name at least one of"),
-        ({"longest": -1.0}, "must be greater than 0 s"),
-    ],
-)
-def test_what_is_wrong_is_told(settings, told):
-    with pytest.raises(UsageError, match=told):
-        maps.job(rig.load("belt"), FEW, **settings)
-
-
-def test_a_dithered_scene_has_no_steady_sliding_to_map():
+def test_what_is_wrong_is_told():
+    with pytest.raises(UsageError, match=r"did you mean displacement(.|\n)*sideways is unknown(.|\n)*greater than 0 s"):
+        maps.job(rig.load("belt"), FEW, output="displacment", runs=("up", "sideways"), longest=-1.0)
     with pytest.raises(UsageError, match="-p dither=none"):
         maps.job(rig.load("belt_dither", {"dither.enable": True}), FEW)

@@ -1,8 +1,7 @@
 """The work of a map: parts, workers, interruptions, folders."""
 
+import math
 import pickle
-import signal
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +10,12 @@ import pytest
 import rig
 from rig.analysis import map as maps
 from rig.analysis.axis import Axis
-from rig.analysis.map import row as of_map
+from rig.analysis.map.chart import REGIONS
 from rig.analysis.map.job import RUNS, Job, Settings, Unit
 from rig.analysis.map.row import Row, Track, units
-from rig.analysis.map.steady_state import NAMES
+from rig.analysis.map.steady_state import NAMES, Judge, Window, extremes, sticking
 from rig.analysis.pool import Store
-from rig.errors import UsageError
 
-POOL = import_module("rig.analysis.pool.carry_out")  # the package has a function of this name
 FEW = "drive.speed=0.05:0.45:3"
 
 
@@ -46,18 +43,13 @@ def same(a, b):
     return a.keys() == b.keys() and all(equal(a[u][n], b[u][n]) for u in a for n in a[u])
 
 
-def test_numbers_do_not_depend_on_how_the_work_is_cut(job, whole, tmp_path):
-    work = units(job)
+def test_numbers_do_not_depend_on_the_order_of_the_work_nor_on_the_workers(job, whole, tmp_path):
+    work = units(pickle.loads(pickle.dumps(job)))
     assert same(whole, {unit: work.compute(unit) for unit in reversed(range(work.total))})
-    assert same(whole, computed(pickle.loads(pickle.dumps(job))))
-
-
-def test_numbers_do_not_depend_on_the_number_of_workers(job, whole, tmp_path):
     told = []
-    found = maps.chart(job, tmp_path, workers=2, progress=lambda done, total: told.append((done, total)))
+    found = maps.chart(job, tmp_path, workers=2, progress=lambda *now: told.append(now))
     assert same(whole, Store(found.folder).load())
-    assert told[0] == (0, 4)
-    assert told[-1] == (4, 4)
+    assert (told[0], told[-1]) == ((0, 4), (4, 4))
 
 
 def test_a_map_with_one_axis_is_cut_into_parts_that_find_what_the_whole_row_finds():
@@ -76,36 +68,13 @@ def test_a_map_with_one_axis_is_cut_into_parts_that_find_what_the_whole_row_find
         assert np.array_equal(found.tables[name][:, 0], row[name], equal_nan=True)
     assert np.array_equal(found.state[:, 0], row["state"])
     assert np.array_equal(found.onsets[0], row["onset"])
-
-
-def test_the_growth_rates_of_parts_are_those_of_the_whole_row():
-    scene = rig.load("belt")
     axis = Axis.parse("drive.speed=0.1:0.5:30", scene)
-    job = Job(scene, axis, None, Settings("displacement", runs=("near",)))
+    job = Job(scene, axis, None, Settings("displacement", runs=("near",), longest=0.5))
     assert [(u.first, u.last) for u in job.units if u.curve] == [(0, 25), (25, 30)]
     found = maps.gathered(job, computed(job), Path())
     row = Row(Track(scene, axis, job.settings), Unit(0, 0, 30, ("near",))).run()
     assert np.array_equal(found.growth[0], row["growth"])
     assert np.array_equal(found.onsets[0], row["onset"])
-
-
-def test_a_broken_run_goes_on_where_it_was(job, whole, tmp_path, monkeypatch):
-    store = maps.store_of(job, tmp_path)
-    with store.open(units(job)):
-        store.save({1: whole[1], 2: whole[2]})
-    (store.folder / "000003.npz").write_bytes(b"half a file")
-    asked = []
-
-    def compute(job, unit):
-        asked.append(job.units.index(unit))
-        return whole[asked[-1]]
-
-    monkeypatch.setattr(of_map, "compute", compute)
-    found = maps.chart(job, tmp_path, workers=1)
-    assert asked == [0, 3]
-    assert same(whole, Store(found.folder).load())
-    maps.chart(job, tmp_path, workers=1)
-    assert asked == [0, 3]
 
 
 def test_another_scene_axis_or_setting_is_another_folder(job, tmp_path):
@@ -120,26 +89,6 @@ def test_another_scene_axis_or_setting_is_another_folder(job, tmp_path):
     assert maps.store_of(maps.job(scene, FEW, "load.force=15:30:4", runs=("up", "down")), tmp_path).folder in folders
 
 
-def test_the_batch_of_a_worker_that_is_killed_is_computed_by_another_one(job, whole, tmp_path, monkeypatch):
-    started = []
-    original = POOL.Child
-
-    def child(*arguments, **named):
-        started.append(original(*arguments, **named))
-        return started[-1]
-
-    monkeypatch.setattr(POOL, "Child", child)
-
-    def kill(done, total):
-        if done == 1:
-            started[0].send(signal.SIGKILL)
-
-    found = maps.chart(job, tmp_path, workers=2, progress=kill)
-    assert started[0].code == -signal.SIGKILL
-    assert all(one.code is not None for one in started)
-    assert same(whole, Store(found.folder).load())
-
-
 def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_path):
     work = units(job)
     row = work.given_up(2, "ended its worker twice: worker 1 was killed by SIGSEGV")
@@ -149,23 +98,120 @@ def test_a_row_that_ends_its_worker_twice_is_told_and_the_map_goes_on(job, tmp_p
     assert "ended its worker twice: worker 1 was killed by SIGSEGV" in found.text()
 
 
-def test_an_interruption_ends_the_workers(job, tmp_path, monkeypatch):
-    started = []
-    original = POOL.Child
-    monkeypatch.setattr(POOL, "Child", lambda *a, **n: started.append(original(*a, **n)) or started[-1])
-
-    def interrupt(done, total):
-        if len(started) == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        maps.chart(job, tmp_path, workers=2, progress=interrupt)
-    assert all(one.code is not None for one in started)
+def window(travel, slip=1.0, share=0.0, moving=True):
+    return Window(-travel, travel, travel, travel, slip, share, 5 if share else 0, 0.3, moving)
 
 
-def test_two_runs_of_one_map_keep_apart(job, tmp_path):
-    with (
-        maps.store_of(job, tmp_path).open(units(job)),
-        pytest.raises(UsageError, match="another process computes this at the moment"),
-    ):
-        maps.chart(job, tmp_path)
+def judged(windows, near=False):
+    judge = Judge(0.01, near)
+    return [NAMES[judge.take(w)] for w in windows]
+
+
+def test_a_cycle_must_agree_twice():
+    assert judged([window(1.0, share=0.3), window(1.0, share=0.3)]) == ["undecided"] * 2
+    assert judged([window(1.0, share=0.3)] * 3)[-1] == "stick-slip"
+    assert judged([window(1.0 - 1e-3 * k, share=0.3) for k in range(9)])[-1] == "undecided"
+    assert judged([window(1.0)] * 3)[-1] == "vibration"
+
+
+def test_a_near_start_that_hardly_moves_is_not_yet_a_vibration():
+    assert judged([window(1.0, slip=0.01)] * 9, near=True)[-1] == "undecided"
+    assert judged([window(1.0, slip=0.001), window(0.9, slip=0.0009)], near=True)[-1] == "sliding"
+
+
+@pytest.mark.parametrize(
+    ("travel", "verdict"),
+    [
+        (1.0 + 0.3 * np.sin(3.0 * np.arange(40.0)), "stick-slip"),
+        (1.0 - 0.01 * np.arange(40.0), "undecided"),
+        (1.0 + 1.0 / (2.0 + np.arange(40.0)), "undecided"),
+    ],
+)
+def test_at_the_end_of_the_time_a_drift_is_undecided_and_irregular_motion_is_not(travel, verdict):
+    judge = Judge(0.01, near=False)
+    for value in travel:
+        judge.take(window(float(value), share=0.3))
+    assert NAMES[judge.at_last()] == verdict
+
+
+def over_sectors(windows):
+    judge = Judge(0.01, near=False, pushed=True)
+    return [NAMES[judge.take(w)] for w in windows]
+
+
+def test_over_sectors_a_cycle_must_live_through_five_turns():
+    sticks, slides = window(1.0, share=0.3), window(1.0)
+    assert over_sectors([sticks] * 5) == ["undecided"] * 4 + ["stick-slip"]
+    assert over_sectors([sticks, sticks, slides, slides])[-1] == "sliding"
+    assert over_sectors([window(1.0, slip=0.1), window(1.0, slip=0.2)])[-1] == "undecided"
+
+
+def test_extremes_are_read_between_samples_but_not_beside_a_corner():
+    t = np.arange(0.0, 3.0, 0.01)
+    assert extremes(np.sin(2.0 * np.pi * (t + 0.0031))) == pytest.approx((-1.0, 1.0), abs=1e-6)
+    corner = np.minimum(np.abs(np.mod(t + 0.0031, 1.0) - 0.5), 0.3)
+    assert extremes(corner)[1] == 0.3
+    assert 0.0 <= extremes(corner)[0] <= 0.01
+
+
+def test_the_share_of_sticking_is_that_of_whole_cycles():
+    times = np.array([0.5, 1.0, 2.5, 3.0, 4.5, 5.0])  # sticks from 0.5 to 1, 2.5 to 3, 4.5 to 5
+    stuck = np.array([False, True, False, True, False, True])
+    found = sticking(times, stuck, after=False, span=5.2)
+    assert (found.share, found.begins, found.period) == (0.25, 3, 2.0)
+    assert sticking(np.zeros(0), np.zeros(0, dtype=bool), after=True, span=2.0).share == 1.0
+
+
+RPM = math.pi / 30.0
+
+
+def ends(found, row=0):
+    """Of the vibration, on the run-up [rpm]."""
+    return found.ends[RUNS.index("up"), row] / RPM
+
+
+@pytest.fixture(scope="module")
+def uniform(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("maps")
+    return rig.map("lever", "drive.speed=0.5 rpm:6 rpm:12", folder=folder, workers=1, runs=("up", "down"))
+
+
+def test_regions_of_the_uniform_disc(uniform):
+    """At 20 N: sliding stable above 2.03444 rpm, stick-slip up to 5.585 rpm."""
+    expected = ["III" if v < 2.03444 else "II" if v < 5.585 else "I" for v in uniform.job.x.shown_values]
+    assert [REGIONS[r] for r in uniform.regions[0]] == expected
+    assert uniform.onsets[0] / RPM == pytest.approx([2.03444], abs=1e-4)
+    assert ends(uniform) == pytest.approx(5.585, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("rpm", "period", "share", "amplitude"), [(1, 0.348375, 0.5635, 0.00924586), (3, 0.241809, 0.2684, 0.01264143)]
+)
+def test_cycles_along_the_run(uniform, rpm, period, share, amplitude):
+    """Displacement of the pin: its lever arm of 0.1 m times the angle of the cylinder.
+
+    The reference tells the share of stick over a stretch that is no whole number of cycles.
+    """
+    at = (RUNS.index("up"), 0, int(np.flatnonzero(np.isclose(uniform.job.x.shown_values, rpm))[0]))
+    assert uniform.tables["period"][at] == pytest.approx(period, rel=1e-5)
+    assert uniform.tables["share"][at] == pytest.approx(share, abs=3e-3)
+    assert uniform.amplitude[at] / 0.1 == pytest.approx(amplitude, rel=1e-5)
+
+
+@pytest.mark.slow
+def test_coulomb_friction_has_no_region_without_sliding_and_its_fold_grows_with_the_load(tmp_path):
+    found = rig.map(
+        "lever_coulomb", "drive.speed=0.5 rpm:5 rpm:10", "load.force=10:30:3", folder=tmp_path, runs=("up", "near")
+    )
+    assert {REGIONS[r] for r in found.regions.ravel()} == {"I", "II"}
+    for row, fold in enumerate((1.452, 2.946, 4.468)):
+        assert ends(found, row) == pytest.approx(fold, abs=0.035)
+
+
+@pytest.mark.slow
+def test_a_sector_ends_stick_slip_earlier_and_leaves_the_loss_of_sliding(tmp_path):
+    """45 degrees of another surface at 20 N: 3.37 rpm instead of 5.585 rpm, 2.08 rpm instead of 2.03 rpm."""
+    found = rig.map("lever_sector", "drive.speed=1.5 rpm:4.5 rpm:7", folder=tmp_path, workers=1, runs=("up", "down"))
+    assert [REGIONS[r] for r in found.regions[0]] == ["III", "III", "II", "II", "I", "I", "I"]
+    assert ends(found) == pytest.approx(3.37, abs=0.1)
+    assert found.onsets[0] / RPM == pytest.approx([2.03444], abs=1e-4)

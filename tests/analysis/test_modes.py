@@ -4,7 +4,6 @@ Numbers: set PEND of Kroeger, Neubauer, Popp (2008) (m = 5, c = 2500, d = 2, F0 
 0.5, 0.18, 0.05), computed independently; the closed forms are theirs, sections 2 and 4.
 """
 
-import json
 import math
 import re
 
@@ -13,31 +12,38 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rig
+from rig.analysis import map as maps
 from rig.analysis.averaged import mean_friction
 from rig.analysis.axis import Axis, axes
 from rig.analysis.modes import modes, motion
 from rig.analysis.orbit import Orbit
 from rig.analysis.regions import regions
-from rig.errors import SceneError
+from rig.errors import SceneError, UsageError
 from rig.model import friction_law
+from rig.qualify.cost import cost
+from rig.qualify.effects_measured import signals
+from rig.scenes.explain import explain
 
 COULOMB = friction_law.coulomb(0.4, 0.25)
 STRIBECK = friction_law.stribeck(0.5, 0.18, 0.05)
 
 
-def test_sliding_of_characteristic_a_flutters():
-    sliding = modes(rig.load("belt")).sliding
+@pytest.mark.parametrize("name", ["belt", "pendulum"])
+def test_sliding_of_characteristic_a_flutters(name):
+    """The pendulum is the mass on the belt at its contact."""
+    sliding = modes(rig.load(name)).sliding
     assert sliding.growth == pytest.approx(3.6552859127349846, rel=1e-9)
-    assert sliding.modes[0].frequency == pytest.approx(3.5109410356792674, rel=1e-9)
+    mode = sliding.modes[0]
+    assert mode.frequency == pytest.approx(3.5109410356792674, rel=1e-9)
     assert sliding.equilibrium["displacement"] == pytest.approx(0.0022110571824952375, rel=1e-12)
     assert not sliding.stable
+    if name == "belt":
+        rate = complex(mode.growth, 2.0 * math.pi * mode.frequency)
+        assert mode.shape["x'"] / mode.shape["x"] == pytest.approx(rate, rel=1e-12)
 
 
-def test_growth_of_a_linear_law_is_its_slope_against_the_damper():
+def test_growth_of_a_linear_law_is_its_slope_against_the_damper_and_coulomb_friction_leaves_the_damper_alone():
     assert modes(rig.load("belt_b")).sliding.growth == pytest.approx((0.8 * 20.0 - 2.0) / 10.0, rel=1e-12)
-
-
-def test_coulomb_friction_leaves_the_damper_alone():
     mode = modes(rig.load("belt_c_damped")).sliding.modes[0]
     assert mode.growth == pytest.approx(-2.0 / 10.0, rel=1e-12)
     assert mode.damping == pytest.approx(2.0 / (2.0 * math.sqrt(5.0 * 2500.0)), rel=1e-12)
@@ -49,29 +55,6 @@ def test_what_stays_is_no_divergence():
     kinds = {mode.kind: mode for mode in modes(rig.load("brake_shunt")).sliding.modes}
     assert kinds.keys() == {"flutter", "stays", "decays"}
     assert kinds["stays"].growth == kinds["stays"].frequency == 0.0
-
-
-@pytest.mark.parametrize(("speed", "stable"), [(0.20794, False), (0.20795, True)])
-def test_sliding_is_stable_above_a_speed(speed, stable):
-    assert modes(rig.load("belt", {"drive.speed": speed})).sliding.stable is stable
-
-
-def test_the_pendulum_is_the_mass_on_the_belt_at_its_contact():
-    belt, pendulum = modes(rig.load("belt")).sliding, modes(rig.load("pendulum")).sliding
-    assert pendulum.growth == pytest.approx(belt.growth, rel=1e-12)
-    assert pendulum.equilibrium["displacement"] == pytest.approx(belt.equilibrium["displacement"], rel=1e-12)
-
-
-def test_the_shape_of_an_oscillation_has_its_velocity_turned_by_the_eigenvalue():
-    mode = modes(rig.load("belt")).sliding.modes[0]
-    rate = complex(mode.growth, 2.0 * math.pi * mode.frequency)
-    assert mode.shape["x'"] / mode.shape["x"] == pytest.approx(rate, rel=1e-12)
-
-
-def test_a_belt_at_rest_has_no_steady_sliding():
-    found = modes(rig.load("belt", {"drive.speed": 0.0}))
-    assert not found.sliding.exists
-    assert "does not move" in found.text()
 
 
 def test_no_analysis_accepts_an_equilibrium_beyond_a_limit_of_the_scene(tmp_path):
@@ -91,12 +74,12 @@ def test_no_analysis_accepts_an_equilibrium_beyond_a_limit_of_the_scene(tmp_path
     assert not rig.limit_cycle(scene).found
 
 
-@pytest.mark.parametrize("speed", ["932.5 rad/s", "1540 rad/s"])
-def test_beside_a_critical_speed_a_disc_does_not_slide_beyond_its_limit(speed):
-    found = modes(rig.load("disc_slider", {"drive.speed": speed})).sliding
+def test_beside_a_critical_speed_a_disc_does_not_slide_beyond_its_limit():
+    given = {"drive.speed": "932.5 rad/s"}
+    found = modes(rig.load("disc_slider", given)).sliding
     assert not found.exists
     assert "beyond limits.height = 0.01 m" in found.why
-    free = modes(rig.load("disc_slider", {"drive.speed": speed, "limits.height": "none"})).sliding
+    free = modes(rig.load("disc_slider", given | {"limits.height": "none"})).sliding
     assert free.exists
     assert abs(free.equilibrium["height"]) > 0.01
 
@@ -110,15 +93,7 @@ def test_dither_damps_above_the_belt_speed_and_feeds_below(speed, amplitude, gro
     assert modes(scene).dithered.growth == pytest.approx(growth, rel=5e-3)
 
 
-def test_sliding_that_decays_grows_under_dither():
-    found = modes(rig.load("belt_dither", {"drive.speed": 0.215}))
-    assert found.sliding.growth == pytest.approx(-0.0263, rel=5e-3)
-    assert found.dithered.growth > 0.0
-
-
-@pytest.mark.parametrize(
-    ("amplitude", "mu"), [(0.08, 0.1123), (0.10, 0.0717), (0.15, 0.0401), (0.2, 0.0303), (0.3, 0.0215)]
-)
+@pytest.mark.parametrize(("amplitude", "mu"), [(0.08, 0.1123), (0.10, 0.0717), (0.3, 0.0215)])
 def test_dither_lowers_the_effective_friction(amplitude, mu):
     assert mean_friction(STRIBECK, 0.06, 1.0, amplitude)[0] == pytest.approx(mu, abs=5e-5)
 
@@ -217,7 +192,7 @@ def test_a_slow_dither_that_reverses_the_slip_has_the_exponents_of_its_simulatio
     assert found.exists
     assembly = scene.assemble()
     orbit = Orbit(scene, assembly, assembly.system().start, "exact", 1e-10)
-    x = orbit.carried(orbit.system.start, 60.0)[0]
+    x = orbit.carried(orbit.system.start, 40.0)[0]
     y, apart = x.copy(), []
     y[:2] += 1e-6
     for _ in range(2):
@@ -265,13 +240,6 @@ def test_a_sweep_over_slow_dither_is_a_gap_with_the_reason():
     assert np.isnan(chart.growth[:, 0]).all()
     assert np.isfinite(chart.growth[:, 1]).all()
     assert "not far above the natural frequencies" in chart.text()
-
-
-def test_a_report_is_plain():
-    found = json.loads(json.dumps(modes(rig.load("belt_dither")).to_json()))
-    assert found["modes"][0]["kind"] == "flutter"
-    assert found["dither"]["stable"]
-    assert np.isfinite([row[1:4] for row in modes(rig.load("belt_dither")).table()]).all()
 
 
 def test_long_shapes_are_told_by_their_large_amplitudes():
@@ -326,6 +294,7 @@ def test_limits_of_friction_are_told(name, names):
         ("north", {"load.force": 0.0}, "nothing presses contact", True),
         ("north_divergence", {"friction.mu": 1.2}, "contact would have to pull (normal force -", True),
         ("pin", {"friction.mu": 2.2}, "contact would have to pull (normal force -", False),  # jams: nothing moves so
+        ("pin", {"friction.mu": 1.2, "load.force": 0.0}, "friction takes up all of the inertia", False),
     ],
 )
 def test_what_keeps_a_rig_from_sliding_is_told(name, changes, why, counts):
@@ -336,13 +305,7 @@ def test_what_keeps_a_rig_from_sliding_is_told(name, changes, why, counts):
     assert ("growth 1/s" in found.text()) is counts
 
 
-def test_beyond_divergence_the_growth_is_still_told():
-    mode = modes(rig.load("north_divergence", {"friction.mu": 1.2})).sliding.modes[0]
-    assert (mode.kind, mode.frequency) == ("divergence", 0.0)
-    assert mode.growth > 0.0
-
-
-@pytest.mark.parametrize("name", ["brake", "brake_3400", "brake_shunt", "brake_shunt_sound", "belt_shunt"])
+@pytest.mark.parametrize("name", ["brake", "brake_shunt_sound", "belt_shunt"])
 def test_an_equilibrium_tells_no_rounding(name):
     """Preloads balance contact forces, and nothing flows: what is left there is not told as 1e-23 m."""
     told = modes(rig.load(name)).sliding.equilibrium
@@ -350,5 +313,76 @@ def test_an_equilibrium_tells_no_rounding(name):
     assert told["slip_speed"] > 0.01
 
 
-def test_a_rig_that_jams_says_so_without_a_load_too():
-    assert "inertia" in modes(rig.load("pin", {"friction.mu": 1.2, "load.force": 0.0})).sliding.why
+def test_equilibrium_tells_the_film() -> None:
+    """The pressure centre stands mu h off the middle, 4.08 mm, which is what friction tilts the slider by."""
+    found = rig.modes("plate")
+    at = found.sliding.equilibrium
+    assert found.sliding.exists
+    assert at["normal_force"] == pytest.approx(108.79, rel=1e-9)
+    assert at["friction_force"] == pytest.approx(0.3 * 108.79, rel=1e-9)
+    assert at["pressure_centre_x"] == pytest.approx(0.3 * 0.0136, rel=1e-6)
+    assert at["pressure_centre_y"] == pytest.approx(0.0, abs=1e-9)
+    assert at["contact_fraction"] == 1.0
+    pressures = [v for name, v in at.items() if name.startswith("pressure_") and name[-1].isdigit()]
+    assert len(pressures) == 40
+    assert sum(pressures) / 40 == pytest.approx(1e5, rel=1e-4)
+    assert "pressure of 40 points: " in found.text()
+    assert len(found.sliding.modes) == 43
+
+
+def test_a_slider_that_travels_back_is_one_that_travels_on_from_the_other_end() -> None:
+    """The plate is alike from both ends: growth rates and frequencies are the same, forces and places mirrored."""
+    on = rig.modes(rig.load("plate", {"slider.position": 0.004})).sliding
+    back = rig.modes(rig.load("plate", {"slider.position": 0.0437 - 0.004, "drive.speed": -0.01})).sliding
+    largest = [max(found.modes, key=lambda mode: mode.growth) for found in (on, back)]
+    assert largest[0].growth > 100.0
+    assert largest[1].growth == pytest.approx(largest[0].growth, rel=1e-2)
+    assert largest[1].frequency == pytest.approx(largest[0].frequency, rel=1e-5)
+    for name in ("friction_force", "pressure_centre_x", "pitch_displacement"):  # rows lie between other places there
+        assert back.equilibrium[name] == pytest.approx(-on.equilibrium[name], rel=1e-3)
+
+
+def test_flutter_by_position() -> None:
+    """Sliding is stable at the end and in the middle of the plate, and flutters between them; a run is not refused."""
+    swept = rig.sweep("plate", "slider.position", [0.0, 0.004, 0.02])
+    assert [growth > 0.0 for growth in swept.largest] == [False, True, False]
+    assert swept.exists.all()
+    there = rig.modes(rig.load("plate", {"slider.position": "4 mm"}))
+    assert {one.level for one in there.findings} <= {"info", "warning"}
+
+
+@pytest.mark.parametrize(
+    "study",
+    [
+        rig.limit_cycle,
+        lambda scene: maps.job(scene, "drive.speed=0.001:0.01:3"),
+        lambda scene: cost(scene, None),
+    ],
+)
+def test_studies_of_single_motions_are_refused(study) -> None:
+    with pytest.raises(UsageError, match=r"plate: .* film of points: after the first opening motion is chaotic"):
+        study(rig.load("plate"))
+
+
+def test_points_that_would_have_to_pull_are_told() -> None:
+    found = rig.modes(rig.load("plate", {"friction.mu": 1.0}))
+    assert found.sliding.pulls == 8
+    assert "8 points would have to pull" in found.text()
+
+
+def test_a_map_of_a_rig_without_a_contact_that_slides_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"plate_free: the rig has no contact that can slide"):
+        maps.job(rig.load("plate_free"), "plate.young=2e11:2.3e11:3")
+
+
+def test_what_the_plate_is_made_of_fits_on_a_page() -> None:
+    told = {effect.name: effect.states_text for effect in explain(rig.load("plate")).effects}
+    assert told["structure"] == "q1 .. q40, z, theta, psi, q1' .. q40', z', theta', psi'"
+    assert "P:1 .. P:40" in told["film"]
+    assert [one.name for one in signals(rig.load("plate"))][-1] == "pressure of 40 points"
+
+
+def test_a_free_plate_has_the_lines_of_the_paper() -> None:
+    """Twist and two bendings; 5.7, 8.0 and 10.8 kHz in the paper."""
+    found = sorted(mode.frequency for mode in rig.modes("plate_free").sliding.modes if mode.frequency)
+    assert found[:3] == pytest.approx([5701.3, 8032.2, 10838.9], rel=3e-3)

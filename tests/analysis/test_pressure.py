@@ -89,12 +89,10 @@ def test_the_command(tmp_path, rig, run):
         rows = list(csv.DictReader(file))
     assert len(rows) == 3 * ALONG * ACROSS
     assert [float(rows[0][name]) for name in rows[0]] == pytest.approx([0.1, -0.016125, -0.006325, 1e5])
-    code, out, err = rig("pressure", log, "--at", "0.1,soon")
-    assert code == 2
-    assert "--at" in err
+    code, _, err = rig("pressure", log, "--at", "0.1,soon")
+    assert (code, "--at" in err) == (2, True)
     code, out, _ = rig("pressure", log)
-    assert code == 0
-    assert "first opening" in out
+    assert (code, "first opening" in out) == (0, True)
 
 
 def test_a_spectrum_says_what_is_folded_down(run):
@@ -106,16 +104,9 @@ def test_a_spectrum_says_what_is_folded_down(run):
     assert not spectrum(other, "slider_acceleration", window=0.2).gaps
 
 
-@pytest.mark.parametrize("lost", ["contact_fraction", "normal_force", "pressure_centre_x"])
-def test_a_recording_that_has_lost_an_output_still_has_its_maps(run, lost):
-    left = replace(run, signals={name: v for name, v in run.signals.items() if name != lost})
+def test_a_recording_that_has_lost_an_output_still_has_its_maps(run):
+    left = replace(run, signals={name: v for name, v in run.signals.items() if name != "contact_fraction"})
     whole, found = pressure(run, [0.1, 0.45]), pressure(left, [0.1, 0.45])
     assert all(np.array_equal(one.pressures, other.pressures) for one, other in zip(whole.maps, found.maps))
     assert "nan" in found.text()
     assert "all in contact" not in pressure(left).text()
-
-
-def test_a_recording_that_has_lost_a_point_names_the_loss(run):
-    left = replace(run, signals={name: v for name, v in run.signals.items() if name != "pressure_2_1"})
-    with pytest.raises(UsageError, match=r"the recording has lost the pressures at 0\.1 s, 0\.45 s"):
-        pressure(left, [0.1, 0.45])

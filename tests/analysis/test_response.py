@@ -70,13 +70,6 @@ def test_the_response_of_a_filter_is_its_own_within_the_random_error():
     assert found.independent == pytest.approx(199 / (1.0 + 2.0 / 36.0), rel=1e-3)  # Hann, half overlapping: (1/6)^2
 
 
-def test_without_noise_the_coherence_is_one():
-    x = white(3)
-    found = response(run_of(force=x, laser=5.0 * x), "force", "laser")
-    assert found.coherence == pytest.approx(1.0, abs=1e-12)
-    assert found.h == pytest.approx(5.0, rel=1e-12)
-
-
 def test_noise_in_the_input_lowers_h1_and_not_h2():
     x = white(4)
     found = response(run_of(force=x + 0.5 * white(5), laser=2.0 * x), "force", "laser", window=1.0)
@@ -167,7 +160,7 @@ def test_a_single_pulse_has_no_coherence_and_pulses_too_close_are_told():
     assert "whose leakage falsifies the response" in close.text()
 
 
-@pytest.mark.parametrize(("fast", "delay"), [(10_000, 0.0), (10_000, 0.00013), (1500, 0.0003), (1000, 0.00037)])
+@pytest.mark.parametrize(("fast", "delay"), [(10_000, 0.00013), (1500, 0.0003), (1000, 0.00037)])
 def test_channels_of_different_rates_are_brought_together(fast, delay):
     """Sines that both see, and one of 700 Hz that only the faster one can tell from 300 Hz."""
     rng = np.random.default_rng(9)
@@ -222,12 +215,8 @@ def test_what_cannot_be_is_told():
         response(run, "laser", "meas/laser")
     with pytest.raises(UsageError, match=r"input: still is constant \(2 \); a response needs an input that moves"):
         response(run, "still", "laser")
-    with pytest.raises(UsageError, match=r"output: still is constant"):
-        response(run, "laser", "still")
     with pytest.raises(UsageError, match=r"window 9 s: must be 0.032 s \(32 samples at 1000 Hz\) to 5 s \(the time"):
         response(run, "force", "laser", window=9.0)
-    with pytest.raises(UsageError, match=r"force: the time span has 0\.021 s at 1000 Hz; at least 0\.032 s"):
-        response(run, "force", "laser", last=0.02)
     slow = run_of(force=white(1, 5000), laser=(white(2, 40), 8.0, 0.0))
     with pytest.raises(
         UsageError, match=r"force: the time span without the ends that the filter between the two rates "
@@ -236,9 +225,6 @@ def test_what_cannot_be_is_told():
     empty = run_of(force=np.where(np.arange(5000) < 2000, white(1, 5000), np.nan), laser=(white(2, 3000), RATE, 2.5))
     with pytest.raises(UsageError, match="input: force has no sample in the time span that input and output share"):
         response(empty, "force", "laser")
-    ramped = run_of(force=np.minimum(np.arange(5000.0), 2000.0), laser=(white(2, 3000), RATE, 2.5))
-    with pytest.raises(UsageError, match="input: force is constant"):
-        response(ramped, "force", "laser")
     apart = run_of(force=white(1, 5000), laser=(white(2, 5000), RATE, 8.0))
     with pytest.raises(UsageError, match="the time that they share is too short"):
         response(apart, "force", "laser")
@@ -279,7 +265,7 @@ def test_a_sliding_rig_has_the_response_of_its_matrices(shaken):
 
 def test_a_command_is_a_channel_held_from_frame_to_frame():
     """F_N = F_0 - K v: from the vibrometer to the command of normal-force feedback the response is -K."""
-    run = laboratory.simulate("belt_normal_force", 12.0)
+    run = laboratory.simulate("belt_normal_force", 8.0)
     found = response(run, "vibrometer", "load.force", first=4.1, last=8.0, window=1.0)
     assert found.unit == "N/(m/s)"
     strong = (found.f > 2.0) & (found.f < 20.0)
@@ -287,18 +273,10 @@ def test_a_command_is_a_channel_held_from_frame_to_frame():
     commands = run.commands["nf"]
     channel = series(run, "load.force")
     assert np.array_equal(channel.v[commands.tick[5:]], commands.values[5:, 0])
-    with pytest.raises(UsageError, match=r"did you mean load.force"):
-        series(run, "load.forces")
-
-
-def test_a_disconnected_controller_commands_nothing():
-    scene = laboratory.load("belt_normal_force", {})
-    run = laboratory.simulate(scene, 6.0)
-    run.events.append(
+    run.events.append(  # a disconnected controller commands nothing
         {"t_ns": 5_000_000_000, "tick": 5000, "source": "plant", "kind": "disconnected", "text": "nf is disconnected",
          "data": {"controller": "nf"}}
     )  # fmt: skip
-    commands = run.commands["nf"]
     kept = commands.tick < 5000
     run.commands["nf"] = commands._replace(**{name: getattr(commands, name)[kept] for name in commands._fields})
     channel = series(run, "load.force")
@@ -310,15 +288,12 @@ def test_the_command(tmp_path, rig):
     x = blows(3)
     log, table = tmp_path / "run.mcap", tmp_path / "response.csv"
     save(run_of(force=x, laser=held(OSCILLATOR, np.zeros(1))[1](x)), log)
-    for suffix, begin in (("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")):
-        picture = tmp_path / f"response.{suffix}"
-        code, _, err = rig("response", log, "--input", "force", "--output", "laser", "--figure", picture)
-        assert code == 0, err
-        assert picture.read_bytes().startswith(begin)
-    code, out, _ = rig("response", log, "--input", "force", "--output", "laser", "--csv", table, "--json")
+    picture = tmp_path / "response.pdf"
+    asked = ("response", log, "--input", "force", "--output", "laser", "--figure", picture, "--csv", table, "--json")
+    code, out, _ = rig(*asked)
     told = json.loads(out)
-    assert code == 0
-    assert told["taper"] == "none"
+    assert (code, told["taper"]) == (0, "none")
+    assert picture.read_bytes().startswith(b"%PDF")
     assert told["resonances"][0]["frequency"] == pytest.approx(HERTZ, rel=1e-3)
     with table.open() as file:
         rows = list(csv.DictReader(file))
@@ -326,9 +301,6 @@ def test_the_command(tmp_path, rig):
     assert float(top["frequency [Hz]"]) == pytest.approx(HERTZ, abs=told["step"])
     assert float(top["phase [degree]"]) == pytest.approx(-90.0 - 360.0 * HERTZ * 0.5 / RATE, abs=20.0)
     code, out, err = rig("response", log, "--input", "x", "--output", "y", "--window", "1 kg")
-    assert (code, out) == (2, "")
-    assert len(err.splitlines()) == 3
-    assert "Traceback" not in err
+    assert (code, out, len(err.splitlines())) == (2, "", 3)
     code, _, err = rig("response", log)
-    assert code == 2
-    assert "--input" in err
+    assert (code, "--input" in err) == (2, True)

@@ -60,14 +60,6 @@ def test_the_search_continues_from_its_store_with_more_evaluations(belt, tmp_pat
     assert sorted(asked) == sorted([*range(60), asked[19]])
 
 
-def test_worker_processes_find_the_same_bits(belt, tmp_path):
-    work = prepared(belt, RANGES, "cycle.amplitude", True, 15)
-    two, one = search(work, tmp_path / "2", 2), search(work, tmp_path / "1", 1)
-    assert np.array_equal(two.points, one.points)
-    assert np.array_equal(two.values, one.values)
-    assert two.best == int(np.argmax(one.values))
-
-
 def test_a_search_without_any_value_is_told(belt, tmp_path):
     work = prepared(belt, {"drive.speed": "1 m/s:2 m/s"}, "cycle.amplitude", evaluations=15)
     found = search(work, tmp_path, 1)
@@ -80,17 +72,11 @@ def test_a_search_without_any_value_is_told(belt, tmp_path):
 @pytest.mark.parametrize(
     ("over", "more", "told"),
     [
-        ({"load.force": "10 N"}, {}, "load.force: expected a range FROM:TO"),
         ({"load.force": "30 N:10 N"}, {}, "the range must rise, from 30 N upwards"),
         ({"load.forse": "10 N:30 N"}, {}, "load.forse: is not a numeric parameter of this scene; did you mean"),
-        ({"body.mass": "-1 kg:1 kg"}, {}, "body.mass: -1 kg: .*greater than 0"),
-        ({}, {}, "no parameter is varied"),
         (RANGES, {"evaluations": 3}, "evaluations = 3: must be at least 15 for 1 parameters"),
         (RANGES, {"measure": "cycle.amplitud"}, "did you mean cycle.amplitude"),
-        (RANGES, {"evaluations": 0}, "evaluations = 0: must be a whole number from 1"),
-        (RANGES, {"seed": -1}, "seed = -1: must be a whole number from 0"),
         ({"load.force": "0,1:0,5"}, {}, "load.force: expected a range FROM:TO"),
-        ({"load.force": 5.0}, {}, "load.force: expected a range FROM:TO"),
         ({"load.force": lab.uniform(1.0, 2.0)}, {}, "load.force: expected a range FROM:TO"),
         (None, {}, "over = None: expected keys with values"),
     ],
@@ -105,8 +91,7 @@ def test_the_command_writes_table_and_figure(rig, tmp_path):
     code, _, err = rig(*asked)
     assert (code, "state one measure" in err) == (2, True)
     code, out, _ = rig(*asked, "--maximise", "cycle.amplitude", "--evaluations", 15)
-    assert code == 0
-    assert "largest cycle.amplitude" in out
+    assert (code, "largest cycle.amplitude" in out) == (0, True)
     folder = next(tmp_path.iterdir())
     assert {"search.csv", "search.png"} <= {path.name for path in folder.iterdir()}
     code, out, _ = rig(*asked, "--maximise", "cycle.amplitude", "--evaluations", 15, "--force", "--json")

@@ -12,8 +12,8 @@ from scipy import stats
 import rig as lab
 from rig.analysis.pool import Store
 from rig.analysis.studies import prepared, study
-from rig.analysis.studies.factors import Distribution, made
-from rig.analysis.studies.file import is_study, read
+from rig.analysis.studies.factors import Distribution
+from rig.analysis.studies.file import read
 from rig.analysis.studies.result import check_path, gathered
 from rig.analysis.studies.runs import StudyRuns
 from rig.errors import SceneError, UsageError
@@ -87,23 +87,16 @@ def test_the_dataset_has_units_coordinates_and_provenance(grid, tmp_path):
         assert json.loads(str(back["scene_json"].values))["name"] == "belt"
 
 
-def test_a_missing_zarr_is_named_with_its_installation(monkeypatch, tmp_path):
+def test_what_is_no_zarr_folder_is_not_replaced_and_a_missing_zarr_is_named(monkeypatch, tmp_path):
+    (tmp_path / "mine.zarr").mkdir()
+    with pytest.raises(UsageError, match=r"mine\.zarr: there is a file or folder .* that is no Zarr folder"):
+        check_path(tmp_path / "mine.zarr")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(UsageError, match="pip install zarr"):
         check_path(tmp_path / "found.zarr")
-    with pytest.raises(UsageError, match=r"ends in \.nc"):
-        check_path(tmp_path / "found.csv")
 
 
-@pytest.mark.parametrize("kind", ["file", "folder"])
-def test_what_is_no_zarr_folder_is_not_replaced(tmp_path, kind):
-    path = tmp_path / "mine.zarr"
-    (path.mkdir if kind == "folder" else path.touch)()
-    with pytest.raises(UsageError, match=r"mine\.zarr: there is a file or folder .* that is no Zarr folder"):
-        check_path(path)
-
-
-def test_the_report_lists_points_and_the_range_of_each_measure(grid):
+def test_the_report_lists_points_and_the_range_of_each_measure(grid, tmp_path):
     text = grid.text()
     assert "4 points (2 x 2) over load.force 2 values, drive.speed 2 values" in text
     assert f"{grid.values[:, 0].max():.5g}" in text
@@ -111,12 +104,7 @@ def test_the_report_lists_points_and_the_range_of_each_measure(grid):
     assert head.startswith("load.force [N],drive.speed [m/s],seed,cycle.amplitude [")
     assert len(lines) == 4
     assert json.dumps(grid.to_json())
-
-
-def test_figures_suit_the_plan(grid, tmp_path):
-    [path] = grid.draw(tmp_path)
-    assert path.name == "heat_map.png"
-    assert path.stat().st_size > 10_000
+    assert [path.name for path in grid.draw(tmp_path)] == ["heat_map.png"]
 
 
 def test_curves_show_median_and_range_and_leave_out_what_is_missing(belt, tmp_path):
@@ -187,39 +175,27 @@ def test_sobol_indices_of_a_sum_are_its_shares_of_the_variance(belt, tmp_path):
     assert np.isnan(gathered(work, found, {}, tmp_path).indices.first).all()
 
 
-@pytest.mark.parametrize("samples", [1, 256])
-def test_one_parameter_causes_all_of_the_variance(belt, tmp_path, samples):
-    work = prepared(belt, {"load.force": lab.uniform(10, 11)}, ["cycle.period"], samples=samples, sampling="saltelli")
+def test_one_parameter_causes_all_of_the_variance(belt, tmp_path):
+    work = prepared(belt, {"load.force": lab.uniform(10, 11)}, ["cycle.period"], samples=256, sampling="saltelli")
     found = {k: {"values": v, "units": np.array(["s"]), "reason": np.array("")} for k, v in enumerate(work.plan.draws)}
-    result = gathered(work, found, {}, tmp_path)
-    assert result.indices.first.shape == (1, 1)
-    if samples > 1:
-        assert result.indices.whole[0] == pytest.approx([1.0], abs=0.02)
-    assert "in all" in result.text()
+    assert gathered(work, found, {}, tmp_path).indices.whole == pytest.approx(np.ones((1, 1)), abs=0.02)
 
 
-@given(
-    st.sampled_from(
-        [
-            ("normal", {"mean": 2.0, "deviation": 0.5}),
-            ("normal", {"mean": 2.0, "deviation": 0.5, "low": 1.0, "high": 2.2}),
-            ("lognormal", {"median": 3.0, "deviation": 0.2}),
-            ("lognormal", {"median": 3.0, "deviation": 0.2, "low": 2.0}),
-            ("uniform", {"low": -1.0, "high": 1.0}),
-            ("triangular", {"low": 0.0, "mode": 0.2, "high": 1.0}),
-        ]
-    ),
-    st.lists(st.floats(1e-6, 1.0 - 1e-6), min_size=2, max_size=20),
-)
-def test_quantiles_rise_and_stay_within_the_cuts(one, shares):
-    kind, values = one
-    found = made(kind, values).quantile(np.sort(shares), "N")
+DRAWN = {
+    "normal(2, 0.5)": stats.norm(2.0, 0.5),
+    "normal(2, 0.5, low=1, high=2.2)": stats.truncnorm(-2.0, 0.4, 2.0, 0.5),
+    "normal(0, 1, low=20, high=21)": stats.truncnorm(20.0, 21.0),  # far from the mean
+    "lognormal(3, 0.2)": stats.lognorm(0.2, scale=3.0),
+    "uniform(-1, 1)": stats.uniform(-1.0, 2.0),
+    "triangular(0, 0.2, 1)": stats.triang(0.2),
+}
+
+
+@given(st.sampled_from([*DRAWN]), st.lists(st.floats(1e-6, 1.0 - 1e-6), min_size=2, max_size=20))
+def test_quantiles_are_those_of_scipy_and_rise(text, shares):
+    found = Distribution.parse(text).quantile(np.sort(shares), "N")
+    assert np.allclose(found, DRAWN[text].ppf(np.sort(shares)), rtol=1e-9)
     assert (np.diff(found) >= 0.0).all()
-    assert (found >= values.get("low", -np.inf)).all()
-    assert (found <= values.get("high", np.inf)).all()
-    middle = made(kind, values).quantile(np.array([0.5]), "N")[0]
-    if "low" not in values and kind in ("normal", "lognormal"):
-        assert middle == pytest.approx(values.get("mean", values.get("median")))
 
 
 def test_a_distribution_is_read_from_its_text_with_units():
@@ -230,47 +206,28 @@ def test_a_distribution_is_read_from_its_text_with_units():
 
 WRONG = [
     ({"load.forse": [1.0]}, {}, r"load.forse: is not a numeric parameter of this scene; did you mean load.force or"),
-    ({"load.force": []}, {}, "load.force: the list is empty"),
-    ({"load.force": [1.0, 1.0]}, {}, "a value is given twice"),
     ({"load.force": ["10 kg"]}, {}, r"load.force: is '10 kg'"),
     ({"load.force": [float("nan")]}, {}, "is not finite"),
-    ({"body.mass": [-1.0, 1.0]}, {}, r"body.mass: -1 kg: .*greater than 0"),
     ({}, {}, "no parameter is varied"),
-    ({"load.force": "1 N:2 N"}, {}, "1 N:2 N: expected values such as"),
-    ({"load.force": "1 N:2 N:1"}, {}, "count = 1: must be a whole number from 2"),
     ({"load.force": "2 N:2 N:5"}, {}, "a value is given twice"),
     ({"load.force": "gauss(1, 2)"}, {}, "no distribution; known: normal"),
     ({"load.force": "normal(1)"}, {}, "deviation missing"),
     ({"load.force": "uniform(3 N, 2 N)"}, {}, "low must be less than high"),
     ({"body.mass": "normal(1 kg, 1 kg)"}, {}, r"normal\(1 kg, 1 kg\) leaves the range .*cut the distribution off"),
     ({"load.force": "uniform(1 N, 2 N)"}, {"samples": 10, "sampling": "sobol"}, "must be a power of 2"),
-    ({"load.force": "uniform(1 N, 2 N)"}, {"sampling": "halton"}, "sampling halton: unknown; known: random, latin"),
     ({"load.force": [1.0]}, {"samples": 10}, "no parameter has one"),
     ({"load.force": [1.0]}, {"repeat": 2}, "all measures are those of the plant without noise"),
     ({"load.force": [1.0]}, {"measure": ["cycle.amplitud"]}, "cycle.amplitud: unknown; did you mean cycle.amplitude"),
-    ({"load.force": [1.0]}, {"measure": []}, "no measure is given"),
     ({"load.force": [1.0]}, {"measure": ["cycle.period", "cycle.period"]}, "cycle.period: is given twice"),
     ({"load.force": [1.0]}, {"measure": ["nowhere.py:late"]}, "nowhere.py:late: No such file"),
     ({"load.force": [1.0]}, {"keep": "cycle.period > 5 mm"}, "the level is '5 mm'"),
     ({"load.force": [1.0]}, {"keep": "cycle.amplitude > 5 mm"}, "cycle.amplitude is not a measure of this study"),
-    ({"load.force": [1.0]}, {"keep": "often"}, "expected MEASURE > VALUE"),
-    ({"load.force": [1.0]}, {"keep": 5}, "expected MEASURE > VALUE"),
     ({"load.force": "1 N, 2 kN, 3"}, {}, "'3' has no unit, and the others have N and kN"),
     ({"load.force": "0,1:0,5:3"}, {}, "a number has a point"),
-    ({"load.force": {"from": 1.0}}, {}, "is {'from': 1.0}; expected a number"),
-    ({"load.force": "normal(1, 2, mean=3)"}, {}, "mean is given twice"),
-    ({"load.force": "normal(1 N, 2 kN, low=0)"}, {}, "'0' has no unit"),
     ({"load.force": "normal(1 N, 1 N, low=50 N)"}, {}, "no value of the distribution lies between low and high"),
-    ({"load.force": "lognormal(1 N, 1, high=0 N)"}, {}, "no value of the distribution lies between low and high"),
-    ({"load.force": "lognormal(1 N, 1000)"}, {}, "leaves the range of the parameter"),
-    ({"load.force": "uniform(1 N, 2 N)"}, {"samples": -3, "sampling": "sobol"}, "samples = -3: must be a whole number"),
-    ({"load.force": "uniform(1 N, 2 N)"}, {"samples": 2.5}, "samples = 2.5: must be a whole number"),
     ({"load.force": "uniform(1 N, 2 N)"}, {"seed": 2**64}, "seed = 18446744073709551616: must be a whole number"),
-    ({"load.force": [1.0]}, {"repeat": "2"}, "repeat = '2': must be a whole number"),
-    ({"load.force": [1.0]}, {"measure": None}, "measure = None: expected a list"),
     ({"load.force": [1.0]}, {"duration": -1.0}, "the duration of -1.0 s must be"),
     (["load.force"], {}, r"over = \['load.force'\]: expected keys with values"),
-    ({5: [1.0]}, {}, "5: is not a numeric parameter"),
 ]  # fmt: skip
 
 
@@ -288,32 +245,20 @@ def test_values_without_a_unit_take_that_of_the_others(belt):
     assert Distribution.parse("lognormal(10 kN, 0.2, high=20)").in_si("N")["high"] == 20e3
 
 
-@pytest.mark.parametrize("kind", [np.int64, np.float32, np.array])
-def test_numbers_of_numpy_are_numbers(belt, kind):
-    assert lab.normal(kind(20), kind(2)) == lab.normal(20.0, 2.0)
-    assert lab.load("belt", {"load.force": kind(20)}).parameters == lab.load("belt", {"load.force": 20.0}).parameters
-    work = prepared(belt, {"load.force": [kind(10), kind(20)]}, ["cycle.period"])
+def test_numbers_of_numpy_are_numbers_and_others_no_distribution(belt):
+    assert lab.normal(np.float32(20), np.array(2)) == lab.normal(20.0, 2.0)
+    work = prepared(belt, {"load.force": [np.int64(10), np.array(20)]}, ["cycle.period"])
     assert work.plan.factors[0].axis.values == (10.0, 20.0)
-
-
-def test_what_is_no_number_is_no_distribution():
-    for value in (True, [20.0], 1j, {}):
-        with pytest.raises(UsageError, match=r"normal: mean is .*; expected a number or a text with a unit"):
-            lab.normal(value, 1.0)
-    with pytest.raises(UsageError, match="the values must be finite"):
-        lab.normal(10**400, 1.0)
-
-
-def test_cuts_far_from_the_mean_leave_values(belt):
-    shares = np.array([1e-9, 0.25, 0.5, 1.0 - 1e-9])
-    found = lab.normal(0.0, 1.0, low=20.0, high=21.0).quantile(shares, "1")
-    assert np.allclose(found, stats.truncnorm.ppf(shares, 20.0, 21.0), rtol=1e-9)
+    with pytest.raises(UsageError, match=r"normal: mean is .*; expected a number or a text with a unit"):
+        lab.normal(True, 1.0)
 
 
 def test_every_fault_is_told_at_once():
+    wrong = {"samples": 0, "sampling": "latim", "seed": -1, "repeat": 3}
     with pytest.raises(UsageError) as fault:
-        prepared(lab.load("belt_c_damped"), {"load.forse": [1.0], "body.mass": [-1.0]}, ["nothing"], repeat=3)
-    for text in ("load.forse", "body.mass", "measure nothing", "nothing in it is random"):
+        prepared(lab.load("belt_c_damped"), {"load.forse": [1.0], "body.mass": [-1.0]}, ["nothing", 3], **wrong)
+    for text in ("load.forse", "body.mass", "measure nothing", "measure 3: expected", "nothing in it is random",
+                 "sampling latim: unknown", "samples = 0: must be", "seed = -1: must be"):  # fmt: skip
         assert text in str(fault.value)
 
 
@@ -354,36 +299,22 @@ def test_what_is_wrong_with_a_file_is_told(tmp_path):
     assert "measures: unknown; did you mean measure?" in str(fault.value)
     assert "samples = 'many': expected int" in str(fault.value)
     assert "duration is '1 kg'" in str(fault.value)
-    file.write_text('scene = "belt"\nmeasures = 3\n')
-    assert is_study(file)
     file.write_text('scene = "belt"\n[set]\n"load.force" = 5\n[over]\n"load.force" = [1]\nload = {force = [2]}\n')
     with pytest.raises(UsageError, match=r"load.force is given 2 times\n.*load.force: is set and varied"):
         read(file)
-    file.write_bytes(b"\xef\xbb\xbf" + b'scene = "belt"\n')  # as some editors begin it
-    assert read(file).scene == "belt"
 
 
-def test_wrong_values_are_told_together(belt):
-    with pytest.raises(UsageError) as fault:
-        prepared(belt, {"load.forc": [1.0]}, ["cycle.period", 3], samples=0, sampling="latim", seed=-1)
-    told = str(fault.value)
-    for part in (
-        "measure 3: expected",
-        "load.forc: is not",
-        "sampling latim: unknown",
-        "samples = 0: must be a whole number from 1",
-        "seed = -1: must be a whole number from 0",
-    ):
-        assert part in told
-
-
-def test_the_command_tells_what_is_wrong(rig, tmp_path):
-    code, _, err = rig("study", "belt", "--over", "load.force", "--measure", "cycle.period")
-    assert (code, "expected KEY=VALUES" in err) == (2, True)
-    code, _, err = rig("study", "belt", "--over", "load.force=1 N", "--over", "load.force=2 N")
-    assert (code, "is given twice" in err) == (2, True)
-    code, _, err = rig("study", "belt", "--over", "load.force=1 N", "--measure", "cycle.period", "--to", "x.csv")
-    assert (code, "ends in .nc" in err) == (2, True)
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (("--over", "load.force", "--measure", "cycle.period"), "expected KEY=VALUES"),
+        (("--over", "load.force=1 N", "--over", "load.force=2 N"), "is given twice"),
+        (("--over", "load.force=1 N", "--measure", "cycle.period", "--to", "x.csv"), "ends in .nc"),
+    ],
+)
+def test_the_command_tells_what_is_wrong(rig, given, told):
+    code, _, err = rig("study", "belt", *given)
+    assert (code, told in err) == (2, True)
 
 
 def test_a_study_without_any_value_fails(rig, tmp_path):

@@ -53,13 +53,8 @@ def test_a_number_agrees_within_its_bound_only():
     assert not Comparison("x", "", 1.0 + 2e-6, 1.0, "reference", relative=1e-6).agrees
     assert Comparison("x", "", 0.1, 0.0, "reference", absolute=0.2).agrees
     assert not Comparison("x", "", float("nan"), 0.0, "reference", absolute=0.2).agrees
-
-
-def test_a_floor_may_be_exceeded_but_not_missed():
-    assert Comparison("x", "dB", 22.0, 20.0, "paper", floor=True).agrees
-    assert not Comparison("x", "dB", 19.9, 20.0, "paper", floor=True).agrees
-    assert not Comparison("x", "dB", float("nan"), 20.0, "paper", floor=True).agrees
-    assert Comparison("x", "dB", 22.0, 20.0, "paper", floor=True).bound == "at least"
+    for ours in (22.0, 19.9, float("nan")):  # a floor may be exceeded
+        assert Comparison("x", "dB", ours, 20.0, "paper", floor=True).agrees is (ours == 22.0)
 
 
 def test_a_number_that_is_known_to_differ_or_that_the_paper_does_not_state_is_no_failure_and_no_agreement(tmp_path):
@@ -89,25 +84,21 @@ def test_what_is_made_is_a_picture_and_a_page(tmp_path):
     assert json.loads(json.dumps(made.to_json()))["comparisons"][1]["agrees"] is False
 
 
-def test_a_figure_that_is_made_again_leaves_the_others_on_the_page(tmp_path):
-    first, last = (papers.make(*papers.pick(name), tmp_path) for name in ("kroeger-9", "bistable-8"))
+def test_figures_that_worker_processes_make_are_the_same_and_one_made_again_leaves_the_others_on_the_page(tmp_path):
+    wanted = [*papers.pick("kroeger-9"), *papers.pick("bistable-8")]
+    found = papers.make_all(wanted, tmp_path / "together", workers=2)
+    alone = [papers.make(entry, tmp_path) for entry in wanted]
+    assert [(one.entry, one.comparisons) for one in found] == [(one.entry, one.comparisons) for one in alone]
+    assert [one.picture.read_bytes() for one in found] == [one.picture.read_bytes() for one in alone]
+    assert [wrong(one) for one in alone] == [[], []]
+    first, last = alone
     assert papers.keep([last], tmp_path) == [last]
     assert papers.keep([first], tmp_path) == [first, last]
     (tmp_path / "numbers.json").write_text("{")  # broken off
     assert papers.keep([first], tmp_path) == [first]
 
 
-def test_figures_that_worker_processes_make_are_the_same(tmp_path):
-    wanted = [*papers.pick("kroeger-9"), *papers.pick("bistable-8")]
-    found = papers.make_all(wanted, tmp_path / "together", workers=2)
-    alone = [papers.make(entry, tmp_path / "alone") for entry in wanted]
-    assert [(one.entry, one.comparisons) for one in found] == [(one.entry, one.comparisons) for one in alone]
-    assert [one.picture.read_bytes() for one in found] == [one.picture.read_bytes() for one in alone]
-
-
-@pytest.mark.parametrize(
-    "name", ["kroeger-5", "kroeger-7", "kroeger-9", "liu000-3", "detachment-6", "detachment-8", "bistable-8"]
-)
+@pytest.mark.parametrize("name", ["kroeger-7", "liu000-3"])
 def test_figures_that_need_no_run_agree(name, tmp_path):
     [entry] = papers.pick(name)
     assert wrong(papers.make(entry, tmp_path)) == []

@@ -15,8 +15,8 @@ from rig.errors import UsageError, WorkerError
 
 
 def trial(folder, total=8, does=None, seconds=0.0, size=1):
-    """Squares of the numbers of `total` units. `does`: what a unit does besides ("kill", "once", "exit", "leave",
-    "fault", "talk", "read", "stop").
+    """Squares of the numbers of `total` units. `does`: what a unit does besides ("kill", "once", "long", "exit",
+    "leave", "fault", "talk", "read", "stop").
 
     Files in `folder` count how often a unit was computed. `size`: numbers in a result.
     """
@@ -36,6 +36,8 @@ def _compute(folder, does, seconds, size, unit, *given):
         sys.stdout.write("the last words\n")
         sys.stdout.flush()
         os._exit(3)
+    if what == "long" and first:
+        time.sleep(60.0)
     if what == "leave":
         os._exit(0)
     if what == "fault":
