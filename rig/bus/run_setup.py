@@ -58,7 +58,7 @@ def fetch(session: Session, timeout: float = 10.0) -> Setup:
     """
     try:
         setup = Setup.from_json(session.ask("scene", {}, timeout, patient=True))
-        session.inbound.learn(list(setup.outputs), list(setup.sensors))
+        session.inbound.learn(list(setup.outputs))
     except (AttributeError, KeyError, TypeError, ValueError) as fault:
         raise BusError(
             f"the plant of run {session.run} describes its scene in an unknown form: {fault}; "

@@ -81,7 +81,6 @@ class Count:
     """Message numbers missing between the first and the last message received; each publisher counts from 0."""
     first: int = -1
     last: int = -1
-    tick: int = -1
     at: float = 0.0
     """Earliest time [s, monotonic clock] at which the last message can have been sent, at the rate `FASTEST`."""
 

@@ -1,6 +1,5 @@
 """A stand without physics: what is asked of it is written down."""
 
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -83,18 +82,3 @@ def runner():
 def fake():
     """Makes stands, for tests that need several."""
     return FakeStand
-
-
-@pytest.fixture
-def best():
-    """Shortest of five durations of a function [ns]: the machine is shared."""
-
-    def measured(function):
-        found = []
-        for _ in range(5):
-            begin = time.perf_counter_ns()
-            function()
-            found.append(time.perf_counter_ns() - begin)
-        return min(found)
-
-    return measured

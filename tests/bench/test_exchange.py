@@ -319,17 +319,3 @@ def test_what_is_applied_is_finite_and_within_limits_and_can_be_played_again(fak
     again = run(second, Playback, [], switches, commands)
     assert second.done == first.done
     assert all(np.array_equal(a, b) for a, b in zip(again.queues["both"].commands(), commands))
-
-
-@pytest.mark.bench
-def test_a_frame_costs_two_microseconds(runner, best):
-    made = exchange(runner)
-    runner.apply = lambda name, value: None
-
-    def run():
-        for tick in range(5_000):
-            runner.tick = tick
-            made.receive("nf", tick, (20.0 + tick % 7,))
-            made.take_over()
-
-    assert best(run) / 5_000 < 10_000  # 2 us on an idle machine

@@ -215,18 +215,6 @@ def test_ticks_may_be_left_out_without_losing_a_step():
     assert [a for t in (0, 12, 40) for a in made.due(t, np.zeros(2)) if a == HERE] == [HERE, HERE]
 
 
-def test_nothing_due_costs_nothing(best):
-    made = protocol(hold(1_000_000))
-    latest = np.zeros(2)
-    made.due(0, latest)
-
-    def run():
-        for tick in range(5_000):
-            made.due(tick, latest)
-
-    assert best(run) / 5_000 < 2_000  # 0.1 us on an idle machine
-
-
 def test_a_rig_without_contacts_is_struck_in_its_first_coordinate():
     runner = PlantRunner(scenes.load("lever_free_cylinder"))
     before, system = runner.motion.x.copy(), runner.motion.system

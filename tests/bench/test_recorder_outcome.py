@@ -1,10 +1,12 @@
 """What becomes of the recorder is part of what becomes of the run: dead, out of room, or unable to tell."""
 
+import json
 import os
 import resource
 import shutil
 import signal
 import time
+from pathlib import Path
 
 import pytest
 
@@ -32,38 +34,73 @@ def scene():
     return loaded
 
 
-def killed(recorder, path):
-    recorder.send(signal.SIGKILL)
+@pytest.fixture(scope="module")
+def good(tmp_path_factory, scene):
+    """The outcome of a run whose recording is whole, and what its recorder told."""
+    folder, told = tmp_path_factory.mktemp("g"), {}
+
+    class Heard(Child):
+        def new_words(self):
+            words = super().new_words()
+            told.update(words if self.name == "recorder" else ())
+            return words
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder))
+        patch.setenv("XDG_STATE_HOME", str(folder))
+        patch.setattr(supervise, "Child", Heard)
+        outcome = supervise.run(scene, pace=None, duration=0.2, out=folder / "run.mcap", say=lambda _: None)
+    assert outcome.exit_code == 0, outcome.text()
+    return outcome, told
 
 
-def full(recorder, path):
-    """No file of the recorder may grow any more: as on a disk that has just been filled."""
-    size = path.stat().st_size
-    resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size, size))
-
-
-@pytest.mark.alone  # strikes between the end of the plant and that of the recorder
 @pytest.mark.parametrize(
-    ("strikes", "told"), [(killed, "was killed by SIGKILL"), (full, "cannot be written: File too large")]
+    ("lies", "told"),
+    [
+        ({}, ""),
+        ({"seconds": 0.044}, "it ends at t = 0.044 s, the run at 0.2 s"),
+        ({"files": ["elsewhere.mcap"]}, "elsewhere.mcap was removed or replaced"),
+        ({"files": [__file__]}, "was removed or replaced"),
+        ({"files": [os.devnull]}, ""),
+        ({"totals": False}, "was told to stop before"),
+        (None, "recorder ended with code 0"),
+        (-signal.SIGKILL, "recorder was killed by SIGKILL"),
+    ],
 )
-def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(runs, scene, monkeypatch, strikes, told):
-    waits = supervise.RunProcesses.wait_for_file
+def test_file_and_account_of_the_recorder_are_compared_with_the_run(runs, good, scene, monkeypatch, lies, told):
+    """No process runs: what plant and recorder told in the run of `good` is told again, or changed by lies."""
+    outcome, words = good
 
-    def wait_for_file(team, recorder, interrupts):
-        strikes(recorder, runs / "run.mcap")
-        waits(team, recorder, interrupts)
+    class Told(Child):
+        code = -9 if lies == -9 else 0
 
-    monkeypatch.setattr(supervise.RunProcesses, "wait_for_file", wait_for_file)
-    lines = []
-    outcome = supervise.run(scene, pace=None, duration=0.5, out=runs / "run.mcap", say=lines.append)
-    assert outcome.exit_code == 1
-    assert outcome.summary["verdict"] == "DEGRADED"
-    assert "nothing lost" not in outcome.summary["reasons"]
-    assert "the recording is not complete: recorder" in outcome.summary["reasons"][-1]
-    assert told in outcome.text()
-    assert outcome.to_json()["verdict"] == "DEGRADED"
-    assert f"rig recover {runs / 'run.mcap'}" in outcome.text()
-    assert rig.open(runs / "run.mcap").damage
+        def __init__(self, name, arguments):
+            self.name, self.fault, self.tail = name, "", []
+            self.words = [("run", outcome.summary["run"])] if name == "the plant" else []
+            if name == "the plant":
+                Path(arguments[2]).write_text(json.dumps(dict(outcome.summary)))
+            elif name == "recorder":
+                said = {"recording": words["recording"] | lies} if isinstance(lies, dict) else {}
+                self.words = [("file", words["file"]), *said.items()]
+
+        def wait(self, seconds):
+            return not self.words or self.name != "the plant"
+
+        def new_lines(self, most=0):
+            return []
+
+        def new_words(self):
+            words, self.words = self.words, []
+            return words
+
+    monkeypatch.setattr(supervise, "Child", Told)
+    again = supervise.run(scene, pace=None, duration=0.2, out=runs / "run.mcap", say=lambda _: None)
+    assert again.exit_code == (1 if told else 0)
+    assert told in again.text()
+    assert bool(told) == any("recording is not complete" in reason for reason in again.summary["reasons"])
+    assert again.summary["verdict"] == again.to_json()["verdict"] == ("DEGRADED" if told else "VALID")
+    assert ("nothing lost" in again.summary["reasons"]) == (not told)
+    assert ("rig recover" in again.text()) == (not isinstance(lies, dict))
 
 
 class Slow:
@@ -96,68 +133,56 @@ def test_a_recorder_that_finishes_its_file_slowly_is_told_and_can_be_interrupted
     assert recorder.got == [signal.SIGTERM]
 
 
-def test_a_disk_that_fills_up_while_it_runs_fails_the_run(runs, scene):
-    going, struck = {}, []
+@pytest.fixture
+def struck(runs, scene, monkeypatch):
+    """Runs `scene`; `strike(line, processes)` gets each line. It may do something to a process."""
 
-    def say(text):
-        if "begins with" in text and not struck:
-            struck.append(text)
-            recorder = going["team"].others["recorder", "recorder"]
-            resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
+    def run(strike, path, **more):
+        teams = []
 
-    class RunProcesses(supervise.RunProcesses):
-        def __init__(self, *given):
-            super().__init__(*given)
-            going["team"] = self
+        class RunProcesses(supervise.RunProcesses):
+            def __init__(self, *given):
+                super().__init__(*given)
+                teams.append(self)
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(supervise, "RunProcesses", RunProcesses)
-        outcome = supervise.run(scene, duration=3.0, out=runs / "run.mcap", say=say, name="fills")
-    assert struck
+        monkeypatch.setattr(supervise, "RunProcesses", RunProcesses)
+        return supervise.run(scene, out=path, say=lambda line: strike(line, teams[0]), **more)
+
+    return run
+
+
+def incomplete(outcome, told):
     assert outcome.exit_code in (1, 3)
     assert outcome.summary["verdict"] != "VALID"
     assert "nothing lost" not in outcome.summary["reasons"]
-    assert "cannot be written: File too large; recorded up to t = " in outcome.text()
-    assert rig.open(runs / "run.mcap").damage
+    assert told in outcome.text()
 
 
-def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(runs, scene, monkeypatch):
-    teams, struck = [], []
-
-    def say(text):
-        if "begins with" in text and not struck:
-            struck.append(text)
-            teams[0].others["recorder", "recorder"].send(signal.SIGTERM)
-
-    class RunProcesses(supervise.RunProcesses):
-        def __init__(self, *given):
-            super().__init__(*given)
-            teams.append(self)
-
-    monkeypatch.setattr(supervise, "RunProcesses", RunProcesses)
-    outcome = supervise.run(scene, duration=1.5, out=runs / "run.mcap", say=say)
-    assert struck
-    assert outcome.exit_code in (1, 3)
-    assert outcome.summary["verdict"] != "VALID"
-    assert "the recording is not complete: the recorder was told to stop" in outcome.text()
-    assert "rig recover" not in outcome.text()  # the file is whole as far as it goes
-
-
-def removed(path):
-    shutil.rmtree(path.parent)
-
-
-def replaced(path):
-    path.rename(path.with_name("moved.mcap"))
-    path.write_bytes(b"")
-
-
-def cut(path):
-    os.truncate(path, 100)
+def full(recorder):
+    """No file of the recorder may grow beyond 60 kB any more: as on a disk that fills up."""
+    resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
 
 
 @pytest.mark.parametrize(
-    ("strikes", "told"), [(removed, "removed or replaced"), (replaced, "removed or replaced"), (cut, "cut")]
+    ("strike", "told", "damaged"),
+    [(full, "cannot be written: File too large; recorded up to t = ", True),
+     (lambda recorder: recorder.send(signal.SIGTERM), "not complete: the recorder was told to stop", False)],
+    ids=["a disk that fills up", "told to stop"],
+)  # fmt: skip
+def test_a_recorder_that_ends_in_mid_run_fails_the_run(runs, struck, strike, told, damaged):
+    def begun(line, team):
+        if "begins with" in line:
+            strike(team.others["recorder", "recorder"])
+
+    outcome = struck(begun, runs / "run.mcap", duration=1.0)
+    incomplete(outcome, told)
+    assert bool(rig.open(runs / "run.mcap").damage) == damaged
+    assert ("rig recover" in outcome.text()) == damaged  # else the file is whole as far as it goes
+
+
+@pytest.mark.parametrize(
+    ("strikes", "told"),
+    [(lambda path: shutil.rmtree(path.parent), "removed or replaced"), (lambda path: os.truncate(path, 100), "cut")],
 )
 def test_a_recording_that_vanishes_in_mid_run_fails_the_run(runs, scene, monkeypatch, strikes, told):
     path = runs / "folder" / "run.mcap"
@@ -171,43 +196,14 @@ def test_a_recording_that_vanishes_in_mid_run_fails_the_run(runs, scene, monkeyp
             return words
 
     monkeypatch.setattr(supervise, "Child", Struck)
-    outcome = supervise.run(scene, duration=1.5, out=path, say=lambda _: None)
-    assert outcome.exit_code in (1, 3)
-    assert outcome.summary["verdict"] != "VALID"
-    assert "nothing lost" not in outcome.summary["reasons"]
-    assert f"{path} was {told} while it was written" in outcome.text()
-
-
-@pytest.mark.parametrize(
-    ("lies", "told"),
-    [
-        ({}, ""),
-        ({"seconds": 0.044}, "it ends at t = 0.044 s, the run at 0.2 s"),
-        ({"files": ["elsewhere.mcap"]}, "elsewhere.mcap was removed or replaced"),
-        ({"files": [__file__]}, "was removed or replaced"),
-        ({"files": [os.devnull]}, ""),
-        ({"totals": False}, "was told to stop before"),
-        (None, "recorder ended with code 0"),
-    ],
-)
-def test_file_and_account_of_the_recorder_are_compared_with_the_run(runs, scene, monkeypatch, lies, told):
-    class Liar(Child):
-        def new_words(self):
-            words = super().new_words()
-            return [(kind, value | (lies or {}) if kind == "recording" else value) for kind, value in words
-                    if kind != "recording" or lies is not None]  # fmt: skip
-
-    monkeypatch.setattr(supervise, "Child", Liar)
-    outcome = supervise.run(scene, pace=None, duration=0.2, out=runs / "run.mcap", say=lambda _: None)
-    assert outcome.exit_code == (1 if told else 0)
-    assert told in outcome.text()
-    assert bool(told) == any("recording is not complete" in reason for reason in outcome.summary["reasons"])
+    outcome = supervise.run(scene, duration=1.0, out=path, say=lambda _: None)
+    incomplete(outcome, f"{path} was {told} while it was written")
 
 
 def test_the_file_of_another_run_is_not_told_as_the_recording_of_this_one(runs, scene):
     path = runs / "theirs.mcap"
     theirs = Writer(path, Setup("theirs", scene.to_json(), scene.frame_ns, scene.step_ns, {}, {}), "recorded")
-    outcome = supervise.run(scene, pace=None, duration=0.2, out=path, replace=True, say=lambda _: None)
+    outcome = supervise.run(scene, pace=None, duration=0.1, out=path, replace=True, say=lambda _: None)
     theirs.abandon()
     assert outcome.exit_code == 1
     assert "another run is writing it" in outcome.text()
@@ -215,35 +211,29 @@ def test_the_file_of_another_run_is_not_told_as_the_recording_of_this_one(runs, 
     assert "rig recover" not in outcome.text()
 
 
-def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_finished_its_file(
-    runs, scene, monkeypatch
-):
+def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_finished_its_file(runs, struck):
     """What to do next must be possible: there is nothing to recover, and verify says what is not known."""
-    teams, successors = [], []
+    successors, path = [], runs / "run.mcap"
 
-    def say(text):
-        if "begins with" in text:
-            teams[0].others["controller", "nf"].send(signal.SIGKILL)
-        if "left: controller nf" in text and not successors:
-            successors.append(Child("controller nf", ["rig.controllers.runtime.process", "nf", "--run", teams[0].name]))
+    def strike(line, team):
+        if "begins with" in line:
+            team.others["controller", "nf"].send(signal.SIGKILL)
+        if "left: controller nf" in line and not successors:
+            successors.append(Child("controller nf", ["rig.controllers.runtime.process", "nf", "--run", team.name]))
+        if "joined: controller nf" in line and successors:
+            time.sleep(0.5)  # it commands
+            team.plant.send(signal.SIGINT)
 
-    class RunProcesses(supervise.RunProcesses):
-        def __init__(self, *given):
-            super().__init__(*given)
-            teams.append(self)
-
-    monkeypatch.setattr(supervise, "RunProcesses", RunProcesses)
-    path = runs / "run.mcap"
-    outcome = supervise.run(scene, duration=6.0, out=path, say=say)
-    assert end(successors, 5.0) == []
+    outcome = struck(strike, path, duration=60.0)
+    assert end(successors, 10.0) == []
     assert outcome.exit_code in (1, 3)
     assert "the recording is not complete: recorder" in outcome.text()
     assert "unknown how many of nf from before a restart" in outcome.text()
     assert "rig recover" not in outcome.text()
     assert f"rig verify {path}" in outcome.text()
-    found = verify(path)
-    assert found.passed, found.text()
-    assert found.notes == ("unknown how many messages of nf are missing from before a restart",)
+    verified = verify(path)
+    assert verified.passed, verified.text()
+    assert verified.notes == ("unknown how many messages of nf are missing from before a restart",)
 
 
 def test_a_loss_that_nobody_knows_is_not_called_none():
@@ -253,28 +243,23 @@ def test_a_loss_that_nobody_knows_is_not_called_none():
     assert "unknown losses on the way to recorder r" in verdict.reasons
 
 
-def test_a_recorder_tells_what_it_does_not_know():
-    assert "none lost" in Recording("a.mcap", "a", "the plant left", totals=True).text()
-    assert "unknown how many lost at the end" in Recording("a.mcap", "a", "the plant left").text()
-    late = Recording("a.mcap", "a", "the plant left", late={"step": 7}, gaps={"state": 3}, totals=True).text()
-    assert "3 lost, 7 sent before it began to listen" in late
-
-
 @pytest.mark.parametrize(
-    ("told", "code"),
+    ("told", "code", "text"),
     [
-        ({"ended": "the plant left", "totals": True}, 0),
-        ({"ended": "the plant left"}, 1),  # the plant's last word did not come: what is missing at the end is unknown
-        ({"ended": "the recorder was told to stop"}, 0),
-        ({"ended": "the recorder was told to stop", "gaps": {"state": 3}}, 1),
+        ({"ended": "the plant left", "totals": True}, 0, "none lost"),
+        ({"ended": "the plant left"}, 1, "unknown how many lost at the end"),  # the plant's last word did not come
+        ({"ended": "the recorder was told to stop"}, 0, ""),
+        ({"ended": "the recorder was told to stop", "gaps": {"state": 3}, "late": {"step": 7}}, 1,
+         "3 lost and an unknown number at the end, 7 sent before it began to listen"),
     ],
-)
-def test_a_recorder_that_does_not_know_the_end_does_not_call_its_file_whole(monkeypatch, told, code):
-    found = Recording("a.mcap", "a", **told)
-    monkeypatch.setattr("rig.record.recorder.record", lambda *_, **__: found)
+)  # fmt: skip
+def test_a_recorder_that_does_not_know_the_end_does_not_call_its_file_whole(monkeypatch, told, code, text):
+    recording = Recording("a.mcap", "a", **told)
+    monkeypatch.setattr("rig.record.recorder.record", lambda *_, **__: recording)
     with pytest.raises(SystemExit) as left:
         app.run(["record", "--run", "a"])
     assert (left.value.code or 0) == code
+    assert text in recording.text()
 
 
 def test_an_incomplete_recording_does_not_hide_a_worse_verdict():

@@ -165,16 +165,3 @@ def test_interruptions_are_seen():
     assert 0 < found.within("gc", begin, end) < end - begin
     found.forget(end)
     assert not found.seen
-
-
-@pytest.mark.bench
-def test_a_frame_costs_two_microseconds(best):
-    timing = Timing(MS)
-    append, cpu = timing.rows.append, time.thread_time_ns
-
-    def run():
-        for i in range(5_000):
-            append((i, 40_000, True, 1, 2, 3, 4, cpu()))
-        timing.rows.clear()
-
-    assert best(run) / 5_000 < 2_000  # 0.5 us on an idle machine; folding is done outside the frame

@@ -1,5 +1,7 @@
 """One bus that is Zenoh or its twin within one process."""
 
+import threading
+import time
 from contextlib import ExitStack
 
 import pytest
@@ -20,6 +22,35 @@ class Wire:
         return self._stack.enter_context(
             self._twin.open(role, name) if self._twin else bus.join("test", role=role, name=name)
         )
+
+    def hearing(self, *patterns, **how):
+        """A controller that has joined and its receiver, which stands: the plant has seen its presence."""
+        watch, one = self.plant.watch(), self.join()
+        receiver = one.subscribe(*patterns, **how)
+        one.announce()
+        assert watch.wait_for("controller", "one", 20.0)
+        return one, receiver
+
+    def serving(self, topic, answer):
+        """The plant answers one query on `topic`, in a thread."""
+        server = self.plant.serve(topic, answer)
+        thread = threading.Thread(target=lambda: server.poll(20.0), daemon=True)
+        thread.start()
+        return thread
+
+
+def gather(receiver, count, timeout=20.0):
+    """The next `count` messages."""
+    told, deadline = [], time.monotonic() + timeout
+    while len(told) < count and time.monotonic() < deadline:
+        if (message := receiver.get(0.1)) is not None:
+            told.append(message)
+    return told
+
+
+@pytest.fixture(name="gather")
+def gather_fixture():
+    return gather
 
 
 @pytest.fixture(params=["twin", "zenoh"])

@@ -114,7 +114,6 @@ def test_nonsense_is_answered_with_the_reason_and_the_connection_lives(runs):
     said = (
         ("{nope", "is not JSON"),
         (b"\xff", "not JSON"),
-        ('{"do": "admit", "do": "act"}', "'do' is given twice"),
         ('{"do": "act", "values": [NaN]}', "not a finite number"),
         ('{"do": "dance"}', "\"do\" is 'dance'; it can be act, subscribe, admit, ask"),
         ('{"do": "act", "tick": 0, "values": [1.0]}', "no controller is admitted on this connection"),

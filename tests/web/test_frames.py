@@ -129,19 +129,3 @@ def test_samples_of_a_sensor_are_joined_to_extremes_and_lost_ones_leave_a_gap(ru
     assert max(rows["high"][:gap]) == pytest.approx(v[:count].max(), rel=1e-6)
     if count > SAMPLES:
         assert max(rows["low"][:gap]) < 0.0 < min(rows["high"][:gap])  # each span has whole periods
-
-
-@pytest.mark.parametrize("spoiled", [{"low": [1.0]}, {"counts": [0]}, {"pair": [1.0]}])
-def test_extremes_whose_columns_differ_in_length_are_refused(run, spoiled):
-    from rig.bus.inbound import content_checks
-    from rig.bus.topics import Refused
-
-    band = messages.TYPES["Band"]()
-    band.CopyFrom(run[3][0].said)
-    check = content_checks(1)["Band"]
-    check("band", band, {}, None, 0.0)
-    for name, column in spoiled.items():
-        band.ClearField(name)
-        getattr(band, name).extend(column)
-    with pytest.raises(Refused, match="differ in length"):
-        check("band", band, {}, None, 0.0)
