@@ -20,7 +20,7 @@ TAKES = {
     "diff": (BELT,),
     "export": ("--to", "csv", "--out", "tables"),
     "response": ("--input", "vibrometer", "--output", "velocity"),
-    "view": ("--save", "view.rrd"),
+    "view": ("--save", "view.rrd", "--force"),
     "replay": ("--pace", "max"),
 }
 """What a command needs beside the recording."""
@@ -137,86 +137,63 @@ def call(rig, tmp_path, monkeypatch, runs):
     return judge
 
 
-def test_the_commands_are_those_that_read_a_recording():
-    assert len(COMMANDS) >= 14
-    assert {"verify", "export", "view", "recover", "note"} <= set(COMMANDS)
-    assert TAKES.keys() <= set(COMMANDS)
-
-
-@pytest.mark.parametrize("kind", NOTHING)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_what_is_no_recording_is_named_with_what_it_is(call, bad, command, kind):
-    code, said = call(command, bad / kind)
-    assert code == 2
-    assert str(bad / kind) in said
-    assert NOTHING[kind] in said
-
-
-@pytest.mark.parametrize("kind", PART)
-@pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"note", "recover"}))
-def test_a_recording_that_lacks_something_is_read_and_says_what_it_lacks(call, bad, command, kind):
-    code, said = call(command, bad / kind)
-    assert code in (0, 1, 2)
-    assert str(bad / kind) in said or code == 0
-    if command != "replay" or kind in ("block", "cut"):  # what is replayed are messages, whatever there is
-        assert PART[kind] in said
-
-
-@pytest.mark.parametrize("command", ["amplitude", "hysteresis", "pressure"])
-def test_a_recording_without_outputs_is_not_called_too_short(call, bad, command):
-    code, said = call(command, bad / "no_outputs")
-    assert code == 2
-    assert "no output of the plant can be read in it, only measurements; rig export writes these" in said
-
-
-@pytest.mark.parametrize("kind", PART)
-def test_what_lacks_something_is_not_verified(call, bad, kind):
-    code, said = call("verify", bad / kind)
-    assert code == 1
-    assert f"{bad / kind}: not verified {lab.open(bad / kind).damage}" in said
-
-
-@pytest.mark.parametrize("kind", sorted(NOTHING.keys() - {"folder"}))
-@pytest.mark.parametrize("command", [("runs",), ("simulate", "--duration", "0.1", "--from"), ("diff", BELT)])
-def test_a_recording_that_is_named_elsewhere_is_named_with_what_it_is_too(rig, runs, bad, command, kind):
-    code, out, err = rig(*command, bad / kind)
-    assert code == 2
-    assert str(bad / kind) in err
-    assert NOTHING[kind] in err or (kind == "absent" and "no such" in err)
-    assert "Traceback" not in out + err
-
-
-@pytest.mark.parametrize("command", ["simulate", "run", "modes"])
-def test_a_recording_is_no_scene(rig, command):
-    code, _, err = rig(command, BELT)
-    assert code == 2
-    assert f"{BELT}:" in err
-    assert "is a recording (MCAP) and no scene; rig simulate --from LOG continues it" in " ".join(err.split())
+def test_every_command_that_reads_a_recording_names_what_is_none(call, bad, command):
+    for kind in ("text", "ros2"):
+        code, said = call(command, bad / kind)
+        assert code == 2
+        assert f"{bad / kind}" in said
+        assert NOTHING[kind] in said
 
 
 @pytest.mark.parametrize("kind", NOTHING)
-def test_python_says_the_same_of_what_is_no_recording(bad, kind):
+def test_what_is_no_recording_is_named_with_what_it_is(call, bad, kind):
+    for command in (("amplitude",), ("runs",), ("simulate", "--duration", "0.1", "--from")):
+        if (kind, command[0]) != ("folder", "runs"):
+            code, said = call(*command, bad / kind)
+            assert (code, str(bad / kind) in said) == (2, True)
+            assert NOTHING[kind] in said or (kind == "absent" and "no such" in said)
     with pytest.raises(LogError) as refused:
         lab.open(bad / kind)
     assert str(bad / kind) in str(refused.value)
     assert NOTHING[kind] in str(refused.value) or kind == "folder"
 
 
+@pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"note", "recover"}))
+def test_every_command_says_what_a_recording_lacks(call, bad, command):
+    for kind in ("cut", "no_velocity"):
+        code, said = call(command, bad / kind)
+        assert code in (0, 1, 2)
+        assert str(bad / kind) in said or code == 0
+        if command != "replay" or kind == "cut":  # what is replayed are messages, whatever there is
+            assert PART[kind] in said
+
+
+def test_a_recording_without_outputs_is_not_called_too_short(call, bad):
+    code, said = call("hysteresis", bad / "no_outputs")
+    assert code == 2
+    assert "no output of the plant can be read in it, only measurements; rig export writes these" in said
+
+
+@pytest.mark.parametrize("kind", PART)
+def test_what_lacks_something_is_read_and_not_verified(call, bad, kind):
+    run = lab.open(bad / kind)
+    assert PART[kind] in run.damage
+    assert run.scene == lab.open(BELT).scene
+    code, said = call("verify", bad / kind)
+    assert code == 1
+    assert f"{bad / kind}: not verified {run.damage}" in said
+
+
 def test_python_reads_what_is_left(bad):
     whole = lab.open(BELT)
-    for kind, text in PART.items():
-        run = lab.open(bad / kind)
-        assert text in run.damage
-        assert run.scene == whole.scene
     assert lab.open(bad / "no_velocity").signals.keys() == whole.signals.keys() - {"velocity"}
     assert lab.open(bad / "no_sensor").signals["velocity"].tobytes() == whole.signals["velocity"].tobytes()
     assert lab.open(bad / "no_outputs").measurements["vibrometer"].v.size == 201
     assert lab.open(bad / "cut").time[-1] > 0.9
 
 
-@pytest.mark.parametrize(
-    "scene", [b"{broken", b"\xff\xfe", b"[]", b'{"name": 7, "controllers": {"nf": 7}, "sensors": 5}']
-)
+@pytest.mark.parametrize("scene", [b"{broken", b'{"name": 7, "controllers": {"nf": 7}, "sensors": 5}'])
 def test_a_recording_whose_scene_is_damaged_is_read(call, tmp_path, scene):
     log = tmp_path / "log.mcap"
     rewritten(log, log=BELT.parent / "late_joiner.mcap", scene=scene)
@@ -261,9 +238,7 @@ def test_a_file_that_may_not_be_read_is_named(tmp_path, monkeypatch):
     ("command", "options"),
     [
         ("spectrum", ("--signal", "velocty")),
-        ("portrait", ("--x", "velocty")),
         ("response", ("--input", "velocty", "--output", "displacement")),
-        ("hysteresis", ("--over", "velocty")),
         ("export", ("--to", "csv", "--only", "velocty")),
         ("sound", ("--signal", "vibrometr")),
     ],

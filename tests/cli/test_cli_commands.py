@@ -13,10 +13,11 @@ import pytest
 
 from rig import scenes
 from rig.analysis.amplitude import index
-from rig.cli import options
+from rig.cli import options, printing
 from rig.cli.app import program
-from rig.errors import Diverged, UsageError
+from rig.errors import Diverged
 from rig.record.reader import open as open_recording
+from rig.record.run import Run
 
 COMMANDS = sorted(set(program.commands) - {"topic"})
 PROMISED = (
@@ -41,30 +42,23 @@ def test_help_shows_an_example(rig, name):
     assert f"Example:  rig {name}" in out
 
 
-def test_help_starts_without_anything_heavy():
-    code = "import sys; from rig.cli import app; print(*sorted(sys.modules))"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment())
-    heavy = {"numpy", "numba", "pydantic", "pint", "zenoh", "rerun", "matplotlib", "control", "scipy", "mcap"}
-    assert not heavy & set(out.stdout.split())
-
-
 @pytest.mark.parametrize(
     ("command", "heavy"),
     [
-        ("['list']", {"numpy", "numba", "pint"}),
-        ("['simulate', 'pendulum', '--duration', '0.1']", {"google.protobuf", "zenoh", "pint", "numba.np.arraymath"}),
+        ("--help", "numpy numba pydantic pint zenoh rerun matplotlib control scipy mcap"),
+        ("list", "numpy numba pint"),
+        ("simulate pendulum --duration 0.1", "google.protobuf zenoh pint numba.np.arraymath"),
     ],
-    ids=["list", "simulate"],
 )
 def test_a_command_imports_what_it_needs(command, heavy):
     """Kernels that are kept are called without all that numba compiles with."""
     ends = "import sys; print(*sorted(sys.modules))"
-    code = f"from rig.cli.app import program\ntry:\n    program({command})\nfinally:\n    {ends}"
-    for _ in range(2):  # the first one may have to compile
+    code = f"from rig.cli.app import program\ntry:\n    program({command.split()})\nfinally:\n    {ends}"
+    for _ in range(2 if command[0] == "s" else 1):  # the first one may have to compile
         out = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment()
         )
-    assert not heavy & set(out.stdout.splitlines()[-1].split())
+    assert not {*heavy.split()} & {*out.stdout.splitlines()[-1].split()}
 
 
 @pytest.mark.bench
@@ -108,15 +102,20 @@ def test_explain_shows_effects_and_origins(rig):
     [
         (("explain", "pendulm"), "no scene has this name; did you mean pendulum?"),
         (("explain", "belt", "-p", "drive.sped=3", "-p", "load.force=-3 N"), "did you mean drive.speed?"),
-        (("explain", "belt", "-p", "drive.speed"), "expected KEY=VALUE"),
+        (("explain", "belt", "-p", "drive.speed", "40"), '-p drive.speed: expected KEY=VALUE with "=" between them'),
         (("simulate", "belt", "--duration", "5 kg"), "expected a unit that converts to s"),
         (("simulate", "belt", "--duration", "-1"), "must be 1e-09 to 1e+06 s"),
-        (("step", "--frames", "0"), "'--frames': must be at least 1 (given: 0)"),
         (("lesson", "x"), "'N': expected a whole number (given: x)"),
         (("report", "recordings/golden/belt.mcap", "--out", "x.pdf"), "--out x.pdf: the name of a page ends in .html"),
         (("run", "belt", "--pace", "fast"), "--pace is 'fast'; expected a number, or \"max\""),
-        (("explain",), "Missing argument"),
         (("no-such-command",), "has no command 'no-such-command'"),
+        (
+            ("map", "belt", "--x", "drive.sped=0:1:3", "--y", "load.force=0:1:1"),
+            "count = 1: must be a whole number from 2",
+        ),
+        (("simulate", "belt", "-p", "load.force=1,500 N"), "-p load.force = 1,500 N may be 1.500 or 1500"),
+        (("sim", "belt"), "has no command 'sim': did you mean simulate?"),
+        (("topic", "ech"), "topic has no command 'ech': did you mean echo?"),
     ],
 )
 def test_a_mistake_ends_with_words_and_code_2(rig, arguments, told):
@@ -166,21 +165,13 @@ def test_simulate_modes_and_cycle_report_in_json(rig, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["run", "simulate"])
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (("--only", "velocity"), "--only: chooses what --figure draws"),
-        (("--only", ",", "--figure", "a.png"), "--only: expected names"),
-        (
-            ("--only", "velocity,vibrometr", "--figure", "a.png"),
-            "no 'vibrometr' in this scene: did you mean vibrometer",
-        ),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused_before_the_run(rig, command, options, said):
-    code, _, err = rig(command, "belt", *options)
-    assert code == 2
-    assert said in err
+def test_what_cannot_be_drawn_is_refused_before_the_run(rig, command):
+    for more, said in (
+        ((), "--only: chooses what --figure draws"),
+        (("--figure", "a.png"), "no 'vibrometr' in this scene: did you mean vibrometer"),
+    ):
+        code, _, err = rig(command, "belt", "--only", "velocity,vibrometr", *more)
+        assert (code, said in err) == (2, True)
 
 
 def test_a_run_that_diverges_ends_with_code_4(rig, monkeypatch):
@@ -194,16 +185,10 @@ def test_a_run_that_diverges_ends_with_code_4(rig, monkeypatch):
 
 
 def test_options_are_read_with_units():
-    assert options.seconds("500 ms") == pytest.approx(0.5)
-    assert options.seconds("10") == 10.0
-    assert options.seconds(None) is None
-    assert options.pace("max") is None
-    assert options.pace("2.5") == 2.5
-    assert options.pace(None) == 1.0
+    assert (options.seconds("500 ms"), options.seconds("10")) == (pytest.approx(0.5), 10.0)
+    assert [options.pace(text) for text in ("max", "2.5", None)] == [None, 2.5, 1.0]
     assert options.pace(None, lockstep=True) is None
     assert options.changes(["a.b=2 rpm", "c = x=y"]) == {"a.b": "2 rpm", "c": "x=y"}
-    with pytest.raises(UsageError):
-        options.pace("0")
 
 
 def test_a_scene_that_is_too_slow_for_the_clock_is_refused_with_what_works(rig):
@@ -214,43 +199,24 @@ def test_a_scene_that_is_too_slow_for_the_clock_is_refused_with_what_works(rig):
     assert [line.split()[2] for line in out.splitlines() if line.startswith("brake_disc_modes ")] == ["0.5"]
 
 
-def test_reports_are_json_even_where_a_number_is_none(rig, capsys):
-    from rig.cli import printing
-
+def test_reports_are_json_even_where_a_number_is_none(capsys):
     printing.report({"a": float("nan"), "b": np.float64(2.0), "c": np.array([1.0, np.inf]), "d": (True, None)})
     assert json.loads(capsys.readouterr().out) == {"a": None, "b": 2.0, "c": [1.0, None], "d": [True, None]}
 
 
 def test_diff_tells_where_two_recordings_part(rig, tmp_path):
-    from rig.record.run import Run, Samples
-    from rig.record.save_run import save
-
-    def recording(name, v):
-        t_ns = np.arange(v.size, dtype=np.int64) * 1_000_000
-        run = Run("{}", 1_000_000, 1_000_000, t_ns * 1e-9, {"velocity": v}, {"velocity": "m/s"})
-        run.measurements["laser"] = Samples(t_ns, v)
-        save(run, tmp_path / name)
-        return tmp_path / name
-
     v = np.sin(np.arange(50) * 0.1)
     w = v.copy()
     w[20] = np.nextafter(w[20], 2.0)
-    one, same, other = recording("a.mcap", v), recording("b.mcap", v), recording("c.mcap", w)
+    one, same, other = (tmp_path / f"{name}.mcap" for name in "abc")
+    for path, values in ((one, v), (same, v), (other, w)):
+        Run("{}", 1_000_000, 1_000_000, np.arange(50) * 1e-3, {"velocity": values}, {"velocity": "m/s"}).save(path)
     code, out, _ = rig("diff", one, same)
-    assert code == 0
-    assert out.startswith("identical")
+    assert (code, out.startswith("identical")) == (0, True)
     code, out, _ = rig("diff", one, other)
-    assert code == 1
-    assert f"t = 0.02 s: {float(v[20])!r} and {float(w[20])!r}" in out
+    assert (code, f"t = 0.02 s: {float(v[20])!r} and {float(w[20])!r}" in out) == (1, True)
     code, out, _ = rig("diff", one, other, "--json")
-    assert code == 1
-    assert json.loads(out)["identical"] is False
-
-
-def test_a_recording_that_is_not_there_is_a_mistake_of_the_user(rig, tmp_path):
-    code, _, err = rig("diff", tmp_path / "none.mcap", tmp_path / "none.mcap")
-    assert code == 2
-    assert "cannot be read" in err
+    assert (code, json.loads(out)["identical"]) == (1, False)
 
 
 def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):
@@ -270,13 +236,6 @@ def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):
     assert [point["near_state"] for point in found["points"]] == ["stick-slip", "sliding"]
 
 
-def test_every_fault_of_the_axes_of_a_map_is_told(rig):
-    code, _, err = rig("map", "belt", "--x", "drive.sped=0:1:3", "--y", "load.force=0:1:1")
-    assert code == 2
-    assert "did you mean drive.speed?" in err
-    assert "count = 1: must be a whole number from 2" in err
-
-
 def test_map_by_eigenvalues_needs_both_axes_and_leaves_figure_and_table(rig, tmp_path):
     asked = ("map", "belt", "--eigenvalues", "--x", "drive.speed=0.15:0.25 m/s:3", "--out", str(tmp_path))
     code, _, err = rig(*asked)
@@ -289,17 +248,12 @@ def test_map_by_eigenvalues_needs_both_axes_and_leaves_figure_and_table(rig, tmp
     assert {"regions.png", "regions.csv"} <= {path.name for path in folder.iterdir()}
 
 
-def test_amplitudes_are_drawn_for_each_sensor_and_stage(rig, tmp_path):
-    out = tmp_path / "amplitude.svg"
-    assert rig("amplitude", "recordings/golden/pendulum.mcap", "--figure", out)[0] == 0
-    drawn = out.read_text()
-    assert all(word in drawn for word in ("vibrometer [m/s]", "disc speed [rad/s]", "accelerate", "feedback on"))
-    assert rig("amplitude", "recordings/golden/pendulum.mcap", "--figure", out)[0] == 2
-
-
-def test_amplitude_of_the_golden_recording(rig):
-    code, out, _ = rig("amplitude", "recordings/golden/pendulum.mcap", "--from", "3 s", "--json")
+def test_amplitude_of_the_golden_recording(rig, tmp_path):
+    figure = tmp_path / "amplitude.svg"
+    code, out, _ = rig("amplitude", "recordings/golden/pendulum.mcap", "--from", "3 s", "--json", "--figure", figure)
     assert code == 0
+    drawn = figure.read_text()
+    assert all(word in drawn for word in ("vibrometer [m/s]", "disc speed [rad/s]", "accelerate", "feedback on"))
     [row] = [r for r in json.loads(out)["rows"] if r["sensor"] == "vibrometer" and r["stage"] == "accelerate"]
     run = open_recording("recordings/golden/pendulum.mcap")
     connected = next(e["t_ns"] for e in run.events if e["text"] == "feedback on") * 1e-9

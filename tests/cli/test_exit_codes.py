@@ -69,8 +69,7 @@ def test_an_interrupted_run_is_complete_only_if_it_has_no_end_of_its_own(tmp_pat
 
 
 @pytest.mark.skipif(os.name != "posix", reason="closes descriptors as a shell does")
-@pytest.mark.parametrize(("command", "code"), [(["list"], 0), (["list", "nowhere"], 2)])
-@pytest.mark.parametrize("closed", [(1,), (2,), (0, 1, 2)])
+@pytest.mark.parametrize(("command", "code", "closed"), [(["list"], 0, (1,)), (["list", "nowhere"], 2, (0, 1, 2))])
 def test_closed_streams_are_no_fault(tmp_path, command, code, closed):
     rest = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     shell = f"exec {sys.executable} -m rig {' '.join(command)} {' '.join(f'{number}>&-' for number in closed)}"

@@ -14,15 +14,12 @@ COMMANDS = {
     "simulate": ("--duration", "0.01"),
     "run": (),
     "plant": (),
-    "cycle": (),
     "map": ("--x", "drive.speed=0.1:0.2:2"),
-    "cost": (),
     "modes": ("--sweep", "drive.speed=0.1:0.2:2"),
 }
 WORKERS = (
     "rig.bench.live.supervise.run",
     "rig.bench.live.status.Live",
-    "rig.qualify.cost.cost",
     "rig.analysis.map.job",
 )
 
@@ -41,7 +38,7 @@ def test_a_capacitance_within_a_tenth_of_its_limit_is_warned_of(command, delta, 
         app.run([command, "belt_shunt", "-p", f"shunt.delta={delta}", *COMMANDS[command]])
     said = capsys.readouterr().err
     assert said.count(WARNING) == (delta == -0.9)
-    assert (STOPPED in said) is (command in ("run", "plant", "map", "cost"))
+    assert (STOPPED in said) is (command in ("run", "plant", "map"))
 
 
 IDLE = "has no effect: {0} is off at the start of {1} ({0}.{2} = false)\n  add -p {0}.{2}=true\n"
@@ -53,7 +50,6 @@ SHUNT = ("brake_shunt", "shunt", "connected", "shunt.resistance=5 ohm:50 ohm:2")
     [
         ("modes", *SHUNT, ()),
         ("map", *SHUNT, ()),
-        ("map", *SHUNT, ("--y=drive.speed=1 rad/s:2 rad/s:2", "--eigenvalues")),
         ("map", "belt_dither", "dither", "enable", "dither.amplitude=0.02:0.1:2",
          ("--y=drive.speed=0.05:0.1:2", "--eigenvalues")),
         ("study", *SHUNT, ("--measure=cycle.period",)),
