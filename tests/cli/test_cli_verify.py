@@ -39,22 +39,11 @@ def test_progress_is_told_and_changes_no_bit(rig, log, monkeypatch):
     assert err.splitlines()[-1] == "seconds simulated again: 0 of 1"
 
 
-def test_one_flipped_bit_is_found(rig, log, tmp_path):
-    run = lab.open(log)
-    run.signals["velocity"][300] = np.nextafter(run.signals["velocity"][300], 1.0)
-    save(run, tmp_path / "bent.mcap")
-    code, out, _ = rig("verify", tmp_path / "bent.mcap")
-    assert code == 1
-    assert (
-        "velocity differs at t = 0.3 s: 0" in out or "velocity differs at t = 0.3 s: -" in out
-    )  # a number, not its type
-
-
 def test_what_a_cut_took_of_a_signal_is_no_deviation(rig, tmp_path):
     whole, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
     assert rig("simulate", "belt", "--duration", "0.5", "--out", whole)[0] == 0
     data = whole.read_bytes()
-    for end in range(len(data) // 2, len(data) * 3 // 4, len(data) // 20):
+    for end in range(len(data) // 2, len(data) * 3 // 4, len(data) // 12):
         cut.write_bytes(data[:end])
         code, out, _ = rig("verify", cut)
         assert code == 1
@@ -62,41 +51,42 @@ def test_what_a_cut_took_of_a_signal_is_no_deviation(rig, tmp_path):
         assert "differs at" not in out
 
 
-def test_commands_that_the_recorder_lost_are_told(rig, log, tmp_path):
-    run = lab.open(log)
+def flipped(run):
+    run.signals["velocity"][300] = np.nextafter(run.signals["velocity"][300], 1.0)
+
+
+def lossy(run):
     run.summary["lost"] = {"applied/nf to recorder": 3, "step to recorder": 5}
-    save(run, tmp_path / "lossy.mcap")
-    code, out, _ = rig("verify", tmp_path / "lossy.mcap")
-    assert code == 1
-    assert "3 messages of the commands of nf were lost" in out
-    assert "5 messages" not in out
 
 
-def test_a_recording_of_other_sources_may_round_otherwise_but_not_differ(rig, log, tmp_path):
-    run = lab.open(log)
+def elsewhere(run, by=1e-12):
     run.provenance["kernel"] = "0" * 16
-    run.signals["velocity"] *= 1.0 + 1e-12
-    save(run, tmp_path / "rounded.mcap")
-    code, out, _ = rig("verify", tmp_path / "rounded.mcap")
-    assert code == 0
-    assert "recorded elsewhere: other kernel" in out
-    assert "events and mode sets were not compared: it was recorded with another kernel" in out
-    run.signals["velocity"] *= 1.0 + 1e-4
-    save(run, tmp_path / "other.mcap")
-    code, out, _ = rig("verify", tmp_path / "other.mcap")
-    assert code == 1
-    assert "velocity differs at" in out
+    run.signals["velocity"] *= 1.0 + by
 
 
-def test_missing_samples_are_counted(rig, log, tmp_path):
+def holed(run):
+    kind, (t_ns, v) = type(run.measurements["vibrometer"]), run.measurements["vibrometer"]
+    run.measurements["vibrometer"] = kind(np.delete(t_ns, 100), np.delete(v, 100))
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "said", "unsaid"),
+    [
+        (flipped, 1, "velocity differs at t = 0.3 s: ", "np."),  # a number, not its type
+        (lossy, 1, "3 messages of the commands of nf were lost", "5 messages"),
+        (elsewhere, 0, "events and mode sets were not compared: it was recorded with another kernel", "differs at"),
+        (lambda run: elsewhere(run, 1e-4), 1, "velocity differs at", "were lost"),
+        (holed, 1, "1 sample of vibrometer is missing", "differs at"),
+    ],
+)
+def test_what_is_not_as_it_was_simulated_is_found(rig, log, tmp_path, change, code, said, unsaid):
     run = lab.open(log)
-    t_ns, v = run.measurements["vibrometer"]
-    keep = np.arange(v.size) != 100
-    run.measurements["vibrometer"] = type(run.measurements["vibrometer"])(t_ns[keep], v[keep])
-    save(run, tmp_path / "holed.mcap")
-    code, out, _ = rig("verify", tmp_path / "holed.mcap")
-    assert code == 1
-    assert "1 sample of vibrometer is missing" in out
+    change(run)
+    save(run, tmp_path / "changed.mcap")
+    found, out, _ = rig("verify", tmp_path / "changed.mcap")
+    assert found == code
+    assert said in out
+    assert unsaid not in out
 
 
 @pytest.mark.usefixtures("runs")
@@ -108,10 +98,9 @@ def test_replay_into_a_controller_gives_the_recorded_answers(rig, log):
     assert told["divergence"] is None
 
 
-@pytest.mark.parametrize("gain", ["150 N*s/m", "150"])
 @pytest.mark.usefixtures("runs")
-def test_a_changed_gain_differs_where_it_first_acts_and_the_timing_error_is_stated(rig, log, gain):
-    change = f"controllers.nf.gain={gain}"
+def test_a_changed_gain_differs_where_it_first_acts_and_the_timing_error_is_stated(rig, log):
+    change = "controllers.nf.gain=150 N*s/m"
     code, out, err = rig("replay", log, "--into", "nf", "--pace", "5", "-p", change, "--json")
     told = json.loads(out)
     assert code == 1, out + err
@@ -129,6 +118,7 @@ def test_a_changed_gain_differs_where_it_first_acts_and_the_timing_error_is_stat
         (["--into", "nf", "-p", "controllers.nf.gian=1"], "gian: no such parameter; near: gain"),
         (["--into", "nf", "-p", "controllers.bv.gain=1"], "controllers of --into: controllers.nf.KEY"),
         (["--into", "nf", "--into", "nf"], "two controllers have the same name"),
+        (["--into", "fn"], "nf"),
         (["--into", "{reads}"], "reads nothing_like_it; the recorded sensors are vibrometer, normal_force"),
         (["--into", "{drives}"], "drives drive.speed, the recorded nf drives load.force: their commands cannot be"),
         (["--into", "{half}"], "has a period of 500000 ns; the recording has frames of 1000000 ns"),
@@ -151,8 +141,6 @@ def test_what_a_replay_cannot_do_is_told_before_it_begins(rig, log, tmp_path, gi
 
 
 MINE = """
-import os
-
 class Controller:
     reads, drives, period_ns = ("vibrometer",), ("load.force",), 1_000_000
 
@@ -165,21 +153,14 @@ class Controller:
 """
 
 
-@pytest.mark.parametrize(
-    ("last", "told"),
-    [
-        ("os.kill(os.getpid(), 9)", "controller nf was killed by SIGKILL"),
-        ("1 / 0", "controller nf ended with code 1: controller nf failed at t = 0.3 s: {file}: ZeroDivisionError"),
-    ],
-)
 @pytest.mark.usefixtures("runs")
-def test_a_controller_that_dies_in_a_replay_is_named_with_its_end(rig, log, tmp_path, last, told):
+def test_a_controller_that_dies_in_a_replay_is_named_with_its_end(rig, log, tmp_path):
     file = tmp_path / "nf.py"
-    file.write_text(MINE.replace("LAST", last))
+    file.write_text(MINE.replace("LAST", "1 / 0"))
     code, _, err = rig("replay", log, "--into", file, "--pace", "20")
     assert code == 2
     assert "nf left at tick 300, t = 0.3 s, without an answer to its step" in err
-    assert told.format(file=file) in err
+    assert f"nf ended with code 1: controller nf failed at t = 0.3 s: {file}: ZeroDivisionError" in err
 
 
 @pytest.mark.usefixtures("runs")
@@ -226,19 +207,12 @@ def test_a_change_by_the_protocol_is_made_again_in_a_replay(rig, tmp_path):
     assert rig("verify", tmp_path / "changed.mcap")[0] == 0
 
 
-@pytest.mark.usefixtures("runs")
-def test_replay_says_which_controllers_there_are(rig, log):
-    code, _, err = rig("replay", log, "--into", "fn", "--pace", "max")
-    assert code == 2
-    assert "nf" in err
-
-
 def test_a_wrong_byte_anywhere_is_found_by_verify_as_by_recover(rig, log, tmp_path):
     whole = log.read_bytes()
-    places = [whole.index(text) + 1 for text in (b"friction-rig", b'"belt"', b"setup.json", b"provenance")]
-    places += [whole.rindex(text) + 1 for text in (b"sha256", b"summary", b"scene.json", b"zstd")]
+    places = [whole.index(text) + 1 for text in (b"friction-rig", b'"belt"')]
+    places += [whole.rindex(text) + 1 for text in (b"sha256", b"summary")]
     first = whole.index(b"zstd") + 100  # the chunk of the first samples of an output
-    for place in [*places, first, len(whole) - 1, len(whole) - 20]:
+    for place in [*places, first, len(whole) - 20]:
         data = bytearray(whole)
         data[place] ^= 4
         path = tmp_path / f"{place}.mcap"
