@@ -1,6 +1,5 @@
 """Curves and log that a recording contains for programs that know nothing of this project."""
 
-import json
 import struct
 
 import numpy as np
@@ -61,6 +60,10 @@ def test_each_output_and_sensor_has_a_curve_in_its_unit(messages):
         schema, channel, _ = messages[topic][0]
         assert (schema.name, schema.encoding) == ("std_msgs/msg/Float64MultiArray", "ros2msg")
         assert (channel.message_encoding, channel.metadata) == ("cdr", {"unit": unit})
+    topics = {"m/s^2": "curve/x_in_m_per_s2", "N*s/m": "curve/x_in_N_s_per_m", "1": "curve/x"}
+    assert {unit: topic_of("curve", "x", unit) for unit in topics} == topics
+    assert all(map(derived, ("plot", "curve/a_in_m", "measured/b", "log/plant")))
+    assert not any(map(derived, ("state", "meas/curve")))
 
 
 def test_a_curve_has_the_extremes_of_each_window_at_their_own_times(run, messages):
@@ -81,14 +84,6 @@ def test_a_slow_output_stays_monotone(messages):
     assert values[-1] == 3.0
 
 
-def test_a_point_is_a_valid_message_of_ros(messages):
-    _, _, message = messages["curve/velocity_in_m_per_s"][-1]
-    head, dimensions, offset, count = struct.unpack_from("<4sIII", message.data)
-    assert (head, dimensions, offset, count) == (b"\0\1\0\0", 0, 0, 1)
-    body = message.data[4:]
-    assert struct.unpack_from("<d", body, 16) == (3.0,)  # a double lies at a multiple of 8 behind the header
-
-
 def test_log_times_are_simulated_and_publish_times_those_of_a_run_in_real_time(messages):
     for topic, found in messages.items():
         assert all(m.publish_time == BEGAN + m.log_time for _, _, m in found), topic
@@ -100,32 +95,10 @@ def test_events_are_log_messages_that_foxglove_knows(run, tmp_path):
     with (tmp_path / "run.mcap").open("rb") as file:
         log = make_reader(file, decoder_factories=[DecoderFactory()])
         said = [found for *_, found in log.iter_decoded_messages(topics=["log/plant"])]
+    again = reader.open(tmp_path / "run.mcap")  # a run has no trace of them
+    assert (list(again.signals), list(again.measurements), again.damage) == (["velocity"], ["microphone"], "")
     assert [(one.message, one.level, one.name) for one in said] == [("t = 0.000 s, step: hold", 2, "plant")]
     assert said[0].timestamp.seconds * 10**9 + said[0].timestamp.nanos == 5
-
-
-def test_a_run_has_no_trace_of_them(run, tmp_path):
-    save(run, tmp_path / "run.mcap")
-    again = reader.open(tmp_path / "run.mcap")
-    assert (list(again.signals), list(again.measurements)) == (["velocity"], ["microphone"])
-    assert again.began_ns == BEGAN
-    assert not again.damage
-    assert json.loads(again.scene) == {}
-
-
-@pytest.mark.parametrize("topic", ["plot", "curve/a_in_m", "measured/b", "log/plant"])
-def test_derived_topics_are_told_from_those_of_the_bus(topic):
-    assert derived(topic)
-    assert not derived("state")
-    assert not derived("meas/curve")
-
-
-@pytest.mark.parametrize(
-    ("unit", "topic"),
-    [("m/s^2", "curve/x_in_m_per_s2"), ("N*s/m", "curve/x_in_N_s_per_m"), ("1", "curve/x"), ("", "curve/x")],
-)
-def test_units_in_topics(unit, topic):
-    assert topic_of("curve", "x", unit) == topic
 
 
 @settings(deadline=None)

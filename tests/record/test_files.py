@@ -7,11 +7,9 @@ import json
 import re
 import tracemalloc
 from array import array
-from pathlib import Path
 
 import numpy as np
 import pytest
-from full_disk import largest_file
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
@@ -40,20 +38,16 @@ def saved(run, tmp_path_factory):
     return path
 
 
-def test_a_saved_run_comes_back_bit_for_bit(run, saved):
+def test_a_saved_run_comes_back_bit_for_bit(run, saved, tmp_path):
     read = reader.open(saved)
     found = compare(run, read)
     assert found.identical
     assert found.compared > 20_000
     assert np.array_equal(read.mode, run.mode)
-    for name in ("scene", "step_ns", "frame_ns", "units", "events", "energy", "summary", "provenance"):
+    for name in ("scene", "step_ns", "frame_ns", "units", "events", "energy", "summary", "provenance", "fault"):
         assert getattr(read, name) == getattr(run, name), name
-    assert read.fault == ""
     for one, two in zip(run.commands["feedback"], read.commands["feedback"]):
         assert np.array_equal(one, two)
-
-
-def test_a_run_that_was_stopped_says_so_in_its_recording(run, tmp_path):
     save(dataclasses.replace(run, fault="diverged at t = 0.7 s"), tmp_path / "run.mcap")
     assert reader.open(tmp_path / "run.mcap").fault == "diverged at t = 0.7 s"
 
@@ -121,14 +115,14 @@ def holds_nothing_wrong(part, run):
 def test_a_file_cut_anywhere_reads_up_to_the_cut(run, saved, tmp_path):
     whole, path = saved.read_bytes(), tmp_path / "cut.mcap"
     front = whole.index(b"provenance") / len(whole) + 0.001
-    for share in np.linspace(front, 0.999, 50):
+    for share in np.linspace(front, 0.999, 25):
         path.write_bytes(whole[: int(share * len(whole))])
         part = reader.open(path)
         assert part.fault
         assert holds_nothing_wrong(part, run)
         latest = max((t_ns[-1] for t_ns, _ in part.measurements.values() if t_ns.size), default=0)
         assert latest >= (share - 0.1) * 0.7e9 - 250e6  # blocks of 0.25 s
-    for end in range(0, int(front * len(whole)), 97):  # so little is left that it may be no recording at all
+    for end in range(0, int(front * len(whole)), 297):  # so little is left that it may be no recording at all
         path.write_bytes(whole[:end])
         with contextlib.suppress(LogError):
             assert reader.open(path).fault
@@ -138,7 +132,7 @@ def test_a_flipped_bit_never_becomes_a_wrong_number(run, saved, tmp_path):
     whole, path = saved.read_bytes(), tmp_path / "flipped.mcap"
     begin = whole.index(b"provenance") + 100
     noticed = 0
-    for place in range(begin, len(whole), len(whole) // 80):
+    for place in range(begin, len(whole), len(whole) // 40):
         data = bytearray(whole)
         data[place] ^= 1 << place % 8
         path.write_bytes(data)
@@ -146,7 +140,7 @@ def test_a_flipped_bit_never_becomes_a_wrong_number(run, saved, tmp_path):
         noticed += bool(part.fault)
         assert holds_nothing_wrong(part, run)
         assert part.fault or compare(part, run).identical
-    assert noticed > 60
+    assert noticed > 30
 
 
 def test_a_lost_chunk_is_noticed(saved, tmp_path):
@@ -183,53 +177,19 @@ def test_a_truncated_file_is_recovered_and_whole_again(run, saved, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap"]
 
 
-def test_a_whole_file_is_not_recovered(saved, tmp_path):
-    with pytest.raises(LogError, match="nothing to recover"):
-        recover(saved, tmp_path / "x.mcap")
-    assert list(tmp_path.iterdir()) == []
-
-
 SETUP = Setup("r", "{}", 1_000_000, 1_000_000, {"x": "m"}, {"s": ("m", 1_000_000)})
-
-
-def test_a_target_that_cannot_be_written_is_told(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match=r"file/run\.mcap cannot be written: (Not a directory|File exists)"):
-        Writer(tmp_path / "file" / "run.mcap", SETUP, "saved")
-    with pytest.raises(OutputError, match="Is a directory"):
-        Writer(tmp_path, SETUP, "saved")
 
 
 def test_two_runs_do_not_write_one_file(tmp_path):
     path = tmp_path / "run.mcap"
     first = Writer(path, SETUP, "saved")
-    with pytest.raises(OutputError, match="another run is writing it; name another file"):
-        Writer(path, SETUP, "saved")
+    for taken, why in ((path, "another run is writing it; name another file"), (tmp_path, "Is a directory")):
+        with pytest.raises(OutputError, match=why):
+            Writer(taken, SETUP, "saved")
     size = path.stat().st_size
     first.close({}, {})
     assert path.stat().st_size > size
     Writer(path, SETUP, "saved").close({}, {})
-
-
-def test_a_full_disk_is_told(run):
-    with pytest.raises(OutputError, match="/dev/full cannot be written: No space left on device"):
-        save(run, Path("/dev/full"))
-
-
-def test_a_disk_that_fills_up_is_told_with_what_was_kept(tmp_path, monkeypatch):
-    path = tmp_path / "run.mcap"
-    monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
-    log = Writer(path, SETUP, "saved")
-    log.write("meas/s", b"", 1_500_000_000, 0, 0)
-    log.settle(1_520_000_000)
-    log.flush_if_due()
-    log.write("meas/s", b"", 1_580_000_000, 1, 0)  # of a chunk that is not written any more
-    with (
-        largest_file(path.stat().st_size),
-        pytest.raises(OutputError, match=r"File too large; recorded up to t = 1.500 s"),
-    ):
-        log.close({}, {})
-    log.abandon()
 
 
 def test_log_times_are_simulated_times_in_order_whatever_order_messages_arrive_in(tmp_path, monkeypatch):
@@ -273,43 +233,27 @@ def test_a_recording_just_begun_knows_its_scene(tmp_path):
 
 
 def test_the_first_difference_is_found_to_the_bit(run):
-    other = copy.deepcopy(run)
-    other.signals["velocity"][500] = np.nextafter(run.signals["velocity"][500], np.inf)
-    other.signals["displacement"][400] += 1.0
+    run, other = copy.deepcopy(run), copy.deepcopy(run)
+    run.signals["velocity"][2] = other.signals["velocity"][2] = np.nan  # equal
+    run.signals["velocity"][500], other.signals["velocity"][500] = 0.0, -0.0
+    other.signals["displacement"][400] = np.nextafter(run.signals["displacement"][400], np.inf)
     other.commands["feedback"].values[300, 1] = 7.0
-    found = compare(run, other)
-    assert not found.identical
-    assert [(d.topic, d.index) for d in found.differences] == [
-        ("displacement", 400),
-        ("velocity", 500),
-        ("applied/feedback[1]", 300),
-    ]
-    assert found.differences[1].time == pytest.approx(0.05)
-    assert "differs at sample 500, t = 0.05 s" in str(found.differences[1])
-
-
-def test_minus_zero_is_another_number_and_equal_nans_are_the_same(run):
-    other = copy.deepcopy(run)
-    run = copy.deepcopy(run)
-    run.signals["velocity"][3], other.signals["velocity"][3] = 0.0, -0.0
-    run.signals["velocity"][2] = other.signals["velocity"][2] = np.nan
-    assert [d.index for d in compare(run, other).differences] == [3]
-
-
-def test_a_run_that_ends_earlier_differs_where_it_ends(run):
-    other = dataclasses.replace(run, measurements={**run.measurements})
     t_ns, v = run.measurements["gauge"]
-    other.measurements["gauge"] = Samples(t_ns[:100], v[:100])
+    other.measurements["gauge"] = Samples(t_ns[:600], v[:600])
     del other.measurements["slow"]
     found = compare(run, other)
+    assert not found.identical
     assert found.missing == ("meas/slow",)
-    assert [(d.topic, d.index, d.first) for d in found.differences] == [("meas/gauge", 100, v[100])]
+    places = [("displacement", 400), ("velocity", 500), ("applied/feedback[1]", 300), ("meas/gauge", 600)]
+    assert [(d.topic, d.index) for d in found.differences] == places
+    assert found.differences[1].time == pytest.approx(0.05)
+    assert "differs at sample 500, t = 0.05 s" in str(found.differences[1])
 
 
 @pytest.mark.parametrize("recovered", [False, True])
 def test_a_recording_cut_within_an_instant_agrees_with_the_whole_one_as_far_as_it_goes(saved, tmp_path, recovered):
     whole, lengths = saved.read_bytes(), set()
-    for end in range(len(whole) // 3, len(whole) * 2 // 3, len(whole) // 90):
+    for end in range(len(whole) // 3, len(whole) * 2 // 3, len(whole) // 40):
         cut = tmp_path / "cut.mcap"
         cut.write_bytes(whole[:end])
         run = reader.open(recover(cut, tmp_path / "out.mcap", replace=True).path if recovered else cut)
@@ -342,25 +286,25 @@ def test_runs_are_aligned_by_time_not_by_index(run):
 
 
 def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypatch):
-    monkeypatch.setattr(mcap_file, "SPILL", 1 << 14)
+    monkeypatch.setattr(mcap_file, "SPILL", 1 << 12)
     monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
     log, payload, taken = Writer(tmp_path / "run.mcap", SETUP, "recorded"), encode.block(0, 0, 1, [0.0]), []
     tracemalloc.start()
-    for k in range(6000):
-        for sensor in range(8):
+    for k in range(1500):
+        for sensor in range(4):
             log.write(f"meas/s{sensor}", payload, k * 100_000_000, k, k)
         log.flush_if_due()  # a chunk each: as after a day
-        if k in (1000, 5999):
+        if k in (300, 1499):
             taken.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     log.close({}, {})
-    assert taken[1] - taken[0] < 64 << 10  # bytes; the library's writer keeps 1 kB for each chunk, 5 MB here
+    assert taken[1] - taken[0] < 64 << 10  # bytes; the library's writer keeps 1 kB for each chunk, 1.5 MB here
     with (tmp_path / "run.mcap").open("rb") as file:
         summary = make_reader(file).get_summary()
-    assert len(summary.chunk_indexes) >= 6000
-    assert summary.statistics.message_count == 48_000
+    assert len(summary.chunk_indexes) >= 1500
+    assert summary.statistics.message_count == 6_000
     scan = Scan(tmp_path / "run.mcap")
-    assert sum(1 for _ in scan) == 48_000
+    assert sum(1 for _ in scan) == 6_000
     assert scan.sealed
 
 

@@ -58,11 +58,8 @@ def test_the_contents_are_what_was_recorded(log):
     assert (found.scene, found.title, found.began_ns, found.seconds) == ("belt", "A belt", BEGAN, 0.1)
     assert found.timing == "simulated"
     assert len(found.digest) == 64
-
-
-def test_a_live_recording_states_its_timing_verdict():
-    found = contents(GOLDEN)
-    assert (found.scene, found.seconds, found.timing) == ("pendulum", 9.0, "VALID")
+    live = contents(GOLDEN)
+    assert (live.scene, live.seconds, live.timing) == ("pendulum", 9.0, "VALID")
 
 
 @pytest.mark.parametrize("keep", [0, 4, 200, -40])
@@ -93,23 +90,20 @@ def test_the_index_gives_the_same_list_and_only_changed_files_are_read(tmp_path,
     assert read == [log]
     runs(tmp_path, rebuild=True)
     assert read == [log, log]
+    log.unlink()
+    assert runs(tmp_path) == []
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"format": 1}', '{"format": 1, "files": {"run.mcap": 3}}',
-                                  '{"format": 99, "files": {}}', "\0\xff",
-                                  "[" * 100_000])  # fmt: skip
+@pytest.mark.parametrize(
+    "text", ["{", '{"format": 1, "files": {"run.mcap": 3}}', '{"format": 99, "files": {}}', "\xff"]
+)
 def test_a_damaged_index_is_made_again(tmp_path, log, text):
     (tmp_path / INDEX).write_text(text)
     assert [one.contents.scene for one in runs(tmp_path)] == ["belt"]
     assert runs(tmp_path)[0].path == log
 
 
-def test_a_pipe_in_place_of_the_index_is_not_waited_for(tmp_path, log):
-    os.mkfifo(tmp_path / INDEX)
-    assert [one.contents.scene for one in runs(tmp_path)] == ["belt"]
-
-
-@pytest.mark.parametrize(("key", "value"), [("began_ns", "x"), ("seconds", "x"), ("scene", None), ("messages", "x")])
+@pytest.mark.parametrize(("key", "value"), [("began_ns", "x"), ("scene", None)])
 def test_an_entry_of_the_index_with_a_value_of_another_type_is_read_again(tmp_path, log, key, value):
     first = runs(tmp_path)
     index = json.loads((tmp_path / INDEX).read_text())
@@ -121,7 +115,7 @@ def test_an_entry_of_the_index_with_a_value_of_another_type_is_read_again(tmp_pa
 def test_bytes_changed_anywhere_give_contents_or_the_reason(log):
     whole, chance = log.read_bytes(), random.Random(1)
     said = []
-    for _ in range(500):
+    for _ in range(200):
         damaged = bytearray(whole)
         for _ in range(chance.choice((1, 8))):
             damaged[-1 - chance.randrange(chance.choice((60, 3000, len(whole))))] = chance.randrange(256)
@@ -130,7 +124,7 @@ def test_bytes_changed_anywhere_give_contents_or_the_reason(log):
             contents(log)
         except LogError as fault:
             said.append(str(fault))
-    assert len(said) > 50
+    assert len(said) > 20
     assert all(text.startswith(f"{log} ") for text in said)
 
 
@@ -179,12 +173,6 @@ def test_a_folder_without_permission_is_listed_with_the_reason(tmp_path, log, mo
     assert listed == [("run.mcap", ""), (place, f"cannot be read: {os.strerror(errno.EACCES)}")]
 
 
-def test_files_that_went_are_no_longer_listed(tmp_path, log):
-    runs(tmp_path)
-    log.unlink()
-    assert runs(tmp_path) == []
-
-
 def test_a_folder_without_permission_to_write_is_listed_all_the_same(tmp_path, log, monkeypatch):
     def refuse(*_, **__):
         raise PermissionError
@@ -216,6 +204,9 @@ def test_notes_on_another_recording_of_this_name_are_apart(log):
     found = user_notes.read(log)
     assert [note.text for note in found.found] == ["of the second"]
     assert [note.text for note in found.other] == ["of the first"]
+    log.write_bytes(log.read_bytes()[:-100])  # a damaged one takes notes too
+    user_notes.add(log, "cut")
+    assert [note.text for note in user_notes.read(log).found][-1] == "cut"
 
 
 def test_lines_that_are_no_notes_are_counted_and_a_cut_line_is_not_continued(log):
@@ -232,8 +223,8 @@ def test_lines_that_are_no_notes_are_counted_and_a_cut_line_is_not_continued(log
 
 @pytest.mark.parametrize(
     ("text", "tags", "says"),
-    [("", [], "empty"), (" \n", [], "empty"), ("x" * 10_001, [], "10001 characters"), ("x", ["two words"], "one word"),
-     ("x", [""], "one word"), ("x", ["#"], "one word"), ("red \x1b[31m", [], "control"), ("\udcff", [], "control")],
+    [(" \n", [], "empty"), ("x" * 10_001, [], "10001 characters"), ("x", ["two words"], "one word"),
+     ("red \x1b[31m", [], "control")],
 )  # fmt: skip
 def test_what_is_no_note_is_refused(log, text, tags, says):
     with pytest.raises(UsageError, match=says):
@@ -256,22 +247,6 @@ def test_a_note_beside_a_file_that_is_no_recording_is_refused(tmp_path):
     with pytest.raises(LogError, match=r"read\.me is not a recording of a run: it is not an MCAP file"):
         user_notes.add(tmp_path / "read.me", "text")
     assert [one.name for one in tmp_path.iterdir()] == ["read.me"]
-
-
-def test_notes_are_refused_before_their_file_is_larger_than_what_is_read(log):
-    user_notes.add(log, "first")
-    path = user_notes.path_of(log)
-    path.write_bytes(path.read_bytes() + b"\n" * ((1 << 20) - 200 - path.stat().st_size))
-    with pytest.raises(OutputError, match="is full"):
-        user_notes.add(log, "x" * 200)
-    assert [note.text for note in user_notes.read(log).found] == ["first"]
-
-
-def test_a_damaged_recording_takes_notes(log):
-    user_notes.add(log, "whole")
-    log.write_bytes(log.read_bytes()[:-100])
-    user_notes.add(log, "cut")
-    assert [note.text for note in user_notes.read(log).found] == ["whole", "cut"]
 
 
 def test_one_recording_is_listed_like_those_of_a_folder(rig, tmp_path, log):

@@ -10,7 +10,7 @@ from rig.bench.again.verify import verify
 from rig.plants import plate
 from rig.plants.structures import model_store, plate_model
 from rig.plants.structures.plate_surface import Surface
-from rig.record import reader
+from rig.record import reader, recorded_setup
 from rig.record.provenance import provenance
 from rig.record.recover import recover
 from rig.record.save_run import save
@@ -69,10 +69,6 @@ def test_a_run_is_simulated_again_where_no_model_can_be_built(log, bare):
     found = verify(log)
     assert found.passed
     assert found.identical
-
-
-def test_the_rig_of_an_opened_recording_can_be_assembled_where_no_model_can_be_built(log, bare):
-    bare()
     assert Scene.from_json(rig.open(log).scene).assemble().film is not None
 
 
@@ -93,8 +89,6 @@ def test_a_model_that_was_rounded_elsewhere_is_the_one_that_counts(run, tmp_path
 
 def _without(log, run, count):
     """The recording with a byte changed in the first `count` of its two copies of the model."""
-    from rig.record import recorded_setup
-
     raw, packed, at = bytearray(log.read_bytes()), recorded_setup.packed(run.models[0]), 0
     assert raw.count(packed) == 2
     for _ in range(count):
@@ -126,17 +120,3 @@ def test_recovering_keeps_the_model(log, run, bare, tmp_path):
     recover(log, tmp_path / "whole.mcap")
     bare()
     assert rig.open(tmp_path / "whole.mcap").models == run.models
-
-
-def test_recordings_of_equal_runs_have_equal_models(run, tmp_path):
-    from rig.record import recorded_setup
-
-    again = rig.simulate("plate", SECONDS)
-    assert again.scene == run.scene
-    assert recorded_setup.packed(again.models[0]) == recorded_setup.packed(run.models[0])
-
-
-def test_other_rigs_carry_no_models():
-    found = rig.simulate("belt", 0.01)
-    assert found.models == ()
-    assert "models" not in found.scene

@@ -11,7 +11,7 @@ from small_recording import SETUP, record, walked
 
 from rig.bus import encode, messages
 from rig.errors import LogError, OutputError, UsageError
-from rig.record import mcap_file, reader
+from rig.record import reader
 from rig.record.compare import compare
 from rig.record.mcap_file import walk
 from rig.record.message_scan import Scan
@@ -38,8 +38,7 @@ def test_a_recording_with_a_wrong_byte_is_recovered_with_an_account(logs, run, t
     assert reader.open(done.path).recovered.endswith(f"lost: {done.lost} of {total} messages")
 
 
-@pytest.mark.parametrize("later", [False, True], ids=["at once", "at the end"])
-@pytest.mark.parametrize("killed", [False, True])
+@pytest.mark.parametrize(("later", "killed"), [(False, False), (True, True)])
 def test_a_chunk_that_stands_there_twice_is_kept_once_and_told(logs, tmp_path, later, killed):
     source, path = logs / ("killed.mcap" if killed else "saved.mcap"), tmp_path / "twice.mcap"
     whole = source.read_bytes()
@@ -153,50 +152,45 @@ def test_a_recording_of_an_older_version_has_no_digest_and_is_not_called_whole(l
         recover(old)
 
 
-def test_recover_replaces_neither_its_source_nor_what_is_there(logs, tmp_path):
-    cut = tmp_path / "c.mcap"
-    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
-    for name in ("c.part", "c.recovered.part", "c.recovered.mcap", "other.mcap"):
+@pytest.fixture
+def cut(logs, tmp_path):
+    """A recording that lacks its last bytes."""
+    (tmp_path / "c.mcap").write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+    return tmp_path / "c.mcap"
+
+
+def test_recover_replaces_neither_its_source_nor_what_is_there(cut, tmp_path):
+    for name in ("c.recovered.mcap", "other.mcap"):
         (tmp_path / name).write_text("mine")
     (tmp_path / "link.mcap").symlink_to(cut)
     there = {path: path.read_bytes() for path in tmp_path.iterdir()}
     for target in (cut, tmp_path / "link.mcap"):
-        for replace in (False, True):
-            with pytest.raises(UsageError, match="is the damaged file itself"):
-                recover(cut, target, replace)
+        with pytest.raises(UsageError, match="is the damaged file itself"):
+            recover(cut, target, replace=True)
     for target in (None, tmp_path / "other.mcap"):
         with pytest.raises(UsageError, match="it exists; name another file, or add --force"):
             recover(cut, target)
+    with pytest.raises(OutputError, match="cannot be written: File name too long"):
+        recover(cut, tmp_path / f"{'x' * 300}.mcap")
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == there
     recover(cut, tmp_path / "other.mcap", replace=True)
     assert walked(tmp_path / "other.mcap")[0].sealed
 
 
-def test_a_target_of_the_longest_name_is_written_and_one_beyond_is_told(logs, tmp_path):
-    cut, longest = tmp_path / "c.mcap", tmp_path / f"{'x' * 244}.mcap"
-    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
-    recover(cut, longest)
-    assert walked(longest)[0].sealed
-    with pytest.raises(OutputError, match="cannot be written: File name too long"):
-        recover(cut, tmp_path / f"{'x' * 300}.mcap")
-    assert set(tmp_path.iterdir()) == {cut, longest}
+@pytest.mark.parametrize("where", ["tempfile.mkstemp", "rig.record.mcap_file.Writer.finish"])
+def test_a_recovery_that_fails_leaves_nothing_behind(cut, tmp_path, monkeypatch, where):
+    def full(*_):
+        raise OSError(28, "No space left on device")
 
-
-def test_a_draft_that_cannot_be_made_leaves_no_empty_target(logs, tmp_path, monkeypatch):
-    def refused(*_):
-        raise OSError(13, "Permission denied")
-
-    (tmp_path / "c.mcap").write_bytes((logs / "saved.mcap").read_bytes()[:-500])
-    monkeypatch.setattr("tempfile.mkstemp", refused)
-    with pytest.raises(OutputError, match="Permission denied"):
-        recover(tmp_path / "c.mcap")
+    monkeypatch.setattr(where, full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        recover(cut)
     assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_recover_writes_through_a_link(logs, tmp_path, there):
-    cut, link, file = (tmp_path / name for name in ("c.mcap", "link.mcap", "file.mcap"))
-    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+def test_recover_writes_through_a_link(cut, tmp_path, there):
+    link, file = tmp_path / "link.mcap", tmp_path / "file.mcap"
     link.symlink_to(file)
     if there:
         file.write_text("mine")
@@ -206,23 +200,6 @@ def test_recover_writes_through_a_link(logs, tmp_path, there):
     assert link.is_symlink()
     assert walked(file)[0].sealed
     assert set(tmp_path.iterdir()) == {cut, link, file}
-    loop = tmp_path / "loop.mcap"
-    loop.symlink_to(loop)
-    with pytest.raises(OutputError, match="cannot be written"):
-        recover(cut, loop)
-
-
-def test_a_recovery_that_fails_leaves_nothing_behind(logs, tmp_path, monkeypatch):
-    cut = tmp_path / "c.mcap"
-    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
-
-    def full(self):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(mcap_file.Writer, "finish", full)
-    with pytest.raises(OutputError, match="No space left on device"):
-        recover(cut)
-    assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
 
 
 def test_exit_code_and_account_tell_what_was_lost(rig, logs, tmp_path):
@@ -238,39 +215,26 @@ def test_exit_code_and_account_tell_what_was_lost(rig, logs, tmp_path):
     assert (code, told["lost"], told["complete"]) == (0, 0, True)
 
 
-def test_a_recording_that_lost_its_front_keeps_the_rest_and_tells_the_loss(rig, tmp_path):
+@pytest.mark.parametrize(("statistics", "described"), [(True, False), (False, False), (False, True)])
+def test_a_recording_that_lost_its_front_keeps_the_rest_and_tells_the_loss(rig, tmp_path, statistics, described):
     record(tmp_path / "whole.mcap", 400)
-    whole, given = (tmp_path / "whole.mcap").read_bytes(), walked(tmp_path / "whole.mcap")[1]
-    half = tmp_path / "half.mcap"
-    half.write_bytes(whole[len(whole) // 2 :])
-    scan, kept = walked(half)
-    assert 0 < len(kept) < len(given)
-    assert kept == given[-len(kept) :]
-    assert scan.missing == len(given) - len(kept)
-    code, out, _ = rig("recover", half)
-    assert code == 1
-    assert f"lost: {scan.missing} of {len(given)} messages" in out
-    assert walked(tmp_path / "half.recovered.mcap")[0].sealed
-
-
-@pytest.mark.parametrize("described", [False, True])
-def test_a_front_that_is_lost_without_statistics_is_an_unknown_loss(rig, tmp_path, described):
-    record(tmp_path / "whole.mcap", 400)
-    data = bytearray((tmp_path / "whole.mcap").read_bytes())
-    data[-20] ^= 1  # the footer no longer proves the summary
+    data, given = bytearray((tmp_path / "whole.mcap").read_bytes()), walked(tmp_path / "whole.mcap")[1]
+    data[-20] ^= not statistics  # the footer no longer proves the summary
     half = tmp_path / "half.mcap"
     half.write_bytes(data[200 if described else len(data) // 2 :])
     scan, kept = walked(half)
-    assert bool(kept) == described
-    assert (scan.missing, scan.whole) == (None, False)
-    assert "its beginning is damaged or missing" in scan.fault
+    assert scan.missing == (len(given) - len(kept) if statistics else None)
+    assert not scan.whole
+    assert "its beginning is damaged or missing" in scan.fault or statistics
+    assert kept == given[len(given) - len(kept) :]
+    assert bool(kept) == (statistics or described)
     code, out, _ = rig("recover", half)
     assert code == 1
-    assert "an unknown number of messages" in out
+    assert (f"lost: {scan.missing} of {len(given)} messages" if statistics else "an unknown number of messages") in out
+    assert walked(tmp_path / "half.recovered.mcap")[0].sealed
 
 
-@pytest.mark.parametrize("at", ["first", "last"])
-@pytest.mark.parametrize("ended", [False, True], ids=["end of the messages lost", "end of the messages there"])
+@pytest.mark.parametrize(("at", "ended"), [("first", True), ("last", False)])
 def test_chunks_that_are_lost_together_with_the_statistics_are_an_unknown_loss(rig, logs, tmp_path, at, ended):
     data, path = bytearray((logs / "saved.mcap").read_bytes()), tmp_path / "wrong.mcap"
     parts = [part for part in walk(bytes(data)) if getattr(part, "opcode", 0) in (Opcode.CHUNK, Opcode.DATA_END)]

@@ -51,15 +51,6 @@ def test_save_writes_the_recording(run, tmp_path):
     assert list(reader.Scan(tmp_path / "a.mcap")) == list(reader.Scan(tmp_path / "b.mcap"))
 
 
-def test_plot_is_the_figure_that_the_commands_draw(tmp_path):
-    from rig.view.palette import put
-
-    run = rig.simulate("belt", 0.1)
-    run.plot().savefig(tmp_path / "a.png")
-    put(run.plot(), tmp_path / "b.png")
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
 def test_a_run_saved_from_python_has_its_provenance(tmp_path):
     made = rig.simulate(rig.load("belt", {"seed": "7"}), 0.05)
     made.save(tmp_path / "run.mcap")

@@ -61,6 +61,10 @@ def test_a_firing_writes_a_whole_recording_of_its_window(tmp_path):
     assert [path.name for path in windows.paths] == ["w-001.mcap", "w-002.mcap"]
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["w-001.mcap", "w-002.mcap"]
     assert said[0].startswith("vibrometer > 0.1 m/s held at t = 1.234000 s with 0.2 m/s: ")
+    (listed, _) = runs(tmp_path)
+    assert (listed.fault, len(listed.contents.digest)) == ("", 64)
+    assert listed.contents.seconds == pytest.approx(0.8, abs=0.25)
+    assert contents(listed.path) == listed.contents
     run = reader.open(windows.paths[0])
     t_ns, v = run.measurements["vibrometer"]
     assert t_ns[0] <= (1234 - 500) * MS
@@ -76,15 +80,6 @@ def test_a_firing_writes_a_whole_recording_of_its_window(tmp_path):
     about = scan.metadata["trigger"]
     assert (about["condition"], float(about["fired"]), float(about["value"])) == ("vibrometer > 0.1 m/s", 1.234, 0.2)
     assert json.loads(scan.metadata["recording"]["ended"]) == "the window of the trigger ended"
-
-
-def test_windows_are_listed_with_their_length_and_a_digest(tmp_path):
-    watched(tmp_path / "w.mcap", pulses(3000))
-    (listed,) = runs(tmp_path)
-    assert not listed.fault
-    assert len(listed.contents.digest) == 64
-    assert listed.contents.seconds == pytest.approx(0.8, abs=0.25)
-    assert contents(listed.path) == listed.contents
 
 
 def test_a_long_vibration_gives_windows_without_gap_and_without_overlap(tmp_path):
@@ -111,6 +106,8 @@ def test_nothing_is_written_without_a_firing_and_the_closest_sample_is_told(tmp_
     windows, said = watched(tmp_path / "w.mcap", v)
     assert (list(tmp_path.iterdir()), said) == ([], [])
     assert windows.text() == "nothing recorded: vibrometer > 0.1 m/s never held; closest: 0.09 m/s at t = 0.700 s"
+    windows, _ = watched(tmp_path / "w.mcap", [])
+    assert windows.text() == "nothing recorded: vibrometer > 0.1 m/s never held; no sample of it arrived"
 
 
 def test_the_window_that_is_open_at_the_end_has_the_summary(tmp_path):
@@ -148,10 +145,8 @@ def test_lost_messages_are_counted_in_the_window_that_lacks_them(tmp_path):
     ("condition", "first"),
     [
         ("vibrometer < -0.1 m/s", 2000),
-        ("|vibrometer| > 0.1 m/s", 1000),
         ("|vibrometer| > 10 cm/s", 1000),
         ("velocity < -100 mm/s", 2000),
-        ("x > 0.3 m", 1000),
         ("|vibrometer|>0.25 m/s", 2000),
     ],
 )
@@ -167,15 +162,10 @@ def test_conditions_on_sensors_and_outputs_in_any_unit(tmp_path, condition, firs
     ("condition", "fault"),
     [
         ("vibrometer", "expected NAME > VALUE or NAME < VALUE with a unit"),
-        ("|vibrometer > 1 m/s", "expected NAME > VALUE"),
-        ("vibrometer >= 1 m/s", "the level is '= 1 m/s'"),
         ("vibrometer > 0.1", "the level is '0.1' without a unit; expected m/s"),
         ("vibrometer > 0.1 kg", "the level is '0.1 kg'; expected a unit that converts to m/s"),
         ("vibrometr > 0.1 m/s", "no 'vibrometr' in this run: did you mean vibrometer?"),
-        ("", "expected NAME > VALUE"),
-        ("vibrometer > nan m/s", "must be a finite number"),
         ("|vibrometer| < -1 m/s", "an absolute value is never below 0"),
-        ("|vibrometer| < 0 m/s", "an absolute value is never below 0"),
     ],
 )
 def test_a_condition_that_does_not_fit_is_refused_in_words(tmp_path, condition, fault):
@@ -186,11 +176,12 @@ def test_a_condition_that_does_not_fit_is_refused_in_words(tmp_path, condition, 
 
 
 def test_recordings_of_an_earlier_watch_are_kept(tmp_path):
-    watched(tmp_path / "w.mcap", pulses(1000))
-    before = path_of(tmp_path / "w.mcap", 1).read_bytes()
-    with pytest.raises(UsageError, match=r"w-001\.mcap exists; name another file, or add --force"):
+    watched(tmp_path / "w.mcap", pulses(1000, 2500))
+    path_of(tmp_path / "w.mcap", 1).unlink()
+    before = path_of(tmp_path / "w.mcap", 2).read_bytes()
+    with pytest.raises(UsageError, match=r"w-002\.mcap exists; name another file, or add --force"):
         watched(tmp_path / "w.mcap", pulses(1000))
-    assert path_of(tmp_path / "w.mcap", 1).read_bytes() == before
+    assert path_of(tmp_path / "w.mcap", 2).read_bytes() == before
 
 
 def test_force_replaces_all_recordings_of_an_earlier_watch_and_nothing_else(tmp_path):
@@ -207,13 +198,6 @@ def test_force_replaces_all_recordings_of_an_earlier_watch_and_nothing_else(tmp_
     watched(base, pulses(1000), replace=True)
     assert {one.name for one in tmp_path.iterdir()} == {"w-001.mcap", *kept}
     assert "held at t = 1.000000 s" in reader.open(tmp_path / "w-001.mcap").window
-
-
-def test_a_later_recording_of_an_earlier_watch_is_told_before_the_run(tmp_path):
-    watched(tmp_path / "w.mcap", pulses(500, 1500, 2500))
-    (tmp_path / "w-001.mcap").unlink()
-    with pytest.raises(UsageError, match=r"w-002\.mcap exists; name another file, or add --force"):
-        watched(tmp_path / "w.mcap", pulses(500))
 
 
 def test_recordings_that_another_watch_is_writing_are_not_replaced(tmp_path):
@@ -254,8 +238,3 @@ def test_no_process_but_the_plant_ends_a_window(tmp_path):
     windows.close({"ended": "the plant left"}, {})
     (path,) = windows.paths
     assert [r.seq for r in Scan(path) if r.topic == "step"][-1] == 200
-
-
-def test_a_run_without_a_sample_of_the_channel_is_told(tmp_path):
-    windows, _ = watched(tmp_path / "w.mcap", [])
-    assert windows.text() == "nothing recorded: vibrometer > 0.1 m/s never held; no sample of it arrived"
