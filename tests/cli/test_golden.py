@@ -27,7 +27,6 @@ MB = 1 << 20
 ROUNDED = {
     "belt": "body.mass",
     "brake_shunt": "linings.stiffness",
-    "lever": "cylinder.inertia",
     "plate_free": "plate.density",
     "tip_knock": "tip.mass",
 }
@@ -72,8 +71,9 @@ def test_a_golden_recording_holds(path):
     assert found.compared > 2000
 
 
-@pytest.mark.parametrize("path", GOLDEN, ids=lambda path: path.stem)
-def test_other_programs_find_the_times_of_the_run_in_order(path):
+@pytest.mark.parametrize("name", ["belt", "late_joiner"])
+def test_other_programs_find_the_times_of_the_run_in_order(name):
+    path = FOLDER / f"{name}.mcap"
     with path.open("rb") as file:
         times = [message.log_time for *_, message in NonSeekingReader(file).iter_messages(log_time_order=False)]
     assert times == sorted(times)

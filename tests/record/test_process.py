@@ -95,11 +95,11 @@ def plant(runs):
         yield Plant(session)
 
 
-def test_two_seconds_of_traffic_are_in_the_file_as_they_were_sent(plant, script, tmp_path):
+def test_a_second_of_traffic_is_in_the_file_as_they_were_sent(plant, script, tmp_path):
     path = tmp_path / "new" / "run.mcap"
     recorder = script(RECORDER, path)
     plant.wait_for_recorder()
-    plant.advance(2000)
+    plant.advance(1000)
     told = plant.finish()
     account = json.loads(recorder.communicate(timeout=10)[0])
     found = [record for record in Scan(path) if not derived(record.topic)]
@@ -109,15 +109,15 @@ def test_two_seconds_of_traffic_are_in_the_file_as_they_were_sent(plant, script,
         assert [r.seq for r in found if r.topic == topic] == list(range(len(sent))), topic
     assert (account["lost"], account["late"], account["totals"]) == (0, {}, True)
     assert account["ended"] == "the plant left"
-    assert account["received"]["step"] == 2000
-    assert dict(zip(told.heard_topic, told.received))["step"] == 2000
+    assert account["received"]["step"] == 1000
+    assert dict(zip(told.heard_topic, told.received))["step"] == 1000
     run = reader.open(path)
     assert not run.fault
     assert run.summary == {"verdict": "VALID", "late": 3}
     assert run.energy == {"supplied": 2.0}
-    assert np.array_equal(run.signals["velocity"], -np.arange(2000.0))
-    assert np.array_equal(run.measurements["laser"].v, np.arange(20_000.0))
-    assert np.array_equal(run.commands["feedback"].tick, np.arange(2000))
+    assert np.array_equal(run.signals["velocity"], -np.arange(1000.0))
+    assert np.array_equal(run.measurements["laser"].v, np.arange(10_000.0))
+    assert np.array_equal(run.commands["feedback"].tick, np.arange(1000))
     assert [e["kind"] for e in run.events] == ["verdict"]
     logged = [r.t_ns for r in Scan(path)]
     assert logged == sorted(logged)
@@ -128,7 +128,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_half_second(plant, script, tm
     path = tmp_path / "run.mcap"
     recorder = script(RECORDER, path)
     plant.wait_for_recorder()
-    plant.advance(1300)
+    plant.advance(900)
     recorder.kill()
     recorder.wait()
     longest = 0.0
@@ -141,7 +141,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_half_second(plant, script, tm
     run = reader.open(path)
     assert run.fault
     assert run.scene == '{"plant": "belt"}'
-    assert run.time[-1] >= 1.3 - 0.5
+    assert run.time[-1] >= 0.9 - 0.5
     assert np.array_equal(run.signals["displacement"], np.arange(run.time.size))
 
 
@@ -193,28 +193,6 @@ def test_losses_are_counted_equally_at_both_ends(plant, script, tmp_path):
     assert account["lost"] == sum(lost.values())
     heard = dict(zip(told.heard_topic, told.received))
     assert sent["truth/velocity"] - heard["truth/velocity"] == lost["truth/velocity"]
-
-
-def test_the_total_of_a_sender_that_left_is_not_applied_to_the_next_one(plant, script, tmp_path):
-    """A controller leaves in order, another one takes its name and is killed after fewer commands."""
-    recorder = script(RECORDER, tmp_path / "run.mcap")
-    plant.wait_for_recorder()
-    for commands, tells in ((40, True), (7, False)):
-        with bus.join("recorded", role="controller", name="mine") as mine:
-            act = mine.publisher("act/mine")
-            for tick in range(commands):
-                act.put(encode.act(tick, tick * 1_000_000, (1.0,)), tick * 1_000_000)
-            time.sleep(0.1)
-            assert len(plant.acts.drain()) == commands
-            if tells:
-                mine.publisher("total/mine").put(mine.totals(), 0)
-            time.sleep(0.3)
-    plant.advance(10)
-    plant.finish()
-    account = json.loads(recorder.communicate(timeout=10)[0])
-    assert account["received"]["act/mine"] == 47
-    assert (account["tail"], account["lost"]) == ({}, 0)
-    assert account["untold"] == []  # nobody came after the one that was killed
 
 
 def test_length_and_losses_come_from_the_plant_and_from_admitted_senders(plant, script, tmp_path):
@@ -270,9 +248,10 @@ def acts(*numbers):
 
 def test_what_is_lost_at_the_end_of_a_sender_stays_counted():
     """Of ten commands the last two are lost, as the sender tells; the next one of its name sends three."""
-    lives = [*acts(8), ("total", {"act": 10}), *acts(3), ("total", {"act": 3})]
-    account = accounted(*lives)
+    account = accounted(*acts(8), ("total", {"act": 10}), *acts(3), ("total", {"act": 3}))
     assert (account.tail, account.untold) == ({"act/mine": 2}, [])
+    account = accounted(*acts(40), ("total", {"act": 40}), *acts(7))  # nobody came after the one that was killed
+    assert (account.tail, account.untold) == ({}, [])
 
 
 @pytest.mark.parametrize(
@@ -304,16 +283,6 @@ def test_a_recorder_that_cannot_write_says_so_and_the_run_goes_on(plant, script,
     assert "cannot be written: " in recorder.stdout.read()
     assert plant.watch.present <= {("plant", "plant")}
     plant.advance(10)
-
-
-def test_a_recorder_without_a_run_says_so(script, tmp_path):
-    recorder = script(
-        "from rig.record.recorder import record\n"
-        "from rig.errors import BusError\n"
-        "try: record('none', wait=0.2)\n"
-        "except BusError as fault: print(fault)"
-    )
-    assert "no run is called none; no run is live" in recorder.communicate(timeout=10)[0]
 
 
 def test_a_killed_plant_ends_the_recorder_with_a_whole_file(script, tmp_path):

@@ -5,7 +5,6 @@ import threading
 import time
 
 import numpy as np
-import pytest
 from recorded_loop import FEEDBACK, FRAMES, TUNED, TUNED_AFTER, answer, closing
 from twin import Twin
 
@@ -16,28 +15,6 @@ from rig.record.reader import open as read
 from rig.record.recorded_setup import head, setup_of
 from rig.record.replay import replay
 from rig.record.writer import Writer
-
-
-@pytest.mark.parametrize(
-    "data", ['{"set": {"gain": 9.0}}', '{"after_tick": 3}', '{"after_tick": "x", "set": 5}', "", "[]"]
-)
-def test_an_event_of_a_controller_that_says_too_little_is_passed_over(loops, tmp_path, data):
-    start = head(loops / "recorded.mcap")
-    writer = Writer(tmp_path / "odd.mcap", setup_of(start), "recorded")
-    odd = messages.TYPES["Event"](source="feedback", kind="parameter", text="?", data=data).SerializeToString()
-    writer.write("event/feedback", odd, 0, 0, 0)
-    for record in Scan(loops / "recorded.mcap"):
-        if not derived(record.topic):
-            writer.write(*record)
-    writer.close({}, {})
-    twin = Twin("replay")
-    me = twin.open("controller", "feedback")
-    thread = threading.Thread(target=lambda: closing(me, {}))
-    thread.start()
-    with twin.open("plant", "plant") as hub:
-        found = replay(hub, tmp_path / "odd.mcap", into=FEEDBACK)
-    thread.join(5.0)
-    assert (found.divergence, found.compared, found.fault) == (None, {"feedback": FRAMES}, "")
 
 
 class Threads:
@@ -87,6 +64,29 @@ def replayed(path, **how):
     return found, threads
 
 
+def again(loops, path, begin_ns=0, before=(), **changes):
+    """The recording from `begin_ns` on behind the messages `before`, with changes of what describes its run."""
+    writer = Writer(path, dataclasses.replace(setup_of(head(loops / "recorded.mcap")), **changes), "recorded")
+    for message in before:
+        writer.write(*message)
+    for record in Scan(loops / "recorded.mcap"):
+        if record.t_ns >= begin_ns and not derived(record.topic):
+            writer.write(*record)
+    writer.close({}, {})
+    return path
+
+
+def test_events_of_a_controller_that_say_too_little_are_passed_over(loops, tmp_path):
+    event, odd = messages.TYPES["Event"], []
+    for number, data in enumerate(
+        ('{"set": {"gain": 9.0}}', '{"after_tick": 3}', '{"after_tick": "x", "set": 5}', "[]")
+    ):
+        said = event(source="feedback", kind="parameter", text="?", data=data).SerializeToString()
+        odd.append(("event/feedback", said, 0, number, 0))
+    found, _ = replayed(again(loops, tmp_path / "odd.mcap", before=odd))
+    assert (found.divergence, found.compared, found.fault) == (None, {"feedback": FRAMES}, "")
+
+
 def test_a_late_joiner_joins_late_again(loops, tmp_path):
     found, threads = replayed(lives(tmp_path / "late.mcap", loops, 150, FRAMES, FRAMES))
     assert (found.divergence, found.unanswered, found.silent) == (None, 0, {"feedback": 0})
@@ -125,36 +125,18 @@ def test_a_step_that_lockstep_repeated_is_one_step(loops, tmp_path):
 
 def test_viewers_need_no_code_of_the_controllers(loops, tmp_path):
     unknown = {"feedback": {"section": {"kind": "nobody_knows"}, "numbers": {}}}
-    setup = dataclasses.replace(setup_of(head(loops / "recorded.mcap")), controllers=unknown)
-    writer = Writer(tmp_path / "foreign.mcap", setup, "recorded")
-    for record in Scan(loops / "recorded.mcap"):
-        if not derived(record.topic):
-            writer.write(*record)
-    writer.close({}, {})
-    found = replay(Twin("replay").open("plant", "plant"), tmp_path / "foreign.mcap")
+    path = again(loops, tmp_path / "foreign.mcap", controllers=unknown)
+    found = replay(Twin("replay").open("plant", "plant"), path)
     assert (found.steps, found.fault) == (FRAMES, "")
 
 
-def test_a_recording_that_begins_late_begins_at_once(loops, tmp_path):
-    writer = Writer(tmp_path / "late.mcap", setup_of(head(loops / "recorded.mcap")), "recorded")
-    for record in Scan(loops / "recorded.mcap"):
-        if record.t_ns >= 300_000_000 and not derived(record.topic):
-            writer.write(*record)
-    writer.close({}, {})
+def test_a_recording_that_begins_late_begins_at_once_and_lacks_the_memory_of_its_controllers(loops, tmp_path):
+    path = again(loops, tmp_path / "late.mcap", begin_ns=300_000_000)
     begun = time.monotonic()
-    found = replay(Twin("replay").open("plant", "plant"), tmp_path / "late.mcap", pace=0.1)
+    found = replay(Twin("replay").open("plant", "plant"), path, pace=0.1)
     assert found.steps == FRAMES - 300
     assert 0.98 < time.monotonic() - begun < 3.9  # 0.099 s of simulated time; with the 0.3 s before it, 4 s
-    assert found.timing.p50 < 0.5
-
-
-def test_a_recording_that_begins_late_lacks_the_memory_of_its_controllers(loops, tmp_path):
-    writer = Writer(tmp_path / "late.mcap", setup_of(head(loops / "recorded.mcap")), "recorded")
-    for record in Scan(loops / "recorded.mcap"):
-        if record.t_ns >= 300_000_000 and not derived(record.topic):
-            writer.write(*record)
-    writer.close({}, {})
-    found, _ = replayed(tmp_path / "late.mcap")
+    found, _ = replayed(path)
     assert found.unknown_memory == ("feedback",)
     assert found.divergence.tick == 300
     assert "feedback ran before the recording began" in found.text()
@@ -195,11 +177,3 @@ def test_listeners_get_the_recorded_bytes(loops):
     assert got[:-1] == sent
     assert got[-1][0] == "total/plant"
     assert found.messages == len(sent)
-
-
-def test_a_cut_recording_is_replayed_up_to_the_cut(loops, tmp_path):
-    data = (loops / "recorded.mcap").read_bytes()
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(data[: int(0.9 * len(data))])
-    found = replay(Twin("replay").open("plant", "plant"), cut)
-    assert "breaks off" in found.fault

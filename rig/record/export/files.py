@@ -24,8 +24,6 @@ the run.
 
     load run.mat
     plot(outputs.time, outputs.velocity); ylabel(units.outputs.velocity)
-
-A file for the HDF5 library, which ends the process if a file cannot be written or closed.
 """
 
 from __future__ import annotations
@@ -39,12 +37,12 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from rig.errors import OutputError, UsageError
 from rig.extras import needed
@@ -205,88 +203,6 @@ def valid(name: str, taken: Iterable[str]) -> str:
     return next(candidate for n in count(2) if (candidate := f"{plain[: LONGEST - 1 - len(str(n))]}_{n}") not in others)
 
 
-T = TypeVar("T")
-
-
-class Hdf5Disk(io.RawIOBase):
-    """A new file at `path` that never refuses the library anything: `fault` keeps what went wrong first.
-
-    From then on nothing is written. What is read are zeros, which the library does not look at before it has closed
-    the file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.fault: BaseException | None = None
-        self._file = path.open("w+b", buffering=0)
-
-    def readable(self) -> bool:
-        """See `io.RawIOBase`."""
-        return True
-
-    def writable(self) -> bool:
-        """See `io.RawIOBase`."""
-        return True
-
-    def seekable(self) -> bool:
-        """See `io.RawIOBase`."""
-        return True
-
-    def tell(self) -> int:
-        """See `io.RawIOBase`."""
-        return self._file.tell()
-
-    def seek(self, offset: int, whence: int = 0, /) -> int:
-        """See `io.RawIOBase`."""
-        return self._attempt(lambda: self._file.seek(offset, whence), offset)
-
-    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        """See `io.RawIOBase`."""
-        received = self._attempt(lambda: self._file.readinto(buffer), -1)
-        if received < 0:
-            buffer[:] = bytes(len(buffer))
-        return len(buffer) if received < 0 else received
-
-    def write(self, content: bytes | memoryview) -> int:  # type: ignore[override]
-        """See `io.RawIOBase`."""
-        rest = memoryview(content).cast("B")
-        size = rest.nbytes
-        while rest:
-            rest = rest[self._attempt(partial(self._file.write, rest), len(rest)) :]
-        return size
-
-    def truncate(self, size: int | None = None) -> int:
-        """See `io.RawIOBase`."""
-        return self._attempt(lambda: self._file.truncate(size), size or 0)
-
-    def close(self) -> None:
-        """See `io.RawIOBase`."""
-        self._attempt(self._file.close, None)
-        with suppress(OSError):
-            self._file.close()
-        super().close()
-
-    def _attempt(self, do: Callable[[], T], instead: T) -> T:
-        """The result of `do`, or `instead` after a fault."""
-        if self.fault is None:
-            try:
-                return do()
-            except BaseException as fault:  # also Ctrl-C, which comes while the library calls
-                self.fault = fault
-        return instead
-
-
-@contextmanager
-def hdf5_disk(path: Path) -> Iterator[Hdf5Disk]:
-    """A new file for the library. At the end the first fault is raised, such as the OSError of a full disk."""
-    with Hdf5Disk(path) as disk:
-        try:
-            yield disk
-        finally:
-            if disk.fault is not None:
-                raise disk.fault
-
-
 Report = Callable[[str], object]
 Facts = Mapping[str, str]
 
@@ -429,10 +345,14 @@ def _mat(tables: Tables, path: Path, facts: Facts, report: Report) -> list[Writt
 
 
 def _netcdf(tables: Tables, path: Path, facts: Facts, report: Report) -> list[Written]:
-    """A netCDF-4 file is an HDF5 file: a group for each table, an attribute `units` for each variable."""
+    """A netCDF-4 file is an HDF5 file: a group for each table, an attribute `units` for each variable.
+
+    It is made in memory: the HDF5 library ends the process if a file cannot be written or closed.
+    """
     report(f"writing {path.name}")
-    with hdf5_disk(path) as disk:
-        tree(tables, facts).to_netcdf(disk, engine="h5netcdf")
+    content = io.BytesIO()
+    tree(tables, facts).to_netcdf(content, engine="h5netcdf")
+    path.write_bytes(content.getbuffer())
     return [_written(table, path.name) for table in tables]
 
 
