@@ -1,10 +1,7 @@
 """Checks across the parts of a scene: whole numbers of frames, existing sensors and actuators, one owner for each.
 
-Every check yields (dotted key, line), as `faults.lines` does.
-
-Checks of controllers from compiled files (a library, an FMU): sizes, units, algebraic loops.
-
-Every check yields (dotted key, line), as `rig.scenes.checks` does, or the line alone.
+Of controllers from compiled files (a library, an FMU): sizes, units, algebraic loops. Every check yields (dotted key,
+line), as `faults.lines` does.
 """
 
 from __future__ import annotations
@@ -27,16 +24,6 @@ from rig.scenes.faults import near, shown, unit_of
 from rig.scenes.protocol import Clock, Connect, Disconnect, Load, Ramp, Repeat, Set, flat
 from rig.sensors.chain.front_end import FrontEnd
 from rig.units import brief, same_unit, unit_fault
-
-
-def faults(section: compiled.CompiledSection) -> Iterator[str]:
-    """A compiled controller has the right numbers of sensors and actuators, and answers: the faults, one line each."""
-    from rig.controllers.runtime.file import section_faults  # where a scene names a file
-
-    lines = section.faults()
-    if not lines:  # a crash is that of its helper process
-        lines = [f"file: {line}" for line in section_faults(section.model_copy(update={"where": "process"}), {})]
-    yield from lines
 
 
 def units(
@@ -149,7 +136,11 @@ def foreign(key: str, section: Any) -> Iterator[source.Fault]:
 
         made = controller_class(section)
         if isinstance(section, compiled.CompiledSection):
-            yield from ((f"{key}.{line.partition(':')[0]}", f"{key}.{line}") for line in faults(section))
+            lines = section.faults()  # the right numbers of sensors and actuators
+            if not lines:  # a crash is that of its helper process
+                own = section.model_copy(update={"where": "process"})
+                lines = [f"file: {line}" for line in section_faults(own, {})]
+            yield from ((f"{key}.{line.partition(':')[0]}", f"{key}.{line}") for line in lines)
             return
         if not hasattr(made, "design"):  # one with a design step needs numbers: rig.design tries it
             lines = section_faults(section, {})
@@ -164,33 +155,30 @@ def foreign(key: str, section: Any) -> Iterator[source.Fault]:
 
 
 def misdeclared(section: BaseModel, key: str) -> Iterator[source.Fault]:
-    """Defaults of quantities that are texts, in sections of foreign parts. Only what a scene gives is converted."""
+    """Faults of fields that only sections of foreign parts have.
+
+    A default of a quantity that is a text: only what a scene gives is converted. A value that JSON, and so a recording,
+    cannot hold.
+    """
+    where, whole = file_of(sys.modules[type(section).__module__]), _plain(section)
     for name, info in type(section).model_fields.items():
         value, inner = getattr(section, name), f"{key}.{name}" if key else name
+        what = f"{inner}: {where}: {type(section).__name__}.{name}"
         if isinstance(value, BaseModel):
             yield from misdeclared(value, inner)
         elif isinstance(value, str) and name not in section.model_fields_set and (unit := unit_of(info)):
-            where = file_of(sys.modules[type(section).__module__])
-            what = f"{where}: {type(section).__name__}.{name} has the default {brief(value)}"
-            yield inner, f"{inner}: {what}; expected a number in {unit}"
+            yield inner, f"{what} has the default {brief(value)}; expected a number in {unit}"
+        elif not whole and not _plain(section, {name}):
+            holds = f"{what} holds {brief(value)}, which no recording can contain"
+            yield inner, f"{holds}; use numbers, texts, and tuples or dicts of them"
 
 
-def unwritable(section: BaseModel, key: str) -> Iterator[source.Fault]:
-    """Values that JSON, and so a recording, cannot hold: only sections of foreign parts have such fields."""
+def _plain(section: BaseModel, names: set[str] | None = None) -> bool:
     try:
-        section.model_dump(mode="json")
+        section.model_dump(mode="json", include=names, warnings=False)
     except PydanticSerializationError:
-        where, before = file_of(sys.modules[type(section).__module__]), f"{key}." if key else ""
-        for name in type(section).model_fields:
-            value = getattr(section, name)
-            if isinstance(value, BaseModel):
-                yield from unwritable(value, f"{before}{name}")
-                continue
-            try:
-                section.model_dump(mode="json", include={name})
-            except PydanticSerializationError:
-                line = f"{where}: {type(section).__name__}.{name} holds {brief(value)}, which no recording can contain"
-                yield f"{before}{name}", f"{before}{name}: {line}; use numbers, texts, and tuples or dicts of them"
+        return False
+    return True
 
 
 def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[source.Fault]:

@@ -37,26 +37,13 @@ class Effect:
     @property
     def states_text(self) -> str:
         """Its states; of a long row of numbered ones the first and the last."""
-        return ", ".join(_ends(self.states))
-
-
-def _ends(names: Sequence[str]) -> Iterator[str]:
-    """Names; a row of more than `_ROW` that differ in a number counted up as its two ends."""
-    i = 0
-    while i < len(names):
-        last = i
-        while last + 1 < len(names) and _follows(names[last], names[last + 1]):
-            last += 1
-        if last - i < _ROW:
-            yield from names[i : last + 1]
-        else:
-            yield f"{names[i]} .. {names[last]}"
-        i = last + 1
-
-
-def _follows(name: str, other: str) -> bool:
-    """Whether `other` is `name` with its number counted up."""
-    return _NUMBER.sub(lambda number: str(int(number[0]) + 1), name, count=1) == other
+        rows: list[list[str]] = []
+        for state in self.states:
+            if rows and _NUMBER.sub(lambda number: str(int(number[0]) + 1), rows[-1][-1], count=1) == state:
+                rows[-1].append(state)
+            else:
+                rows.append([state])
+        return ", ".join(f"{row[0]} .. {row[-1]}" if len(row) > _ROW else ", ".join(row) for row in rows)
 
 
 @dataclass(frozen=True)

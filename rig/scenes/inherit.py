@@ -12,7 +12,7 @@ import os
 import re
 import shlex
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +20,7 @@ from typing import Any
 
 from rig.errors import SceneError
 from rig.scenes import migration, places, shipped, source
-from rig.scenes.faults import close, shown
+from rig.scenes.faults import shown
 
 OWN = ("title", "about")
 """Keys that a scene does not inherit."""
@@ -187,43 +187,3 @@ def _layer(path: Path, folder: Path) -> Layer:
 def _same(path: Path) -> str:
     """One text for each file, whatever its path."""
     return str(path) if "\0" in str(path) else os.path.realpath(path)  # the system knows no such name
-
-
-def lay(
-    over: Mapping[str, Any],
-    raw: dict[str, Any],
-    origins: dict[str, places.Origin],
-    own: dict[str, places.Origin],
-    recast: dict[str, tuple[str, Any]],
-    key: str = "",
-) -> Iterator[tuple[str, str]]:
-    """Merge the tables `over` of a file into those of its base, `raw`. Yield (dotted key, line) for every fault.
-
-    `origins` are those of the base; `own`, those of the file, replace them in the end. `recast` receives the
-    tables whose kind changed -> key of the kind, former kind.
-    """
-    for name, value in over.items():
-        here = f"{key}.{name}" if key else name
-        before = raw.get(name)
-        if value == "none":
-            if name not in raw:
-                hint = " or ".join(f"{key}.{similar}" if key else similar for similar in close(name, raw))
-                hint = f"; did you mean {hint}?" if hint else ""
-                yield here, f"{here}: is not in the base, so it cannot be removed{hint}"
-            raw.pop(name, None)
-            source.forget(origins, here)
-            source.forget(own, here)
-        elif isinstance(value, Mapping):
-            table = before if isinstance(before, dict) else {}
-            if table is not before:
-                source.forget(origins, here)
-            raw[name] = table
-            yield from lay(value, table, origins, own, recast, here)
-        else:
-            if key and name in source.KIND and name in raw and before != value:
-                recast[key] = name, before
-            if here not in own or isinstance(before, dict | list):
-                source.forget(origins, here)
-            raw[name] = value
-    if not key:
-        origins |= own

@@ -149,7 +149,7 @@ class _Reading:
                 section = model.model_validate(raw)
         except ValidationError as error:
             raise Wrong(*islice(faults.lines(error, model, raw, prefix), merged.MOST + 1)) from None
-        if wrong := [*checks.misdeclared(section, prefix)] or [*checks.unwritable(section, prefix)]:
+        if wrong := [*checks.misdeclared(section, prefix)]:
             raise Wrong(*wrong)
         return section
 

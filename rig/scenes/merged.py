@@ -51,7 +51,7 @@ class Merged:
         recast = source.change(self.raw, overrides, self.origins, new_faults)
         self.report(new_faults)
         rooms.anchor(self.raw, Path.cwd())
-        self._forget(recast, overrides)
+        self._forget(recast, dict(source.dotted(overrides)))
         self.recast |= recast
 
     def _lay(self, layer: inherit.Layer) -> None:
@@ -66,7 +66,7 @@ class Merged:
         if isinstance(plant := tables.get("plant"), str):
             self._replant(plant, layer)
         recast: dict[str, tuple[str, Any]] = {}
-        self.report(inherit.lay(tables, self.raw, self.origins, own, recast), layer)
+        self.report(source.lay(tables, self.raw, self.origins, own, recast), layer)
         self._forget(recast, layer.lines, layer)
         self.recast = {} if "protocol" in tables else self.recast | recast
 

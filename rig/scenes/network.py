@@ -23,7 +23,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from rig.bus.impaired_link import ImpairedLink
 from rig.errors import UsageError
 from rig.quantities import Section
-from rig.scenes.faults import close, near
+from rig.scenes.faults import near
 from rig.scenes.protocol import Share
 from rig.sensors.chain.units import Delay
 
@@ -90,82 +90,44 @@ def checks(raw: Any, sensors: Iterable[str], controllers: Iterable[str]) -> Iter
                 yield key, f"{key}: unknown {what}; {near(name, known)}"
 
 
-ROOMS = ("meas", "act")
 EXAMPLE = "meas/vibrometer: delay 2 ms, jitter 0.5 ms, loss 1 %, duplicate 0.1 %, reorder; seed 3"
-_WORDS = [*Link.model_fields]
-_PART = re.compile(r"[^,;]+")
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_VALUE = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)")
+_LINK = re.compile(r"(meas|act)/([A-Za-z][A-Za-z0-9_]*)")
 
 
 def keys(texts: Iterable[str], given: Iterable[str] = ()) -> dict[str, str]:
     """Dotted key of a scene -> value, for links in the form above; `given`: keys that the caller sets otherwise.
 
-    Values and names are checked when the scene is loaded. Raises UsageError with all faults of the texts, each with
-    its column.
+    Words and values are checked when the scene is loaded. Raises UsageError with all faults of the texts.
     """
     values: dict[str, str] = {}
     faults: list[str] = []
     for text in texts:
-        for column, key, value in _read(text):
+        for key, value in _read(text):
             if not key:
-                faults.append(f'--net "{text}", column {column}: {value}')
-            elif values.get(key, value) != value:
-                faults.append(f'--net "{text}", column {column}: {key} is given twice, as {values[key]} and as {value}')
-            else:
-                values[key] = value
+                faults.append(f'--net "{text}": {value}')
+            elif values.setdefault(key, value) != value:
+                faults.append(f'--net "{text}": {key} is given twice, as {values[key]} and as {value}')
     faults += [f"--net and -p: both give {key}; leave out one of them" for key in given if key in values]
     if faults:
         raise UsageError("\n".join([*faults, f'expected e.g. --net "{EXAMPLE}"']))
     return values
 
 
-def _read(text: str) -> Iterator[tuple[int, str, str]]:
-    """(column, key, value) of each value in a text; a fault has no key, and what is wrong as value."""
-    link, colon, rest = text.partition(":")
-    room, slash, name = link.strip().partition("/")
-    if not colon or not slash or room not in ROOMS or not _NAME.fullmatch(name):
-        yield 1, "", _no_link(link.strip(), room, slash, colon)
-        if not colon:
-            return
-    words: dict[str, int] = {}
-    for part in _PART.finditer(rest):
-        column = len(link) + 2 + part.start() + len(part.group()) - len(part.group().lstrip())
-        word, _, value = part.group().strip().partition(" ")
-        last = rest[part.start() - 1 : part.start()] == ";"
-        if word in words:
-            yield column, "", f"{word} is given twice"
-        elif word:
-            yield column, *_value(room, name, word, value.strip(), last)
-        words[word] = column
-    if not any(words):
-        yield len(text) + 1, "", f"says nothing about the link; known: {', '.join(_WORDS)}"
-
-
-def _no_link(link: str, room: str, slash: str, colon: str) -> str:
-    form = "a link is meas/SENSOR or act/CONTROLLER, then a colon"
-    if slash and room not in ROOMS and (likely := close(room, ROOMS)):
-        return f"{link}: did you mean {link.replace(room, likely[0], 1)}? {form}"
-    return f"{link or 'nothing'}{'' if colon else ' has no colon'}: {form}"
-
-
-def _value(room: str, name: str, word: str, value: str, last: bool) -> tuple[str, str]:
-    if word == "seed":
-        if not last:
-            return "", 'seed must be at the end, after a semicolon: "...; seed 3"'
-        return ("network.seed", value) if value.isdecimal() else ("", f"seed {value}: expected a whole number")
-    if word not in Link.model_fields:
-        likely = close(word, [*_WORDS, "seed"])
-        hint = f"did you mean {' or '.join(likely)}?" if likely else f"known: {', '.join(_WORDS)}, seed"
-        return "", f"{word}: unknown; {hint}"
-    if last:
-        return "", f"{word} is after a semicolon; only the seed may be there, the rest is separated by commas"
-    key = f"network.{room}.{name}.{word}"
-    if word == "reorder":
-        return (key, "true") if not value else ("", f"reorder {value}: reorder takes no value")
-    if (number := _VALUE.fullmatch(value)) is None:
-        return "", f"{word} {value}: expected a number and a unit".replace(f"{word} :", f"{word}:")
-    return key, f"{number[1]} {number[2]}".strip()
+def _read(text: str) -> Iterator[tuple[str, str]]:
+    """(key, value) of each value in a text; a fault has no key, and what is wrong as value."""
+    link, _, rest = text.partition(":")
+    words, _, seed = rest.partition(";")
+    form = _LINK.fullmatch(link.strip())
+    if form is None or not words.strip():
+        yield "", f"{link.strip() or 'nothing'}: a link is meas/SENSOR or act/CONTROLLER, then a colon, then its values"
+        return
+    for part in filter(None, map(str.strip, words.split(","))):
+        word, _, value = part.partition(" ")
+        yield f"network.{form[1]}.{form[2]}.{word}", value.strip() or ("true" if word == "reorder" else "")
+    if seed:
+        word, _, value = seed.strip().partition(" ")
+        key = "network.seed" if word == "seed" else ""
+        yield key, value if key else f"{seed.strip()}: only the seed may be after the semicolon"
 
 
 def described(link: Mapping[str, object]) -> str:

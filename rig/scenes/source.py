@@ -13,7 +13,7 @@ from rig.errors import SceneError
 from rig.machine.files import contents
 from rig.quantities import ORIGINS
 from rig.scenes import places
-from rig.scenes.faults import TAGS, shown, unknown_choice
+from rig.scenes.faults import TAGS, close, shown, unknown_choice
 from rig.units import brief
 
 FIXED = ("format", "based_on", "title", "plant", "about", "protocol")
@@ -148,7 +148,7 @@ def _has_origin(raw: list[Any]) -> bool:
 def change(
     raw: dict[str, Any], overrides: Mapping[str, object], origins: dict[str, places.Origin], faults: list[Fault]
 ) -> dict[str, tuple[str, Any]]:
-    """Apply `overrides` to `raw`. Return the tables whose kind changed -> key of the kind, former kind.
+    """Lay `overrides` over `raw`. Return the tables whose kind changed -> key of the kind, former kind.
 
     Faults are added to `faults`.
     A text that is a TOML value is read as one ("5", "true", "[1, 2]"); "none" removes a key or a table.
@@ -156,44 +156,75 @@ def change(
     recast: dict[str, tuple[str, Any]] = {}
     for key, value in overrides.items():
         *parents, last = key.split(".")
+        first, value = key.split(".")[0].partition("[")[0], _read(value)
         if not all((*parents, last)) or len(parents) >= _DEEPEST:
             faults.append((key, f"{brief(key)}: is not a dotted key such as drive.speed"))
-            continue
-        first = (parents or [last])[0]
-        if first.partition("[")[0] in FIXED:
-            what = f"{key}: only a scene file can change {first.partition('[')[0]}"
+        elif first in FIXED:
+            what = f"{key}: only a scene file can change {first}"
             faults.append((key, f"{what}; write one with rig new and change it there"))
-            continue
-        value = _read(value)
-        if too_much := list(beyond(value, key)):
+        elif too_much := list(beyond(value, key)):
             faults += [(key, line) for line in too_much]
-            continue
-        table = at(raw, parents)
-        if table is None:
+        elif at(raw, parents) is None:
             faults.append((key, f"{key} = {shown(value)}: {'.'.join(parents)} is a value, not a table"))
-            continue
-        forget(origins, key)
-        if value is None:
-            if table.pop(last, None) is None:
-                faults.append((key, f"{key}: is not in the scene, so it cannot be removed"))
-            continue
-        if last in KIND and parents and table.get(last, value) != value:
-            recast[".".join(parents)] = last, table[last]
-        if isinstance(value, list) and _has_origin(value):
-            value = stripped(value, origins, faults, key)
-        elif isinstance(value, int | float | str) and last not in KIND:
-            origins[key] = places.Origin("user")
-        table[last] = value
+        else:
+            own: dict[str, places.Origin] = {}
+            tables = {last: stripped(value, own, faults, key)}
+            if isinstance(tables[last], int | float | str) and last not in KIND:
+                own.setdefault(key, places.Origin("user"))
+            for name in reversed(parents):
+                tables = {name: tables}
+            faults += lay(tables, raw, origins, own, recast, "scene")
     return recast
 
 
+def lay(
+    over: Mapping[str, Any],
+    raw: dict[str, Any],
+    origins: dict[str, places.Origin],
+    own: dict[str, places.Origin],
+    recast: dict[str, tuple[str, Any]],
+    below: str = "base",
+    key: str = "",
+) -> Iterator[Fault]:
+    """Merge the tables `over` into those below them, `raw`, which messages call `below`. Yield the faults.
+
+    `origins` are those of `raw`; `own`, those of `over`, replace them in the end. `recast` receives the tables whose
+    kind changed -> key of the kind, former kind.
+    """
+    for name, value in over.items():
+        here = f"{key}.{name}" if key else name
+        before = raw.get(name)
+        if value == "none":
+            if name not in raw:
+                hint = " or ".join(f"{key}.{similar}" if key else similar for similar in close(name, raw))
+                hint = f"; did you mean {hint}?" if hint else ""
+                yield here, f"{here}: is not in the {below}, so it cannot be removed{hint}"
+            raw.pop(name, None)
+            forget(origins, here)
+            forget(own, here)
+        elif isinstance(value, Mapping):
+            table = before if isinstance(before, dict) else {}
+            if table is not before:
+                forget(origins, here)
+            raw[name] = table
+            yield from lay(value, table, origins, own, recast, below, here)
+        else:
+            if key and name in KIND and name in raw and before != value:
+                recast[key] = name, before
+            if here not in own or isinstance(before, dict | list):
+                forget(origins, here)
+            raw[name] = value
+    if not key:
+        origins |= own
+
+
 def _read(value: object) -> Any:
+    if value is None:
+        return "none"
     if not isinstance(value, str):
         plain = getattr(value, "tolist", None)  # numbers and arrays of numpy
         return plain() if callable(plain) else value
     text = value.strip()
-    if text == "none":
-        return None
     try:
         literal = toml(f"value = {text}")["value"]
     except (ValueError, RecursionError, KeyError):  # no value of TOML, or none that can be read

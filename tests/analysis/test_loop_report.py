@@ -136,7 +136,10 @@ def test_a_loop_of_a_longer_period_has_the_longest_delay(monkeypatch):
         (["belt"], "name the controller of the loop with --controller; there are: none"),
         (["belt_dither_sampled"], "is not a linear feedback"),
         (["belt_normal_force", "--net", "act/nf: loss 100 %"], "loses every message"),
-        (["belt_normal_force", "--net", "act/nf: los 1 %"], "column 9: los: unknown; did you mean loss?"),
+        (
+            ["belt_normal_force", "--net", "act/nf: los 1 %"],
+            "network.act.nf.los: unknown key; did you mean network.act.nf.loss? (given with --net)",
+        ),
     ],
 )
 def test_what_has_no_loop_is_refused(arguments, told):
