@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 import rig
-from rig.analysis.motion_measures import Seen, Setting, eligible, errors, held, ladder, observe, problem
+from rig.analysis.motion_measures import Seen, Setting, eligible, errors, ladder, observe, problem
 from rig.errors import Chatter, OutputError, UsageError
 from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended, reference
 from rig.qualify.cost.measuring import timed, trials
 from rig.qualify.cost.reference import extrapolated
 from rig.qualify.cost.report import CostReport, notes
 from rig.qualify.cost.table import front
-from rig.qualify.cost.timing import QUIET, Contender, Cost, Spread, measured, spread
+from rig.qualify.cost.timing import QUIET, Cost, Spread, spread
 from rig.view.palette import put
 
 
@@ -201,12 +201,6 @@ def test_slips_of_a_motion_with_lift_offs_keep_their_times():
     assert seen.slips(repeats=True).mean == 2.0
 
 
-def test_actuators_are_held_where_the_protocol_holds_them_longest():
-    scene = rig.load("lever_three_stage")
-    assert held(scene, scene.assemble()) == {"drive.speed": pytest.approx(8.0 * 2.0 * math.pi / 60.0)}
-    assert held(rig.load("belt_c"), rig.load("belt_c").assemble()) == {}
-
-
 def test_methods_come_from_the_rig_and_ladders_end_where_it_is_stable():
     scene = rig.load("belt")
     system = scene.assemble().system()
@@ -266,65 +260,6 @@ def test_an_interval_contains_its_estimate_and_mostly_the_true_quantile(share):
         assert found.low <= found.value <= found.high, count
     intervals = [spread(draw.random(1050), share) for _ in range(400)]
     assert 0.92 < np.mean([one.low <= share <= one.high for one in intervals]) < 0.99
-
-
-class Waits:
-    """A clock that comes to each deadline at once."""
-
-    time = 0
-
-    def __init__(self):
-        self.deadlines = []
-
-    def now(self):
-        return self.time
-
-    def until(self, deadline):
-        self.deadlines.append(deadline)
-        self.time = deadline
-        return deadline
-
-
-@pytest.mark.parametrize(("frame", "each"), [("1 ms", 1), ("0.1 ms", 10)])
-def test_frames_are_timed_like_those_of_a_run(frame, each):
-    """Each piece when it is due, through limits, exchange and sensors, as often as the motion to be timed lasts."""
-    asked = problem(rig.load("belt_c", {"clock.frame": frame, "limits.displacement": "1 um"}))
-    contender, clock = Contender(asked, Setting("exact"), asked.later(Setting("exact"))), Waits()
-    runner = contender.runner
-    before = runner.tick
-    times = contender.frames(clock)
-    assert len(times) == 150
-    assert times.min() > 0.0
-    assert runner.tick - before == 150 * each
-    assert clock.deadlines == [1_000_000 * i for i in range(1, 150)]
-
-
-class Stopping:
-    """A setting that has to stop in its second round."""
-
-    rounds = 0
-
-    def round(self, clock):
-        self.rounds += 1
-        if self.rounds > 1:
-            raise Chatter("too many events", 0.0, "free", {})
-        return np.ones(3), 1.0
-
-
-class Lasting(Stopping):
-    """One that goes on."""
-
-    def round(self, clock):
-        self.rounds += 1
-
-    def cost(self, told):
-        return len(told)
-
-
-def test_a_setting_that_stops_while_it_is_timed_is_told_so_and_the_others_go_on():
-    stopping, lasting = Stopping(), Lasting()
-    assert measured([stopping, lasting], 4, lambda: None) == ["too many events", 4]
-    assert stopping.rounds == 2
 
 
 def test_a_setting_that_gets_through_but_not_in_one_piece_is_a_row_with_its_fault(belt, monkeypatch):

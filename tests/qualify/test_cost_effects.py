@@ -93,13 +93,6 @@ def test_rounds_are_repeated_while_the_noise_is_coarse():
     assert len(module.timed(turns, 3, lambda *_: None)["less"]) > 3
 
 
-def test_a_change_has_a_unit_and_is_a_share_of_the_larger_value():
-    one = Change("amplitude displacement", "m", 2e-3, 6e-3, 2.0 / 3.0)
-    assert one.text() == "amplitude displacement 0.002 m, without it 0.006 m (67 %)"
-    assert not Change("rms velocity", "m/s", 1.0, 2.0, 0.5, floor=0.4).significant
-    assert Change("frequency", "Hz", 3.0, None, 1.0).text() == "frequency 3 Hz only with it"
-
-
 def test_no_change_is_larger_than_the_whole(shunted):
     sizes = [one.size for paired in shunted.values() for one in paired.changes if one.measure != "growth rate"]
     assert sizes
@@ -127,15 +120,6 @@ def test_what_the_protocol_closes_for_the_longest_time_is_measured_closed_at_onc
     assert dither.worst.size > 0.5
     assert dither.change().startswith("starts open, is closed by the protocol, measured closed; ")
     assert opened(rig.load("brake_shunt_listener"))["shunt.connected"].startswith("is closed by controller ")
-
-
-def test_values_that_nothing_commands_are_held_as_parameters():
-    """Without its protocol nobody commands the drive of this rig: its speed is in the matrices."""
-    scene = bare(rig.load("belt"))
-    faster = problem(scene, {"drive.speed": 0.09})
-    assert faster.scene.parameters.drive.speed == 0.09
-    assert faster.system.start == pytest.approx(problem(rig.load("belt", {"drive.speed": 0.09}), {}).system.start)
-    assert faster.orbit(module.of(faster.scene, faster.system)).system.slip_rows[0, 2] == 0.09
 
 
 def test_a_plant_that_leaves_its_limits_or_stops_is_told_so():

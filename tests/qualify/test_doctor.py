@@ -3,7 +3,6 @@
 import json
 import os
 import time
-from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -16,11 +15,10 @@ from rig.bench.run.runner import PlantRunner
 from rig.compiled import kernel
 from rig.controllers import narrow_band
 from rig.errors import SceneError, WorkerError
-from rig.machine.scheduling import PLANT, Ahead
 from rig.motion.motion import Motion
 from rig.qualify import bug_report
 from rig.qualify import doctor as examination
-from rig.qualify.doctor import ALONE, AMONG, LEAST, Spread, behind, costs, doctor, judge
+from rig.qualify.doctor import LEAST, Spread, behind, costs, doctor, judge
 from rig.scenes.protocol import STEPS
 from rig.solve.advance import advance
 
@@ -59,11 +57,6 @@ def test_an_examination_is_plain(report):
 @pytest.mark.parametrize(("share", "verdict"), [(0.0, "VALID"), (0.01, "VALID"), (0.03, "DEGRADED"), (0.06, "INVALID")])
 def test_the_verdict_follows_the_share_of_late_frames(share, verdict):
     assert judge(rig.load("belt"), np.full(100, 30_000), late(share), None).verdict == verdict
-
-
-def test_the_thresholds_are_those_of_the_scene():
-    strict = rig.load("belt", {"clock.late_share_valid": 0.0, "clock.late_share_degraded": 0.001})
-    assert judge(strict, np.full(100, 30_000), late(0.01), None).verdict == "INVALID"
 
 
 def test_frames_that_fill_their_time_are_invalid_a_longer_frame_helps_and_what_is_published_counts():
@@ -137,21 +130,6 @@ def test_what_others_do_costs_a_plant_in_real_time_nothing(monkeypatch):
     scene = rig.load("north")
     among, alone = (np.median(costs(scene, least=100, clock=c)) for c in (time.perf_counter_ns, time.thread_time_ns))
     assert among > 1_000_000 > 2 * alone > 0
-
-
-@pytest.mark.parametrize(
-    ("why", "clock", "told"), [("", time.thread_time_ns, ALONE), ("not allowed", time.perf_counter_ns, AMONG)]
-)
-def test_frames_are_measured_as_a_plant_would_be_scheduled(monkeypatch, why, clock, told):
-    used, scheduled = [], Ahead(PLANT, lambda: None)
-    scheduled.why = why
-    monkeypatch.setattr(examination, "ahead", lambda _: nullcontext(scheduled))
-    monkeypatch.setattr(examination, "costs", lambda scene, clock: used.append(clock) or PUNCTUAL)
-    monkeypatch.setattr(kernel_shapes, "ready", lambda: {kernel_shapes.shape(rig.load("north"))})
-    found = doctor(0.2, names=("north",))
-    assert used == [clock]
-    assert found.frames == told
-    assert told in found.text()
 
 
 def test_a_scene_that_cannot_run_is_a_row_and_the_others_are_judged(monkeypatch):

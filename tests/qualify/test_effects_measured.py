@@ -3,7 +3,6 @@
 import pytest
 
 import rig
-from rig.errors import SceneError
 from rig.qualify import effects_measured
 from rig.qualify.effects_measured import draw
 from rig.record.provenance import provenance
@@ -70,20 +69,3 @@ def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypat
     assert part.worst.size > 0.0
     draw([part], "its effects", provenance(1), tmp_path / "effects.png")
     assert (tmp_path / "effects.png").stat().st_size > 10_000
-
-
-def test_an_absent_effect_that_does_not_fit_cannot_be_added(monkeypatch):
-    def refuse(*_, **__):
-        raise SceneError("belt", ["it does not fit"])
-
-    monkeypatch.setattr(effects_measured, "added", refuse)
-    monkeypatch.setattr(effects_measured, "absent", lambda scene: {"dither": ["dither"]})
-    monkeypatch.setattr(effects_measured, "effects", lambda scene, rounds: [])
-    [part] = effects_measured.parts(rig.load("belt"), rounds=3)
-    assert part.change() == "cannot be added: belt: it does not fit"
-
-
-def test_an_effect_that_its_scene_switches_on_later_is_added_switched_on():
-    more, like = added(rig.load("seal_l"), ["dither"], of_others=True)
-    assert like == "belt_dither"
-    assert more.parameters.dither.enable

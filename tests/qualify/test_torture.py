@@ -14,7 +14,7 @@ from rig.errors import SceneError, UsageError
 from rig.qualify import torture
 from rig.qualify.torture import trial
 from rig.qualify.torture.case import FOLDER, each, load, names, read, watched
-from rig.qualify.torture.cells import cells, kernel_scenes
+from rig.qualify.torture.cells import cells
 from rig.qualify.torture.results import Found, judge
 from rig.qualify.torture.wrong_methods import WRONG
 from rig.record import reader
@@ -226,21 +226,6 @@ def test_what_comes_at_one_instant_may_come_in_any_order():
     one = Found(events=[(0.1, "a slip+"), (0.1, "b slip+"), (0.3, "a stick")], count=3)
     other = Found(events=[(0.1, "b slip+"), (0.1, "a slip+"), (0.3, "a stick")], count=3)
     assert judge(case, other, one, 1.0).colour == "green"
-
-
-def test_only_kernels_that_serve_a_case_are_prepared():
-    """A method that cannot take a crowd of contacts is a cell that says so, and nothing to compile."""
-    methods = {scene.clock.method for scene in kernel_scenes(load("many_points"), False)}
-    assert {"auto", "rk4"} <= methods
-    assert not {"exact", "smooth"} & methods
-
-
-def test_a_case_may_set_a_list(tmp_path):
-    path = tmp_path / "knocked.toml"
-    path.write_text(
-        'title = "x"\nabout = "y"\nscene = "points"\nduration = "1 ms"\n\n[set]\n"start.velocities" = [1.0, 2.0]\n'
-    )
-    assert watched(read(path), "kick", 1000).parameters.start.velocities == (1.0, 2.0)
 
 
 def test_a_case_names_a_scene_file_by_its_path_from_its_own_folder(tmp_path):

@@ -10,15 +10,9 @@ from rig.picture import Plot
 from rig.scenes.shipped import names
 from rig.view import contact
 from rig.view.channels import Channels
-from rig.view.drawing import Drawing
 from rig.view.palette import LINES
 
 GROUPS = {
-    "pendulum": [
-        ("velocity [m/s]", "velocity surface_speed"), ("forces [N]", "friction_force normal_force"),
-        ("displacement [m]", "displacement"), ("acceleration [m/s^2]", "acceleration"), ("angle [rad]", "angle"),
-        ("angular speed [rad/s]", "angular_velocity disc_speed"), ("slip speed [m/s]", "slip_speed"),
-    ],
     "belt_tuned_mass": [
         ("velocity [m/s]", "velocity surface_speed"), ("forces [N]", "friction_force normal_force"),
         ("displacement [m]", "displacement"), ("acceleration [m/s^2]", "acceleration"),
@@ -104,21 +98,6 @@ def test_the_portrait_is_the_declared_pair_or_the_first_output_with_its_rate():
     assert declared(**outputs).portrait == ("y", "y_rate")
     assert declared(weight=outputs["weight"], b=outputs["b"]).portrait is None
     assert Channels(None, {"displacement": "m", "velocity": "m/s"}, {}).portrait is None
-
-
-def test_colours_are_those_of_the_places_in_a_plot():
-    found = declared(**{f"f{k}": Output({}, "N") for k in range(8)}, x=Output({}, "m"))
-    assert [found.colours[f"f{k}"] for k in range(8)] == [*LINES, *LINES[:2]]
-    assert found.colours["x"] == LINES[0]
-
-
-@pytest.mark.parametrize("name", ["pendulum", "plate", "brake"])
-def test_arrows_of_the_picture_have_the_colours_of_their_curves(name):
-    scene = rig.load(name)
-    drawing = Drawing(scene.to_json(), {n: output.unit for n, output in scene.assemble().outputs.items()}, {})
-    told = [contact.rgb(drawing.channels.colours[f"{force}_force"]) for force in ("friction", "normal")]
-    assert [drawing.picture.friction, drawing.picture.normal] == told
-    assert told[0] != told[1]
 
 
 def test_colours_do_not_depend_on_the_order_of_what_a_run_recorded():

@@ -91,18 +91,6 @@ def test_phases_marks_and_controllers_are_told_in_spans():
     assert [section.text for section in curves.sections(run)] == ["free", "c", "free"]
 
 
-def test_only_the_plant_tells_what_happened_and_a_controller_of_its_own_parameters():
-    run = made_up(3.0, 1_000_000)
-    kinds = ("step", "mark", "limit", "connected", "disconnected", "parameter")
-    said = [
-        {"t_ns": 2 * 10**9, "tick": 2000, "kind": kind, "text": kind, "data": {"controller": "c"}} for kind in kinds
-    ]
-    run.events += [event | {"source": source} for source in ("guest", "c") for event in said]
-    assert curves.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
-    assert curves.marks_of(run) == [(1.0, "on"), (2.0, "parameter")]
-    assert curves.controlled(run) == [(1.0, 2.0, "c")]
-
-
 def test_a_controller_without_a_protocol_works_from_when_it_is_enabled():
     run = made_up(3.0, 1_000_000)
     run.events = []

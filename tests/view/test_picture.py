@@ -186,22 +186,6 @@ def test_a_plant_declares_pictures_of_outputs_that_it_has(shipped, plant):
         assert any(found >= set(one.outputs) for found in told), one
 
 
-@pytest.mark.parametrize("plant", PLANTS.shipped)
-def test_a_batch_of_states_between_two_frames_of_the_picture_draws_nothing_of_it(shipped, plant):
-    scene = next(scene for scene in shipped if scene.plant == plant)
-    units = outputs(scene)
-    drawing = Drawing(scene.to_json(), units, {})
-
-    def states(*t_ns):
-        signals = {name: np.zeros(len(t_ns)) for name in units}
-        found = drawing.states(np.array(t_ns), signals, np.zeros(len(t_ns), np.int64))
-        return {one.path for one in found if one.path.startswith(("rig/", "film/"))}
-
-    assert bool(states(0, 1_000_000)) is (drawing.picture is not None)
-    assert states(2_000_000, 3_000_000) == set()
-    assert bool(states(40_000_000)) is (drawing.picture is not None)
-
-
 def test_a_body_on_a_belt_is_drawn_along_across_and_turned_by_the_outputs_that_are_declared():
     said = OnBelt(along="place", up="rise", turn="roll", surface="band", friction="pull", normal="press")
     picture = Belt(Scale(10.0, 5.0), said)

@@ -15,7 +15,6 @@ from rig.record import statistics
 from rig.record.film_points import Points, listed, numbered, points_of
 from rig.record.run import Run
 from rig.view import contact, pressure
-from rig.view.blueprint import blueprint
 from rig.view.drawing import Drawing
 from rig.view.palette import put
 from rig.view.process import Feed
@@ -131,22 +130,6 @@ def test_the_slider_travels_as_it_does_and_its_motion_is_magnified(scene, run, u
     opened = (colours == contact.rgb(pressure.OPEN)).all(axis=2).mean(axis=1)
     assert opened == pytest.approx(1.0 - run.signals["contact_fraction"][shown])
     assert np.array_equal(colours, column(columns, "rig/film", "vertex_colors"))
-
-
-@pytest.mark.parametrize("until", [None, 20.0])
-@pytest.mark.parametrize("changes", [FILM, {"film.opens": "false", "slider.travels": "false"}])
-def test_the_plate_has_a_window(changes, until):
-    scene = rig.load("plate", changes)
-    told = {name: output.unit for name, output in scene.assemble().outputs.items()}
-    drawing = Drawing(scene.to_json(), told, {"accelerometer": "m/s^2"})
-    assert drawing.picture is not None
-    assert not drawing.worded
-    found = drawing.channels.panels
-    blueprint(drawing, until)
-    if drawing.points:
-        titles = ["acceleration [m/s^2]", "contact fraction [1]", "pressure centre [m]", "forces [N]"]
-        assert [plot.title for plot in found[:4]] == titles
-    assert not any(name.startswith("pressure_1") for plot in found for name in plot.outputs)
 
 
 def test_a_live_film_is_a_map_and_no_curve_for_each_point(scene, run, units):

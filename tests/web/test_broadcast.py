@@ -89,13 +89,3 @@ def test_a_page_that_is_opened_again_gets_the_frames_that_others_show():
         assert numbers(await taken(page)) == list(range(10, HISTORY + 10))
 
     run(test)
-
-
-def test_senseless_messages_of_a_page_are_ignored():
-    async def test():
-        page = Broadcast().connect()
-        for text in ("", "x", "[1]", '{"ack": "many"}', '{"ack": 99}', "null"):
-            page.heard(text)
-        assert await nothing(page)
-
-    run(test)
