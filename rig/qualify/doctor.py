@@ -293,7 +293,15 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     with no_garbage():
         fit = [_fitness(scene, ready, clock, late, put) for scene in loaded]
     return Report(
-        machine=_machine(),
+        machine={
+            "processor": processor(),
+            "cores": cores(),
+            "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan,
+            "system": f"{platform.system()} {platform.release()}",
+            "python": platform.python_version(),
+            "numba": numba.__version__,
+            "kernels": str(kernel.FOLDER.path),
+        },
         warm=all(fitness.verdict != "unknown" for fitness in fit),
         sleep=Spread.of(slept),
         hybrid=Spread.of(spun),
@@ -377,18 +385,6 @@ def _disk() -> float:
             return _MEGABYTES * 1.048576 / (time.perf_counter() - begin)
     except OSError:
         return 0.0
-
-
-def _machine() -> dict[str, Any]:
-    return {
-        "processor": processor(),
-        "cores": cores(),
-        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan,
-        "system": f"{platform.system()} {platform.release()}",
-        "python": platform.python_version(),
-        "numba": numba.__version__,
-        "kernels": str(kernel.FOLDER.path),
-    }
 
 
 if __name__ == "__main__":

@@ -79,7 +79,7 @@ class Channels:
         places: dict[tuple[str, str], int] = {}
         for name, unit in self.outputs.items():
             if name not in self.at_points:
-                plot = self._plot(name, unit)
+                plot = getattr(self._declared.get(name), "plot", None) or plot_of(unit)
                 key = plot.title or name.replace("_", " "), unit
                 members.setdefault(key, []).append(name)
                 places[key] = min(plot.place, places.get(key, plot.place))
@@ -91,7 +91,3 @@ class Channels:
             shown |= set(inside)
         alone = Plot().place
         return panels + [Panel(f"{n} [{u}]", (), (n,), alone) for n, u in self.sensors.items() if n not in shown]
-
-    def _plot(self, name: str, unit: str) -> Plot:
-        output = self._declared.get(name)
-        return output.plot if output is not None and output.plot is not None else plot_of(unit)

@@ -7,6 +7,7 @@ stick   no slip                slip+   w > 0, the surface is faster         slip
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,20 +74,13 @@ class _States:
 
     def __init__(self, system: System | None, lanes: list[tuple[int, list[int]]]) -> None:
         self._system, self._lanes = system, lanes
-        self._known: dict[int, list[int]] = {}
+        self._of = lru_cache(_MOST_KNOWN)(self._look_up)
 
     def indices(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
         """Indices in `NAMES` [contact, row] of an array of mode sets."""
         unique, inverse = np.unique(keys, return_inverse=True)
         states = np.array([self._of(int(key)) for key in unique], np.int64)
         return states.reshape(len(unique), len(self._lanes))[inverse.ravel()].T
-
-    def _of(self, key: int) -> list[int]:
-        if key not in self._known:
-            if len(self._known) >= _MOST_KNOWN:
-                self._known.clear()
-            self._known[key] = self._look_up(key)
-        return self._known[key]
 
     def _look_up(self, key: int) -> list[int]:
         system = self._system

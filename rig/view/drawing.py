@@ -180,9 +180,8 @@ class Drawing:
         colours = [contact.rgb(colour) for colour in contact.COLOURS]
         if self.worded:
             words = [_states(bits) for bits in range(1, 1 << len(colours))]
-            mixed = [
-                _mixed([c for i, c in enumerate(colours) if 1 << i & bits]) for bits in range(1, 1 << len(colours))
-            ]
+            shares = [[c for i, c in enumerate(colours) if 1 << i & bits] for bits in range(1, 1 << len(colours))]
+            mixed = [[round(sum(parts) / len(parts)) for parts in zip(*share)] for share in shares]
             lanes = rr.StateConfiguration(values=words, labels=words, colors=mixed)
             rec.log("strip/contact", lanes, static=True)
         for name in self.controllers:
@@ -280,10 +279,6 @@ def _plain(name: str) -> str:
 def _states(bits: int) -> str:
     """The words of contact states, a bit for each."""
     return ", ".join(name for i, name in enumerate(contact.NAMES) if 1 << i & bits)
-
-
-def _mixed(colours: Sequence[tuple[int, int, int]]) -> list[int]:
-    return [round(sum(parts) / len(parts)) for parts in zip(*colours)]
 
 
 def _curve(path: str, t_ns: Integers, v: Reals) -> Columns:

@@ -334,9 +334,7 @@ def view(
     run: str | None = None,
     *,
     web: bool = False,
-    connect: str | None = None,
     save: Path | str | None = None,
-    headless: bool = False,
     wait: float = 10.0,
     trust: bool = False,
     name: str = "viewer",
@@ -344,18 +342,14 @@ def view(
 ) -> Viewing:
     """Show a live run, by default the only one, until it ends; wait at most `wait` seconds for it to start.
 
-    It is shown in a window, or with `web` on a browser page whose address is printed, with `connect` in the running
-    viewer at this address, with `save` in a file (.rrd), with `headless` off screen. `trust` allows to run the code of
-    parts from files that the run contains. Raises rig.errors.Untrusted for such parts without it, BusError without a
-    run, UsageError without a display, OutputError for a file that cannot be written.
+    It is shown in a window, or with `web` on a browser page whose address is printed, with `save` in a file (.rrd).
+    `trust` allows to run the code of parts from files that the run contains. Raises rig.errors.Untrusted for such parts
+    without it, BusError without a run, UsageError without a display, OutputError for a file that cannot be written.
     """
     stand_back(_NICE)
     with bus.join(run, role="viewer", name=name, wait=wait) as session:
         bridge = Bridge(session, wait, trust)
-        target = viewer.sink(
-            session.run, bridge.drawing, until=None, save=save, web=web, connect=connect, headless=headless
-        )
-        with target as (rec, shown):
+        with viewer.sink(session.run, bridge.drawing, until=None, save=save, web=web) as (rec, shown):
             if shown is not None and shown.page:
                 say(f"live at {shown.page}\n{viewer.OPEN_TO}")
             session.announce()
@@ -389,11 +383,6 @@ class Bridge:
         self.drawing = Drawing(described.scene, described.outputs, sensors)
         self.feed = Feed(self.drawing, described)
 
-    @property
-    def lost(self) -> int:
-        """Number of messages that did not arrive."""
-        return self.heard.lost
-
     def run(
         self, rec: rr.RecordingStream, stop: threading.Event, watched: Callable[[], bool] = lambda: True
     ) -> Viewing:
@@ -404,7 +393,7 @@ class Bridge:
         while not stop.is_set() and (self._plant.present or not self._session.ended) and watched() and not sender.fault:
             self.listen()
             if sender.free:
-                sender.offer(self.feed.take(self.lost))
+                sender.offer(self.feed.take(self.heard.lost))
             stop.wait(PAUSE_S)
             self._plant.poll()
         stopped = stop.is_set()
@@ -412,7 +401,7 @@ class Bridge:
         while time.monotonic() < quiet:  # presence changes arrive before data: the last messages are on their way
             time.sleep(0.05)
             self.listen()
-        sender.finish(self.feed.take(self.lost))
+        sender.finish(self.feed.take(self.heard.lost))
         ended = "told to stop" if stopped else "the window was closed" if not watched() else "the plant left"
         counts = self.heard.counts
         return Viewing(

@@ -43,16 +43,14 @@ def view_run(
     name: str,
     *,
     web: bool = False,
-    connect: str | None = None,
     save: Path | str | None = None,
-    headless: bool = False,
     say: Callable[[str], object] = print,
 ) -> None:
     """Show a whole run in rerun under `name`, with the window arranged for its rig.
 
-    It is shown in a window, or with `web` on a browser page until Ctrl-C, with `connect` in the running viewer at this
-    address, with `save` in a file (.rrd), with `headless` off screen. Raises LogError for a run without its scene and
-    for a file that cannot be written, UsageError without a display, rig.errors.Untrusted for parts from files.
+    It is shown in a window, or with `web` on a browser page until Ctrl-C, with `save` in a file (.rrd). Raises LogError
+    for a run without its scene and for a file that cannot be written, UsageError without a display,
+    rig.errors.Untrusted for parts from files.
     """
     from rig.view import viewer
 
@@ -63,11 +61,12 @@ def view_run(
             viewer.sink(name, drawing, until=end, save=draft) as (rec, _),
         ):
             write(run, rec, drawing)
-            _flush(rec, lambda: f"{save} cannot be written: {_free(draft)} MiB are free there")
+            free = f"{shutil.disk_usage(draft.parent).free >> 20} MiB are free there"
+            _flush(rec, f"{save} cannot be written: {free}")
         return
-    with viewer.sink(name, drawing, until=end, web=web, connect=connect, headless=headless) as (rec, shown):
+    with viewer.sink(name, drawing, until=end, web=web) as (rec, shown):
         write(run, rec, drawing)
-        _flush(rec, lambda: "the viewer was closed, or hangs: it does not have the whole run")
+        _flush(rec, "the viewer was closed, or hangs: it does not have the whole run")
         if shown is not None and web:
             say(f"{name} at {shown.page} until Ctrl-C\n{viewer.OPEN_TO}")
             with stopping() as stop:
@@ -75,16 +74,12 @@ def view_run(
                     pass
 
 
-def _free(path: Path) -> int:
-    return shutil.disk_usage(path.parent).free >> 20
-
-
-def _flush(rec: rr.RecordingStream, otherwise: Callable[[], str]) -> None:
+def _flush(rec: rr.RecordingStream, otherwise: str) -> None:
     """Wait until everything is sent: nothing is dropped. Raises OutputError with the text of `otherwise`."""
     try:
         rec.flush(timeout_sec=_FLUSH_S)
     except Exception as fault:  # rerun's own kinds
-        raise OutputError(f"{otherwise()} ({fault})") from None
+        raise OutputError(f"{otherwise} ({fault})") from None
 
 
 def write(run: Run, rec: rr.RecordingStream, drawing: Drawing) -> None:

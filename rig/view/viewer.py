@@ -49,25 +49,18 @@ if os.getppid() == int(sys.argv[1]):
 
 
 class Viewer:
-    """A viewer at `url`; `page`: address for a browser; `process`: None if another process started the viewer."""
+    """A viewer at `url`, as a process; `page`: address for a browser, "" for a window."""
 
-    def __init__(self, url: str, page: str = "", process: subprocess.Popen[bytes] | None = None) -> None:
+    def __init__(self, url: str, page: str, process: subprocess.Popen[bytes]) -> None:
         self.url, self.page, self.process = url, page, process
 
     @property
     def alive(self) -> bool:
-        """Whether the viewer still runs; always true for one that another process started."""
-        return self.process is None or self.process.poll() is None
-
-    def wait(self) -> None:
-        """Wait until the viewer ends."""
-        if self.process is not None:
-            self.process.wait()
+        """Whether the viewer still runs."""
+        return self.process.poll() is None
 
     def stop(self) -> None:
-        """End the viewer if this process started it."""
-        if self.process is None:
-            return
+        """End the viewer."""
         self.process.terminate()
         try:
             self.process.wait(1.0)
@@ -83,8 +76,8 @@ def binary() -> Path:
     return Path(str(rerun_cli.__file__)).parent / ("rerun.exe" if os.name == "nt" else "rerun")
 
 
-def start(web: bool = False, headless: bool = False) -> Viewer:
-    """Start a viewer: a window, a server for a browser page (`web`), or off screen (`headless`).
+def start(web: bool = False) -> Viewer:
+    """Start a viewer: a window, or a server for a browser page (`web`).
 
     Raises UsageError if it does not open, e.g. on a machine without a display.
     """
@@ -97,8 +90,8 @@ def start(web: bool = False, headless: bool = False) -> Viewer:
         page = f"http://127.0.0.1:{page_port}/?theme=dark&url={quote(url, safe='')}"  # the colours need it
         command += ["--serve-web", "--web-viewer-port", str(page_port), "--server-memory-limit", _SERVED]
     else:
-        command += ["--hide-welcome-screen", *(["--headless"] if headless else [])]
-    if (web or headless) and sys.platform == "linux":
+        command.append("--hide-welcome-screen")
+    if web and sys.platform == "linux":
         command = [sys.executable, "-ISc", _BOUND, str(os.getpid()), *command]
     # a new session, so that Ctrl-C does not end the window; with CI rerun sends no usage statistics
     with tempfile.TemporaryFile() as output:
@@ -149,14 +142,11 @@ def sink(
     until: float | None,
     save: Path | str | None = None,
     web: bool = False,
-    connect: str | None = None,
-    headless: bool = False,
 ) -> Iterator[tuple[rr.RecordingStream, Viewer | None]]:
     """Open a recording stream of rerun called `name`, with the window arranged; yields it and the viewer.
 
     `until` is the end of a recording [s], None for a live run. `save` writes a file (.rrd), which `rerun FILE` shows;
-    the viewer is None then. `connect` is the address of a viewer that already runs. Raises OutputError if the file
-    cannot be written, UsageError if the viewer does not open.
+    the viewer is None then. Raises OutputError if the file cannot be written, UsageError if the viewer does not open.
     """
     import rerun as rr
 
@@ -176,7 +166,7 @@ def sink(
         except Exception as fault:  # rerun's own kinds
             raise OutputError(f"{target} cannot be written ({fault})") from None
     else:
-        viewer = Viewer(connect) if connect else start(web, headless)
+        viewer = start(web)
         rec.connect_grpc(viewer.url, default_blueprint=described)
         rec.send_blueprint(described, make_active=True, make_default=True)
     try:
@@ -184,7 +174,7 @@ def sink(
         yield rec, viewer
     finally:
         _leave(rec, _LEAVING_S if save is None else _WRITTEN_S)
-        if viewer is not None and (web or headless):
+        if viewer is not None and web:
             viewer.stop()
 
 

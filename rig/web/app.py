@@ -32,6 +32,7 @@ import json
 from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,13 @@ class Bench:
 
     def __init__(self, folder: Path, say: Callable[[str], object] = lambda _: None) -> None:
         self.catalogue, self.broadcast, self.sounds = Catalogue(folder), Broadcast(), Sounds()
-        self.control = RunControl(self._changed, self._frame, self._news, say, self._samples)
+        self.control = RunControl(
+            lambda: self._call(self.broadcast.put, "state", self.control.state),
+            partial(self._call, self.broadcast.frame),
+            partial(self._call, self.broadcast.put),
+            say,
+            self._samples,
+        )
         self.jobs = Jobs()
         self.recordings = Recordings(folder / RUNS, self.jobs)
         self.studies = Studies(folder, self.catalogue, self.jobs)
@@ -91,15 +98,6 @@ class Bench:
         if self._loop is not None:
             with suppress(RuntimeError):  # the loop has ended: so have all pages
                 self._loop.call_soon_threadsafe(function, *arguments)
-
-    def _changed(self) -> None:
-        self._call(self.broadcast.put, "state", self.control.state)
-
-    def _frame(self, text: str, events: bool) -> None:
-        self._call(self.broadcast.frame, text, events)
-
-    def _news(self, kind: str, content: Any) -> None:
-        self._call(self.broadcast.put, kind, content)
 
     def _samples(self, arrived: Sequence[Message]) -> None:
         if wanted := self.sounds.wanted:

@@ -46,8 +46,7 @@ class Bridge:
     def __init__(self, run: str, port: int = 0) -> None:
         self.run = run
         self.clients: set[Client] = set()
-        self._seats: dict[Any, bool] = {}
-        """Connections that count against `CLIENTS`; whether each has a thread that serves it."""
+        self._seats: set[Any] = set()  # connections that count against `CLIENTS`
         self._seating = threading.Lock()
         self._stopped = threading.Event()
         self._socket = listening(port)
@@ -95,24 +94,14 @@ class Bridge:
         """Give a connection one of the seats, if one is free; many connections may ask at once."""
         over = needed("websockets.protocol", "web").CLOSED
         with self._seating:
-            for other in [c for c, served in self._seats.items() if not served and c.protocol.state is over]:
-                del self._seats[other]  # it broke off its handshake
+            self._seats = {other for other in self._seats if other.protocol.state is not over}
             if len(self._seats) >= CLIENTS:
                 return False
-            self._seats[connection] = False
+            self._seats.add(connection)
             return True
 
     def _serve(self, connection: Any) -> None:
         """Serve one client, in a thread of its own."""
-        with self._seating:
-            self._seats[connection] = True
-        try:
-            self._serve_seated(connection)
-        finally:
-            with self._seating:
-                del self._seats[connection]
-
-    def _serve_seated(self, connection: Any) -> None:
         closed = needed("websockets", "web").ConnectionClosed
         # a client that takes nothing must not hold its seat: sending fails after some seconds
         connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", SEND_S, 0))

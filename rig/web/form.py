@@ -111,26 +111,19 @@ def sections(scene: Scene, assembly: Any, values: Sequence[Value]) -> list[dict[
     may = known(assembly, scene.parameters, scene.sensors, scene.controllers)
     owners = {drive: name for name, section in scene.controllers.items() for drive in controller_drives(section)}
     tables: dict[str, list[dict[str, Any]]] = {}
-    keys = {value.key for value in values}
-    for value in values:
-        if value.key.startswith("protocol["):  # shown in words; the protocol is edited in the scene file
-            continue
-        table, _, name = value.key.rpartition(".")
-        actuator = assembly.inputs.get(value.key)
-        live = value.key in may.settable or actuator is not None
-        entry = entry_of(value.key, name, value.value, value.unit, within(scene, value.key, actuator))
-        entry |= kind_of(scene, value.key, value.value)
-        entry |= {"origin": value.origin.origin, "note": value.origin.note, "place": str(value.place or "")}
-        entry |= {"live": live, "actuator": actuator is not None, "owner": owners.get(value.key, "")}
+    given = {value.key: value for value in values if not value.key.startswith("protocol[")}  # it is shown in words
+    for key in dict.fromkeys((*given, *assembly.inputs)):
+        table, _, name = key.rpartition(".")
+        value, actuator = given.get(key), assembly.inputs.get(key)
+        shown = value or actuator
+        entry = entry_of(key, name, shown.value, shown.unit, within(scene, key, actuator))
+        entry |= {"kind": "fixed", "origin": "", "note": "", "place": ""}
+        if value is not None:
+            entry |= kind_of(scene, key, value.value)
+            entry |= {"origin": value.origin.origin, "note": value.origin.note, "place": str(value.place or "")}
+        live = key in may.settable or actuator is not None
+        entry |= {"live": live, "actuator": actuator is not None, "owner": owners.get(key, "")}
         tables.setdefault(table or "scene", []).append(entry)
-    for name, actuator in assembly.inputs.items():
-        if name not in keys:
-            entry = entry_of(
-                name, name.rpartition(".")[2], actuator.value, actuator.unit, (actuator.low, actuator.high)
-            )
-            entry |= {"kind": "fixed", "origin": "", "note": "", "place": ""}
-            entry |= {"live": True, "actuator": True, "owner": owners.get(name, "")}
-            tables.setdefault(name.rpartition(".")[0] or "scene", []).append(entry)
     return [{"name": table, "values": entries} for table, entries in tables.items()]
 
 
@@ -173,10 +166,8 @@ def within(scene: Scene, key: str, actuator: Any = None) -> tuple[float, float] 
 
 def kind_of(scene: Scene, key: str, value: Any) -> dict[str, Any]:
     """How a value is edited: a number, a switch, a choice (with `choices`), a text, or not at all (fixed)."""
-    if isinstance(value, bool):
-        return {"kind": "switch"}
-    if isinstance(value, int | float):
-        return {"kind": "number"}
+    if isinstance(value, bool | int | float):
+        return {"kind": "switch" if isinstance(value, bool) else "number"}
     info = field_of(*_section(scene, key))
     if info is not None and (choices := _choices(info.annotation)):
         return {"kind": "choice", "choices": list(choices)}
@@ -295,14 +286,10 @@ def _toml(value: Any) -> str:
 
 def as_text(value: Any, key: str) -> str:
     """The value of `key` on the page as the command line would give it. Raises UsageError for what is no value."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return repr(value)
     if isinstance(value, str):
         return with_point(value, key)
-    if isinstance(value, int):
-        return str(value)
+    if isinstance(value, bool | int | float):
+        return repr(value).lower()
     raise UsageError(f"{key} {value!r:.80} is not a value; expected a number, a truth value or a text such as '2 rpm'")
 
 

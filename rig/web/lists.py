@@ -94,23 +94,18 @@ class Recordings:
     def work(self, body: dict[str, Any]) -> dict[str, Any]:
         """Start a job: `what` (`WORK`), `name`, and for compare `other`. Raises UsageError."""
         what, path = body.get("what"), self.path(body.get("name"))
-        if what == "verify":
-            return self._jobs.start(f"verify {path.name}", ["verify", str(path)])
-        if what == "view":
-            return self._jobs.start(f"view {path.name}", ["view", str(path), "--web"])
         if what not in OF_RECORDINGS:
             raise UsageError(f"{what!r:.80}: expected {', '.join(OF_RECORDINGS)}")
-        folder = self._jobs.folder()
-        if what == "report":
-            page = folder / "report.html"
-            return self._jobs.start(f"report of {path.name}", ["report", str(path), "--out", str(page)], page)
-        if what == "csv":
-            tables = folder / f"{path.stem}-csv"
-            arguments = ["export", str(path), "--to", "csv", "--out", str(tables)]
-            return self._jobs.start(f"tables of {path.name}", arguments, tables)
-        other, figure = self.path(body.get("other")), folder / "difference.png"
-        arguments = ["diff", str(path), str(other), "--figure", str(figure)]
-        return self._jobs.start(f"compare {path.name} with {other.name}", arguments, figure)
+        if what in ("verify", "view"):
+            return self._jobs.start(f"{what} {path.name}", [what, str(path), *(["--web"] if what == "view" else [])])
+        other = self.path(body.get("other")) if what == "compare" else path
+        title, command, option, result = {
+            "report": ("report of {0}", ["report", str(path)], "--out", "report.html"),
+            "csv": ("tables of {0}", ["export", str(path), "--to", "csv"], "--out", f"{path.stem}-csv"),
+            "compare": ("compare {0} with {1}", ["diff", str(path), str(other)], "--figure", "difference.png"),
+        }[what]
+        made = self._jobs.folder() / result
+        return self._jobs.start(title.format(path.name, other.name), [*command, option, str(made)], made)
 
 
 FINISHED = {"maps": ("map.png", "regions.png"), "cost": ("cost.png", "peers.png")}

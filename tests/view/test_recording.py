@@ -108,16 +108,16 @@ def test_a_viewer_that_is_closed_before_the_end_is_reported(run, monkeypatch):
 
     whole = rerun.RecordingStream.flush
     monkeypatch.setattr(rerun.RecordingStream, "flush", lambda rec, timeout_sec: whole(rec, timeout_sec=0.5))
-    shown = start(headless=True)
+    started, write = [], recording.write
 
-    def close_first(*_):
-        shown.stop()
-        write(*_)
+    def close_first(*given):
+        started[0].stop()
+        write(*given)
 
-    write = recording.write
+    monkeypatch.setattr("rig.view.viewer.start", lambda web: started.append(start(web)) or started[0])
     monkeypatch.setattr("rig.view.recording.write", close_first)
     with pytest.raises(OutputError, match="the viewer was closed, or hangs"):
-        view_run(run, "pendulum", connect=shown.url)
+        view_run(run, "pendulum", web=True)
 
 
 def test_a_run_without_outputs_and_sensors_shows_its_events(tmp_path):

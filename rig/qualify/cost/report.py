@@ -104,7 +104,7 @@ def figure(report: CostReport) -> Figure:
         raise UsageError("nothing to draw: no setting has both an error and a cost")
     with sheet(f"{table.title}: error against compute time", table.machine) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
-        for axes, of in ((left, _of_frame), (right, _of_plant)):
+        for axes, of in ((left, lambda row: row.cost.p99), (right, _of_plant)):
             _curves(axes, table, metric, of)
             if pick is not None:
                 label = f"recommended: {printed(str(pick.setting))}"
@@ -127,7 +127,6 @@ def figure(report: CostReport) -> Figure:
         right.set_xlabel("plant alone, in one piece: compute in 1 ms of simulated time [us]")
         second_axis(left, percent_of_frame, "share of a frame [%]")
         second_axis(right, real_time_factor, "real-time factor")
-        left.set_ylabel("largest relative error of all measures" if metric == WORST else f"error of {metric}")
         labels = dict(zip(*reversed(left.get_legend_handles_labels())))
         figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=2)
     return figure
@@ -144,13 +143,8 @@ def sheet(title: str, machine: dict[str, str]) -> Iterator[Figure]:
         figure.text(0.99, 0.015, machine_text, ha="right", va="bottom", fontsize=8.5, color="#666666")
 
 
-def _of_frame(row: Row) -> Spread:
-    """Compute time in 1 ms of simulated time [us]."""
-    return row.cost.p99
-
-
 def _of_plant(row: Row) -> Spread:
-    """The same of the plant alone."""
+    """Compute time of the plant alone in 1 ms of simulated time [us]."""
     factor = row.cost.factor
     return Spread(1e3 / factor.value, 1e3 / factor.high, 1e3 / factor.low)
 

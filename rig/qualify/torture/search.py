@@ -6,7 +6,6 @@ Needs hypothesis, a development tool: `pip install hypothesis`.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ def search(case: Case, examples: int = EXAMPLES, folder: Path = FOLDER) -> tuple
         raise UsageError("a random search needs hypothesis: pip install hypothesis") from None
     if not case.box:
         raise UsageError(f"{case.name} has no box to search")
-    ranges = {key: strategies.integers(0, PLACES).map(_between(*ends)) for key, ends in case.box.items()}
+    places = {key: strategies.integers(0, PLACES) for key in case.box}
     last: list[tuple[dict[str, float], Cell]] = []
 
     @settings(
@@ -42,8 +41,9 @@ def search(case: Case, examples: int = EXAMPLES, folder: Path = FOLDER) -> tuple
         suppress_health_check=list(HealthCheck),
         phases=(Phase.generate, Phase.shrink),
     )
-    @given(strategies.fixed_dictionaries(ranges))
-    def holds(values: dict[str, float]) -> None:
+    @given(strategies.fixed_dictionaries(places))
+    def holds(place: dict[str, int]) -> None:
+        values = {key: low + (high - low) * place[key] / PLACES for key, (low, high) in case.box.items()}
         bad = broken(at(case, values))
         if bad is not None:
             last.append((values, bad))
@@ -57,10 +57,6 @@ def search(case: Case, examples: int = EXAMPLES, folder: Path = FOLDER) -> tuple
     return None
 
 
-def _between(low: float, high: float) -> Callable[[int], float]:
-    return lambda place: low + (high - low) * place / PLACES
-
-
 def at(case: Case, values: dict[str, float]) -> Case:
     """Return the case with other values, without the numbers that its source gives for its own values."""
     expect = case.expect.model_copy(update={"events": None, "growth": None})
@@ -69,10 +65,8 @@ def at(case: Case, values: dict[str, float]) -> Case:
 
 def broken(case: Case) -> Cell | None:
     """Return the first red cell of the default; expensive cells do not count."""
-    for cell in cells(case, True, ("default",)):
-        if cell.default and cell.result.colour == "red" and cell.result.reason != "refused":
-            return cell
-    return None
+    red = (cell for cell in cells(case, True, ("default",)) if cell.default and cell.result.colour == "red")
+    return next((cell for cell in red if cell.result.reason != "refused"), None)
 
 
 def write(case: Case, values: dict[str, float], cell: Cell, folder: Path) -> Path:
