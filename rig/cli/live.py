@@ -75,13 +75,14 @@ def tune(
         except BusError as fault:
             raise UsageError(f"{fault}\n`rig tune` without a key lists what can be tuned") from None
     overruled = {} if value is None else answer.get("overruled", {})  # a value that was asked for is the one in force
-    if as_json:
-        printing.report({**answer["values"], **({"overruled": overruled} if overruled else {}), "run": session.run})
-        return
-    if inner in answer["values"]:
-        new, owner = printing.number(answer["values"][inner]), overruled.get(inner)
-        later = f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
-        printing.line(f"{later if owner else f'{key} = {new}'}  (run {session.run})")
+    new, owner = printing.number(answer["values"].get(inner)), overruled.get(inner)
+    told = (
+        f"{owner} drives {key}; the value {new} takes effect when {owner} is disconnected"
+        if owner
+        else f"{key} = {new}"
+    )
+    report = answer["values"] | ({"overruled": overruled} if overruled else {}) | {"run": session.run}
+    printing.either(as_json, report, f"{told}  (run {session.run})")
 
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="A controller of the run, connected or not.")]

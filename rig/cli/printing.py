@@ -79,6 +79,14 @@ def result(shown: Any, as_json: bool, **more: object) -> None:
         line(shown.text())
 
 
+def either(as_json: bool, values: Any, *lines: str) -> None:
+    """Print a report as JSON, or its lines for a reader."""
+    if as_json:
+        report(values)
+    else:
+        line("\n".join(lines))
+
+
 def passed(good: bool) -> None:
     """Leave with the exit code of a check that failed, unless it is `good`."""
     if not good:

@@ -144,13 +144,13 @@ def recover(
         named("--out", out)
         recording_name(out)
     saved = save(log, out, force)
-    if as_json:
-        printing.report({**vars(saved), "complete": saved.complete})
-    else:
-        printing.line(f"{saved.path}: {saved.messages} messages, {saved.seconds:.3f} s; the original: {saved.fault}")
-        for place in saved.skipped:
-            printing.line(f"  skipped {place}")
-        printing.line(f"  {saved.losses()}")
+    printing.either(
+        as_json,
+        {**vars(saved), "complete": saved.complete},
+        f"{saved.path}: {saved.messages} messages, {saved.seconds:.3f} s; the original: {saved.fault}",
+        *(f"  skipped {place}" for place in saved.skipped),
+        f"  {saved.losses()}",
+    )
     printing.passed(saved.complete)
 
 
@@ -230,13 +230,11 @@ def note(
     elif not log.exists():
         raise UsageError(f"{log}: no such file")
     notes = user_notes.read(log)
-    if as_json:
-        printing.report({"path": notes.path, "notes": [vars(note) for note in notes.found],
-                         "other": [vars(note) for note in notes.other], "unreadable": notes.unreadable})  # fmt: skip
-        return
-    for line in map(str, notes.found or [f"{log}: no notes"]):
-        printing.line(line)
-    _warn(notes)
+    report = {"path": notes.path, "notes": [vars(note) for note in notes.found],
+              "other": [vars(note) for note in notes.other], "unreadable": notes.unreadable}  # fmt: skip
+    printing.either(as_json, report, *map(str, notes.found or [f"{log}: no notes"]))
+    if not as_json:
+        _warn(notes)
 
 
 def _warn(notes: Notes) -> None:
@@ -270,10 +268,7 @@ def report(
 
     with printing.status(f"writing {path}"):
         size = write(run, log, path)
-    if as_json:
-        printing.report({"path": path, "bytes": size, "damage": run.notes})
-    else:
-        printing.line(str(path))
+    printing.either(as_json, {"path": path, "bytes": size, "damage": run.notes}, str(path))
 
 
 NAMES = ("csv", "hdf5", "mat", "netcdf", "parquet", "wav")
@@ -343,13 +338,9 @@ def export(
         written = write(exported, to, path, description(run) | {"recording": printable(log.name)}, show)
     for note in exported.notes:
         printing.note(note)
-    if as_json:
-        contents = [vars(table) for table in written]
-        printing.report({"path": path, "tables": contents, "notes": exported.notes, "damage": run.notes})
-        return
-    printing.line(f"{path}:")
-    for table in written:
-        printing.line(f"  {table}")
+    contents = [vars(table) for table in written]
+    report = {"path": path, "tables": contents, "notes": exported.notes, "damage": run.notes}
+    printing.either(as_json, report, f"{path}:", *(f"  {table}" for table in written))
 
 
 COMMANDS = {

@@ -103,11 +103,9 @@ def new_scene(
     base = based_on if shipped else os.path.relpath(based_on, file.parent)
     writable(context, "NAME", file)
     write_file(file, draft(scene, base, str(file)).encode())
-    if as_json:
-        printing.report({"file": str(file), "based_on": base})
-        return
     typed = shlex.quote(str(file))
-    printing.line(f"{file}: based on {base}\nnext: edit it | rig explain {typed} | rig simulate {typed}")
+    next_steps = f"next: edit it | rig explain {typed} | rig simulate {typed}"
+    printing.either(as_json, {"file": str(file), "based_on": base}, f"{file}: based on {base}", next_steps)
 
 
 def migrate(
@@ -131,15 +129,10 @@ def migrate(
         raise SceneError(file, [str(fault)]) from None
     if made != text:
         write_file(path, made.encode())
-    if as_json:
-        printing.report({"file": str(path), "from": since, "to": migration.newest(), "renamed": renamed})
-        return
-    if made == text:
-        printing.line(f"{file}: is in format {since}, the newest; nothing to change")
-        return
-    printing.line(f"{file}: rewritten from format {since} to {migration.newest()}")
-    for line in renamed:
-        printing.line(f"  {line}")
+    done = f"rewritten from format {since} to {migration.newest()}"
+    told = f"is in format {since}, the newest; nothing to change" if made == text else done
+    report = {"file": str(path), "from": since, "to": migration.newest(), "renamed": renamed}
+    printing.either(as_json, report, f"{file}: {told}", *(f"  {line}" for line in renamed))
 
 
 def explain(
@@ -296,9 +289,9 @@ def _audited(log: str, as_json: bool) -> None:
         printing.table("faults of sensors and actuators", ("t", ""), [(f"{t:g} s", text) for t, text in faults])
     if not judged:
         printing.line(
-            "no result: the run was too short, or no shipped scene of its plant has values for the absent effects"
+            "no result: the run was too short, or no shipped scene of its plant has values for the absent effects\n"
+            "(rig explain SCENE --measure uses values of other plants too)"
         )
-        printing.line("(rig explain SCENE --measure uses values of other plants too)")
 
 
 def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
@@ -325,17 +318,8 @@ def _print_measured(
     scene: Scene, parts: Sequence[Paired], methods: Mapping[str, str], rates: Mapping[str, Sequence[Rate]]
 ) -> None:
     """What was measured, for a reader."""
-    rows = [
-        (
-            part.name,
-            "on" if part.on else "absent",
-            part.states,
-            "" if part.fault else part.cost(),
-            part.change(),
-            part.why,
-        )
-        for part in parts
-    ]
+    rows = [(part.name, "on" if part.on else "absent", part.states, "" if part.fault else part.cost(), part.change(),
+             part.why) for part in parts]  # fmt: skip
     columns = ("effect", "", "states", "cost per sample step", "largest change without it", "remark")
     printing.table(f"{scene.name}: effects, measured with and without each in turns", columns, rows)
     if any(part.measurable and part.tick.value < -part.noise for part in parts):
@@ -343,9 +327,9 @@ def _print_measured(
             "negative cost: without the effect the motion has more events, and these cost more than the effect"
         )
     printing.line(
-        "change: difference of the two values over the larger one; < x ns: below the noise floor of this machine"
+        "change: difference of the two values over the larger one; < x ns: below the noise floor of this machine\n\n"
+        "methods"
     )
-    printing.line("\nmethods")
     printing.pairs(methods.items())
     for title, computed in rates.items():
         printing.line()
@@ -375,18 +359,21 @@ def fmu(
     FMU: it needs this Python, or another one with friction-rig (parameter
     python). Controllers of the scene that drive an input are left out.
     """
-    overrides = changes(p)
     from rig.plant_fmu.export import export
 
-    loaded = the_scene(scene, overrides)
+    def listed(units: Mapping[str, str]) -> str:
+        return ", ".join(f"{name} [{unit}]" for name, unit in units.items())
+
+    loaded = the_scene(scene, changes(p))
     exported = export(loaded, out, inputs or ())
-    if as_json:
-        printing.report({"path": out, "inputs": exported.inputs, "outputs": exported.results})
-        return
-    for label, names in (("inputs", exported.inputs), ("outputs", exported.results)):
-        printing.line(f"{label:9}{', '.join(f'{name} [{unit}]' for name, unit in names.items())}")
-    printing.line(f"step     {loaded.frame_ns * 1e-9:g} s, or a whole number of these")
-    printing.line(f"fmu      {out}")
+    printing.either(
+        as_json,
+        {"path": out, "inputs": exported.inputs, "outputs": exported.results},
+        f"inputs   {listed(exported.inputs)}",
+        f"outputs  {listed(exported.results)}",
+        f"step     {loaded.frame_ns * 1e-9:g} s, or a whole number of these",
+        f"fmu      {out}",
+    )
 
 
 COMMANDS = {

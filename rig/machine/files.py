@@ -179,7 +179,7 @@ def draft_of(path: Path) -> Iterator[Path]:
     Raises OutputError if it cannot be written.
     """
     try:
-        target = path.resolve()  # a symbolic link stays a link
+        target = Path(os.path.realpath(path))  # a symbolic link stays a link
         takes(target)
         if target.exists() and not target.is_file():  # a device, such as /dev/null
             yield target

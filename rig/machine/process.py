@@ -8,10 +8,8 @@ text to show and nothing else. What the child itself has to tell (`tell`) comes 
 from __future__ import annotations
 
 import atexit
-import codecs
 import errno
 import gc
-import io
 import json
 import os
 import signal
@@ -258,6 +256,8 @@ class Child:
                 stdin=subprocess.PIPE if fed else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
+                encoding="utf-8",
+                errors="replace",
                 start_new_session=True,
                 env={**os.environ, "PYTHONPATH": path, PARENT: str(number)},
                 **inherited,
@@ -275,26 +275,14 @@ class Child:
             reader.start()
 
     def _read(self) -> None:
-        stream = self.process.stdout
-        assert isinstance(stream, io.BufferedReader)
-        decoder = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder("utf-8")("replace"), translate=True)
-        rest = ""
-        with stream:
-            while read := stream.read1():
-                *lines, rest = (rest + decoder.decode(read)).split("\n")
-                for line in lines:
-                    self._keep(line)
-                while len(rest) > LONGEST:
-                    self._keep(rest[:LONGEST])
-                    rest = rest[LONGEST:]
-        if rest := rest + decoder.decode(b"", True):
-            self._keep(rest)
+        with self.process.stdout as stream:  # type: ignore[union-attr]
+            for line in iter(lambda: stream.readline(LONGEST), ""):
+                self._keep(line.rstrip())
         self._heard.set()
 
     def _keep(self, line: str) -> None:
-        line = line.rstrip()
-        self.tail = [*self.tail[-_KEPT:], line[:LONGEST]]
-        self._lines.extend(line[first : first + LONGEST] for first in range(0, max(len(line), 1), LONGEST))
+        self.tail = [*self.tail[-_KEPT:], line]
+        self._lines.append(line)
         while len(self._lines) > _WAITING:
             self._lines.popleft()
             self._left_out += 1
@@ -316,7 +304,7 @@ class Child:
         """Write a line to the standard input of the process, unless it has ended."""
         assert self.process.stdin is not None
         with suppress(OSError):
-            self.process.stdin.write(f"{line}\n".encode())
+            self.process.stdin.write(f"{line}\n")
             self.process.stdin.flush()
 
     def dismiss(self) -> None:

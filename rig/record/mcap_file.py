@@ -328,12 +328,9 @@ SHARE = 25
 """Largest size of a chunk, as a share of the messages before it."""
 _LEVEL = 6  # of zstd: chunks are small; a tenth smaller than with level 3 in the same time
 SPILL = 1 << 22  # bytes of chunk indexes in memory: some 20 000 chunks; more go to a temporary file
-_RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEXED = struct.Struct("<QQ")
 _INDEX = struct.Struct("<BQHI")
-_CHUNK_INDEX = struct.Struct("<BQQQQQI")
-_OFFSET = struct.Struct("<HQ")
 _END = struct.Struct("<BQQQ")
 
 
@@ -456,15 +453,17 @@ class Writer:
         record = _packed(Chunk("zstd", packed, end, begin, zlib.crc32(content), len(content)))
         self._put(record)
         self._ends.append((self._offset, self.reached_ns))
-        offsets, raw = bytearray(), bytearray()
-        for channel, index in self._indexes.items():
-            offsets += _OFFSET.pack(channel, self._offset + len(raw))
-            raw += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(index), channel, len(index)) + index
+        offsets, raw = dict[int, int](), bytearray()
+        for channel, places in self._indexes.items():
+            offsets[channel] = self._offset + len(raw)
+            raw += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(places), channel, len(places)) + places
         self._put(bytes(raw))
-        tail = struct.pack("<QI4sQQ", len(raw), 4, b"zstd", len(packed), len(content))
-        length = _CHUNK_INDEX.size - _RECORD.size + len(offsets) + len(tail)
-        head = _CHUNK_INDEX.pack(Opcode.CHUNK_INDEX, length, begin, end, start, len(record), len(offsets))
-        self._chunk_indexes.write(head + offsets + tail)
+        index = ChunkIndex(
+            chunk_length=len(record), chunk_start_offset=start, compression="zstd", compressed_size=len(packed),
+            message_end_time=end, message_index_length=len(raw), message_index_offsets=offsets,
+            message_start_time=begin, uncompressed_size=len(content),
+        )  # fmt: skip
+        self._chunk_indexes.write(_packed(index))
         self._chunks += 1
         self._messages += self._held
         self._first_ns, self._last_ns = min(self._first_ns, begin), max(self._last_ns, end)

@@ -6,8 +6,6 @@ Every message that checksums prove is kept. Skipped parts are reported: where, w
 from __future__ import annotations
 
 import errno
-import os
-import tempfile
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +14,7 @@ from typing import BinaryIO
 from mcap.reader import make_reader
 
 from rig.errors import LogError, OutputError, UsageError
-from rig.machine.files import regular, unused
+from rig.machine.files import draft_of, regular, unused
 from rig.record import mcap_file, message_scan, reader, recorded_setup, writer
 
 
@@ -91,34 +89,21 @@ def _put(recovered: Recovered, scan: message_scan.Scan, target: Path, replace: b
     unchanged.
     """
     try:
-        place = Path(os.path.realpath(target))  # a link stays a link; its destination is written
-        fresh = not place.exists()
-        if not fresh:
-            regular(place)  # otherwise the copy would replace a device or a pipe
-            unused(place)
-        if fresh or not replace:
-            writer.opened_new(place, replace=False).close()
-        draft: Path | None = None
-        try:
-            number, name = tempfile.mkstemp(".mcap", ".recover-", place.parent)  # short, whatever the target's length
-            draft = Path(name)
-            with os.fdopen(number, "wb") as file:
-                _copy(recovered, scan, file)
-            if (read := _readable(draft)) != recovered.messages:
-                raise LogError(
-                    f"{scan.path}: {recovered.messages} messages were copied, {read} can be read; nothing was kept"
-                )
-            draft.chmod(place.stat().st_mode)
-            draft.replace(place)
-        except BaseException:
-            if draft is not None:
-                draft.unlink(missing_ok=True)
-            if fresh:
-                place.unlink(missing_ok=True)
-            raise
+        if target.exists():
+            regular(target)  # otherwise the copy would replace a device or a pipe
+            unused(target)
+            if not replace and target.stat().st_size:
+                raise OSError(errno.EEXIST, "it exists; name another file, or add --force to replace it")
     except OSError as fault:
         kind = UsageError if fault.errno == errno.EEXIST else OutputError
         raise kind(f"{target} cannot be written: {fault.strerror}") from None
+    with draft_of(target) as draft:
+        with draft.open("wb") as file:
+            _copy(recovered, scan, file)
+        if (read := _readable(draft)) != recovered.messages:
+            raise LogError(
+                f"{scan.path}: {recovered.messages} messages were copied, {read} can be read; nothing was kept"
+            )
 
 
 def _copy(recovered: Recovered, scan: message_scan.Scan, file: BinaryIO) -> None:

@@ -19,7 +19,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from rig.errors import LogError, SceneError
+from rig.errors import LogError, OutputError, SceneError
 from rig.machine import files
 from rig.model.assembly import Output, portrait
 from rig.record import recorded_setup, user_notes
@@ -184,11 +184,6 @@ def _index(folder: Path) -> _Index:
 
 
 def _keep(folder: Path, index: _Index) -> None:
-    """Write the index, completely or not at all. A folder that cannot be written gets none: the list is the same."""
-    draft = folder / f"{INDEX}.{os.getpid()}"
-    with suppress(OSError):
-        try:
-            draft.write_text(index.model_dump_json())
-            draft.replace(folder / INDEX)
-        finally:
-            draft.unlink(missing_ok=True)
+    """Write the index. A folder that cannot be written gets none: the list is the same."""
+    with suppress(OutputError):
+        files.write_file(folder / INDEX, index.model_dump_json().encode())

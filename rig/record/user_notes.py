@@ -8,15 +8,13 @@ name is recognised.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from rig.errors import LogError, OutputError, UsageError
-from rig.machine.files import contents, takes
+from rig.machine.files import contents, write_file
 from rig.printable import unprintable
 from rig.record import recorded_setup
 from rig.record.contents import digest
@@ -100,28 +98,16 @@ def add(log: Path, text: str, tags: Sequence[str] = ()) -> Note:
     recorded_setup.setup_of(recorded_setup.head(log))  # a note is on a recording, whole or damaged
     note = Note(datetime.now(UTC).isoformat(timespec="seconds"), text, tags, digest(log))
     path = path_of(log)
-    line = json.dumps({key: value for key, value in asdict(note).items() if value}, ensure_ascii=False) + "\n"
-    size: int | None = None
+    line = json.dumps({key: value for key, value in asdict(note).items() if value}, ensure_ascii=False).encode() + b"\n"
     try:
-        takes(path)
-        with path.open("a+b") as file:
-            size = file.tell()
-            if size + len(line.encode()) > _MOST:
-                raise OutputError(
-                    f"{path} is full: with this note it would be larger than {_MOST >> 20} MiB; move it away"
-                )
-            if size:
-                file.seek(-1, os.SEEK_END)
-                if file.read(1) != b"\n":  # the last line was cut off: this note does not become a part of it
-                    line = "\n" + line
-            file.write(line.encode())
+        before = contents(path, _MOST) if path.exists() else b""
     except OSError as fault:
-        with suppress(OSError):
-            if size:
-                os.truncate(path, size)  # without the part of the note that fitted
-            elif size == 0:
-                path.unlink()
         raise OutputError(f"{path} cannot be written: {fault.strerror}") from None
+    if len(before) + len(line) > _MOST:
+        raise OutputError(f"{path} is full: with this note it would be larger than {_MOST >> 20} MiB; move it away")
+    if not before.endswith(b"\n") and before:  # the last line was cut off: this note does not become a part of it
+        before += b"\n"
+    write_file(path, before + line)
     return note
 
 

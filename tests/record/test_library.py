@@ -175,9 +175,9 @@ def test_a_folder_without_permission_is_listed_with_the_reason(tmp_path, log, mo
 
 def test_a_folder_without_permission_to_write_is_listed_all_the_same(tmp_path, log, monkeypatch):
     def refuse(*_, **__):
-        raise PermissionError
+        raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr("pathlib.Path.write_text", refuse)
+    monkeypatch.setattr("pathlib.Path.write_bytes", refuse)
     assert len(runs(tmp_path)) == 1
     assert not (tmp_path / INDEX).exists()
 
