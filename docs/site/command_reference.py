@@ -39,7 +39,7 @@ def _command(name: str, command: Any, level: str) -> Iterator[str]:
 
 def commands() -> Iterable[str]:
     """The lines of the reference: a section for each panel of the help, and in it one for each command."""
-    placed = [(panel, name) for panel, names in PANELS.items() for name in names]
+    placed = [(panel, name) for panel, names in PANELS.items() for name in names.split()]
     placed += [(one.rich_help_panel, name) for name, one in program.commands.items() if hasattr(one, "commands")]
     lacking = program.commands.keys() - {name for _, name in placed}
     if lacking:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
 import typer
@@ -59,14 +59,35 @@ PANELS = {
     "Check this machine": "doctor warmup clean",
 }
 """Panels of the help text -> their commands."""
-for panel, commands in PANELS.items():
-    for name in commands.split():
-        function, example = COMMANDS[name]
-        cls = live.CLASSES.get(name, Command)
-        _app.command(name, cls=cls, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
 _app.add_typer(live.topic, name="topic", rich_help_panel="Use a live run")
-program = typer.main.get_command(_app)
-"""All commands. Reading their options from the signatures takes 25 ms: once per process."""
+
+
+class Commands(Mapping[str, Any]):
+    """All commands. One is made when it is asked for: to read the options of all from their signatures takes 50 ms."""
+
+    def __init__(self, made: Mapping[str, Any]) -> None:
+        self._made = {**made}
+        self._names = (*" ".join(PANELS.values()).split(), *made)
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._made:
+            (function, example), only = COMMANDS[name], typer.Typer(add_completion=False)
+            panel = next(panel for panel, commands in PANELS.items() if name in commands.split())
+            cls = live.CLASSES.get(name, Command)
+            only.command(name, cls=cls, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
+            self._made[name] = typer.main.get_command(only)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+program: Any = typer.main.get_command(_app)
+"""The program with all commands."""
+program.commands = Commands(program.commands)
 
 
 def run(arguments: list[str] | None = None) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,7 +35,10 @@ PACES = (1e-3, 1e6)
 
 
 class _Flags:
-    """Removes the type `<bool>` behind flags in the help, which would invite a value: `--view true`."""
+    """Removes the type `<bool>` behind flags in the help, which would invite a value: `--view true`.
+
+    A text, and what is not given, is not converted: typer imports pydantic for that, which takes 70 ms.
+    """
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters, flags with an empty type."""
@@ -42,6 +46,8 @@ class _Flags:
         for parameter in parameters:
             if getattr(parameter, "is_flag", False):
                 parameter.metavar = ""
+            if not (parameter.required or parameter.multiple or parameter.nargs == -1):
+                parameter.process_value = partial(_converted, parameter)
         return parameters
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -66,6 +72,12 @@ class _Flags:
                 single = given.param_type_name == "option" and not (given.multiple or given.is_flag or given.count)
                 if single and order.count(given) > 1:
                     raise BadParameter("is given twice, and takes one value", ctx=ctx, param=given)
+
+
+def _converted(parameter: Any, ctx: Any, value: Any) -> Any:
+    if value is not None and not (isinstance(value, str) and parameter.type_descriptor.annotation is str):
+        return type(parameter).process_value(parameter, ctx, value)
+    return parameter.callback(ctx, parameter, value) if parameter.callback else value
 
 
 class Command(_Flags, TyperCommand):

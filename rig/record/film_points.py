@@ -9,12 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from rig.errors import PartError, SceneError
 from rig.plants.structures.plate_model import Grid
-from rig.scenes.protocol import Load, Ramp, Set, flat
-from rig.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from rig.scenes.scene import Scene
 
 _PLACE = re.compile(r"_\d+_\d+$")  # indices of a point, along and across
 _ABOVE_MEAN = 5.0
@@ -44,6 +45,8 @@ class Points(Grid):
 
 def read(scene: str) -> Scene | None:
     """Return a scene from its JSON text; None if the text is not a scene, or needs code that cannot be run."""
+    from rig.scenes.scene import Scene  # loads numba, which the recorder does not need
+
     try:
         return Scene.from_json(scene)
     except (SceneError, PartError):
@@ -58,6 +61,8 @@ def points_of(scene: str) -> Points | None:
 
 def largest_load(scene: Scene) -> float:
     """Return the largest load that a scene or its protocol sets [N]."""
+    from rig.scenes.protocol import Load, Ramp, Set, flat
+
     steps = list(flat(scene.protocol))
     loads = [step.force for step in steps if isinstance(step, Load)]
     loads += [step.to for step in steps if isinstance(step, Ramp | Set) and step.target == "load.force"]

@@ -9,6 +9,8 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
+from ctypes import CDLL
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -79,9 +81,12 @@ def blas() -> str:
     OpenBLAS chooses these kernels at run time: an environment variable or a hypervisor that hides instructions changes
     the last bits of matrices, and so those of a run.
     """
-    import scipy.linalg.blas  # noqa: F401 - a library that is not yet loaded is not found
+    import scipy
     from threadpoolctl import threadpool_info
 
+    for module in (Path(scipy.__file__).parent / "linalg").glob("_fblas*"):  # only what is loaded is found;
+        with suppress(OSError):  # importing all of scipy.linalg takes 0.1 s
+            CDLL(str(module))
     libraries = {
         " ".join(str(library[key]) for key in ("internal_api", "version", "architecture") if library.get(key))
         for library in threadpool_info()

@@ -55,6 +55,12 @@ def load(
     return scene
 
 
+def parameters(name: str) -> Section:
+    """The parameters of the plant of a shipped scene, without the rest of the scene, which takes longer."""
+    tables = merged.Merged(inherit.layers(shipped.path(name)), {}, {})
+    return _Reading(tables).parameters()
+
+
 class _Reading:
     """One pass that makes a scene of its merged tables, and adds every fault to those of the tables."""
 
@@ -68,7 +74,7 @@ class _Reading:
         clock = read(partial(self._section, Clock, "clock", raw.get("clock", {})), None)
         seed = sections.seed(self._tables)
         plant = rooms.name_of(str(raw.get("plant", "")))
-        parameters = read(self._parameters, None)
+        parameters = read(self.parameters, None)
         all_sensors: dict[str, Any] = read(partial(self._named, "sensors", rooms.SENSORS), {})
         all_controllers: dict[str, Any] = read(partial(self._named, "controllers", rooms.CONTROLLERS), {})
         sensors = {name: section for name, section in all_sensors.items() if section is not None}
@@ -153,7 +159,7 @@ class _Reading:
             raise Wrong(*wrong)
         return section
 
-    def _parameters(self) -> Section:
+    def parameters(self) -> Section:
         """The parameters of the plant with the effects of the scene. Raises Wrong."""
         tables = {key: value for key, value in self._tables.raw.items() if key not in merged.OWN}
         try:

@@ -99,14 +99,19 @@ def _tables(name: str) -> list[tuple[str | None, dict[str, Any]]]:
     return [*(_tables(base) if base else []), (base, raw)]
 
 
-def plant(name: str) -> str:
-    """The plant of a shipped scene, without parsing the rest of the file."""
+@cache
+def text_of(name: str) -> str:
+    """The text of a shipped scene, and behind it that of the scenes that it is based on."""
     text = _text(name)
-    if stated := _PLANT.search(text):
-        return stated[1]
     base = _BASE.search(text)
-    assert base is not None
-    return plant(base[1])
+    return text + text_of(base[1]) if base else text
+
+
+def plant(name: str) -> str:
+    """The plant of a shipped scene, without parsing the file."""
+    stated = _PLANT.search(text_of(name))
+    assert stated is not None
+    return stated[1]
 
 
 def _text(name: str) -> str:

@@ -19,7 +19,7 @@ from rig.errors import RigError, SceneError
 from rig.quantities import Section, faults_of
 from rig.scenes import loader, protocol
 from rig.scenes.scene import Scene
-from rig.scenes.shipped import names, plant
+from rig.scenes.shipped import names, plant, text_of
 
 
 class Choice(NamedTuple):
@@ -158,14 +158,15 @@ def added(scene: Scene, keys: Keys, of_others: bool = False) -> tuple[Scene, str
 def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[str, Any], str]]:
     """Values for `keys`, and the scene they are from."""
     yield {key: {} for key in keys}, ""
-    plants = dict.fromkeys([scene.plant, *(map(_plant, names()) if of_others else ())])
-    for name in (name for wanted in plants for name in names() if _plant(name) == wanted):
-        other = _loaded(name)
-        raw = other.parameters.model_dump()
-        closing = switches(other.parameters)
+    words = [key.rpartition(".")[2] for key in keys]  # no other scene is read
+    having = [name for name in names() if any(word in text_of(name) for word in words)]
+    plants = dict.fromkeys([scene.plant, *(map(plant, having) if of_others else ())])
+    for name in (name for wanted in plants for name in having if plant(name) == wanted):
+        other = _parameters(name)
+        raw, closing = other.model_dump(), switches(other)
         values = {key: _at_work(key, value, closing) for key in keys if (value := _at(raw, key)) is not None}
         if values:
-            yield values, other.name
+            yield values, name
     bounds = {effect.key: effect.about for effect in optional(scene.parameters) if isinstance(effect.about, Bound)}
     if of_others and bounds.keys() >= set(keys):
         raw = scene.parameters.model_dump()
@@ -173,8 +174,7 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
         yield {key: bounds[key].sign * 2.0 * abs(_at(raw, limited[key]) or 0.0) for key in keys}, ""
 
 
-_loaded = cache(loader.load)
-_plant = cache(plant)
+_parameters = cache(loader.parameters)
 
 
 def _changed(scene: Scene, values: dict[str, Any]) -> Scene:

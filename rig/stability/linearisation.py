@@ -115,7 +115,7 @@ def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.
 
     Commands and generators do not.
     """
-    rest = np.setdiff1d(np.arange(system.one, system.n), moving)
+    rest = np.delete(np.arange(system.n), moving)  # the first ones all move
     own = A[np.ix_(rest, rest)]
     linked = np.eye(len(rest), dtype=bool) | (own != 0.0)
     for _ in range(max(len(rest).bit_length(), 1)):
