@@ -55,11 +55,16 @@ def played(scene, values, duration=0.4):
         return bench, bench.finish()
 
 
-def test_the_states_of_all_ticks_are_those_of_a_run_in_one_process(scene):
-    with Bench(scene, pace=None, duration=0.5, expect=(("controller", "nf"),)) as bench:
+def own(scene, duration):
+    """What was heard of a run in lockstep with the controller of the scene, and the bench."""
+    with Bench(scene, pace=None, duration=duration, expect=(("controller", "nf"),)) as bench:
         bench.controller()
         bench.begin()
-        heard = bench.finish()
+        return bench, bench.finish()
+
+
+def test_the_states_of_all_ticks_are_those_of_a_run_in_one_process(scene):
+    bench, heard = own(scene, 0.5)
     run = simulate(scene, duration_ns=5 * 10**8)
     kind = messages.state_type(bench.plant.runner.outputs)
     states = [kind.FromString(payload) for payload in heard["state"]]
@@ -72,10 +77,7 @@ def test_the_states_of_all_ticks_are_those_of_a_run_in_one_process(scene):
 
 def test_a_controller_that_is_due_at_every_third_tick_gives_the_bits_of_a_run_in_one_process(scene):
     slow = scenes.load(SCENE, {"controllers.nf.period": "3 ms", "controllers.nf.enable_at": "0 s"})
-    with Bench(slow, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
-        bench.controller()
-        bench.begin()
-        heard = bench.finish()
+    _, heard = own(slow, 0.3)
     run = simulate(slow, duration_ns=3 * 10**8)
     assert samples(heard, "vibrometer").tobytes() == run.measurements["vibrometer"].v.tobytes()
     assert asked(heard) == list(range(300))
@@ -107,6 +109,19 @@ def test_unusual_answers_are_handled_at_their_ticks(scene):
     counts = bench.summary["loop"]["nf"]
     assert (counts["not_finite"], counts["refused"], counts["clamped"], counts["held"]) == (2, 1, 1, 2)
     assert {event.tick for event in bench.events(heard) if event.kind == "refused"} == {160}
+
+
+def test_a_lost_answer_is_asked_for_again(scene):
+    deaf = set(range(0, 200, 7))
+
+    def values(tick):
+        if tick in deaf:
+            return deaf.remove(tick)  # the first time
+        return (20.0 + tick % 5,)
+
+    _, heard = played(scene, values, 0.2)
+    applied = [messages.decode("applied/nf", payload) for payload in heard["applied/nf"]]
+    assert [(a.tick, list(a.values)) for a in applied] == [(tick, [20.0 + tick % 5]) for tick in range(200)]
 
 
 def test_a_controller_that_leaves_is_missed_from_that_tick_on(scene):

@@ -16,14 +16,18 @@ from rig.errors import UsageError
 
 
 def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene):
-    with Bench(scene, duration=1.0, expect=(("controller", "nf"),)) as bench:
+    with Bench(scene, duration=60.0, expect=(("controller", "nf"),)) as bench:
         gone = bench.controller()
         bench.begin()
-        while not bench.plant.experiment.exchange.queues["nf"].counts.taken and bench.summary is None:
+        counts = bench.plant.experiment.exchange.queues["nf"].counts
+        while not counts.taken:
             time.sleep(0.01)
         gone.set()
+        while not counts.safe:
+            time.sleep(0.01)
+        bench.stopped = "by the test"
         heard = bench.finish()
-    assert bench.summary["ended"] == "done"
+    assert bench.summary["ended"] == "by the test"
     assert bench.summary["verdict"] != "VALID"
     assert any("controller nf left at t = " in fault for fault in bench.summary["faults"])
     assert bench.summary["loop"]["nf"]["safe"] == 1
@@ -43,29 +47,6 @@ def test_a_controller_that_hangs_is_evicted_from_lockstep(scene, monkeypatch):
     steps = [messages.decode("step", payload).tick for payload in heard["step"]]
     assert steps.count(0) > 3
     assert steps[-1] == 199
-
-
-def test_a_lost_answer_is_asked_for_again(scene):
-    with Bench(scene, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
-        deaf = bench.twin.open("controller", "nf")
-        steps, act = deaf.subscribe("step"), deaf.publisher("act/nf")
-        deaf.announce()
-        bench.begin()
-        seen, answered = {}, []
-        while (message := steps.get(1.0)) is not None:
-            step = messages.decode("step", message.payload)
-            seen[step.tick] = seen.get(step.tick, 0) + 1
-            if step.tick % 7 or seen[step.tick] > 1:
-                answered.append(step.tick)
-                act.put(encode.act(step.tick, step.t_ns, (20.0 + step.tick % 5,)), step.t_ns)
-            if step.tick == 299:
-                break
-        heard = bench.finish()
-        deaf.close()
-    assert sorted(set(answered)) == list(range(300))
-    assert all(seen[tick] >= 2 for tick in range(0, 300, 7))
-    applied = [messages.decode("applied/nf", payload) for payload in heard["applied/nf"]]
-    assert [a.tick for a in applied] == list(range(300))
 
 
 def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, monkeypatch):
@@ -142,7 +123,7 @@ def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene):
 
 
 def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
-    with Bench(scene, duration=3.0) as bench:
+    with Bench(scene, duration=60.0) as bench:
         bench.begin()
         mine = bench.twin.open("controller", "mine")
         act = mine.publisher("act/mine")
@@ -150,23 +131,24 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
         act.put(b"garbage", 0)
         act.sent += 800  # so many it claims to have sent meanwhile
         act.put(encode.act(1, 0, (0.5,)), 0)
-        time.sleep(0.1)
+        exchange = bench.plant.experiment.exchange
+        while exchange.counters().get("refused") != {"mine": 2}:
+            time.sleep(0.01)
         wanted = {"controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
         tick = mine.ask("cmd/plant", {"do": "admit", **wanted}, 20.0)["tick"]
         mine.announce()
         act.put(encode.act(tick, 0, (0.5,)), 0)
         act.put(encode.act(10**9, 0, (0.7,)), 0)
+        while not exchange.queues["mine"].counts.safe:
+            time.sleep(0.01)
+        bench.stopped = "by the test"
         heard = bench.finish()
         mine.close()
-    kinds = [event.kind for event in bench.events(heard)]
-    assert "refused" in kinds
-    assert "admitted" in kinds
-    assert bench.summary["loop"]["refused"] == {"mine": 2}
+    assert {"refused", "admitted"} <= {event.kind for event in bench.events(heard)}
     assert bench.summary["lost"] == {}
     assert not [reason for reason in bench.summary["reasons"] if "act/mine" in reason]
-    assert bench.summary["loop"]["mine"]["taken"] == 1
-    assert bench.summary["loop"]["mine"]["refused"] == 1
-    assert bench.summary["loop"]["mine"]["safe"] == 1
+    counts = bench.summary["loop"]["mine"]
+    assert (counts["taken"], counts["refused"], counts["safe"]) == (1, 1, 1)
 
 
 def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(scene):
@@ -220,7 +202,7 @@ def test_a_guest_under_a_made_up_role_is_not_missed(scene):
 
 
 def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, monkeypatch):
-    monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 60.0)
+    monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 100.0)
     with Bench(scene, pace=None, duration=0.1) as bench:
         bench.plant.session.inbound.reserved = frozenset({"recorder"})
         silent, liar, controller = (
@@ -237,34 +219,30 @@ def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene,
                 session.publisher(f"total/{session.name}").put(session.totals(), 0)
 
         bench.thread(lie)
-        begin = time.monotonic()
         bench.begin()
-        bench.finish()
-    assert time.monotonic() - begin < 30.0
+        bench.finish()  # it would wait for longer than the threads may take
     assert (bench.summary["lost"], bench.summary["unknown"], bench.summary["faults"]) == ({}, [], [])
 
 
-@pytest.mark.parametrize(("signs", "unknown"), [(4, []), (15, ["recorder recorder"])])
+@pytest.mark.parametrize(("signs", "patience", "unknown"), [(3, 20.0, []), (10**6, 0.5, ["recorder recorder"])])
 def test_a_recorder_that_is_behind_is_waited_for_while_it_catches_up_but_not_forever(
-    scene, monkeypatch, signs, unknown
+    scene, monkeypatch, signs, patience, unknown
 ):
-    monkeypatch.setattr("rig.bench.live.plant.ANSWERS_S", 0.5)
-    monkeypatch.setattr("rig.bench.live.plant.CATCH_UP_S", 2.0)
+    monkeypatch.setattr("rig.bench.live.plant.CATCH_UP_S", patience)
     with Bench(scene, pace=None, duration=0.1, expect=(("recorder", "recorder"),)) as bench:
         recorder = bench.twin.open("recorder", "recorder")
-        heard, ended = (
-            recorder.subscribe("**", depth=1 << 16),
-            bench.twin.open("operator", "o").subscribe("total/plant"),
-        )
+        heard, operator = recorder.subscribe("**", depth=1 << 16), bench.twin.open("operator", "o")
+        ended = operator.subscribe("total/plant")
         recorder.announce()
 
         def catch_up():
             assert ended.get(20.0) is not None
             for _ in range(signs):
-                time.sleep(0.2)
+                time.sleep(0.1)
                 recorder.publisher("total/recorder").put(recorder.totals(), 0)
-            while heard.get() is not None:
-                pass
+                if bench.summary is not None:
+                    return
+            heard.drain()
             recorder.publisher("total/recorder").put(recorder.totals(), 0)
 
         bench.thread(catch_up)
