@@ -19,15 +19,15 @@ from rig.scenes.protocol import STEPS
 
 # name, changes, duration [s], instant [s]
 CASES = [
-    ("pendulum", {"friction.mu_static": "0.45"}, 12.0, 11.3),  # a protocol that connects a controller, noisy sensors
+    ("pendulum", {"friction.mu_static": "0.45"}, 11.0, 10.5),  # a protocol that connects a controller, noisy sensors
     ("belt_slow_card", {}, 2.0, 1.225),  # commands on their way, a protocol that waits for a sensor
-    ("brake_active", {}, 0.1, 0.04),  # a controller of every sample, with filters; many states
+    ("brake_active", {}, 0.06, 0.04),  # a controller of every sample, with filters; many states
     ("belt_dither_controlled", {}, 1.0, 0.5),
     ("belt_shunt", {}, 1.0, 0.6),
-    ("lever_three_stage", {}, 4.0, 2.0),
-    ("brake_shunt", {}, 0.1, 0.05),  # microphone with echoes
-    ("lever_sector", {}, 2.0, 1.1),
-    ("tread_rough", {}, 0.3, 0.1),  # process noise
+    ("lever_three_stage", {}, 2.0, 1.4),
+    ("brake_shunt", {}, 0.05, 0.04),  # microphone with echoes
+    ("lever_sector", {}, 1.0, 0.7),
+    ("tread_rough", {}, 0.15, 0.1),  # process noise
     ("belt", {"sensors.vibrometer.dropout_rate": "5 Hz", "friction.mu_static": "0.45"}, 2.0, 1.3),
 ]
 
@@ -53,14 +53,15 @@ def told(run):
     return [event for event in run.events if event["kind"] != "branch"]
 
 
-@pytest.fixture
-def tuned(monkeypatch, tmp_path):
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory):
     """A branch of a belt with a controller: values were tuned at 0.5 s. Checkpoints before and after."""
-    scene = rig.load("belt_normal_force", {"controllers.nf.enable_at": "0.1 s"})
-    kept(monkeypatch, scene, 2.0)
-    log = recorded(tmp_path / "first.mcap", rig.simulate(scene, 1.0))
-    changes = {"drive.speed": "0.1 m/s", "friction.mu_static": 0.42, "controllers.nf.gain": 3.0}
-    return branch(log, 0.5, changes, 1_500_000_000)
+    scene, folder = rig.load("belt_normal_force", {"controllers.nf.enable_at": "0.1 s"}), tmp_path_factory.mktemp("t")
+    with pytest.MonkeyPatch.context() as patch:
+        kept(patch, scene, 2.0)
+        log = recorded(folder / "first.mcap", rig.simulate(scene, 1.0))
+        changes = {"drive.speed": "0.1 m/s", "friction.mu_static": 0.42, "controllers.nf.gain": 3.0}
+        return branch(log, 0.5, changes, 1_500_000_000)
 
 
 @pytest.mark.parametrize(("name", "changes", "duration", "at"), CASES, ids=[case[0] for case in CASES])
@@ -69,18 +70,17 @@ def test_from_a_checkpoint_it_has_the_bits_of_the_uninterrupted_run(monkeypatch,
     kept(monkeypatch, scene, at)
     whole = rig.simulate(scene, duration)
     log = recorded(tmp_path / "run.mcap", rig.simulate(scene, at))
-    for start in (at, round(0.55 * at, 3)):
-        found = branch(log, start, duration_ns=round((duration - start) * 1e9))
-        assert 0 < int(found.provenance["checkpoint_ns"]) < start * 1e9
-        same = compare(whole, found)
-        assert same.identical, same
-        assert found.energy == whole.energy
-        assert told(found) == whole.events
-        assert found.summary["plant"] == whole.summary["plant"]
-        assert found.summary["sensors"] == whole.summary["sensors"]
-        assert found.checkpoints.keys() == whole.checkpoints.keys()
-        for state, other in zip(map(unpacked, found.checkpoints.values()), map(unpacked, whole.checkpoints.values())):
-            assert [name for name in _COUNTED if state[name].tobytes() != other[name].tobytes()] == []
+    start = round(0.7 * at, 3)
+    continued = branch(log, start, duration_ns=round((duration - start) * 1e9))
+    assert 0 < int(continued.provenance["checkpoint_ns"]) < start * 1e9
+    same = compare(whole, continued)
+    assert same.identical, same
+    assert told(continued) == whole.events
+    assert continued.energy == whole.energy
+    assert [continued.summary[key] == whole.summary[key] for key in ("plant", "sensors")] == [True, True]
+    assert continued.checkpoints.keys() == whole.checkpoints.keys()
+    for state, other in zip(map(unpacked, continued.checkpoints.values()), map(unpacked, whole.checkpoints.values())):
+        assert [name for name in _COUNTED if state[name].tobytes() != other[name].tobytes()] == []
 
 
 def test_values_that_were_tuned_before_the_checkpoint_hold_after_it(tuned, tmp_path):
@@ -118,15 +118,13 @@ def changed(run, **values):
     "spoilt",
     [
         lambda run: changed(run, checkpoints={at: state[:-9] for at, state in run.checkpoints.items()}),
-        lambda run: changed(run, checkpoints=dict.fromkeys(run.checkpoints, b"nonsense")),
         lambda run: changed(run, checkpoints=dict.fromkeys(run.checkpoints, b'{"x": ["|O", [1]]}\n12345678')),
         lambda run: changed(run, checkpoints=dict.fromkeys(run.checkpoints, packed({"x": np.zeros(3)}))),
         lambda run: changed(run, checkpoints=dict.fromkeys(run.checkpoints, min(run.checkpoints.items())[1])),
-        lambda run: changed(run, checkpoints={}),
         lambda run: changed(run, provenance={**run.provenance, "kernel": "0" * 16}),
         lambda run: changed(run, summary={**run.summary, "lost": {"meas/vibrometer to recorder": 1}}),
     ],
-    ids=["cut", "no_checkpoint", "objects", "other_rig", "other_instant", "none", "other_sources", "losses"],
+    ids=["cut", "objects", "other_rig", "other_instant", "other_sources", "losses"],
 )
 def test_without_a_checkpoint_that_can_be_used_it_is_simulated_from_the_begin_on(tuned, tmp_path, spoilt):
     log = recorded(tmp_path / "second.mcap", tuned)

@@ -205,18 +205,17 @@ class Controller:
 """
 
 
-@pytest.mark.parametrize(
-    ("crash", "told"), [("ctypes.string_at(8)", "was killed by SIGSEGV"), ("os._exit(3)", "ended with code 3")]
-)
-def test_a_controller_that_crashes_in_the_rehearsal_is_named(runs, tmp_path, crash, told):
-    (tmp_path / "crashes.py").write_text(CRASHES.format(crash))
+def test_a_controller_that_crashes_in_the_rehearsal_is_named(runs, tmp_path):
+    (tmp_path / "crashes.py").write_text(CRASHES.format("ctypes.string_at(8)"))
     scene = scenes.load("belt", {"controllers.mine.kind": str(tmp_path / "crashes.py")})
-    with pytest.raises(UsageError, match=f"the plant {told}.* called the controller mine"):
+    with pytest.raises(UsageError, match=r"the plant was killed by SIGSEGV.* called the controller mine"):
         supervise.run(scene, duration=0.5, record=False, say=lambda _: None)
 
 
-@pytest.mark.parametrize("command", ["simulate", "plant"])
-@pytest.mark.parametrize(("crash", "signal"), [("ctypes.string_at(8)", "SIGSEGV"), ("os.abort()", "SIGABRT")])
+@pytest.mark.parametrize(
+    ("command", "crash", "signal"),
+    [("simulate", "ctypes.string_at(8)", "SIGSEGV"), ("plant", "os.abort()", "SIGABRT")],
+)
 def test_a_controller_that_crashes_in_the_process_of_a_command_is_named(runs, tmp_path, command, crash, signal):
     (tmp_path / "crashes.py").write_text(CRASHES.format(crash))
     arguments = ["-p", f"controllers.mine.kind={tmp_path / 'crashes.py'}", "--duration", "0.5"]

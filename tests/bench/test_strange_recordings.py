@@ -53,11 +53,6 @@ DESCRIBED = {
         "the sensor vib is recorded, but not in the scene",
     ),
     "no sensor": (lambda run: {"measurements": {}}, "the sensor vibrometer is in the scene, but not recorded"),
-    "no output": (
-        lambda run: {"signals": {}, "time": np.empty(0), "mode": np.empty(0, np.int64)},
-        "no output of the rig is recorded",
-    ),
-    "other frames": (lambda run: {"frame_ns": 2_000_000}, "its frames are 2 ms, those of its scene 1 ms"),
     "samples twice": (lambda run: {"measurements": twice(run)}, " samples of vibrometer "),
 }
 REFUSED = {
@@ -66,17 +61,8 @@ REFUSED = {
         "the recorded commands of nf have 2 values, its actuators are load.force",
     ),
     "a change of nothing": (lambda run: acted(run, "parameter", by()), "event parameter .* cannot be .* lack 'set'"),
-    "a change of a list": (
-        lambda run: acted(run, "parameter", by(set=[1])),
-        "event parameter of an operator at t = 0.2",
-    ),
-    "an unknown parameter": (
-        lambda run: acted(run, "parameter", by(set={"friction.nope": 1.0})),
-        "t = 0.2 s cannot be repeated: friction.nope: unknown key",
-    ),
     "a knock with words": (lambda run: acted(run, "knock", by(impulse="hard")), "event knock .* cannot be repeated"),
     "half an admission": (lambda run: acted(run, "admitted", by(controller="a")), "event admitted .* lack 'drives'"),
-    "nobody is dismissed": (lambda run: acted(run, "dismissed", by(controller="a")), "event dismissed .* lack 'a'"),
 }
 
 
@@ -105,7 +91,7 @@ def test_an_event_whose_data_are_no_object_is_read(run, tmp_path):
     assert rig.open(tmp_path / "run.mcap").events[-1]["data"] == {"data": [1]}
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("value", [np.nan])
 def test_a_sample_that_is_no_number_is_found_on_another_processor(run, tmp_path, value):
     t_ns, v = run.measurements["vibrometer"]
     bent = v.copy()

@@ -28,7 +28,7 @@ def test_the_shunt_is_connected_within_twenty_milliseconds_of_the_onset_and_sile
     assert loudest(run, connected + 0.1, connected + 0.2) < 0.1 * loudest(run, connected - 0.01, connected + 0.01)
 
 
-def test_ten_seconds_of_noisy_sliding_connect_nothing():
+def test_noisy_sliding_connects_nothing():
     scene = rig.load(
         "brake_shunt_listener",
         {
@@ -37,8 +37,8 @@ def test_ten_seconds_of_noisy_sliding_connect_nothing():
             "sensors.vibrometer.dropout_rate": "50 1/s",
         },
     )
-    run = rig.simulate(scene, duration=10.0)
-    assert loudest(run, 9.0, 10.0) > 0.02  # the noise alone passes the threshold, sample by sample
+    run = rig.simulate(scene, duration=4.0)
+    assert loudest(run, 3.0, 4.0) > 0.02  # the noise alone passes the threshold, sample by sample
     assert run.commands["listener"].values.max() == 0.0
 
 

@@ -52,20 +52,20 @@ def runs(name, changes, duration, wrap=lambda controller: controller):
 
 
 CASES = [
-    ("belt_normal_force", {"controllers.nf.enable_at": 0.2}, 1.0),
-    ("belt_normal_force", {"controllers.nf.enable_at": 0.2, "controllers.nf.delay": 0.003}, 1.0),
-    ("belt_normal_force", {"controllers.nf.period": 0.005, "controllers.nf.delay": 0.012}, 1.0),
-    ("belt_velocity_feedback", {"controllers.belt.enable_at": 0.1}, 1.0),
-    ("belt_normal_force_displacement", {"controllers.nf.enable_at": 0.2}, 1.0),
+    ("belt_normal_force", {"controllers.nf.enable_at": 0.2}, 0.5),
+    ("belt_normal_force", {"controllers.nf.enable_at": 0.2, "controllers.nf.delay": 0.003}, 0.5),
+    ("belt_normal_force", {"controllers.nf.period": 0.005, "controllers.nf.delay": 0.012}, 0.5),
+    ("belt_velocity_feedback", {"controllers.belt.enable_at": 0.1}, 0.5),
+    ("belt_normal_force_displacement", {"controllers.nf.enable_at": 0.2}, 0.5),
     (
         "belt_normal_force",
         {"controllers.nf.enable_at": 0.1, "controllers.nf.gain": 1e5, "limits.displacement": 0.0015},
-        1.0,
+        0.5,
     ),
     ("belt_dither_sampled", {}, 0.5),
     ("belt_dither_controlled", {}, 0.3),
-    ("brake_active", {"controllers.nb.enable_at": 0.02, "start.velocity": 0.01}, 0.06),
-    ("brake_shunt_listener", {}, 0.05),
+    ("brake_active", {"controllers.nb.enable_at": 0.01, "start.velocity": 0.01}, 0.03),
+    ("brake_shunt_listener", {}, 0.03),
 ]
 
 
@@ -76,7 +76,7 @@ def test_a_run_has_the_same_bits_in_every_way(name, changes, duration):
     assert compiled == outside
 
 
-@pytest.mark.parametrize(("name", "changes", "duration"), CASES[:6], ids=range(6))
+@pytest.mark.parametrize(("name", "changes", "duration"), CASES[1:6:2], ids=range(3))
 def test_a_recording_is_simulated_again_with_the_same_bits(name, changes, duration):
     found = []
     for kind in WAYS[:2]:
@@ -238,7 +238,7 @@ local_controllers.WORTH = 10**12  # controllers stay in Python
 signal.signal(signal.SIGPROF, strike)
 scene, struck, draw = rig.load("belt_normal_force"), 0, random.Random(1)
 rig.simulate(scene, 0.5)
-for _ in range(20):
+for _ in range(8):
     due.append(draw.uniform(0.02, 0.1))
     try:
         rig.simulate(scene, 1000.0)
@@ -252,5 +252,5 @@ def test_no_ctrl_c_is_lost_in_the_compiled_loop():
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=300.0, check=True
     )
-    assert done.stdout == "20\n"
+    assert done.stdout == "8\n"
     assert "ctypes callback" not in done.stderr
