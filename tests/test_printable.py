@@ -1,6 +1,5 @@
 """Text of unknown origin does not command a terminal, and it can always be written."""
 
-import json
 import sys
 
 import pytest
@@ -27,11 +26,6 @@ def test_what_is_printed_is_safe(shown, capfd):
     out, err = capfd.readouterr()
     assert "\\u001b[31m" in out + err
     assert not unprintable(out + err)
-
-
-def test_a_report_means_the_same_to_a_program(capfd):
-    printing.report({"text": HOSTILE})
-    assert json.loads(capfd.readouterr().out) == {"text": HOSTILE}
 
 
 def test_an_error_names_a_file_safely(capfd):

@@ -70,16 +70,6 @@ with scheduling.ahead(1) as found:
 time.sleep(1.5)  # longer than the third wait, which leaving has cut short
 assert os.sched_getscheduler(0) == os.SCHED_OTHER
 """
-ELSEWHERE = """
-import os, threading
-from rig.machine.scheduling import ahead
-def work():
-    with ahead(1) as found:
-        print(found.why, os.sched_getscheduler(0) == os.SCHED_OTHER)
-thread = threading.Thread(target=work)
-thread.start()
-thread.join()
-"""
 
 
 def said(code):
@@ -110,7 +100,3 @@ def test_who_fell_back_comes_ahead_again_each_time_later(allowed):
     falls, tenths, told = said(COMES_BACK).split(" ", 2)
     assert (falls, told) == ("2", "in real time")
     assert 9 <= int(tenths) <= 30  # 0.3 s, then 0.6 s
-
-
-def test_only_a_main_thread_can_go_ahead():
-    assert said(ELSEWHERE) == "no real-time scheduling: not the main thread True"

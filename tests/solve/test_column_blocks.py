@@ -46,8 +46,8 @@ def test_the_sum_of_outer_products(n):
     assert total == pytest.approx(1.0 + 0.3 * np.outer(x[:n], x), rel=1e-14)
 
 
-@pytest.mark.parametrize("n", [1, 2, 21, 22])
-@pytest.mark.parametrize("width", [LANE, BLOCK, BLOCK + LANE, 3 * BLOCK, 3 * BLOCK + LANE])
+@pytest.mark.parametrize("n", [1, 2, 21])
+@pytest.mark.parametrize("width", [LANE, BLOCK + LANE, 3 * BLOCK])
 def test_rows_between_two_places_and_their_products_both_ways(n, width):
     draw = np.random.default_rng(3)
     low, rise = draw.normal(size=(2, n, width))

@@ -11,7 +11,7 @@ from rig.model.assembly import Assembly
 SMOOTH, WITH_EVENTS = 1e-9, 1e-6
 
 
-@pytest.mark.parametrize("step", [0.02, 1.0, 20.0])
+@pytest.mark.parametrize("step", [0.1, 20.0])
 @pytest.mark.parametrize("name", ["p1", "p3", "p4", "hc1"])
 def test_ledger_closes_over_events(rigs, run, name, step):
     found = run(getattr(rigs, name)(), step, 4.0)
@@ -19,13 +19,12 @@ def test_ledger_closes_over_events(rigs, run, name, step):
     assert abs(found.energy["error"]) < 1e-10
 
 
-def test_ledger_of_dopri5_closes_within_its_tolerance(rigs, run):
-    assert abs(run(rigs.p2(), 1.0, 4.0, "dopri5").energy["error"]) < WITH_EVENTS
-    assert abs(run(rigs.p2(), 1.0, 4.0, "dopri5", tolerance=1e-10).energy["error"]) < 1e-9
-
-
-def test_ledger_of_rk4_closes_over_events(rigs, run):
-    assert abs(run(rigs.p2(), 1.0, 4.0, "rk4").energy["error"]) < WITH_EVENTS
+@pytest.mark.parametrize(
+    ("method", "tolerance", "bound"),
+    [("dopri5", 1e-7, WITH_EVENTS), ("dopri5", 1e-10, 1e-9), ("rk4", 1e-7, WITH_EVENTS)],
+)
+def test_ledger_of_a_falling_law_closes_over_events(rigs, run, method, tolerance, bound):
+    assert abs(run(rigs.p2(), 1.0, 4.0, method, tolerance=tolerance).energy["error"]) < bound
 
 
 def test_ledger_closes_in_smooth_motion(rigs, run):

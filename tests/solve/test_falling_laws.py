@@ -49,7 +49,7 @@ def test_a_release_is_not_undone_at_its_own_instant(tolerance):
     assert np.diff(times).min() > 0.1
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-8])
 def test_mode_changes_are_the_same_at_every_tolerance_where_a_load_winds_along_a_stick(rigs, run, tolerance):
     """Stuck, the mass moves straight on and no error of a step is to be seen: the load winds within it all the same."""
     a = rigs.oscillator(law=friction_law.stribeck(0.42, 0.3, 0.0045), load={"one": 20.0, "wave": 4.0})
@@ -69,8 +69,7 @@ def test_a_step_too_long_to_tell_whether_slip_goes_on_does_not_end_it_at_its_beg
     assert np.diff(found.times).min() > 1e-6
 
 
-@pytest.mark.parametrize("off", [0.0, 1e-15, 1e-12, 1e-10])
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-11])
+@pytest.mark.parametrize(("tolerance", "off"), [(1e-4, 0.0), (1e-7, 1e-12), (1e-11, 1e-15), (1e-11, 1e-10)])
 @pytest.mark.parametrize("scene", ["pair", "lever", "disc_slider", "brake"])
 def test_a_motion_that_begins_at_rest_takes_the_steps_of_a_smooth_one(scene, tolerance, off):
     """At rest speeds are rounding of the forces that balance: errors relative to them would need steps of any size."""
@@ -92,10 +91,6 @@ def test_a_motion_that_begins_at_rest_takes_the_steps_of_a_smooth_one(scene, tol
     assert motion.counts()["trial_steps"] < 1600  # four for each tenth of a radian of the fastest vibration
     assert np.abs((motion.x - begin)[speeds]).max() < (1e-10 + 1e3 * off) * np.abs(rest.speed).max()
     assert abs(motion.energy()["error"]) < 1e-6
-
-
-def test_contacts_that_open_do_open(run):
-    assert "load 2 opens" in run(pair(opens=True), 1.0, 1.0, "dopri5").what
 
 
 def test_a_falling_law_without_its_fall_is_coulomb_friction(rigs, run, num):

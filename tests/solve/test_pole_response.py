@@ -41,8 +41,8 @@ def integrals(x):
     return np.array([np.sum(w * np.exp(s * x) * (1.0 - s) ** k) for k in range(DEGREE + 1)])
 
 
-@pytest.mark.parametrize("size", [1e-9, 1e-6, 1e-3, 0.3, 0.999, 1.0, 2.5, 4.0, 7.999, 8.0, 8.5, 30.0, 251.0, 1e4])
-@pytest.mark.parametrize("angle", [90.0, 91.0, 120.0, 135.0, 180.0])
+@pytest.mark.parametrize("size", [1e-9, 1e-3, 0.999, 1.0, 2.5, 7.999, 8.0, 30.0, 1e4])
+@pytest.mark.parametrize("angle", [90.0, 120.0, 180.0])
 def test_weights_are_exact_from_1e_minus_9_to_1e4(size, angle):
     x = size * np.exp(1j * np.radians(angle))
     poles = table(x)

@@ -58,10 +58,9 @@ def rows(system):
 
 
 @pytest.mark.parametrize("kind", [TOUCHING, OPENING, INERTIA])
-@pytest.mark.parametrize("block", range(2))
-def test_events_do_not_depend_on_the_step(run, kind, block):
+def test_events_do_not_depend_on_the_step(run, kind):
     events = 0
-    for seed in range(100 * block, 100 * block + 20):
+    for seed in range(20):
         system = random_system(seed, kind)
         if least_inertia(system) < 0.3:
             continue
@@ -129,7 +128,7 @@ def test_a_contact_that_turns_round_leaves_the_others_in_stick(run, seed, event,
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e-15, 1e-9])
-@pytest.mark.parametrize("step", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("step", [0.1, 10.0])
 def test_two_oscillators_that_let_go_at_once(run, num, offset, step):
     """An exact tie: both events are found, in order, at the same instant (the offset's own shift)."""
     p = num["P1"]["params"]
@@ -145,10 +144,3 @@ def test_two_oscillators_that_let_go_at_once(run, num, offset, step):
     assert y == pytest.approx(np.array(num["P1"]["events"]) - offset / p["vb"], abs=1e-13)
     if offset:
         assert found.what[0] == "contact y releases +"
-
-
-def test_mode_coupling_without_damping_grows_and_is_limited_by_separation(rigs, run, num):
-    """P3: sliding flutters; what limits it are stick and separation, both met."""
-    found = run(rigs.p3(), 1.0, 1.0)
-    assert found.what.count("load opens") == pytest.approx(found.what.count("load closes"), abs=1)
-    assert found.what.count("load opens") > 30

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-STEPS = [0.02, 0.1, 1.0, 5.0, 20.0]  # ms
+STEPS = [0.05, 1.0, 20.0]  # ms
 SYSTEMS = {"P1": "p1", "P2": "p2", "P3": "p3", "P4": "p4"}
 
 
@@ -25,7 +25,7 @@ def test_exact_finds_every_event_at_any_step(rigs, run, num, name, step):
     assert worst(found, num[name]) < 1e-12
 
 
-@pytest.mark.parametrize("step", [0.02, 1.0, 20.0])
+@pytest.mark.parametrize("step", [0.05, 20.0])
 def test_dopri5_finds_every_event_under_a_falling_law(rigs, run, num, step):
     found = run(rigs.p2(), step, num["P2"]["duration"], "dopri5", tolerance=1e-7)
     assert worst(found, num["P2"]) < 1e-6

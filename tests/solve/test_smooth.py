@@ -7,7 +7,6 @@ import pytest
 
 from rig.model import friction_law
 from rig.motion.motion import Motion
-from rig.stability.report import stability_report
 
 
 def test_a_smoothed_law_is_odd_and_its_slope_is_its_slope():
@@ -37,20 +36,14 @@ def test_it_creeps_where_it_should_stick(rigs):
     assert w == pytest.approx(1e-4 * math.atanh(40.0 * 0.9 * v / 4.0), rel=1e-6)
 
 
-@pytest.mark.parametrize("scale", [1e-4, 1e-5])
-def test_amplitude_of_a_cycle_stays_wrong(rigs, num, scale):
+def test_amplitude_of_a_cycle_stays_wrong(rigs, num):
     """Static friction that leaps has no smooth form: the finer the scale, the nearer the error comes to a sixth.
 
     The largest value of tanh(u) (mu_d + (mu_s - mu_d) exp(-u / 5)) is 0.34 in place of 0.40.
     """
-    motion = Motion(rigs.p1(), 1_000_000, "smooth", smoothing=scale, longest=4000, tolerance=1e-6)
+    motion = Motion(rigs.p1(), 1_000_000, "smooth", smoothing=1e-5, longest=4000, tolerance=1e-6)
     motion.advance(4000)
     x = motion.states[2000:, 0]
     amplitude = 0.5 * (x.max() - x.min())
     assert np.all(np.isfinite(x))
     assert amplitude / num["P1"]["amplitude"] - 1.0 == pytest.approx(-0.16, abs=0.03)
-
-
-def test_it_is_labelled(rigs):
-    told = [one.what for one in stability_report(rigs.p1(), "smooth", 1e-3) if one.level == "warning"]
-    assert any("smoothed: a stuck contact creeps" in what for what in told)

@@ -47,12 +47,6 @@ def test_a_run_in_pieces_is_the_run_in_one(rigs, method):
         assert np.array_equal(pieces.x, whole.x)
 
 
-def test_an_event_is_a_tick_and_a_share_of_it(rigs, run, num):
-    for event in run(rigs.p1(), 5.0, 4.0).motion.events():
-        assert 0.0 <= event.place < 1.0
-        assert isinstance(event.tick, int)
-
-
 def test_kept_states_are_those_of_one_call(rigs):
     one, many = (Motion(rigs.p1(), 1_000_000, "exact", longest=60) for _ in range(2))
     one.advance(60)
@@ -60,8 +54,3 @@ def test_kept_states_are_those_of_one_call(rigs):
         many.advance(10, keep=True)
     assert np.array_equal(many.log.out[: many.kept], one.states)
     assert np.array_equal(many.log.modes[: many.kept], one.mode_sets_of_states)
-
-
-def test_a_finer_step_changes_nothing_but_the_record(rigs, run):
-    coarse, fine = run(rigs.p4(), 5.0, 1.0), run(rigs.p4(), 0.05, 1.0)
-    assert fine.states[99::100] == pytest.approx(coarse.states, abs=1e-10)
