@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
@@ -60,8 +60,6 @@ def per_second(unit: str) -> str:
 
 class _OfSensor(_Timed):
     sensor: str
-    value: ClassVar[str] = ""
-    """The key of its value, if it has one."""
 
 
 def _in_unit(of: Callable[[str], str]) -> BeforeValidator:
@@ -78,7 +76,6 @@ class Failure(_OfSensor):
 class Drift(_OfSensor):
     """The zero of the sensor drifts with `rate`, in the unit of the measurement per second."""
 
-    value = "rate"
     kind: Literal["drift"]
     rate: Annotated[float, _in_unit(per_second)]
 
@@ -86,7 +83,6 @@ class Drift(_OfSensor):
 class Spike(_OfSensor):
     """The sensor reads `height` more, in its unit: one sample, or all within `duration`."""
 
-    value = "height"
     kind: Literal["spike"]
     height: Annotated[float, _in_unit(str)]
 

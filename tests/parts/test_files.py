@@ -274,17 +274,6 @@ def test_a_cut_recording_with_parts_is_recovered(rig, folder):
     assert 0.0 < found.time[-1] < 1.0
 
 
-def test_hard_cases_of_a_scene_with_parts(rig, folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    case = folder / "case.toml"
-    case.write_text(
-        f'title = "toy"\nabout = "toy"\nscene = "{folder}/scene.toml"\nduration = "0.5 s"\nsteps = ["1 ms"]\n'
-    )
-    code, out, err = rig("torture", "--case", case)
-    assert code in (0, 1), out + err
-    assert "green" in out
-
-
 def test_a_folder_of_scenes_is_listed(rig, folder):
     code, out, _ = rig("list", folder)
     assert code == 0

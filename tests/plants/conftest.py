@@ -1,30 +1,27 @@
 """Set PEND of Kroeger et al. (2008): reference numbers, and the rigs as systems in motion."""
 
-import json
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from reference import numbers
 
 import rig
 from rig.motion.motion import Motion
 from rig.plants import PLANTS
 
-KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
-RIGS = json.loads((Path(__file__).parents[1] / "reference" / "kroger_rigs.json").read_text())
 SCENES = {"A": "belt", "B": "belt_b", "C": "belt_c", "C_d2": "belt_c_damped"}
 
 
 @pytest.fixture(scope="session")
 def kroger():
-    return KROGER
+    return numbers("kroger")
 
 
 @pytest.fixture(scope="session")
 def rigs():
     """Seal, pin, North's model and tread block of the same paper."""
-    return RIGS
+    return numbers("kroger_rigs")
 
 
 @pytest.fixture(scope="session")
@@ -70,6 +67,19 @@ class Moved:
 
     def write(self, state, value):
         self.motion.write(self.motion.system.names.index(state), value)
+
+    def run_up(self, start, speed, rate):
+        """Move the drive from `start` to `speed` at about `rate` [m/s^2]: a jump would free a stuck mass."""
+        ticks = round((speed - start) / rate * 1e3)
+        self.write("drive.slope", (speed - start) / (ticks * 1e-3))
+        self.motion.advance(ticks)
+        self.write("drive.slope", 0.0)
+
+    def sticks(self, settle, ticks):
+        """Whether the motion still sticks in `ticks`, `settle` ticks later."""
+        self.motion.advance(settle)
+        self.motion.advance(ticks)
+        return bool(len(self.times("contact slip ends")))
 
 
 @pytest.fixture(scope="session", name="move")

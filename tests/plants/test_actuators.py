@@ -27,22 +27,12 @@ def test_an_actuator_that_nobody_moves_is_no_state(move):
 def test_a_drive_with_lag_follows_exponentially(move):
     """V = u + (V0 - u) exp(-t / lag), at any step."""
     for step_ms in (1.0, 5.0):
-        run = move("belt_c_damped", LAGGING, moved=HELD, step_ms=step_ms)
-        run.write("drive.command", 0.2)
-        run.motion.advance(20)
-        expected = 0.2 + (0.06 - 0.2) * np.exp(-run.time / 0.01)
-        assert run["surface_speed"] == pytest.approx(expected, rel=1e-12)
-
-
-def test_a_command_beyond_the_limits_is_clamped_in_the_plant(move):
-    run = move("belt_c_damped", LAGGING, moved=HELD)
-    run.write("drive.command", 1.0)
-    run.motion.advance(100)
-    assert run["surface_speed"] == pytest.approx(0.25 + (0.06 - 0.25) * np.exp(-run.time / 0.01), rel=1e-12)
-    run.write("drive.command", -1.0)
-    run.motion.advance(200)
-    assert run["surface_speed"].min() >= 0.0
-    assert run["surface_speed"][-1] == pytest.approx(0.0, abs=1e-9)
+        for command, reached in ((0.2, 0.2), (1.0, 0.25), (-1.0, 0.0)):  # clamped in the plant
+            run = move("belt_c_damped", LAGGING, moved=HELD, step_ms=step_ms)
+            run.write("drive.command", command)
+            run.motion.advance(40)
+            expected = reached + (0.06 - reached) * np.exp(-run.time / 0.01)
+            assert run["surface_speed"] == pytest.approx(expected, rel=1e-12, abs=1e-15)
 
 
 def test_a_magnet_with_lag_follows_and_clamps(move):
@@ -87,13 +77,9 @@ def test_a_ramp_is_a_straight_line_between_its_ends(move):
     run.write("drive.slope", 0.05)
     run.motion.advance(2000)
     assert run["surface_speed"] == pytest.approx(0.06 + 0.05 * run.time, rel=1e-12)
-
-
-def test_acceleration_is_the_force_over_the_mass(move):
-    run = move("belt", duration=1.0)
+    assert run["slip_speed"] == pytest.approx(run["surface_speed"] - run["velocity"], abs=1e-15)
     force = run["friction_force"] - 2.0 * run["velocity"] - 2500.0 * run["displacement"]
     assert run["acceleration"] == pytest.approx(force / 5.0, abs=1e-10)
-    assert run["slip_speed"] == pytest.approx(run["surface_speed"] - run["velocity"], abs=1e-15)
 
 
 @pytest.mark.parametrize(("section", "given", "told"), [

@@ -13,32 +13,17 @@ from rig.solve.records import SLIP_PLUS
 from rig.stability.linearisation import steady
 
 MOVED = {"drive.speed": "ramped"}
-SETTLE = 20.0  # s, between two steps of the speed
-
-
-def run_up(run, start, speed, rate):
-    """From `start` to `speed` at about `rate` [m/s^2], without a jump: that would free a stuck mass."""
-    ticks = round((speed - start) / rate * 1e3)
-    run.write("drive.slope", (speed - start) / (ticks * 1e-3))
-    run.motion.advance(ticks)
-    run.write("drive.slope", 0.0)
-
-
-def sticks(run):
-    """Whether the motion still sticks, `SETTLE` later."""
-    run.motion.advance(round(SETTLE * 1e3) - 2000)
-    run.motion.advance(2000)
-    return bool(len(run.times("contact slip ends")))
+SETTLE = 18_000, 2000  # ticks of 1 ms between two steps of the speed
 
 
 def last_speed(run, alive, step):
     """The last speed at which stick-slip lives, from a speed at which it does."""
-    run_up(run, 0.06, 0.95 * alive, 0.01 * alive)
-    run_up(run, 0.95 * alive, alive, 2e-4 * alive)  # in one period the belt must not gain what the cycle has to spare
-    assert sticks(run)
+    run.run_up(0.06, 0.95 * alive, 0.01 * alive)
+    run.run_up(0.95 * alive, alive, 2e-4 * alive)  # in one period the belt must not gain what the cycle has to spare
+    assert run.sticks(*SETTLE)
     for _ in range(100):
-        run_up(run, alive, alive + step, 1e-5 * alive)
-        if not sticks(run):
+        run.run_up(alive, alive + step, 1e-5 * alive)
+        if not run.sticks(*SETTLE):
             return alive
         alive += step
     raise AssertionError("stick-slip beyond the range looked at")
@@ -107,8 +92,8 @@ def test_a_small_knock_grows_or_dies_as_the_eigenvalue_says(move, read, speed, g
 def test_the_two_motions_live_side_by_side(move):
     """At 0.4 m/s: from the cycle it goes on cycling, from sliding it goes on sliding."""
     cycling, sliding = move("belt", moved=MOVED, duration=1.0), move("belt", {"drive.speed": 0.4}, moved=MOVED)
-    run_up(cycling, 0.06, 0.4, 0.01)
-    assert sticks(cycling)
+    cycling.run_up(0.06, 0.4, 0.01)
+    assert cycling.sticks(*SETTLE)
     sliding.write("x", 0.0015)
     sliding.write("x'", 0.0)
     sliding.motion.advance(20_000)

@@ -100,7 +100,7 @@ def test_energy_of_a_cycle_closes(move, scenes, name):
 
 
 @given(radius=st.floats(0.02, 2.0))
-@settings(max_examples=15)
+@settings(max_examples=6)
 def test_a_pendulum_of_any_radius_is_the_mass_on_the_belt(move, radius):
     """J = m r^2, c r^2, d r^2, v0 / r: the same motion at the contact."""
     m, c, d = 5.0, 2500.0, 2.0
@@ -120,10 +120,3 @@ def test_a_pendulum_of_any_radius_is_the_mass_on_the_belt(move, radius):
     assert a.times("contact releases +") == pytest.approx(b.times("contact releases +"), abs=1e-12)
     assert a["angle"] == pytest.approx(b["displacement"] / radius, abs=1e-11 / radius)
     assert a["disc_speed"] == pytest.approx(0.06 / radius, rel=1e-12)
-
-
-def test_the_pendulum_scene_is_the_belt_scene_at_the_contact(move):
-    a = move("pendulum", {"start.velocity": 0.06}, duration=4.0, tolerance=1e-10)
-    b = move("belt", duration=4.0, tolerance=1e-10)
-    assert a["velocity"] == pytest.approx(b["velocity"], abs=1e-8)
-    assert a.times("contact slip ends") == pytest.approx(b.times("contact slip ends"), abs=1e-8)

@@ -11,7 +11,7 @@ import rig
 from rig import scenes
 from rig.bench.run.runner import PlantRunner
 from rig.errors import SceneError
-from rig.scenes.shipped import plant
+from rig.scenes.shipped import card
 
 FORCE = 0.5  # N/Hz^0.5
 FREE = {"load.force": "0 N", "noise.force": FORCE, "body.damping": 50.0, "start.velocity": 0.0}
@@ -117,7 +117,7 @@ def test_a_wrong_strength_is_refused():
 
 
 def test_a_knock_and_noise_reach_every_rig():
-    for scene in {plant(name): name for name in scenes.names()}.values():
+    for scene in {card(name)["plant"]: name for name in scenes.names()}.values():
         system = rig.load(scene, {"noise.force": 1.0}).assemble().system()
         assert system.strike.any()
         noisy = system.force[:, system.names.index("noise")]

@@ -112,31 +112,18 @@ def test_stick_slip_of_the_reference_ends_where_a_released_mass_just_fails_to_re
     assert low == pytest.approx(one["v_glob"], abs=2e-7)
 
 
-def run_up(run, start, speed, rate):
-    ticks = round((speed - start) / rate * 1e3)
-    run.write("drive.slope", (speed - start) / (ticks * 1e-3))
-    run.motion.advance(ticks)
-    run.write("drive.slope", 0.0)
-
-
-def sticks(run):
-    run.motion.advance(2000)
-    run.motion.advance(1000)
-    return bool(len(run.times("contact slip ends")))
-
-
 def test_stick_slip_that_is_run_up_lives_to_seven_millimetres_a_second(move, rigs):
     """6.998 mm/s, beyond the linear limit of 6.03: the speed is stepped, the state carried on."""
     expected = rigs["seal"]["V1_global_restick_limit"][3]
     assert (expected["m"], expected["c"], expected["d"]) == (0.2, 20000.0, 5.0)
     run = move("seal_p", moved=MOVED, duration=0.5, tolerance=1e-9)
     alive, step = 6.985 * MM, 2e-3 * MM
-    run_up(run, 3.0 * MM, 6.9 * MM, 1.0 * MM)
-    run_up(run, 6.9 * MM, alive, 0.02 * MM)
-    assert sticks(run)
+    run.run_up(3.0 * MM, 6.9 * MM, 1.0 * MM)
+    run.run_up(6.9 * MM, alive, 0.02 * MM)
+    assert run.sticks(2000, 1000)
     while True:
-        run_up(run, alive, alive + step, 2e-4 * MM)
-        if not sticks(run):
+        run.run_up(alive, alive + step, 2e-4 * MM)
+        if not run.sticks(2000, 1000):
             break
         alive += step
         assert alive < 7.1 * MM

@@ -241,7 +241,7 @@ def decays(move, mu, V, r, a, time):
 def by_simulation(move, mu, V, r, low, high, time=150.0):
     assert not decays(move, mu, V, r, low, time)
     assert decays(move, mu, V, r, high, time)
-    while high - low > 1e-3:
+    while high - low > 2e-3:
         middle = 0.5 * (low + high)
         low, high = (low, middle) if decays(move, mu, V, r, middle, time) else (middle, high)
     return 0.5 * (low + high)

@@ -67,7 +67,7 @@ def play(
     bank = bank or Bank(sensors, list(signals), frame_ns, seed)
     bank.start(np.array([float(f(np.zeros(1))[0]) for f in signals.values()]))
     frame = 1e-9 * frame_ns
-    t = [bank.times(i).tolist() for i in range(len(sensors))]
+    t = [[0] for _ in bank.latest]
     y = [[x] for x in bank.latest]
     even = np.linspace(0.0, frame, parts + 1)
     for k in range(round(duration / frame)):
@@ -75,7 +75,8 @@ def play(
         bank.advance(segments(signals.values(), edges[:-1], np.diff(edges), frame * k))
         for i in range(len(sensors)):
             if bank.fresh[i]:
-                t[i].extend(bank.times(i).tolist())
+                first = bank.first(i)
+                t[i].extend(bank.instants[i].at(np.arange(first, first + bank.fresh[i])).tolist())
                 y[i].extend(bank.samples(i))
                 assert bank.latest[i] == y[i][-1]
     return Measured(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 from rig.compiled.kernel import entry
 from rig.compiled.records import Loan
-from rig.errors import SceneError
 from rig.sensors.chain.front_end import FrontEnd
 from rig.sensors.chain.instants import SECOND, Integers, Stream, common_step
 from rig.sensors.chain.instrument import Instrument
@@ -31,9 +29,9 @@ class Bank:
     """The instruments of a scene, which measure the plant's outputs.
 
     `latest[i]` is the last published sample of instrument i (NaN before `start`), `fresh[i]` the number of samples
-    published in the last frame, `samples(i)` their values, `times(i)` their times. `columns`: names of the outputs in
-    `Segments`, in order. `loan`: the record that the kernels read and write; if they find the bank `short`, it must be
-    filled before the next frame. Raises SceneError for instruments that read an unknown output or one of another unit.
+    published in the last frame, `samples(i)` their values. `columns`: names of the outputs in
+    `Segments`, in order: all that the instruments read. `loan`: the record that the kernels read and write; if they
+    find the bank `short`, it must be filled before the next frame.
     """
 
     def __init__(
@@ -49,7 +47,6 @@ class Bank:
         self.instants = tuple(s.instants for s in sensors.values())
         self.periods_ns = tuple(s.period_ns for s in sensors.values())
         self.step_ns = common_step(frame_ns, self.instants)
-        _check(sensors, columns)
         self._sections = tuple(sensors.values())
         self._ends = tuple(s.front_end() for s in self._sections)
         self._columns = tuple(columns)
@@ -180,11 +177,6 @@ class Bank:
     def first(self, i: int) -> int:
         """The number of the first sample of `samples(i)`, counted from 0."""
         return int(self._fronts["published"][i] - self.fresh[i])
-
-    def times(self, i: int) -> Integers:
-        """The times [ns] at which `samples(i)` were published."""
-        first = self.first(i)
-        return self.instants[i].at(np.arange(first, first + int(self.fresh[i])))
 
     def checkpoint(self) -> dict[str, NDArray[Any]]:
         """What `resume` needs, by name; nothing here changes."""
@@ -322,14 +314,3 @@ class Bank:
                 self._gaps[i, :left] = self._gaps[i, used:].copy()
                 self._gaps[i, left:] = stream.gaps(used, end.dropout_rate, end.dropout_shortest, end.dropout_longest)
                 s["gap"] = 0
-
-
-def _check(sensors: Mapping[str, Instrument], columns: Sequence[str]) -> None:
-    """Raise SceneError with the faults of all instruments that cannot run."""
-    faults = []
-    for name, s in sensors.items():
-        if s.reads not in columns:
-            near = get_close_matches(s.reads, columns, n=3) or sorted(columns)
-            faults.append(f"{name}.reads = {s.reads!r}: the plant has no such output; near: {', '.join(near)}")
-    if faults:
-        raise SceneError("sensors", faults)
