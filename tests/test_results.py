@@ -112,14 +112,14 @@ MADE = {
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_a_result_has_a_figure_and_an_html_form(name, tmp_path):
+def test_a_result_has_a_figure_and_an_html_form(name, tmp_path, monkeypatch):
     result = MADE[name](tmp_path)
     assert type(result).__name__ == name
     figure = result.plot()
     assert isinstance(figure, Figure)
     figure.draw_without_rendering()
     assert not figure_rules.faults(figure)
-    result.plot = lambda: figure  # drawn once
+    monkeypatch.setattr(type(result), "plot", lambda _: figure)  # drawn once
     html = result._repr_html_()
     assert html.count("<img ") == html.count("data:image/png;base64,") == 1
     assert html.startswith(html_of(result.text()))
