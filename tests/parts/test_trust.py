@@ -40,7 +40,7 @@ def tampered(log, path, change):
     return path
 
 
-def test_without_trust_there_are_data_and_no_code_runs(log):
+def test_without_trust_there_are_data_and_no_code_runs_with_it_everything_works(log):
     run = lab.open(log)
     assert json.loads(run.scene)["plant"] == "example_plant.py"
     assert len(run.measurements["geophone"].v) == 301
@@ -54,9 +54,6 @@ def test_without_trust_there_are_data_and_no_code_runs(log):
     for kind in ("plant", "effect", "sensor", "controller"):
         assert f"example_{kind}.py (SHA-256 " in str(told.value)
     assert "--trust" in str(told.value)
-
-
-def test_with_trust_everything_works(log):
     run = lab.open(log, trust=True)
     assert drive(run) == "truth/surface_speed"
     assert Scene.from_json(run.scene).assemble().title == "block on a soft table"

@@ -16,28 +16,6 @@ STEPS = (
     (Rename("load.weight", "press"), Rename("sensors.*.bandwith", "bandwidth"), Rename("protocol.length", "time")),
     (Rename("load.press", "force"), Rename("cart", "body")),
 )
-OLD = """\
-# one of mine
-based_on = "belt" # bandwith = 3
-title = "load.weight"
-
-[load]
-weight = ["30 N", "chosen"]   # why
-[cart]
-mass = "6 kg"
-[sensors.vibrometer]
-bandwith = "4 kHz"
-[sensors]
-laser.bandwith = "none"
-
-[[protocol]]
-step = "hold"
-length = "2 s"
-[[protocol]]
-step = "repeat"
-times = 2
-steps = [{ step = "hold", time = "1 s" }]
-"""
 NEW = """\
 format = 3
 # one of mine
@@ -61,6 +39,14 @@ step = "repeat"
 times = 2
 steps = [{ step = "hold", time = "1 s" }]
 """
+OLD = NEW.removeprefix("format = 3\n")
+for now, before in (
+    ("force =", "weight ="),
+    ("[body]", "[cart]"),
+    ("bandwidth =", "bandwith ="),
+    ("\ntime =", "\nlength ="),
+):
+    OLD = OLD.replace(now, before)
 TOLD = [
     "load.weight is now called load.force",
     "cart is now called body",

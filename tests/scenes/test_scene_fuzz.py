@@ -68,57 +68,30 @@ def at(tree, path):
     return tree
 
 
-def written(tree):
-    return "\n".join(f"{json.dumps(key)} = {toml(value)}" for key, value in tree.items())
-
-
 def damaged(draw, text):
     """The text of a scene with one to three things wrong, as bytes."""
-    tree = tomllib.loads(text)
-    raw = ""
+    tree, raw = tomllib.loads(text), ""
     for _ in range(draw.choice((1, 1, 1, 2, 3))):
-        path = draw.choice(list(places(tree)))
-        *parents, last = path
-        table = at(tree, parents)
-        what = draw.randrange(10)
-        if what < 5:
+        *parents, last = draw.choice(list(places(tree)))
+        table, what = at(tree, parents), draw.randrange(8)
+        if what < 4:
             table[last] = copy.deepcopy(draw.choice(ODD))  # else a list of ODD may come to hold itself
-        elif what == 5:
-            del table[last]
-        elif what == 6 and isinstance(table, dict):
+        elif what == 4 and isinstance(table, dict):
             table[draw.choice(("kind", "law", "extra", "", "a.b", "step", "x" * 300, "é"))] = table.pop(last)
-        elif what == 7:
+        elif what == 5:
             table[last] = copy.deepcopy(at(tree, draw.choice(list(places(tree)))))
-        elif what == 8:
-            value = table[last]
-            table[last] = value * draw.choice((1e12, -1.0, 1e-12)) if isinstance(value, float) else [value] * 3
+        elif what == 6:
+            table[last] = raw = "\x01raw"
         else:
-            raw = "\x01raw"
-            table[last] = raw
+            del table[last]
         if not list(places(tree)):
             break
-    told = written(tree)
-    if raw:
-        told = told.replace(json.dumps(raw), draw.choice(RAW))
-    data = told.encode()
-    return scrambled(draw, data) if draw.random() < 0.1 else data
-
-
-def scrambled(draw, data):
-    """Bytes that an editor would not write."""
+    data = "\n".join(f"{json.dumps(key)} = {toml(value)}" for key, value in tree.items())
+    data = data.replace(json.dumps(raw), draw.choice(RAW)).encode() if raw else data.encode()
     where = draw.randrange(len(data) + 1)
-    return draw.choice(
-        (
-            data[:where],
-            data[:where] + bytes([draw.randrange(256)]) + data[where + 1 :],
-            data + b"\n" + data,
-            b"\xff\xfe" + data.decode().encode("utf-16-le"),
-            data[:where] + b"\x00" + data[where:],
-            b"\xef\xbb\xbf" + data,
-            data + b"\n" + b"a." * 5000 + b"a = 1",
-            b"",
-        )
-    )
+    spoilt = (data[:where], data[:where] + b"\x00" + data[where:], data * 2, data + b"\n" + b"a." * 5000 + b"a = 1",
+              b"\xff\xfe" + data.decode().encode("utf-16-le"))  # fmt: skip
+    return draw.choice(spoilt) if draw.random() < 0.1 else data
 
 
 def read(path, overrides=None):
@@ -184,7 +157,7 @@ def fuzz(folder, seed, count, deep=False):
 
 
 def test_a_damaged_scene_is_refused_in_words_or_holds(tmp_path):
-    assert fuzz(tmp_path, seed=1, count=150) == []
+    assert fuzz(tmp_path, seed=1, count=100) == []
 
 
 @pytest.mark.slow

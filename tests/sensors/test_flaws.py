@@ -125,10 +125,13 @@ def test_gain_error_and_offset(play, clean, kind):
     np.testing.assert_allclose(y, 3.0 * sensor.sensitivity * 1.01 + 0.25, rtol=1e-12)
 
 
-def test_bridge_warms_to_its_zero_drift(play, clean):
+def test_a_bridge_warms_to_its_zero_drift_and_a_charge_drifts_linearly(play, clean):
     numbers = clean["strain_gauge"] | {"zero_drift": 1e-6, "warming": 3.0, "warm_up": 0.5, "rate": 100.0}
     t, y = play({"s": KINDS["strain_gauge"](**numbers)}, {"friction_force": np.zeros_like}, 4.0).only()
     np.testing.assert_allclose(y, 3e-6 * (1.0 - np.exp(-t / 0.5)), atol=1e-18)
+    sensor = KINDS["normal_force"](**(clean["normal_force"] | {"drift": "5 mN/s", "rate": 25.0}))
+    t, y = play({"s": sensor}, {"normal_force": constant(20.0)}, 2.0).only()
+    np.testing.assert_allclose(y, 20.0 + 5e-3 * t, rtol=1e-13)
 
 
 def test_warming_reaches_an_accelerometer_through_its_high_pass(play, clean):
@@ -141,12 +144,6 @@ def test_warming_reaches_an_accelerometer_through_its_high_pass(play, clean):
     # Continuous through the case of equal corners.
     near = KINDS["accelerometer"](warm_up=1.0 / w).front_end()
     assert near.warmth * (np.exp(-near.fade) - np.exp(-near.rise)) == pytest.approx(0.2 * w * np.exp(-w), rel=1e-5)
-
-
-def test_charge_drifts_linearly(play, clean):
-    sensor = KINDS["normal_force"](**(clean["normal_force"] | {"drift": "5 mN/s", "rate": 25.0}))
-    t, y = play({"s": sensor}, {"normal_force": constant(20.0)}, 2.0).only()
-    np.testing.assert_allclose(y, 20.0 + 5e-3 * t, rtol=1e-13)
 
 
 def test_pickup_on_a_roller_is_calibrated_in_metres_per_second(play, clean):

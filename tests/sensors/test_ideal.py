@@ -89,20 +89,15 @@ def test_a_number_of_a_flaw_that_is_not_stated_is_refused(kind, key, value, flaw
     KINDS[kind](kind=kind, **{key: value})
 
 
-def test_the_fault_names_the_sensor_and_what_to_do():
+def test_a_scene_reads_back_what_was_stated_and_nothing_else():
     with pytest.raises(SceneError, match=r"(?s)sensors.vibrometer.*dropout describes dropout_rate.*leave out dropout"):
         rig.load("belt_normal_force", {"sensors.vibrometer.dropout": "zero"})
-
-
-def test_a_scene_reads_back_what_was_stated_and_nothing_else():
     changes = {"sensors.vibrometer.delay": "17 ms", "sensors.vibrometer.noise": 1e-6}
     scene = rig.load("belt_normal_force", changes)
     again = Scene.from_json(scene.to_json())
     for name, sensor in scene.sensors.items():
         assert again.sensors[name].front_end() == sensor.front_end()
     assert again.to_json() == scene.to_json()
-    assert again.sensors["vibrometer"].front_end().noise > 0.0
-    assert again.sensors["vibrometer"].front_end().resolution == 0.0
     values = scene.values()
     assert values["sensors.vibrometer.delay"] == (0.017, "s")
     assert "sensors.vibrometer.resolution" not in values

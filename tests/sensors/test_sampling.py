@@ -75,17 +75,14 @@ def test_same_seed_same_bits_other_seed_other_noise_and_start_begins_anew(play):
     assert one.counters == anew.counters
 
 
-def test_noise_of_an_instrument_does_not_depend_on_its_neighbours(play):
+def test_noise_of_an_instrument_is_its_own_whatever_its_neighbours(play):
     sensors = instruments()
     alone = play({"accelerometer": sensors["accelerometer"]}, SIGNALS, 0.1, parts=10)
     among = play(sensors, SIGNALS, 0.1, parts=10)
     np.testing.assert_array_equal(alone.y["accelerometer"], among.y["accelerometer"])
-
-
-def test_two_instruments_of_a_kind_have_noise_of_their_own(play):
     sensors = {side: KINDS["normal_force"](resolution=0.0, drift=0.0) for side in ("left", "right")}
-    run = play(sensors, {"normal_force": np.zeros_like}, 4.0)
-    assert abs(np.corrcoef(run.y["left"], run.y["right"])[0, 1]) < 0.06
+    run = play(sensors, {"normal_force": np.zeros_like}, 2.0)
+    assert abs(np.corrcoef(run.y["left"], run.y["right"])[0, 1]) < 0.08
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
@@ -124,15 +121,7 @@ def test_at_a_jump_the_value_before_it_is_read():
     assert bank.latest[0] == 3.0
 
 
-def test_slow_cards_publish_between_frames_without_one(play):
-    sensors = {"slow": KINDS["normal_force"](rate=25.0), "slower": KINDS["normal_force"](rate=100.0)}
-    run = play(sensors, SIGNALS, 0.2)
-    np.testing.assert_allclose(run.t["slow"], np.arange(6) * 0.04)
-    np.testing.assert_allclose(run.t["slower"], np.arange(21) * 0.01)
-    assert Bank(sensors, list(SIGNALS), 1_000_000, 1).step_ns == 1_000_000
-
-
-@pytest.mark.parametrize("rate", [25.0, 100.0, 312.5, 1000.0, 2500.0, 10e3, 100e3])
+@pytest.mark.parametrize("rate", [25.0, 312.5, 1000.0, 100e3])
 def test_samples_fall_on_whole_periods_at_every_rate(play, clean, rate):
     sensor = KINDS["normal_force"](**clean["normal_force"], rate=rate)
     t, y = play({"s": sensor}, {"normal_force": lambda t: 1.0 + t}, 0.2, parts=10).only()
