@@ -113,28 +113,18 @@ def field(mu, V, closed, A=0.0, w=1.0):
     return rate
 
 
-def phase(rate, t, z, guard, until=20.0):
-    """Time and state where `guard` falls to zero, by DOP853; it has just begun at zero."""
-
-    def leaves(at, z, begin=t):
-        return guard(z) if at > begin + 1e-5 else 1.0
-
-    leaves.terminal, leaves.direction = True, -1.0
-    run = solve_ivp(rate, (t, until), z, "DOP853", rtol=1e-12, atol=1e-15, events=leaves)
-    return float(run.t_events[0][0]), run.y_events[0][0]
-
-
-def test_lift_off_and_return_are_those_of_scipy(move):
-    """Eight of them, each phase by DOP853 to its own event."""
+def test_lift_off_and_return_are_those_of_scipy(move, chain):
     one, changes = history(1)
     run = move("two_dof", changes, duration=12.0)
-    t, z, times, sign = 0.0, np.array(one["z0"], float), [], -1.0
-    for _ in range(8):
-        t, z = phase(field(0.5, 0.3, sign < 0.0), t, z, lambda z, sign=sign: sign * z[1])
-        times.append(t)
-        sign = -sign
-    found = sorted([*run.times("load opens"), *run.times("load closes")])
-    assert found[:8] == pytest.approx(times, rel=1e-8)
+    fields = {closed: field(0.5, 0.3, closed) for closed in (True, False)}
+    expected = chain(
+        lambda closed, t, z: fields[closed](t, z),
+        lambda closed: [lambda t, z: -z[1] if closed else z[1]],
+        lambda closed, which, t, z: (not closed, z),
+        True, np.array(one["z0"], float), 12.0,
+    )  # fmt: skip
+    assert len(expected) >= 8
+    assert sorted([*run.times("load opens"), *run.times("load closes")]) == pytest.approx(list(expected), rel=1e-8)
 
 
 def test_without_separation_the_vibration_grows_on_as_the_eigenvalue_says_until_slip_ends(move):
@@ -288,21 +278,20 @@ def test_dithered_runs_are_those_of_the_reference(move, at):
     assert not len(run.times("load opens"))
 
 
-def test_dithered_slip_is_that_of_scipy(move):
-    """The first ten reversals of slip, mu = 0.6, r = 5, a = 1.4 V, each phase by DOP853."""
+def test_dithered_slip_is_that_of_scipy(move, chain):
+    """The first reversals of slip, mu = 0.6, r = 5, a = 1.4 V."""
     mu, V, r, a = 0.6, 0.3, 5, 1.4
-    w = r * W0
-    z = np.array([0.0, -0.01, 0.0, 0.0])
-    run = move(
-        "two_dof_dither", shaken(mu, V, r, a, **{"start.displacement": 0.0, "start.height": -0.01}), duration=1.0
-    )
-    t, times, slip = 0.0, [], 1.0
-    for _ in range(10):
-        rate = field(mu, slip * 1e6, True, a * V * w, w)  # sgn(V - x') is slip throughout the phase
-        t, z = phase(rate, t, z, lambda z, slip=slip: slip * (V - z[2]), 2.0)
-        times.append(t)
-        slip = -slip
-    assert run.times("contact slip ends")[:10] == pytest.approx(times, rel=1e-6)
+    w, start = r * W0, {"start.displacement": 0.0, "start.height": -0.01}
+    run = move("two_dof_dither", shaken(mu, V, r, a, **start), duration=1.0)
+    fields = {slip: field(mu, slip * 1e6, True, a * V * w, w) for slip in (1.0, -1.0)}  # sgn(V - x') is slip
+    expected = chain(
+        lambda slip, t, z: fields[slip](t, z),
+        lambda slip: [lambda t, z: slip * (V - z[2])],
+        lambda slip, which, t, z: (-slip, z),
+        1.0, np.array([0.0, -0.01, 0.0, 0.0]), 1.0,
+    )  # fmt: skip
+    assert len(expected) >= 10
+    assert run.times("contact slip ends")[: len(expected)] == pytest.approx(list(expected), rel=1e-6)
 
 
 def test_dither_needs_to_be_tangential():
