@@ -42,10 +42,6 @@ def _times(given: str, flag: str, run: Run) -> list[float]:
     return [time for time in times if time is not None]
 
 
-def _begin(given: str, flag: str, run: Run) -> float | None:
-    return seconds(given, flag, low=0.0)
-
-
 def _section(given: str, flag: str, run: Run) -> tuple[str, float]:
     """The channel and the value [in its unit] of a section."""
     from rig.analysis.recorded import series
@@ -143,7 +139,7 @@ def _stages(amplitudes: Any) -> None:
 
 
 _SIGNAL = _option("--signal", "NAME", "Sensor or plant output to analyse. Default: a sensor that measures vibration.")
-_SPAN = {"first": Option(First, _begin), "last": Option(Last, _time)}
+_SPAN = {"first": Option(First, lambda given, flag, run: seconds(given, flag, low=0.0)), "last": Option(Last, _time)}
 
 
 def _window(help_text: str) -> Option:

@@ -134,10 +134,7 @@ def come_first() -> bool:
 
 def cores() -> int:
     """Number of cores that this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # on this system it may use all of them
-        return os.cpu_count() or 1
+    return len(ALLOWED) or os.cpu_count() or 1
 
 
 class Ahead:

@@ -156,7 +156,7 @@ def _first(topic: str, of_first: Series, of_second: Series) -> Difference:
     lone = [
         (int(t_ns[i]), int(i), which)
         for which, (t_ns, at) in enumerate(((of_first.t_ns, at_one), (of_second.t_ns, at_two)))
-        if (i := _left_out(at, t_ns.size)) < t_ns.size
+        for i in np.setdiff1d(np.arange(t_ns.size), at, assume_unique=True)[:1]
     ]
     t_ns, index, which = min(lone, default=(0, 0, 0))
     values = [float("nan"), float("nan")]
@@ -175,13 +175,6 @@ def _deviation(reference: Reals, other: Reals, apart: NDArray[np.bool_]) -> tupl
     scale = float(np.ptp(known) or np.abs(known).max()) if known.size else 0.0
     worst = int(np.argmax(away))
     return float(away[worst]) / scale if scale and away[worst] else float(away[worst] and np.inf), worst
-
-
-def _left_out(taken: NDArray[np.int64], count: int) -> int:
-    """The first of `count` indices that is not in `taken`; `count` if all are."""
-    free = np.ones(count, bool)
-    free[taken] = False
-    return int(np.argmax(free)) if free.any() else count
 
 
 def _raw(values: Reals) -> NDArray[np.uint64]:

@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -224,7 +224,8 @@ class Divergence:
         )
 
 
-class TimingError(NamedTuple):
+@dataclass(frozen=True)
+class TimingError:
     """How much later than the clock demands the steps of a replay were published [s]."""
 
     mean: float
@@ -241,7 +242,7 @@ class TimingError(NamedTuple):
     def __str__(self) -> str:
         return ", ".join(
             f"{name} {value:.3g} s" if value >= 1.0 else f"{name} {1e3 * value:.3g} ms"
-            for name, value in self._asdict().items()
+            for name, value in vars(self).items()
         )
 
 
@@ -277,8 +278,7 @@ class Replayed:
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain values for JSON; times in s."""
-        timing = None if self.timing is None else self.timing._asdict()
-        return {**asdict(self), "timing": timing, "passed": self.passed}
+        return {**asdict(self), "passed": self.passed}
 
     def text(self) -> str:
         """The result as text."""

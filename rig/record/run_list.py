@@ -112,8 +112,9 @@ def runs(
         index.files[name] = entry
         listed.append(_listed(path, entry))
     if index != known:
-        _keep(folder, index)
-    return sorted(listed, key=_age)
+        with suppress(OutputError):  # a folder that cannot be written gets no index: the list is the same
+            files.write_file(folder / INDEX, index.model_dump_json().encode())
+    return sorted(listed, key=lambda of: (of.contents is None, of.contents.began_ns if of.contents else 0, of.path))
 
 
 def one(path: Path) -> Listed:
@@ -171,19 +172,9 @@ def _begun(path: Path) -> Contents | None:
     return Contents(name, title, scan.began_ns, None, "", None, setup.run, "")
 
 
-def _age(recording: Listed) -> tuple[bool, int, Path]:
-    return recording.contents is None, recording.contents.began_ns if recording.contents else 0, recording.path
-
-
 def _index(folder: Path) -> _Index:
     """The index of a folder; an empty one if it is missing, damaged or of another version."""
     try:
         return _Index.model_validate_json(files.contents(folder / INDEX, files.DATA))
     except (OSError, ValueError):
         return _Index()
-
-
-def _keep(folder: Path, index: _Index) -> None:
-    """Write the index. A folder that cannot be written gets none: the list is the same."""
-    with suppress(OutputError):
-        files.write_file(folder / INDEX, index.model_dump_json().encode())

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,13 @@ def save(
         frame_ns=run.frame_ns,
         step_ns=run.step_ns,
         outputs={signal: run.units.get(signal, "") for signal in run.signals},
-        sensors={s: (run.units.get(f"meas/{s}", ""), _period(t_ns)) for s, (t_ns, _) in run.measurements.items()},
+        sensors={
+            sensor: (
+                run.units.get(f"meas/{sensor}", ""),
+                round(float(np.median(np.diff(t_ns)))) if t_ns.size > 1 else 0,
+            )
+            for sensor, (t_ns, _) in run.measurements.items()
+        },
         controllers=run.controllers or {name: {} for name in run.commands},
         provenance=run.provenance,
         models=run.models,
@@ -62,10 +67,6 @@ def _end_ns(run: run_data.RunData) -> int:
     ends += [int(t_ns[-1]) for t_ns, _ in run.measurements.values() if t_ns.size]
     ends += [int(commands.tick[-1]) * run.frame_ns for commands in run.commands.values() if commands.tick.size]
     return max(ends, default=0)
-
-
-def _period(t_ns: run_data.Integers) -> int:
-    return round(float(np.median(np.diff(t_ns)))) if t_ns.size > 1 else 0
 
 
 def _slices(run: run_data.RunData) -> Iterator[tuple[int, list[Stamped]]]:
@@ -95,7 +96,8 @@ def _slices(run: run_data.RunData) -> Iterator[tuple[int, list[Stamped]]]:
             if begin <= tick * run.frame_ns < stop:
                 stamped.append((tick * run.frame_ns, "checkpoint", messages.checkpoint(run.frame_ns, tick, state)))
         while done < len(events) and (events[done]["t_ns"] < stop or stop > end):
-            stamped.append(_event(events[done]))
+            event = events[done]
+            stamped.append((int(event["t_ns"]), f"event/{event['source']}", messages.event(**event)))
             done += 1
         yield stop, sorted(stamped, key=lambda message: message[0])
 
@@ -112,7 +114,3 @@ def _blocks(
     for low, high in pairwise([0, *(np.flatnonzero(changes) + 2), times.size]):
         tick = -(-int(times[high - 1]) // frame_ns)
         yield int(times[low]), topic, encode.samples(tick, times[low:high], values[low:high])
-
-
-def _event(event: dict[str, Any]) -> Stamped:
-    return int(event["t_ns"]), f"event/{event['source']}", messages.event(**event)

@@ -271,9 +271,8 @@ def test_damage_is_written_into_the_file(run, tmp_path):
 
 def test_a_run_without_samples_can_be_exported(tmp_path):
     run = Run(scene="{}", step_ns=1, frame_ns=1, time=np.empty(0), signals={"x": np.empty(0)}, units={"x": "m"})
-    for to in sorted(FORMATS):
-        if to != "wav":
-            export(tables(run), to, tmp_path / to, description(run))
+    for to in sorted({*FORMATS} - {"wav"}):
+        export(tables(run), to, tmp_path / to, description(run))
     assert pd.read_csv(tmp_path / "csv" / "outputs.csv").columns.tolist() == ["time [s]", "x [m]"]
     with pytest.raises(UsageError, match="x: the recording has 0 samples of it"):
         export(tables(run), "wav", tmp_path / "wav", {})
@@ -295,17 +294,8 @@ def test_odd_names_make_valid_files(tmp_path):
     assert pd.read_csv(tmp_path / "csv" / "commands____up.csv").shape == (3, 5)
     with h5py.File(tmp_path / "hdf5") as file:
         assert set(file["outputs"]) == {"time", *wanted}
+    assert [valid(name, ()) for name in ("end", "2nd", "ä", "a" * 100)] == ["xend", "x2nd", "x_", "a" * LONGEST]
     fields = loadmat(tmp_path / "mat", simplify_cells=True)
     assert [*fields["outputs"]] == ["time", "a_b", "a_b_2", "time_2", "x___y_"]
     assert [*fields["names"]["outputs"].values()] == ["time", *wanted]
     assert {one.name for one in tmp_path.iterdir()} == set(FORMATS)
-
-
-def test_names_that_matlab_takes():
-    names = {"load.force": "load_force", "end": "xend", "2nd": "x2nd", "ä": "x_"}
-    assert {name: valid(name, ()) for name in names} == names
-    long = "a" * 100
-    first = valid(long, ())
-    second = valid(long, {first})
-    assert len(first) == len(second) == LONGEST
-    assert first != second

@@ -4,7 +4,6 @@ import contextlib
 import copy
 import dataclasses
 import json
-import re
 import tracemalloc
 from array import array
 
@@ -50,11 +49,6 @@ def test_a_saved_run_comes_back_bit_for_bit(run, saved, tmp_path):
         assert np.array_equal(one, two)
     save(dataclasses.replace(run, fault="diverged at t = 0.7 s"), tmp_path / "run.mcap")
     assert reader.open(tmp_path / "run.mcap").fault == "diverged at t = 0.7 s"
-
-
-def test_equal_runs_make_equal_messages(run, saved, tmp_path):
-    save(run, tmp_path / "again.mcap")
-    assert list(Scan(tmp_path / "again.mcap")) == list(Scan(saved))
 
 
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -126,55 +120,6 @@ def test_a_file_cut_anywhere_reads_up_to_the_cut(run, saved, tmp_path):
         path.write_bytes(whole[:end])
         with contextlib.suppress(LogError):
             assert reader.open(path).fault
-
-
-def test_a_flipped_bit_never_becomes_a_wrong_number(run, saved, tmp_path):
-    whole, path = saved.read_bytes(), tmp_path / "flipped.mcap"
-    begin = whole.index(b"provenance") + 100
-    noticed = 0
-    for place in range(begin, len(whole), len(whole) // 40):
-        data = bytearray(whole)
-        data[place] ^= 1 << place % 8
-        path.write_bytes(data)
-        part = reader.open(path)
-        noticed += bool(part.fault)
-        assert holds_nothing_wrong(part, run)
-        assert part.fault or compare(part, run).identical
-    assert noticed > 30
-
-
-def test_a_lost_chunk_is_noticed(saved, tmp_path):
-    data = bytearray(saved.read_bytes())
-    with saved.open("rb") as file:
-        chunks = make_reader(file).get_summary().chunk_indexes
-    data[chunks[3].chunk_start_offset] = 0x70  # a kind of record that readers pass over,
-    data[chunks[3].chunk_start_offset + 100] ^= 1  # with nothing in it that is proved
-    (tmp_path / "hole.mcap").write_bytes(data)
-    assert re.fullmatch(r"\d+ of its \d+ messages are missing", reader.open(tmp_path / "hole.mcap").fault)
-
-
-def test_what_is_no_recording_is_told(tmp_path):
-    for name, data in (("empty", b""), ("text", b"hello, this is not a recording at all")):
-        (tmp_path / name).write_bytes(data)
-        with pytest.raises(LogError, match="is not a recording"):
-            reader.open(tmp_path / name)
-    with pytest.raises(LogError, match="No such file"):
-        reader.open(tmp_path / "none")
-
-
-def test_a_truncated_file_is_recovered_and_whole_again(run, saved, tmp_path):
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(saved.read_bytes()[: int(0.8 * saved.stat().st_size)])
-    before = reader.open(cut)
-    done = recover(cut)
-    after = reader.open(done.path)
-    assert done.messages > 500
-    assert before.fault
-    assert not after.fault
-    assert compare(before, after).identical
-    assert after.time.size > 2000
-    assert after.provenance == run.provenance
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap"]
 
 
 SETUP = Setup("r", "{}", 1_000_000, 1_000_000, {"x": "m"}, {"s": ("m", 1_000_000)})
@@ -253,7 +198,7 @@ def test_the_first_difference_is_found_to_the_bit(run):
 @pytest.mark.parametrize("recovered", [False, True])
 def test_a_recording_cut_within_an_instant_agrees_with_the_whole_one_as_far_as_it_goes(saved, tmp_path, recovered):
     whole, lengths = saved.read_bytes(), set()
-    for end in range(len(whole) // 3, len(whole) * 2 // 3, len(whole) // 40):
+    for end in range(len(whole) // 3, len(whole) * 2 // 3, len(whole) // 25):
         cut = tmp_path / "cut.mcap"
         cut.write_bytes(whole[:end])
         run = reader.open(recover(cut, tmp_path / "out.mcap", replace=True).path if recovered else cut)

@@ -95,20 +95,12 @@ def test_the_index_gives_the_same_list_and_only_changed_files_are_read(tmp_path,
 
 
 @pytest.mark.parametrize(
-    "text", ["{", '{"format": 1, "files": {"run.mcap": 3}}', '{"format": 99, "files": {}}', "\xff"]
+    "text", ["", "{", '{"format": 1, "files": {"run.mcap": 3}}', '{"format": 99, "files": {}}', "\xff"]
 )
 def test_a_damaged_index_is_made_again(tmp_path, log, text):
-    (tmp_path / INDEX).write_text(text)
-    assert [one.contents.scene for one in runs(tmp_path)] == ["belt"]
-    assert runs(tmp_path)[0].path == log
-
-
-@pytest.mark.parametrize(("key", "value"), [("began_ns", "x"), ("scene", None)])
-def test_an_entry_of_the_index_with_a_value_of_another_type_is_read_again(tmp_path, log, key, value):
     first = runs(tmp_path)
-    index = json.loads((tmp_path / INDEX).read_text())
-    index["files"]["run.mcap"]["contents"][key] = value
-    (tmp_path / INDEX).write_text(json.dumps(index))
+    index = (tmp_path / INDEX).read_text()
+    (tmp_path / INDEX).write_text(text or index.replace(f'"began_ns":{BEGAN}', '"began_ns":"x"'))
     assert runs(tmp_path) == first
 
 

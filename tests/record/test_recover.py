@@ -14,7 +14,6 @@ from rig.errors import LogError, OutputError, UsageError
 from rig.record import reader
 from rig.record.compare import compare
 from rig.record.mcap_file import walk
-from rig.record.message_scan import Scan
 from rig.record.recover import recover
 from rig.record.writer import Writer
 
@@ -70,28 +69,33 @@ def test_damage_outside_of_the_messages_costs_none(logs, run, tmp_path):
         assert compare(run, reader.open(done.path)).identical
 
 
-def test_a_file_that_another_program_has_written_anew_is_not_called_complete(logs, run, tmp_path):
-    """Such a program may leave out messages: its index counts those that are there."""
-    with (logs / "saved.mcap").open("rb") as file, (tmp_path / "anew.mcap").open("wb") as copy:
+def plainly(source, target, without="nothing"):
+    """The recording as the library's own writer writes it, without a topic."""
+    with source.open("rb") as file, target.open("wb") as copy:
         read, out, channels = make_reader(file), PlainWriter(copy), {}
         out.start(read.get_header().profile, "another program")
         for one in read.iter_attachments():
             out.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
-        for one in read.iter_metadata():
+        for one in read.iter_metadata() if without != "nothing" else ():
             out.add_metadata(one.name, dict(one.metadata))
         for schema, channel, one in read.iter_messages():
-            if channel.topic == "applied/feedback":
-                continue
-            if channel.topic not in channels:
+            if channel.topic != without and channel.topic not in channels:
                 kind = out.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = out.register_channel(channel.topic, channel.message_encoding, kind)
-            out.add_message(channels[channel.topic], one.log_time, one.data, one.publish_time, one.sequence)
+            if channel.topic != without:
+                out.add_message(channels[channel.topic], one.log_time, one.data, one.publish_time, one.sequence)
         out.finish()
-    found = reader.open(tmp_path / "anew.mcap")
+    return target
+
+
+def test_a_file_that_another_program_has_written_anew_is_not_called_complete(logs, run, tmp_path):
+    """Such a program may leave out messages: its index counts those that are there."""
+    anew = plainly(logs / "saved.mcap", tmp_path / "anew.mcap", "applied/feedback")
+    found = reader.open(anew)
     assert not found.sealed
     assert "another program has written it again; no message that its index counts is missing" in found.damage
     assert all(np.array_equal(found.signals[name], v) for name, v in run.signals.items())
-    done = recover(tmp_path / "anew.mcap")
+    done = recover(anew)
     assert done.skipped == ["nothing: every record was read, but its header or an index is not as it was recorded"]
 
 
@@ -133,19 +137,7 @@ def test_what_cannot_be_decoded_is_named_counted_and_left_out(tmp_path):
 
 
 def test_a_recording_of_an_older_version_has_no_digest_and_is_not_called_whole(logs, tmp_path):
-    scan, old = Scan(logs / "saved.mcap"), tmp_path / "old.mcap"
-    with old.open("wb") as file:
-        out = PlainWriter(file)
-        out.start("friction-rig", "friction-rig")
-        channels = {}
-        for topic, payload, t_ns, _, wall_ns in scan:
-            for one in scan.attachments.values() if not channels else ():
-                out.add_attachment(0, 0, one.name, one.media_type, one.data)
-            if topic not in channels:
-                made = next(channel for channel in scan.channels.values() if channel.topic == topic)
-                channels[topic] = out.register_channel(topic, made.message_encoding, 0, made.metadata)
-            out.add_message(channels[topic], t_ns, payload, wall_ns)
-        out.finish()
+    old = plainly(logs / "saved.mcap", tmp_path / "old.mcap")
     assert (walked(old)[0].whole, walked(old)[0].sealed) == (True, False)
     assert not reader.open(old).damage
     with pytest.raises(LogError, match=r"has no digest \(.*nothing to recover"):
