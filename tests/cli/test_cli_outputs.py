@@ -283,9 +283,9 @@ def test_every_command_that_writes_files_takes_force():
 @pytest.mark.parametrize(
     ("command", "drawn"),
     [
-        ("modes belt --sweep drive.speed=0.05:0.4:5 --figure a.png", "figures.sweep_figure"),
-        ("sound log.mcap --signal s --figure a.png", "recorded.figures.sound_figure"),
-        ("map belt --x drive.speed=0.2:0.3:2 --y load.force=10:20:2 --eigenvalues", "regions.figure"),
+        ("explain belt --measure --figure a.png", "qualify.effects_measured.draw"),
+        ("sound log.mcap --signal s --figure a.png", "analysis.recorded.figures.sound_figure"),
+        ("map belt --x drive.speed=0.2:0.3:2 --y load.force=10:20:2 --eigenvalues", "analysis.regions.figure"),
     ],
 )
 def test_a_figure_that_fails_does_not_take_the_report_with_it(capsys, tmp_path, monkeypatch, command, drawn):
@@ -293,7 +293,8 @@ def test_a_figure_that_fails_does_not_take_the_report_with_it(capsys, tmp_path, 
         raise OutputError("no figure")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(f"rig.analysis.{drawn}", fail)
+    monkeypatch.setattr(f"rig.{drawn}", fail)
+    monkeypatch.setattr("rig.qualify.effects_measured.parts", lambda *_, **__: [])
     with pytest.raises(SystemExit) as left:
         program.run(command.split())
     out, err = capsys.readouterr()
