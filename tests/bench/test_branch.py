@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plant_in_thread import recorded
 
 import rig
 from rig.bench.again.agreement import ELSEWHERE, ROUNDED, changed_place
@@ -13,29 +14,18 @@ from rig.bench.again.branch import branch
 from rig.bench.again.verify import verify
 from rig.errors import LogError, UsageError
 from rig.record.compare import compare
-from rig.record.provenance import provenance
-from rig.record.save_run import save
 
 # name, changes, duration [s], instant [s]
-CASES = [
+CASES = [  # more with checkpoints: tests/bench/test_checkpoint.py
     ("pendulum", {"friction.mu_static": "0.45"}, 12.0, 11.3),  # a protocol that connects a controller, noisy sensors
     ("belt_slow_card", {}, 2.0, 1.225),  # commands on their way at the instant
     ("brake_active", {}, 0.1, 0.04),  # a controller of every sample, with filters
-    ("belt_dither_controlled", {}, 1.0, 0.5),
-    ("lever_three_stage", {}, 4.0, 2.0),
-    ("brake_shunt", {}, 0.1, 0.05),
     ("tread_rough", {}, 0.3, 0.1),  # process noise
     ("plate_96", {}, 0.02, 0.01),  # a film, the method kick
 ]
 
 GOLDEN = Path(__file__).parents[2] / "recordings" / "golden"
 ON = {"controllers.nf.enable_at": "0.1 s"}
-
-
-def recorded(tmp_path, run, name="run.mcap"):
-    run.provenance |= provenance(0)
-    save(run, tmp_path / name)
-    return tmp_path / name
 
 
 @pytest.fixture(scope="module")
@@ -80,30 +70,15 @@ def test_a_change_acts_from_the_instant_on_and_the_branch_verifies_alone(belt, t
         assert compare(found, again).identical is (at > 1.25)
 
 
-def test_a_change_of_a_controller_acts_through_its_commands(belt):
-    kept, other = (branch(belt, 1.0, changes, 10**9) for changes in ({}, {"controllers.nf.gain": 1e-3}))
-    one, two = (run.commands["nf"].values for run in (kept, other))
-    assert (one[:1000] == two[:1000]).all()
-    assert np.abs(one[1000:] - two[1000:]).max() > 0.0
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"clock.frame": "2 ms"}, "clock.frame: is fixed while the rig runs"),
-        ({"plant": "lever"}, "plant: is fixed while the rig runs"),
         ({"start.displacement": "1 mm"}, "start.displacement: is fixed while the rig runs"),
-        ({"sensors.accelerometer.noise": "0"}, "is fixed while the rig runs"),
-        ({"friction.law": "coulomb"}, "friction.law: is fixed while the rig runs"),
         ({"seed": 3}, "what can be changed: "),
         ({"protocol": "none"}, "protocol: its steps go on as they are. For other steps change values one after the"),
-        ({"protocol.0.time": "3 s"}, "protocol.0.time: its steps go on as they are"),
-        ({"controllers": "none"}, "controllers: name one value of a controller of the scene\nwhat can be changed: "),
         ({"controllers.nf": "none"}, "controllers.nf: name one value of a controller"),
-        ({"controllers.nf.period": "2 ms"}, "period"),
         ({"drive.sped": 1.0}, "did you mean drive.speed"),
-        ({"drive.speed": "3 kg"}, "drive.speed"),
-        ({"controllers.nf.gian": 1.0}, "gain"),
         ({"controllers.fn.gain": 1.0}, "there is no such controller; known: nf"),
     ],
 )
@@ -113,7 +88,7 @@ def test_what_cannot_change_in_the_middle_is_refused(belt, changes, words):
     assert words in str(refused.value)
 
 
-@pytest.mark.parametrize("at", [0.0, -1.0, 2.001, 1e300, float("nan"), float("inf")])
+@pytest.mark.parametrize("at", [0.0, 2.001, float("nan")])
 def test_an_instant_outside_is_refused(belt, at):
     with pytest.raises(UsageError, match="up to its end at 2 s"):
         branch(belt, at, duration_ns=10**8)
@@ -163,7 +138,7 @@ def test_changes_that_an_operator_made_to_a_controller_are_repeated(belt, tmp_pa
     assert compare(branch(odd, 1.0, duration_ns=5 * 10**8), tuned).identical
 
 
-@pytest.mark.parametrize("name", ["pendulum", "lever", "brake_shunt", "plate_free"])
+@pytest.mark.parametrize("name", ["pendulum", "brake_shunt", "plate_free"])
 def test_a_live_recording_is_continued(name, tmp_path):
     log = GOLDEN / f"{name}.mcap"
     run = rig.open(log)
@@ -172,10 +147,6 @@ def test_a_live_recording_is_continued(name, tmp_path):
     same = compare(run, found, end=0.6 * end)
     assert same.within(ELSEWHERE) if ROUNDED & {*changed_place(run)} else same.agree
     assert verify(recorded(tmp_path, found)).identical
-
-
-def test_a_request_to_stop_ends_it_also_before_the_instant(belt):
-    assert branch(belt, 1.0, duration_ns=10**9, stop=lambda: "enough").summary["ended"] == "enough"
 
 
 def test_the_protocol_goes_on_and_without_steps_a_duration_is_needed(tmp_path):

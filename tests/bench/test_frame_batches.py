@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.bench.run.exchange import Exchange
-from rig.bench.run.journal import Journal
 from rig.bench.run.runner import PlantRunner
 from rig.bench.run.simulate import simulate
 from rig.scenes.scene import Scene
@@ -83,28 +81,6 @@ def test_who_is_not_connected_hears_the_same(scene):
     assert run.summary["controllers"]["nf"]["updates"] == 300
     assert run.commands["nf"].tick.tolist() == list(range(100, 200))
     assert run.commands["nf"].values[:, 0].tolist() == [20.0 + 1e-3 * state for state in range(100, 200)]
-
-
-def test_who_wants_every_sample_gets_every_one(scene):
-    listener = Listener(every_sample=True)
-    run = simulate(between(scene), {"nf": listener})
-    heard = [list(samples) for *_, (samples,) in listener.told]
-    assert [len(samples) for samples in heard] == [1] + 299 * [5]
-    assert [one for samples in heard for one in samples] == run.measurements["vibrometer"].v[: 1 + 299 * 5].tolist()
-
-
-def test_commands_tell_how_long_nobody_need_look(runner):
-    made = Exchange(runner, MS, 50, Journal(MS, lambda: runner.tick))
-    line = made.admit("nf", ["load.force"], 5 * MS, delay_ns=3 * MS)
-    assert made.until() is None
-    runner.tick = 10
-    made.receive("nf", 10, (30.0,))
-    assert made.until() == 13
-    runner.tick = 13
-    made.take_over()
-    assert made.until() == 13 + line.period
-    runner.tick = 20
-    assert made.until() == 21  # a command is missing: counted in every frame
 
 
 def test_what_a_sensor_showed_is_remembered(scene):

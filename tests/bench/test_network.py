@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plant_in_thread import Bench, samples
+from plant_in_thread import bits, ran, recorded, same_bits
 
 import rig
 from rig.bench.again.branch import branch
@@ -18,42 +18,18 @@ from rig.bus import messages
 from rig.bus.impaired_link import HeardSensor
 from rig.gym.episode import Episode
 from rig.record.compare import compare
-from rig.record.provenance import provenance
 from rig.record.replay import RebuiltTraffic
-from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
 ON = {"controllers.nf.enable_at": "0.05 s"}
-BAD = {
-    "network.meas.vibrometer.delay": "2 ms",
-    "network.meas.vibrometer.jitter": "1.5 ms",
-    "network.meas.vibrometer.loss": "5 %",
-    "network.meas.vibrometer.duplicate": "5 %",
-    "network.meas.vibrometer.reorder": "true",
-    "network.act.nf.delay": "3 ms",
-    "network.act.nf.jitter": "3 ms",
-    "network.act.nf.loss": "10 %",
-    "network.act.nf.duplicate": "3 %",
-    "network.act.nf.reorder": "true",
-    "network.seed": 3,
-}
+FLAWS = ("delay", "jitter", "loss", "duplicate", "reorder")
+BAD = {f"network.meas.vibrometer.{key}": value for key, value in zip(FLAWS, ("2 ms", "1.5 ms", "5 %", "5 %", "true"))}
+BAD |= {f"network.act.nf.{key}": value for key, value in zip(FLAWS, ("3 ms", "3 ms", "10 %", "3 %", "true"))}
+BAD["network.seed"] = 3
 
 
 def belt(changes=None):
     return rig.load("belt_normal_force", ON | (changes or {}))
-
-
-def bits(run):
-    """All that a run computed, as bytes."""
-    columns = [*run.signals.values(), *(samples.v for samples in run.measurements.values()), run.mode]
-    columns += [column for one in run.commands.values() for column in one]
-    return [np.asarray(column).tobytes() for column in columns]
-
-
-def recorded(tmp_path, run, name="run.mcap"):
-    run.provenance |= provenance(0)
-    save(run, tmp_path / name)
-    return tmp_path / name
 
 
 @pytest.fixture(scope="module")
@@ -117,22 +93,15 @@ def test_the_scene_of_a_recording_has_its_links():
     assert "network" not in json.loads(belt().to_json())
 
 
-def test_a_branch_has_the_bits_of_the_run_that_goes_on(monkeypatch, tmp_path, bad):
+@pytest.mark.parametrize(("at", "steps"), [(0.6, 10**9), (0.55, 100)], ids=["", "from a checkpoint"])
+def test_a_branch_has_the_bits_of_the_run_that_goes_on(monkeypatch, tmp_path, bad, at, steps):
+    monkeypatch.setattr(checkpoint, "STEPS", steps)
     log = recorded(tmp_path, rig.simulate(belt(BAD), 0.6))
-    for at in (0.6, 0.401):
-        found = branch(log, at, duration_ns=round((1.0 - at) * 1e9))
-        assert compare(bad, found).identical
-        assert found.summary["network"] == bad.summary["network"]
-        assert verify(recorded(tmp_path, found, f"{at}.mcap")).passed
-
-
-def test_from_a_checkpoint_too(monkeypatch, tmp_path, bad):
-    monkeypatch.setattr(checkpoint, "STEPS", 100)
-    log = recorded(tmp_path, rig.simulate(belt(BAD), 0.6))
-    found = branch(log, 0.55, duration_ns=450_000_000)
-    assert int(found.provenance["checkpoint_ns"]) > 0
-    assert compare(bad, found).identical
-    assert found.summary["network"] == bad.summary["network"]
+    continued = branch(log, at, duration_ns=round((1.0 - at) * 1e9))
+    assert ("checkpoint_ns" in continued.provenance) == (steps == 100)
+    assert compare(bad, continued).identical
+    assert continued.summary["network"] == bad.summary["network"]
+    assert verify(recorded(tmp_path, continued, "branch.mcap")).passed
 
 
 class Listens:
@@ -179,22 +148,11 @@ def test_a_controller_hears_what_follows_from_measurements_seed_and_tick(every_s
 
 def test_in_lockstep_and_in_the_plant_it_has_the_same_bits_and_the_steps_hold_what_was_heard(bad):
     scene = belt(BAD)
-    with Bench(scene, pace=None, duration=1.0, expect=(("controller", "nf"),)) as bench:
-        bench.controller()
-        bench.begin()
-        heard = bench.finish()
-    for name, known in bad.measurements.items():
-        assert samples(heard, name).tobytes() == known.v.tobytes()
-    applied = [messages.decode("applied/nf", payload) for payload in heard["applied/nf"]]
-    assert [a.tick for a in applied] == bad.commands["nf"].tick.tolist()
-    assert [a.answered for a in applied] == bad.commands["nf"].answered.tolist()
-    assert np.array([list(a.values) for a in applied]).tobytes() == bad.commands["nf"].values.tobytes()
+    bench, heard = ran(scene, pace=None, duration=1.0)
+    same_bits(heard, bad)
     assert bench.summary["network"] == bad.summary["network"]
     assert bench.summary["verdict"] == "VALID"
-    steps = {}
-    for payload in heard["step"]:  # a step that is not answered in time is repeated
-        one = messages.decode("step", payload)
-        steps[one.tick] = one
+    steps = {step.tick: step for step in heard["step"]}  # a step that is not answered in time is repeated
     rebuilt = RebuiltTraffic(bad, list(bad.signals), frozenset(), lambda: scene.links("meas"))
     again = [messages.decode("step", record.payload) for record in rebuilt if record.topic == "step"]
     for one, other in zip(steps.values(), again):

@@ -6,33 +6,17 @@ import time
 
 import numpy as np
 import pytest
-from plant_in_thread import Bench, played, samples
+from plant_in_thread import Bench, commands, same_again
 
 from rig import scenes
 from rig.bench.live.status import summary
 from rig.bench.run.rig_variants import RigVariants
-from rig.bus import encode, messages
+from rig.bus import encode
 from rig.bus.run_setup import fetch
 from rig.controllers.runtime.file import load_file
 from rig.controllers.runtime.process import Worker
 from rig.motion.motion import Motion
-from rig.record.run import Commands
 from rig.scenes.scene import Scene
-
-
-def same_again(bench, heard, scene):
-    """The events of a run, which comes out the same when it is simulated again; and its commands."""
-    commands = {}
-    for topic in [topic for topic in heard if topic.startswith("applied/")]:
-        said = [messages.decode(topic, payload) for payload in heard[topic]]
-        commands[topic[8:]] = Commands(
-            *(np.array([getattr(a, f) for a in said], np.int64) for f in ("tick", "answered", "status")),
-            np.array([list(a.values) for a in said]),
-        )
-    events = [{"tick": e.tick, "kind": e.kind, "data": json.loads(e.data)} for e in bench.events(heard)]
-    for name, known in played(scene, bench.summary["ticks"], commands, events).items():
-        assert samples(heard, name).tobytes() == np.concatenate(known).tobytes()
-    return events, commands
 
 
 @pytest.mark.parametrize("pace", [2.0, None], ids=["paced", "lockstep"])
@@ -58,8 +42,8 @@ def test_a_controller_that_joins_builds_the_rig_once(monkeypatch, pace):
         bench.stopped = "by the test" if pace else ""
         heard = bench.finish()
     assert built == [bench.plant.runner.motion]
-    _, commands = same_again(bench, heard, scene)
-    assert len(np.unique(commands["example_controller"].values)) > 1
+    same_again(bench, heard)
+    assert len(np.unique(commands(heard, "example_controller").values)) > 1
 
 
 class Gate:
@@ -114,7 +98,7 @@ class Shunt(Bench):
         heard = self.finish()
         assert set(self.gate.threads) == {"variant"}
         told = {}
-        for event in same_again(self, heard, self.scene)[0]:
+        for event in same_again(self, heard):
             told.setdefault(event["kind"], []).append(event)
         return told
 
@@ -218,7 +202,7 @@ def test_a_step_that_still_waits_when_the_run_ends_is_told(monkeypatch):
 @pytest.mark.parametrize("by", ["operator", "protocol", "a successor"])
 def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_disconnected(monkeypatch, by):
     drives = ["shunt.resistance"] if by != "a successor" else ["shunt.resistance", "shunt.delta"]
-    commands = (50.0, -0.7)[: len(drives)]
+    values = (50.0, -0.7)[: len(drives)]
     mine = {"mine": {"kind": "shunt_schedule", "drive": "shunt.resistance"}} if by != "a successor" else {}
     off = [{"step": "disconnect", "controller": "mine"}] if by == "protocol" else []
     with Shunt(monkeypatch, hold(1.5 if off else 30.0), *off, hold(30.0), controllers=mine) as bench:
@@ -232,11 +216,11 @@ def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_
 
         def command():
             while not over.is_set():
-                session.publisher("act/mine").put(encode.act(runner.tick, 0, commands), 0)
+                session.publisher("act/mine").put(encode.act(runner.tick, 0, values), 0)
                 time.sleep(0.002)
 
         bench.thread(command)
-        bench.reach(lambda: tuple(runner.values[name] for name in drives) == commands)
+        bench.reach(lambda: tuple(runner.values[name] for name in drives) == values)
         if by == "operator":
             bench.ask("cmd/plant", do="disconnect", controller="mine")
         elif by == "a successor":  # which drives an actuator that has no command state yet, too

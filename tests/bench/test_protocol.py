@@ -134,11 +134,6 @@ def test_quiet_is_half_the_peak_to_peak_of_a_window():
     assert 0 <= found[0][0] - 500 * np.log(10) < 50
 
 
-def test_quiet_needs_a_whole_window():
-    made = protocol(wait(quiet=0.1, window=0.05), mark())
-    assert carried_out(made, 100)[0][0] == 49
-
-
 def test_settled_compares_two_windows():
     made = protocol(wait(settled=0.01, window=0.05), mark())
     found = carried_out(made, 3000, lambda tick: (1 + np.exp(-tick / 200)) * np.cos(2 * np.pi * tick / 25))

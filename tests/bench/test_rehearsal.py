@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,12 +71,6 @@ def test_the_mode_sets_of_a_run_are_known_before_it(scene):
 def test_a_rehearsal_ends_in_time(scene):
     everything = visited(scene, job_of(scene))
     assert set(visited(scene, job_of(scene), longest_s=0.0)) < set(everything)
-
-
-def test_a_run_that_never_ends_is_rehearsed_all_the_same():
-    endless = replace(scenes.load("belt_shunt"), protocol=())
-    assert endless.duration_ns is None
-    assert len(visited(endless, job_of(endless), longest_s=0.1)) > 0
 
 
 def test_a_paced_run_builds_no_mode_set_after_its_first_frame(scene):

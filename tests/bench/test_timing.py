@@ -36,12 +36,6 @@ def test_quantiles_are_right_to_five_per_cent(values, share):
     assert spread.mean == pytest.approx(array.mean())
 
 
-def test_an_empty_spread_says_nothing():
-    spread = Spread()
-    spread.add(np.array([], np.int64))
-    assert spread.to_json() == {"mean": 0.0, "p50": 0.0, "p95": 0.0, "p99": 0.0, "max": 0.0}
-
-
 @pytest.mark.parametrize(
     ("late", "word"), [(0, "VALID"), (10, "VALID"), (11, "DEGRADED"), (50, "DEGRADED"), (51, "INVALID")]
 )

@@ -1,11 +1,11 @@
 """Controllers within the compiled loop: the same run, to the last bit, as if each had been asked from outside."""
 
 import dataclasses
+import json
 import math
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from rig.bench.run import exchange, local_controllers, simulate
 from rig.bench.run.local_controllers import CompiledControllers
 from rig.design import numbers
 from rig.record.run import Commands
+from rig.scenes.scene import Scene
 from rig.solve import control_loop
 
 WAYS = ("outside", "called", "compiled")
@@ -44,7 +45,7 @@ def runs(name, changes, duration, wrap=lambda controller: controller):
     for kind in WAYS:
         with pytest.MonkeyPatch.context() as patch:
             way(patch, kind)
-            scene = rig.load(str(name), changes)
+            scene = name if isinstance(name, Scene) else rig.load(name, changes)
             designed = numbers(scene)
             built = {n: wrap(controllers.build(s, designed[n])) for n, s in scene.controllers.items()}
             found.append(told(simulate.simulate(scene, built, round(duration * 1e9))))
@@ -111,63 +112,17 @@ def test_recorded_commands_of_which_none_can_be_read_are_as_if_there_were_none()
     assert told(found[0]) == told(found[1])
 
 
-def test_frames_are_carried_in_one_piece(monkeypatch):
-    way(monkeypatch, "compiled")
-    pieces = []
-    frames = simulate.PlantRunner.frames
-
-    def counted(runner, most):
-        pieces.append(most)
-        frames(runner, most)
-
-    monkeypatch.setattr(simulate.PlantRunner, "frames", counted)
-    rig.simulate(rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.0}), 2.0)
-    assert len(pieces) < 100  # of 2000 frames
-
-
-PROTOCOL = """
-[[protocol]]
-step = "hold"
-time = "0.2 s"
-[[protocol]]
-step = "connect"
-controller = "nf"
-[[protocol]]
-step = "hold"
-time = "0.2 s"
-[[protocol]]
-step = "set"
-target = "friction.mu_static"
-to = "0.45"
-[[protocol]]
-step = "set"
-target = "controllers.nf.gain"
-to = "120 N*s/m"
-[[protocol]]
-step = "ramp"
-target = "drive.speed"
-to = "0.08 m/s"
-over = "0.2 s"
-[[protocol]]
-step = "disconnect"
-controller = "nf"
-[[protocol]]
-step = "hold"
-time = "0.1 s"
-[[protocol]]
-step = "connect"
-controller = "nf"
-[[protocol]]
-step = "hold"
-time = "0.1 s"
-"""
-
-
-def test_the_protocol_acts_between(tmp_path):
-    shipped = (Path(rig.__file__).parent / "scenes" / "belt_normal_force.toml").read_text()
-    path = tmp_path / "own.toml"
-    path.write_text(shipped.partition("[[protocol]]")[0].replace('"4 s"', '"0.05 s"') + PROTOCOL)
-    outside, called, compiled = runs(path, {}, 0.8)
+def test_the_protocol_acts_between():
+    hold, (on, off) = (
+        {"step": "hold", "time": 0.2},
+        ({"step": s, "controller": "nf"} for s in ("connect", "disconnect")),
+    )
+    changes = [{"step": "set", "target": "friction.mu_static", "to": 0.45},
+               {"step": "set", "target": "controllers.nf.gain", "to": 120.0},
+               {"step": "ramp", "target": "drive.speed", "to": 0.08, "over": 0.2}]  # fmt: skip
+    raw = json.loads(rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.05}).to_json())
+    raw["protocol"] = [hold, on, hold, *changes, off, hold | {"time": 0.1}, on, hold | {"time": 0.1}]
+    outside, called, compiled = runs(Scene.from_json(json.dumps(raw)), {}, 0.8)
     assert called == outside
     assert compiled == outside
 

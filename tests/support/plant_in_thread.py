@@ -1,5 +1,6 @@
 """A plant in a thread, on the twin of the bus: no process, but everything else is real."""
 
+import json
 import threading
 
 import numpy as np
@@ -14,6 +15,9 @@ from rig.bench.run.runner import PlantRunner
 from rig.bus import messages
 from rig.bus.run_setup import fetch
 from rig.controllers.runtime.process import Worker
+from rig.record.provenance import provenance
+from rig.record.run import Commands
+from rig.record.save_run import save
 
 SCENE = "belt_normal_force"
 
@@ -71,19 +75,52 @@ class Bench:
         return gone
 
     def finish(self):
+        """The messages of all topics, decoded if their type is known, when all threads have ended."""
         for thread in self.threads:
             thread.join(20.0)
-        messages_of = {}
+        heard = {}
         for message in self.heard.drain():
-            messages_of.setdefault(message.topic, []).append(message.payload)
-        return messages_of
+            heard.setdefault(message.topic, []).append(message.payload if message.said is None else message.said)
+        return heard
 
-    def events(self, heard):
-        return [messages.decode("event/plant", payload) for payload in heard["event/plant"]]
+
+def ran(scene, meanwhile=lambda me: None, **job):
+    """A run with the controllers of the scene, and what was heard; `meanwhile(me)` is what an operator does to it."""
+    outside = [name for name in scene.controllers if name not in scene.in_plant]
+    with Bench(scene, expect=tuple(("controller", name) for name in outside), **job) as bench:
+        for name in outside:
+            bench.controller(name)
+        bench.begin()
+        meanwhile(bench.me)
+        return bench, bench.finish()
 
 
 def samples(heard, name):
-    return np.concatenate([messages.decode(f"meas/{name}", p).v for p in heard[f"meas/{name}"]])
+    return np.concatenate([block.v for block in heard[f"meas/{name}"]])
+
+
+def commands(heard, name):
+    """Every command of a controller as it took effect."""
+    rows = [messages.commands(applied) for applied in heard[f"applied/{name}"]]
+    tick, answered, status, values = (np.concatenate([list(column) for column in columns]) for columns in zip(*rows))
+    return Commands(*(c.astype(np.int64) for c in (tick, answered, status)), values.reshape(len(tick), -1))
+
+
+def same_bits(heard, run):
+    """A live run has measurements and commands of a run in one process."""
+    for name, known in run.measurements.items():
+        assert samples(heard, name).tobytes() == known.v.tobytes()
+    for name, known in run.commands.items():
+        assert [column.tobytes() for column in commands(heard, name)] == [column.tobytes() for column in known]
+
+
+def same_again(bench, heard):
+    """The events of a run, which comes out the same when it is simulated again."""
+    given = {topic[8:]: commands(heard, topic[8:]) for topic in heard if topic.startswith("applied/")}
+    events = [{"tick": e.tick, "kind": e.kind, "data": json.loads(e.data)} for e in heard["event/plant"]]
+    for name, known in played(bench.plant.scene, bench.summary["ticks"], given, events).items():
+        assert samples(heard, name).tobytes() == np.concatenate(known).tobytes()
+    return events
 
 
 def played(scene, ticks, commands, events):
@@ -100,3 +137,17 @@ def played(scene, ticks, commands, events):
             return found
         experiment.exchange.take_over()
         runner.frame()
+
+
+def bits(run):
+    """All that a run computed, as bytes."""
+    columns = [*run.signals.values(), *(measured.v for measured in run.measurements.values()), run.mode]
+    columns += [column for each in run.commands.values() for column in each]
+    return [np.asarray(column).tobytes() for column in columns]
+
+
+def recorded(folder, run, name="run.mcap"):
+    """The path of a new recording of a run."""
+    run.provenance |= provenance(0)
+    save(run, folder / name)
+    return folder / name
