@@ -73,8 +73,8 @@ MUTANTS = [Mutant(*row) for row in (
     ("model/formulation", "guard(-below if mode == records.{LOW => HIGH} else -above", "solve/test_limiters"),
     ("model/formulation", "system.damping{ + change.damping => }", "plants/test_brake_turn"),
     ("model/formulation", "scales[:, None, {1: => :-1}]", "solve/test_segments"),
-    ("model/mode_sets", "_MARGIN = {1.25 => 0.6}", "solve/test_mode_sets"),
-    ("model/mode_sets", "np.array([law.{static => numbers[0]} for law in met])", "solve/test_limiters"),
+    ("model/mode_sets", "_MARGIN = {1.25 => 0.6}", "test_theory_parts"),
+    ("model/mode_sets", "np.array([law.{static => numbers[0]} for law in met])", "solve/test_stick"),
     ("model/system", "{-np => np}.sin(angle) * factor.row", "solve/test_products"),
     ("model/system", "% {self.period => 1e9}", "solve/test_sectors"),
     # friction laws, energy forms, tables of kicks and of many states
@@ -86,7 +86,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("model/kick_tables", "at_once, {modes => -modes}.friction_t[:, P:]", "solve/test_kick"),
     ("model/kick_tables", "step * step / {12.0 => 6.0}", "plants/test_plate"),
     ("model/many_states_tables", "{(1 if i == 0 else 2) => 2}", "plants/test_brake"),
-    ("model/many_states_tables", "margin = {MARGIN => 0.0} *", "plants/test_brake"),
+    ("model/many_states_tables", "margin = {MARGIN => 0.0} *", "test_theory_parts"),
 )]  # fmt: skip
 
 

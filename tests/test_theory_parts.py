@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.interpolate import BPoly
 from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.special import i0, i1
@@ -16,13 +17,16 @@ import rig
 from rig.analysis.averaged import mean_friction
 from rig.analysis.control_loop import loop
 from rig.controllers.blocks.resonator import Resonator
-from rig.model.mode_sets import guard_bounds
+from rig.model.mode_sets import ModeSets, guard_bounds
 from rig.papers.kroeger_shunt import CAPACITANCE, COUPLING, PIEZO_STIFFNESS, SWING, shaken, stack, transfer
 from rig.qualify.cost.delay import IDEAL, with_delay
 from rig.sensors.chain import filters
 from rig.sensors.chain.front_end import FrontEnd, deviation
 from rig.sensors.chain.instants import Instants
 from rig.sensors.microphone import Microphone
+from rig.solve.expm import balance
+from rig.solve.many_states import QUICK
+from rig.stability.linearisation import sliding_key, steady
 
 
 def response(modal, hertz):
@@ -143,8 +147,6 @@ def test_a_narrow_band_settles_on_amplitude_and_phase():
 @pytest.mark.parametrize("name", ["belt_c", "two_dof", "pin", "belt_shunt"])
 def test_no_guard_leaves_the_bound_of_its_chord(name, step):
     """eq-certificate, for random states: the largest distance of g from its chord is below sum B_j |x_j|."""
-    from rig.stability.linearisation import sliding_key, steady
-
     system = rig.load(name).assemble().system()
     A = steady(system, sliding_key(system)).modes.A
     draw = np.random.default_rng(3)
@@ -160,6 +162,29 @@ def test_no_guard_leaves_the_bound_of_its_chord(name, step):
         assert np.all(away <= bound)
         closest = max(closest, float((away / bound).max()))
     assert closest > 0.02  # the bound is no empty promise
+
+
+@pytest.mark.parametrize("name", ["brake", "four_dof"])
+def test_no_guard_leaves_the_bound_of_its_quick_polynomial(name):
+    """The same where there are many states, whose ticks are certified by polynomials of low degree."""
+    scene = rig.load(name)
+    system = scene.assemble().system()
+    mode_sets = ModeSets(system, scene.step_ns * 1e-9, [])
+    A, t = mode_sets.add(sliding_key(system)).A, mode_sets.tables
+    wide, n, count = t.many_states, system.n, int(t.guards[0])
+    assert t.depth[0] == 0
+    tick, margin = (np.concatenate(list(table[0]), axis=1).T for table in (wide.tick, wide.margin))
+    quick = tick[n : n + count * (QUICK + 1)].reshape(count, QUICK + 1, n)
+    d = balance(A)
+    closest, places = 0.0, np.linspace(0.0, 1.0, 17)
+    for x in np.random.default_rng(3).standard_normal((5, n)) / d:
+        motion = [expm(A * d[:, None] / d * scene.step_ns * 1e-9 * place) @ (d * x) / d for place in places]
+        along = BPoly(np.array([quick @ x]).transpose(2, 0, 1), [0.0, 1.0])(places)
+        away = np.abs(along - np.array(motion) @ t.G[0, :count].T).max(axis=0)
+        bound = (margin @ np.abs(x))[:count]
+        assert np.all(away <= bound + 1e-12 * np.abs(along).max(axis=0))
+        closest = max(closest, float((away / bound).max()))
+    assert closest > 0.02
 
 
 def test_the_unstable_cycle_between_two_states_has_the_amplitude_of_the_lesson():

@@ -147,6 +147,8 @@ def test_the_op_amp_gives_no_more_than_its_voltage(move):
     run = move("belt_shunt", FREE | KINDS["saturated"], 0.02, 0.1)
     shown = run["capacitor_voltage"]
     assert np.abs(shown).max() == 12.0
+    assert run.motion.system.describe(run.motion.key).endswith("op-amp high")
+    assert abs(run.motion.energy()["error"]) < 1e-9  # with what the clamped capacitor stores
     U, i = run["stack_voltage"], run["shunt_current"]
     slope = np.gradient(i, 2e-5)[1:-1]
     expected = (-U - 50.0 * i - shown)[1:-1]

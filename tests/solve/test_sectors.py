@@ -103,7 +103,10 @@ def test_laws_over_speed_change_at_the_edge_too():
 def test_changed_sectors_are_entered_where_the_pin_is():
     motion = Motion(rig().system(), MS, "exact")
     motion.advance(200)
-    assert 1.0 < motion.system.sectors[0].row @ motion.x < EDGE
+    sector, turned = motion.system.sectors[0], motion.x.copy()
+    assert 1.0 < sector.row @ motion.x < EDGE
+    turned[motion.system.names.index("turn")] -= 2.0 * math.pi
+    assert sector.at(turned) == sector.at(motion.x) == 0
     assert motion.system.describe(motion.key).endswith("disc 1")
     a = rig()
     a.sectors[0] = (*a.sectors[0][:5], (0.0, 1.0), a.sectors[0][6])
