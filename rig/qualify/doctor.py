@@ -18,11 +18,9 @@ import math
 import os
 import platform
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numba
@@ -42,7 +40,6 @@ from rig.compiled import kernel
 from rig.controllers import restored
 from rig.design import described
 from rig.errors import NumericsError, RigError, SceneError, UsageError
-from rig.machine.files import RUNS
 from rig.machine.process import Child, end, no_garbage
 from rig.machine.scheduling import CONTROLLER, PLANT, ahead, choose, come_first, cores, placed
 from rig.record.provenance import processor
@@ -55,14 +52,12 @@ Say = Callable[[str], object]
 FRAME_NS = 1_000_000
 LEAST = 2000
 """Fewest measured frames: the cost at p99 is then exceeded by twenty of them."""
-LEAST_DISK = 5.0  # MB/s; a run with all sensors at 10 kHz writes less than 1 MB/s
 RESERVE = 1.5
 """Cost of a frame in a run over its cost here. # measured: 1.2 to 1.5, because recorder and bus work beside it"""
 ALONE = "measured in processor time: no other program interrupts a plant that is scheduled in real time"
 AMONG = "measured by the wall clock: other programs interrupt a plant that is not scheduled in real time"
 _ROW = 100  # consecutive measured frames: the lateness of one carries over to the next
 _ENDLESS_NS = 10_000_000_000  # measured part of a protocol without an end
-_MEGABYTES = 16
 _PAUSE_S = 0.0005
 _EACH_S = 0.001
 
@@ -228,7 +223,6 @@ class Report:
     bus: Spread | None
     put: Spread | None
     fault: str
-    disk: float
     scenes: tuple[Fitness, ...]
     seconds: float
 
@@ -254,7 +248,6 @@ class Report:
             f"scheduling  {self.scheduling or 'in real time'}",
             f"frames      {self.frames}",
             f"bus         {f'round trip {self.bus}' if self.bus else self.fault}",
-            f"disk        {self.disk:.0f} MB/s where recordings go{'' if self.disk >= LEAST_DISK else ': too slow'}",
             "",
         ]
         width = max(len(fitness.scene) for fitness in self.scenes)
@@ -285,8 +278,6 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     say("a round trip over the bus, between two processes")
     trips, puts, fault = round_trips(0.3 * seconds)
     trip, put = (Spread.of(samples) if len(samples) else None for samples in (trips, puts))
-    say("writing where recordings go")
-    disk = _disk()
     say("frames of every scene, over its whole protocol")
     clock = time.thread_time_ns if alone else time.perf_counter_ns
     ready = kernel_shapes.ready()
@@ -311,7 +302,6 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
         bus=trip,
         put=put,
         fault=fault,
-        disk=disk,
         scenes=tuple(fit),
         seconds=time.perf_counter() - begin,
     )
@@ -369,22 +359,6 @@ def _waits(seconds: float) -> tuple[pace.Waiting, Times, Times]:
             slept.append(pace.lateness(sleep, FRAME_NS, 100))
             spun.append(pace.lateness(hybrid, FRAME_NS, 100))
     return waiting, np.concatenate(slept), np.concatenate(spun)
-
-
-def _disk() -> float:
-    """Speed [MB/s] of writing to the disk of the recordings, or of the working directory if there are none yet."""
-    where = next(path for path in (RUNS, Path()) if path.is_dir())
-    block = os.urandom(1 << 20)
-    try:
-        with tempfile.TemporaryFile(dir=where) as file:
-            begin = time.perf_counter()
-            for _ in range(_MEGABYTES):
-                file.write(block)
-            file.flush()
-            os.fsync(file.fileno())
-            return _MEGABYTES * 1.048576 / (time.perf_counter() - begin)
-    except OSError:
-        return 0.0
 
 
 if __name__ == "__main__":

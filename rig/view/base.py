@@ -113,8 +113,7 @@ def word(t_ns: Integers, place: tuple[float, float, float], texts: list[str], co
     return Columns("rig/word", t_ns, points)
 
 
-_REACH = 0.35
-"""Size of the largest expected motion in the picture [rad or lengths]."""
+_REACH = 0.35  # size of the largest expected motion in the picture [rad or lengths]
 
 
 class Scale(NamedTuple):

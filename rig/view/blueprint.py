@@ -160,8 +160,7 @@ _DARK = (24, 27, 33)
 
 
 _PLAIN = re.compile(r"[A-Za-z0-9_/-]+")
-_LARGE = 6
-"""Number of plots that are always visible; the others are tabs."""
+_LARGE = 6  # number of plots that are always visible; the others are tabs
 
 
 def layout(drawing: Drawing) -> dict[str, Any]:

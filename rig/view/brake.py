@@ -53,8 +53,7 @@ _SPRINGS = (
 _LINING, _THICK = 0.18, 0.02
 _FRONT = -0.32  # y at which springs and arrows are drawn
 _PITCH = 0.3
-_DRAWN = 0.13
-"""Largest motion in the picture when the first contact just opens [lengths]."""
+_DRAWN = 0.13  # largest motion in the picture when the first contact just opens [lengths]
 _SLOW = 1.0  # frequency at which the stroboscope shows the vibration [Hz]
 
 

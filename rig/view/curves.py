@@ -194,8 +194,7 @@ _STEP, _MARK = 8.5, 9.5
 _ROW, _ROWS = 1.45, 7
 """Height of a row of marks in heights of its letters, and most rows."""
 _PREFIXED = re.compile(r"(m|rad|N|V|A|Pa)(?![A-Za-z])")
-_PREFIXES = ((5e-2, 1.0, ""), (5e-5, 1e3, "m"), (5e-8, 1e6, "u"), (0.0, 1e9, "n"))
-"""Least value, factor and prefix."""
+_PREFIXES = ((5e-2, 1.0, ""), (5e-5, 1e3, "m"), (5e-8, 1e6, "u"), (0.0, 1e9, "n"))  # least value, factor and prefix
 _VISIBLE, _NOISY, _LASTING = 0.02, 3.0, 3
 """Samples show a faster motion if they leave the line between two states by this share of their range, by so many
 times the difference of neighbours (which noise does not), and in so many intervals one after the other."""

@@ -243,10 +243,8 @@ class Slider(Pendulum):
         return list(drawn.values())
 
 
-_SIDE = np.array((-0.72, 0.0, GAP + 0.19))
-"""Rest position of the centre of body 1."""
-_TOP = np.array((0.0, 0.0, GAP + 0.8))
-"""Rest position of the centre of body 3."""
+_SIDE = np.array((-0.72, 0.0, GAP + 0.19))  # rest position of the centre of body 1
+_TOP = np.array((0.0, 0.0, GAP + 0.8))  # rest position of the centre of body 3
 _HALF = 0.12
 _WALL = np.array((-1.22, 0.0, _SIDE[2]))
 _CEILING = np.array((0.0, 0.0, 1.5))
@@ -306,8 +304,7 @@ class ThreeBodies(Belt):
         return list(drawn.values())
 
 
-_REACH = 0.5
-"""Largest displacement of the tip in the picture [lengths]."""
+_REACH = 0.5  # largest displacement of the tip in the picture [lengths]
 _CLAMP, _TIP = np.array((-0.12, 0.0, 0.9)), np.array((0.0, 0.0, 0.1))
 
 

@@ -22,10 +22,8 @@ from rig.scenes.scene import Scene
 from rig.view import base, pressure
 
 _LENGTH = 0.05  # m
-_LIFTED = 0.3
-"""Gap in the picture between the plate and the slider, if there is a film [lengths]."""
-_MOVED = 0.08
-"""Largest size of the slider's static deflection in the picture [lengths]."""
+_LIFTED = 0.3  # gap in the picture between the plate and the slider, if there is a film [lengths]
+_MOVED = 0.08  # largest size of the slider's static deflection in the picture [lengths]
 _FOAM, _PROBE, _CENTRE = (112, 98, 74), (226, 160, 60), (240, 60, 60)
 _GREY = (176, 182, 192)
 

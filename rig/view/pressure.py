@@ -110,8 +110,7 @@ def draw_scale(axes: Axes, scale: float, beyond: bool, **placed: Any) -> None:
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
-_MEANS = 160
-"""Number of mean values over a run, in panels that the vibration fills."""
+_MEANS = 160  # number of mean values over a run, in panels that the vibration fills
 
 
 class Panel(NamedTuple):

@@ -60,13 +60,10 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 _FASTER = 5.0
-_LANES = 30
-"""Most contacts that have a strip each."""
-_LANE = 7.5
-"""Size of the letters beside the strips [pt]."""
+_LANES = 30  # most contacts that have a strip each
+_LANE = 7.5  # size of the letters beside the strips [pt]
 _SECTIONS = (BLUE, VERMILION, GREEN, AMBER, PURPLE)
-_FASTEST = 1.0
-"""Largest slip speed in the figure of a rig whose surfaces stand still [m/s]. # chosen"""
+_FASTEST = 1.0  # largest slip speed in the figure of a rig whose surfaces stand still [m/s]. # chosen
 
 
 def figure(run: Run, only: Collection[str] = ()) -> Figure:

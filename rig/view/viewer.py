@@ -31,10 +31,8 @@ if TYPE_CHECKING:
 
 _OPENING_S = 15.0
 _LEAVING_S = 0.5
-_WRITTEN_S = 2.0
-"""Longest wait for the end of a file; a file has no reader that could block it."""
-_SETTLED_S = 0.4
-"""Time for which a viewer must run after it listens: without a display it ends within a tenth of this."""
+_WRITTEN_S = 2.0  # longest wait for the end of a file; a file has no reader that could block it
+_SETTLED_S = 0.4  # time for which a viewer must run after it listens: without a display it ends within a tenth of this
 OPEN_TO = (
     "any user of this machine can look at this page while it is served; the page itself asks fonts.googleapis.com, "
     "api.github.com, tel.rerun.io and app.rerun.io for fonts, versions, statistics and examples"

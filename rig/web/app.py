@@ -54,8 +54,7 @@ from rig.web.lists import Recordings, Studies
 from rig.web.run_control import RunControl
 from rig.web.sound import Sounds, packed
 
-_URGENT = 64
-"""Most commands to the run that wait for its answer at a time; each waits for a bounded time."""
+_URGENT = 64  # most commands to the run that wait for its answer at a time; each waits for a bounded time
 PAGE = Path(__file__).parent / "page"
 LARGEST = 1 << 20
 """Largest request body [bytes]."""

@@ -161,8 +161,7 @@ LOOK_S = 1.0
 """Time between two looks at the actuators."""
 KEPT = 500
 """Number of events that a page which connects later gets."""
-_BEGUN = ("state", "health")
-"""Topics of a run whose first frame has been computed; a paused one has only its health."""
+_BEGUN = ("state", "health")  # topics of a run whose first frame has been computed; a paused one has only its health
 _PHASES = {"paused": "paused", "resumed": "running", "end": "ending"}
 """Kinds of events of the plant -> the phase of the run that begins with them."""
 _TELLING = frozenset({"step", "mark", "left", "missing", "pause", "overrun", "safe", "fault"})

@@ -54,8 +54,7 @@ class Frames:
         self._states: deque[Any] = deque(maxlen=_KEPT)
         self._bands: deque[Any] = deque(maxlen=_KEPT)
         self._blocks: dict[str, deque[Any]] = {}
-        self._ends: dict[str, int] = {}
-        """Time [ns] at which the last sample of each sensor was published."""
+        self._ends: dict[str, int] = {}  # time [ns] at which the last sample of each sensor was published
         self._commands: dict[str, list[float]] = {}
         self._health: dict[str, Any] = {}
         self._events: list[dict[str, Any]] = []

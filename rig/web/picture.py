@@ -20,8 +20,7 @@ from rig.scenes.scene import Scene
 from rig.view.base import Columns, Picture
 from rig.view.picture import picture_of
 
-_ROOT = "rig"
-"""Entities of the picture; the plate has others, of a second view."""
+_ROOT = "rig"  # entities of the picture; the plate has others, of a second view
 
 
 class MovingPicture:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.bench.again.agreement import Agreement
 from rig.errors import SceneError, UsageError
 from rig.qualify import torture
 from rig.qualify.torture import trial
@@ -93,14 +92,6 @@ def test_the_rounding_of_a_contact_that_sticks_all_the_time_is_no_power_of_frict
     [case] = each(load("every_scene"), False)
     [cell] = [cell for cell in cells(case, False, ()) if cell.default]
     assert cell.result.colour == "green", cell.result.detail
-
-
-def test_a_recording_that_is_not_verified_is_red(monkeypatch):
-    monkeypatch.setattr("rig.bench.again.verify.agreement", lambda *_: Agreement(1, 1e-3, "velocity differs"))
-    results = [cell.result for cell in cells(load("grazing"), True, ()) if cell.default]
-    assert {(result.reason, result.detail) for result in results} == {
-        ("recording", "the file is not verified: velocity differs")
-    }
 
 
 def test_processes_in_lockstep_have_the_bits_of_one_process(runs):

@@ -1,6 +1,5 @@
 """The figure of a run, and the story that it tells."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -89,13 +88,6 @@ def test_phases_marks_and_controllers_are_told_in_spans():
     assert curves.marks_of(run) == [(1.0, "on")]
     assert curves.controlled(run) == [(1.0, 2.0, "c")]
     assert [section.text for section in curves.sections(run)] == ["free", "c", "free"]
-
-
-def test_a_controller_without_a_protocol_works_from_when_it_is_enabled():
-    run = made_up(3.0, 1_000_000)
-    run.events = []
-    run.scene = json.dumps({"controllers": {"c": {"enable_at": 2.0}}})
-    assert curves.controlled(run) == [(2.0, 3.0, "c")]
 
 
 @settings(max_examples=30)
@@ -233,15 +225,3 @@ def test_no_text_of_the_protocol_or_of_an_event_is_cut(tmp_path):
         whole = " ".join(reversed(said))
         assert sum(text in whole for _, text in texts) == len(texts) - left_out
         assert (left_out > 0) == (texts is marks)
-
-
-def test_a_window_of_a_longer_run_fills_the_figure(run):
-    first = int(np.searchsorted(run.time, 0.6 * run.time[-1]))
-    window = replace(
-        run,
-        time=run.time[first:],
-        signals={name: v[first:] for name, v in run.signals.items()},
-        mode=run.mode[first:],
-    )
-    limits = {axes.get_xlim() for axes in window.plot().axes[:3]}
-    assert limits == {(window.time[0], window.time[-1])}

@@ -11,7 +11,7 @@ from rig.picture import OnBelt
 from rig.plants import PLANTS
 from rig.view import contact
 from rig.view.base import Scale, scale_of
-from rig.view.blueprint import blueprint, time_axis
+from rig.view.blueprint import blueprint
 from rig.view.drawing import Drawing
 from rig.view.lumped import Belt
 from rig.view.picture import picture_of
@@ -114,21 +114,6 @@ def test_the_lever_is_drawn_as_it_moves():
     assert turned == pytest.approx((phi[1:] - phi[:-1])[both], rel=1e-3, abs=1e-4)
 
 
-def test_springs_of_the_three_bodies_end_at_them():
-    """Bodies 1 and 3 go with their own outputs, and each spring is as long as the bodies at its ends leave it."""
-    picture, run, shown, columns = played(rig.load("four_dof"), 20.0)
-    side, top, slider = (moving(columns, f"rig/{name}", "translation") for name in ("body_1", "body_3", "mass"))
-    zoom = picture.scale.motion
-    assert side[:, 0] == pytest.approx(zoom * run.signals["body_1_displacement"][shown], abs=1e-6)
-    assert 4.0 * top[:, 2] == pytest.approx(zoom * run.signals["body_3_height"][shown], abs=1e-6)
-    springs = moving(columns, "rig/spring", "strips").reshape(shown.size, 5, -1, 3)
-    ends = springs[:, :, -1] - springs[:, :, 0]
-    moved = (side[:, 0], (slider - side)[:, 0], -slider[:, 0], (top - slider)[:, 2], -top[:, 2])
-    for number, (stretch, axis) in enumerate(zip(moved, (0, 0, 0, 2, 2))):
-        assert np.ptp(ends[:, number, axis] - stretch) < 1e-5
-        assert np.ptp(stretch) > 0.1
-
-
 def test_the_brake_is_drawn_under_a_stroboscope():
     """A squeal of 5 um, told as it would be recorded: where the bodies are, at which instants, what is open."""
     scene = rig.load("brake_3400")
@@ -222,10 +207,3 @@ def test_every_rig_has_a_window(name, until):
     drawing = Drawing(scene, told, {})
     assert (drawing.picture is None) == (name is None)
     blueprint(drawing, until)
-
-
-@pytest.mark.parametrize(("until", "window"), [(None, (-6.0, 1.5)), (20.0, (0.0, 25.0))])
-def test_the_curves_end_before_the_legend(until, window):
-    """A fifth of the time axis lies behind the last sample (of a live run: behind now); the legend is there."""
-    [shown] = time_axis(until).view_range.as_arrow_array().to_pylist()
-    assert (shown["start"] * 1e-9, shown["end"] * 1e-9) == pytest.approx(window)

@@ -179,12 +179,3 @@ def test_a_recording_that_has_lost_an_output_becomes_a_figure(run, tmp_path, los
     left = {name: v for name, v in run.signals.items() if name != lost}
     put(replace(run, signals=left).plot(), tmp_path / "plate.png")
     assert imread(tmp_path / "plate.png").shape[2] == 4
-
-
-def test_a_figure_of_a_live_run_joins_no_thinned_outputs(run, tmp_path):
-    live = replace(run, step_ns=10_000, measurements={})
-    figure = live.plot()
-    put(figure, tmp_path / "run.png")
-    drawn = [one for axes in figure.axes[:4] for one in axes.get_lines() if len(one.get_xdata()) > 9]
-    assert {one.get_linestyle() for one in drawn} == {"None"}
-    assert all("1000 samples/s" in one.get_label() for one in drawn)

@@ -128,15 +128,6 @@ def test_a_run_without_outputs_and_sensors_shows_its_events(tmp_path):
     assert "/event/plant" in run_rerun("rrd", "print", tmp_path / "bare.rrd")
 
 
-def test_a_run_that_lost_many_samples_is_drawn_without_a_warning():
-    time = np.arange(200) * 1e-3
-    v = np.where(time < 0.1, np.nan, np.sin(300 * time))
-    signals = {"x": v, "y": v * np.nan}
-    lost = Run(scene='{"plant": "belt"}', step_ns=1_000_000, frame_ns=1_000_000, time=time, signals=signals,
-               units={"x": "m", "y": "m/s"})  # fmt: skip
-    assert lost.plot().axes
-
-
 @pytest.mark.parametrize("name", ["brake_shunt", "disc_slider", "four_dof", "lever", "plate"])
 def test_a_recording_that_has_lost_an_output_is_drawn_without_it(name):
     whole = reader.open(GOLDEN.parent / f"{name}.mcap")

@@ -91,13 +91,6 @@ def test_an_odd_scene_file_is_the_text_of_its_row_on_the_page_and_in_the_list(cl
     assert client.refused("/api/scene", scene="belt", changes={"drive.speed": f"{{ {DOTS} = 1 }}"})
 
 
-def test_a_folder_that_takes_long_is_listed_without_its_content(folder, monkeypatch):
-    monkeypatch.setattr(inherit, "LONGEST_S", -1.0)
-    (folder / "good.toml").write_text("based_on = 'belt'\ntitle = 'good'\n")
-    (row,) = inherit.cards(folder)
-    assert "took longer than" in row["title"]
-
-
 def test_a_shipped_scene_has_the_same_card_if_it_is_read_like_a_file_of_a_user():
     for name in scenes.names():
         layers = inherit.layers(scenes.path(name))

@@ -66,19 +66,6 @@ def test_a_recording_is_verified_reported_exported_and_compared(recorded):
     assert "no run is active" in recorded.refused("/api/view")
 
 
-def test_a_view_of_a_recording_tells_its_address_and_ends_when_it_is_stopped(recorded):
-    number = recorded.post(WORK, what="view", name="one.mcap").json()["number"]
-
-    def shown():
-        (job,) = recorded.get("/api/jobs").json()
-        assert job["state"] == "working", job
-        return any("http://127.0.0.1:" in line for line in job["lines"])
-
-    wait_for(shown)
-    recorded.post("/api/jobs/stop", number=number)
-    assert recorded.ended([number])[0]["state"] == "stopped"
-
-
 def test_jobs_can_be_stopped_and_are_limited():
     jobs = Jobs()
     try:

@@ -21,13 +21,6 @@ def arrived(name, t0_ns, dt_ns, v):
     return SimpleNamespace(topic=f"meas/{name}", said=messages.TYPES["Block"](t0_ns=t0_ns, dt_ns=dt_ns, v=v))
 
 
-def test_microphones_come_before_fast_vibration_sensors():
-    assert next(iter(audible(setup_of(scenes.load("brake_shunt_listener")))["sensors"])) == "microphone"
-    found = audible(setup_of(scenes.load("tip")))["sensors"]
-    assert found["accelerometer"] == {"unit": "m/s^2", "rate": pytest.approx(50e3), "reference": 1e-6}
-    assert "normal_force" not in found  # a force is no sound
-
-
 def test_a_scene_without_fast_sensors_says_which_it_has_and_which_scene_has_one():
     scene = scenes.load("belt")
     found = audible(setup_of(scene))

@@ -30,16 +30,6 @@ def test_eigenvalues_are_those_of_the_changed_values(client, rig):
     assert [line for line in printed.splitlines() if line] == [line for line in made["lines"] if line]
 
 
-def test_a_cost_table_that_was_stopped_says_so_and_keeps_its_references(client, folder):
-    number = client.post(WORK, what="cost", scene="belt").json()["number"]
-    kept = wait_for(lambda: [*folder.glob("cost/belt-*/reference-*.json")])
-    client.post("/api/jobs/stop", number=number)
-    (job,) = client.ended([number])
-    assert (job["state"], job["code"]) == ("stopped", 130)
-    assert any("interrupted; the results so far are in" in line for line in job["lines"])
-    assert kept[0].exists()
-
-
 def test_a_map_that_was_stopped_is_listed_as_unfinished(client, folder):
     number = client.post(WORK, what="map", scene="belt", x="drive.speed=0.05 m/s:0.8 m/s:9000").json()["number"]
     store = store_of(job(scenes.load("belt"), "drive.speed=0.05 m/s:0.8 m/s:9000"), folder / "maps")

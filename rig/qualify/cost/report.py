@@ -177,8 +177,7 @@ def _curves(axes: Axes, table: Table, metric: str, of: Callable[[Row], Spread]) 
 
 _SHORT = 100.0
 """Ratio of the ends of an axis up to which the labels of its minor ticks have room beside those of the decades."""
-_FEW = 3.0
-"""Ratio up to which there may be no tick at 2, at 5 or at a decade, and all minor ticks have labels."""
+_FEW = 3.0  # ratio up to which there may be no tick at 2, at 5 or at a decade, and all minor ticks have labels
 
 
 def second_axis(axes: Axes, converted: Callable[[float], float], label: str) -> None:
