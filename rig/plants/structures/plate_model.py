@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_info
 
 from rig.plants.structures import model_store, plate_elements
 from rig.plants.structures.plate_elements import Foam, Plate
-from rig.plants.structures.plate_surface import Array, Surface, framed, unframed
+from rig.plants.structures.plate_surface import Array, Surface
 
 __all__ = ["Foam", "Grid", "Plate", "Reduced", "Surface", "build"]
 
@@ -98,24 +98,6 @@ class Reduced:
     def frequencies(self) -> Array:
         """Frequencies [Hz] of the modes, ascending."""
         return self.surface.frequencies
-
-    def to_bytes(self) -> bytes:
-        """The model as bytes with a checksum; equal models give equal bytes, which hold all that `from_bytes` needs."""
-        grid = {name: getattr(self.grid, name) for name in ("length", "width", "along", "across")}
-        return framed(grid | {"point": list(self.point)}, self.surface.to_bytes())
-
-    @classmethod
-    def from_bytes(cls, content: bytes) -> Self:
-        """Read what `to_bytes` wrote. Raises ValueError for other content."""
-        head, body = unframed(content)
-        try:
-            grid = Grid(float(head["length"]), float(head["width"]), int(head["along"]), int(head["across"]))
-            x, y = map(float, head["point"])
-            if min(grid.length, grid.along, grid.across) <= 0.0:
-                raise ValueError
-            return cls.of(Surface.from_bytes(body), grid, (x, y))
-        except (KeyError, TypeError, ValueError, OverflowError):
-            raise ValueError("is not a reduced model of a plate") from None
 
     @classmethod
     def of(cls, surface: Surface, grid: Grid, point: tuple[float, float]) -> Self:
