@@ -108,9 +108,8 @@ def test_all_faults_of_the_geometry_are_told_at_once():
         "contacts.inner_left.pad": "inner_pad.nose",
         "springs.piston_left.stiffness": "-1 N/m",
     }
-    with pytest.raises(SceneError) as told:
+    with pytest.raises(SceneError, match=r"springs\.piston_left\.stiffness"):
         rig.load("brake", changes)
-    assert "springs.piston_left.stiffness" in str(told.value)
     del changes["springs.piston_left.stiffness"]
     with pytest.raises(SceneError) as told:
         rig.load("brake", changes)

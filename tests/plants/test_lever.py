@@ -14,7 +14,6 @@ from scipy.optimize import brentq
 import rig
 from rig.errors import SceneError
 from rig.plants import lever
-from rig.plants.structures import series
 
 LIU = numbers("liu_lever")
 RPM = math.pi / 30.0
@@ -90,22 +89,6 @@ def test_the_energy_is_that_of_the_geometry_up_to_its_order(order):
         )
     assert math.log2(errors[0] / errors[1]) > order + 0.7
     assert errors[1] < 40.0 * 0.1 ** (order + 1)
-
-
-def test_series_are_those_of_the_functions():
-    x, y = 0.3, -0.2
-
-    def at(c):
-        return np.polynomial.polynomial.polyval2d(x, y, c)
-
-    n = 14
-    a, b = series.sine(0, n), series.versine(1, n)
-    assert at(a) == pytest.approx(math.sin(x), rel=1e-13)
-    assert at(b) == pytest.approx(1.0 - math.cos(y), rel=1e-13)
-    q = series.times(a, a) + series.constant(2.0, n) + b
-    assert at(series.root(q)) == pytest.approx(math.sqrt(math.sin(x) ** 2 + 3.0 - math.cos(y)), rel=1e-8)
-    assert at(series.slope(series.times(a, b), 0)) == pytest.approx(math.cos(x) * (1.0 - math.cos(y)), rel=1e-9)
-    assert at(series.slope(series.times(a, b), 1)) == pytest.approx(math.sin(x) * math.sin(y), rel=1e-9)
 
 
 def same_cycle(expected):

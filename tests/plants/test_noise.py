@@ -23,6 +23,11 @@ def free():
     return rig.simulate(rig.load("belt", FREE), 400.0)
 
 
+def test_the_frame_changes_what_is_drawn_and_not_how_strong_it_is():
+    run = rig.simulate(rig.load("belt", {**FREE, "clock.frame": "0.25 ms"}), 60.0)
+    assert run.signals["velocity"].std() == pytest.approx(math.sqrt(FORCE**2 / 2.0 / 500.0), rel=0.1)
+
+
 def test_the_mass_moves_as_white_noise_moves_it(free):
     # m x'' + d x' + c x = F, <F F> = D delta, D = FORCE^2 / 2 two-sided: <v^2> = D / (2 m d), <x^2> = D / (2 c d)
     D, m, c, d = FORCE**2 / 2.0, 5.0, 2500.0, 50.0
@@ -37,30 +42,24 @@ def test_the_density_of_the_force_is_what_the_scene_says(free):
     assert free.units["noise_force"] == "N"
 
 
-@pytest.mark.parametrize("frame", ["1 ms", "0.25 ms"])
-def test_the_frame_changes_what_is_drawn_and_not_how_strong_it_is(frame):
-    run = rig.simulate(rig.load("belt", {**FREE, "clock.frame": frame}), 60.0)
-    assert run.signals["velocity"].std() == pytest.approx(math.sqrt(FORCE**2 / 2.0 / 500.0), rel=0.1)
-
-
 def test_the_ledger_has_the_work_of_the_noise(free):
     energy = free.energy
     assert energy["forces"] == pytest.approx(energy["damper"], rel=0.05)
     assert abs(energy["error"]) < 1e-9
 
 
-def test_a_contact_that_sticks_bears_it():
-    still = {"drive.speed": "0 m/s", "start.velocity": 0.0, "noise.force": 0.02}
-    run = rig.simulate(rig.load("belt", still), 5.0)
+def at_rest(force):
+    still = {"drive.speed": "0 m/s", "start.velocity": 0.0, "noise.force": force}
+    return rig.simulate(rig.load("belt", still), 5.0)
+
+
+def test_a_contact_that_sticks_bears_it_and_lets_go_what_it_overcomes():
+    run = at_rest(0.02)
     assert run.signals["noise_force"].std() > 0.4
     assert not run.signals["velocity"].any()
     assert np.array_equal(run.signals["friction_force"][1:], -run.signals["noise_force"][1:])
     assert not [event for event in run.events if event["kind"] == "contact"]
-
-
-def test_it_lets_go_a_contact_that_it_overcomes():
-    still = {"drive.speed": "0 m/s", "start.velocity": 0.0, "noise.force": 0.3}  # 6.7 N rms; 10 N are held
-    run = rig.simulate(rig.load("belt", still), 5.0)
+    run = at_rest(0.3)  # 6.7 N rms; 10 N are held
     stuck = run.signals["velocity"] == 0.0
     assert 0.01 < 1.0 - stuck.mean() < 0.99
     assert np.all(np.abs(run.signals["friction_force"][stuck]) <= 10.0 * (1.0 + 1e-12))
@@ -98,13 +97,6 @@ def test_another_strength_from_some_instant_on_goes_on_with_the_same_numbers():
         runner.frame()
         other.frame()
         assert runner.output("noise_force") == (2.0 if tick >= 50 else 1.0) * other.output("noise_force")
-
-
-def test_a_sensor_may_read_it():
-    cell = {"kind": "normal_force", "reads": "noise_force", "ideal": True}
-    given = {f"sensors.cell.{key}": value for key, value in cell.items()}
-    run = rig.simulate(rig.load("belt", {"noise.force": 0.1, **given}), 1.0)
-    assert run.measurements["cell"][1].std() == pytest.approx(0.1 * math.sqrt(500.0), rel=0.1)
 
 
 def test_a_wrong_strength_is_refused():

@@ -45,11 +45,9 @@ def test_a_free_plate_has_the_frequencies_of_independent_elements_on_the_same_me
     found = surface(plate(tuple(map(int, mesh.split("x"))), modes=16), None, SIZE).frequencies
     assert (found[:6] == 0.0).all()
     assert found[6:] == pytest.approx(REFERENCE["free"][mesh], rel=1e-6)
-
-
-def test_the_modulus_of_the_printed_frequencies_is_200_gpa():
-    found = surface(plate((12, 10, 2), modes=9, young=200e9), None, SIZE).frequencies
-    assert found[6:] == pytest.approx(REFERENCE["free_200_GPa"], rel=3e-3)
+    if mesh == "12x10x2":  # frequencies go with the root of the modulus; the printed ones are of 200 GPa
+        printed = found[6:9] * (200.0 / 230.0) ** 0.5
+        assert printed == pytest.approx(REFERENCE["free_200_GPa"], rel=3e-3)
 
 
 def test_on_foam_the_frequencies_are_those_of_independent_elements(soft):

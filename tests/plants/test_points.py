@@ -69,11 +69,6 @@ def test_the_points_press_what_the_run_says_and_never_pull(scene):
     assert N.mean() == pytest.approx(24.0, rel=0.5)
 
 
-def test_a_plate_that_has_no_order_is_told():
-    with pytest.raises(SceneError, match="lowest 13000 Hz is not below highest 12000 Hz"):
-        rig.load("points", {"plate.lowest": "13 kHz"})
-
-
 @pytest.mark.parametrize(("along", "across"), [(31, 2), (32, 32)])
 def test_any_number_of_points_is_served(along, across):
     """62 points have more mode sets than an int64 counts."""
@@ -85,7 +80,9 @@ def test_any_number_of_points_is_served(along, across):
     assert np.isfinite(run.signals["displacement"]).all()
 
 
-def test_methods_that_cannot_serve_it_say_so():
+def test_methods_that_cannot_serve_it_say_so_and_a_plate_without_order():
+    with pytest.raises(SceneError, match="lowest 13000 Hz is not below highest 12000 Hz"):
+        rig.load("points", {"plate.lowest": "13 kHz"})
     with pytest.raises(
         SceneError, match=re.escape("clock.method = 'exact': the rig has 5.03e+07 mode sets, method exact")
     ):

@@ -110,13 +110,11 @@ def run():
     return rig.simulate("tip_beam")
 
 
-def test_stick_slip_lasts_up_to_13_mm_per_s_and_sliding_until_the_disc_stops(run):
+def test_the_run_is_exact_closes_its_energy_balance_and_keeps_the_friction_cone(run):
+    """Stick-slip lasts up to 13 mm/s, sliding until the disc stops."""
     found = stages(run)
     assert 1e3 * found.up == pytest.approx(13.0, abs=0.4)
     assert not found.down > 2e-4
-
-
-def test_the_run_is_exact_closes_its_energy_balance_and_keeps_the_friction_cone(run):
     assert run.summary["plant"]["method"] == "exact"
     assert run.summary["plant"]["opened_ticks"] < 0.2 * run.summary["plant"]["ticks"]
     assert abs(run.energy["error"]) < 1e-9

@@ -10,7 +10,6 @@ import math
 import numpy as np
 import pytest
 from reference import in_order, numbers, rates
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import rig
@@ -142,15 +141,6 @@ def test_without_separation_the_vibration_grows_on_as_the_eigenvalue_says_until_
     peaks = np.flatnonzero((y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])) + 1
     peaks = peaks[(t[peaks] > 14.0) & (t[peaks] < end)]
     assert np.polyfit(t[peaks], np.log(y[peaks]), 1)[0] == pytest.approx(growth, rel=2e-3)
-
-
-def test_motion_up_to_the_lift_off_is_that_of_scipy(move):
-    one, changes = history(1)
-    run = move("two_dof", changes, duration=6.8)
-    expected = solve_ivp(field(0.5, 0.3, True), (0.0, 6.8), one["z0"], "DOP853", rtol=1e-12, atol=1e-15,
-                         t_eval=run.time[99::100])  # fmt: skip
-    for name, z in zip(("displacement", "height", "velocity", "height_velocity"), expected.y):
-        assert run[name][99::100] == pytest.approx(z, abs=1e-9), name
 
 
 # Dither
