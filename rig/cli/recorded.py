@@ -154,9 +154,7 @@ ANALYSES = {
             "name": _SIGNAL,
             "window": _window("Length of the windows. Default: 1/8 of the time span; for the spectrogram 1/80."),
             "over": _option(
-                "--orders",
-                "NAME",
-                'Compute orders over this speed, angle or travel; "drive": speed of the drive.',
+                "--orders", "NAME", 'Compute orders over this speed, angle or travel; "drive": speed of the drive.'
             ),
             **_SPAN,
         },

@@ -18,12 +18,7 @@ Stamped = tuple[int, str, bytes]
 """Simulated time, topic, payload."""
 
 
-def save(
-    run: run_data.RunData,
-    path: Path,
-    name: str = "simulate",
-    replace: bool = True,
-) -> None:
+def save(run: run_data.RunData, path: Path, name: str = "simulate", replace: bool = True) -> None:
     """Write `run` to `path`. The wall clock is that of a run in real time that began at `run.began_ns`.
 
     An existing file is overwritten only with `replace`, else OutputError is raised.

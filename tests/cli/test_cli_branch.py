@@ -46,8 +46,6 @@ def test_a_value_that_a_controller_overrules_is_reported(rig, log):
     ("given", "code", "words"),
     [
         (("--from", "{log}@7s"), 2, "has no instant 7 s; name one after 0 s, up to its end at 1 s"),
-        (("--from", "{log}@noon"), 2, "write LOG@12.5s or LOG@12500ms"),
-        (("--from", "none.mcap@1s"), 2, "none.mcap cannot be read: No such file"),
         (("belt", "--from", "{log}"), 2, "SCENE cannot be given with it"),
         (("--from", "{log}", "--method", "rk4"), 2, "--method cannot be given with it"),
         ((), 2, "name a scene"),

@@ -4,6 +4,8 @@ import json
 import re
 import signal
 import threading
+from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -42,23 +44,33 @@ def plant(runs):
         described = Setup("tried", "{}", 1_000_000, 1_000_000, {"velocity": "m/s"}, {"laser": ("m/s", 1_000_000)})
         servers = [session.serve("param/plant", serve), session.serve("scene", lambda _: described.to_json())]
         servers.append(session.serve("cmd/plant", command))
-        publisher = session.publisher("meas/laser")
+        publisher, ticks = session.publisher("meas/laser"), count()
+
+        def publish():
+            tick = next(ticks)
+            publisher.put(encode.block(tick, tick * 1_000_000, 1_000_000, np.array([0.5])), tick * 1_000_000)
+
         session.announce()
-        stop = threading.Event()
+        with polled(*servers, each=publish):
+            yield tuned
 
-        def live():
-            tick = 0
-            while not stop.wait(0.005):
-                for server in servers:
-                    server.poll()
-                publisher.put(encode.block(tick, tick * 1_000_000, 1_000_000, np.array([0.5])), tick * 1_000_000)
-                tick += 1
 
-        thread = threading.Thread(target=live)
-        thread.start()
-        yield tuned
-        stop.set()
-        thread.join(5.0)
+@contextmanager
+def polled(*servers, each=lambda: None):
+    """Another thread that answers the queries, and calls `each` now and then."""
+    stop = threading.Event()
+
+    def live():
+        while not stop.wait(0.005):
+            for server in servers:
+                server.poll()
+            each()
+
+    thread = threading.Thread(target=live)
+    thread.start()
+    yield
+    stop.set()
+    thread.join(5.0)
 
 
 TUNABLE = {"load.force": "N", "drive.speed": "m/s"}
@@ -115,18 +127,10 @@ def mine(plant):
         return {"values": {"swing": tuned.get("swing", 10.0)}, "units": {"swing": "N"}}
 
     with bus.join("tried", role="controller", name="mine") as session:
-        server, stop = session.serve("param/mine", serve), threading.Event()
+        server = session.serve("param/mine", serve)
         session.announce()
-
-        def live():
-            while not stop.wait(0.005):
-                server.poll()
-
-        thread = threading.Thread(target=live)
-        thread.start()
-        yield tuned
-        stop.set()
-        thread.join(5.0)
+        with polled(server):
+            yield tuned
 
 
 def test_a_parameter_of_a_controller_is_tuned_by_its_short_name_too(rig, mine):

@@ -59,9 +59,9 @@ def lossy(run):
     run.summary["lost"] = {"applied/nf to recorder": 3, "step to recorder": 5}
 
 
-def elsewhere(run, by=1e-12):
+def elsewhere(run):
     run.provenance["kernel"] = "0" * 16
-    run.signals["velocity"] *= 1.0 + by
+    run.signals["velocity"] *= 1.0 + 1e-12
 
 
 def holed(run):
@@ -75,7 +75,6 @@ def holed(run):
         (flipped, 1, "velocity differs at t = 0.3 s: ", "np."),  # a number, not its type
         (lossy, 1, "3 messages of the commands of nf were lost", "5 messages"),
         (elsewhere, 0, "events and mode sets were not compared: it was recorded with another kernel", "differs at"),
-        (lambda run: elsewhere(run, 1e-4), 1, "velocity differs at", "were lost"),
         (holed, 1, "1 sample of vibrometer is missing", "differs at"),
     ],
 )
@@ -87,15 +86,6 @@ def test_what_is_not_as_it_was_simulated_is_found(rig, log, tmp_path, change, co
     assert found == code
     assert said in out
     assert unsaid not in out
-
-
-@pytest.mark.usefixtures("runs")
-def test_replay_into_a_controller_gives_the_recorded_answers(rig, log):
-    code, out, err = rig("replay", log, "--into", "nf", "--pace", "max", "--json")
-    assert code == 0, out + err
-    told = json.loads(out)
-    assert told["compared"] == {"nf": 500}
-    assert told["divergence"] is None
 
 
 @pytest.mark.usefixtures("runs")
@@ -201,9 +191,9 @@ time = ["0.2 s", "chosen"]
 def test_a_change_by_the_protocol_is_made_again_in_a_replay(rig, tmp_path):
     (tmp_path / "changed.toml").write_text(CHANGED_BY_THE_PROTOCOL)
     assert rig("simulate", tmp_path / "changed.toml", "--out", tmp_path / "changed.mcap")[0] == 0
-    code, out, err = rig("replay", tmp_path / "changed.mcap", "--into", "nf", "--pace", "max")
+    code, out, err = rig("replay", tmp_path / "changed.mcap", "--into", "nf", "--pace", "max", "--json")
     assert code == 0, out + err
-    assert "nf: 400 commands compared\nno command differs" in out
+    assert (json.loads(out)["compared"], json.loads(out)["divergence"]) == ({"nf": 400}, None)
     assert rig("verify", tmp_path / "changed.mcap")[0] == 0
 
 
@@ -225,10 +215,3 @@ def test_a_wrong_byte_anywhere_is_found_by_verify_as_by_recover(rig, log, tmp_pa
         told = json.loads(out)
         assert code == (0 if told["lost"] == 0 else 1), place
         assert rig("verify", told["path"])[0] == (1 if told["lost"] else 0), place
-
-
-def test_a_whole_recording_has_nothing_to_recover(rig, log, tmp_path):
-    code, _, err = rig("recover", log, "--out", tmp_path / "a.mcap")
-    assert code == 2
-    assert "is whole; there is nothing to recover" in err
-    assert not list(tmp_path.iterdir())

@@ -81,10 +81,7 @@ def test_a_view_that_does_not_fit_is_named_and_goes(rig, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("command", "largest", "file"),
-    [
-        (("new", "--based-on", "brake"), 500, ".toml"),
-        (("doctor", "belt", "--bundle"), 1000, "bundle"),
-    ],
+    [(("new", "--based-on", "brake"), 500, ".toml"), (("doctor", "belt", "--bundle"), 1000, "bundle")],
     ids=lambda one: one[0] if isinstance(one, tuple) else None,
 )
 def test_another_file_that_does_not_fit_is_named(rig, tmp_path, full, monkeypatch, command, largest, file):

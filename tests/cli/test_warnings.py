@@ -17,11 +17,7 @@ COMMANDS = {
     "map": ("--x", "drive.speed=0.1:0.2:2"),
     "modes": ("--sweep", "drive.speed=0.1:0.2:2"),
 }
-WORKERS = (
-    "rig.bench.live.supervise.run",
-    "rig.bench.live.status.Live",
-    "rig.analysis.map.job",
-)
+WORKERS = ("rig.bench.live.supervise.run", "rig.bench.live.status.Live", "rig.analysis.map.job")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+import sys
 import wave
 from fractions import Fraction
 
@@ -18,7 +19,7 @@ from pyarrow import parquet
 from scipy.io import loadmat
 
 import rig
-from rig.errors import UsageError
+from rig.errors import OutputError, UsageError
 from rig.record import reader
 from rig.record.export import FORMATS, export, tables
 from rig.record.export.files import LONGEST, description, files, valid
@@ -299,3 +300,60 @@ def test_odd_names_make_valid_files(tmp_path):
     assert [*fields["outputs"]] == ["time", "a_b", "a_b_2", "time_2", "x___y_"]
     assert [*fields["names"]["outputs"].values()] == ["time", *wanted]
     assert {one.name for one in tmp_path.iterdir()} == set(FORMATS)
+
+
+@pytest.mark.parametrize("to", ["csv", "hdf5", "wav"])
+def test_nothing_is_left_of_an_export_that_fails(run, tmp_path, monkeypatch, to):
+    path = written(run, to, tmp_path)
+    before = {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()}
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    changed = dataclasses.replace(run, signals={"velocity": run.signals["velocity"] + 1.0})
+    with pytest.raises(OutputError, match=r"export\..* cannot be written: No space left on device"):
+        export(tables(changed), to, path, {})
+    assert {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()} == before
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("os.fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        export(tables(changed), to, path, {})
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+    monkeypatch.undo()
+    export(tables(changed), to, path, {})
+    assert {one: one.read_bytes() for one in tmp_path.rglob("*") if one.is_file()} != before
+
+
+@pytest.mark.parametrize(("library", "to"), [("xarray", "netcdf"), ("h5netcdf", "hdf5")])
+def test_a_library_that_is_missing_is_named(run, tmp_path, monkeypatch, library, to):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(UsageError, match=rf"{library} cannot be loaded \(.*\); to install it: .*'\.\[data\]'"):
+        export(tables(run), to, tmp_path / "export", {})
+    assert not [*tmp_path.iterdir()]
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(UsageError, match="pandas cannot be loaded"):
+        run.to_pandas()
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        b"no JSON",
+        b'{"resources": [{"path": "../kept.csv", "format": "csv"}, {"path": "kept.toml", "format": "csv"}, 1]}',
+        b'{"resources": [{"path": "kept.toml", "format": "toml"}]}',
+    ],
+)
+def test_only_tables_of_an_earlier_export_go(run, tmp_path, told):
+    folder = tmp_path / "tables"
+    folder.mkdir()
+    for name in ("../kept.csv", "kept.toml"):
+        (folder / name).write_text("kept")
+    (folder / "datapackage.json").write_bytes(told)
+    export(tables(run, ["displacement"]), "csv", folder, {})
+    assert sorted(one.name for one in folder.iterdir()) == ["datapackage.json", "kept.toml", "outputs.csv"]
+    assert (tmp_path / "kept.csv").read_text() == "kept"

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import tracemalloc
 from array import array
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,17 +15,22 @@ from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+import rig
 from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
 from rig.errors import LogError, OutputError
 from rig.record import mcap_file, reader, writer
 from rig.record.compare import compare
+from rig.record.contents import contents
+from rig.record.mcap_file import FORMAT
 from rig.record.message_scan import Scan
 from rig.record.recorded_setup import head, setup_of
 from rig.record.recover import recover
 from rig.record.run import Commands, Run, Samples
+from rig.record.run_list import runs
 from rig.record.save_run import save
 from rig.record.writer import Writer
+from rig.scenes import Scene
 
 
 @pytest.fixture(scope="session")
@@ -268,3 +274,94 @@ def test_commands_read_the_same_from_one_message_each_and_from_one_for_several(t
     each, several = (reader.open(tmp_path / f"{name}.mcap").commands["nf"] for name in ("each", "several"))
     assert [column.tolist() for column in several] == [column.tolist() for column in each]
     assert each.values.shape == (40, 2)
+
+
+OLD = Path(__file__).parent / "format_1.mcap"
+"""rig simulate belt_normal_force --duration 0.3, by the version before recordings stated their format."""
+BUS = Path(__file__).parent / "format_1_bus.mcap"
+"""rig run belt_normal_force --duration 0.1 --pace max, by the last version whose log times were the wall clock."""
+
+
+def test_a_recording_of_the_first_format_opens():
+    run = reader.open(OLD)
+    assert (run.damage, run.sealed) == ("", True)
+    assert run.time[-1] == pytest.approx(0.3)
+    assert set(run.measurements) == {"vibrometer", "normal_force"}
+    assert run.commands["nf"].tick.size == 300
+    scene = Scene.from_json(run.scene_text())
+    assert (scene.parameters.load.force, scene.controllers["nf"].gain) == (20.0, 200.0)
+
+
+@pytest.mark.parametrize(("path", "end", "began"), [(OLD, 0.3, "1970"), (BUS, 0.1, "2026")])
+def test_times_of_the_first_format_are_those_of_the_run(path, end, began, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[:-2000])
+    recovered = Path(recover(cut).path)
+    for file in (path, cut, recovered):
+        run = reader.open(file)
+        scan = Scan(file)
+        assert max(record.t_ns for record in scan) <= scan.last_ns == pytest.approx(end * 1e9)
+        assert np.datetime64(run.began_ns, "ns").astype("datetime64[Y]") == np.datetime64(began)
+        if file != cut:
+            assert abs(contents(file).began_ns - run.began_ns) < 10**9
+
+
+def test_a_recording_states_its_format(run, tmp_path):
+    save(run, tmp_path / "run.mcap")
+    scan = Scan(tmp_path / "run.mcap")
+    list(scan)
+    assert scan.metadata["log"]["format"] == str(FORMAT)
+
+
+def test_a_recording_of_a_newer_format_is_refused(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("rig.record.writer.FORMAT", FORMAT + 1)
+    save(run, tmp_path / "run.mcap")
+    with pytest.raises(LogError, match=rf"recording of format {FORMAT + 1}, written by a newer version .* install"):
+        reader.open(tmp_path / "run.mcap")
+    (listed,) = runs(tmp_path)
+    assert (listed.contents, listed.fault.partition(",")[0]) == (None, f"is a recording of format {FORMAT + 1}")
+
+
+def test_a_run_prints_as_one_screen(run):
+    many = {f"p_{i}": np.zeros(7001) for i in range(100)}
+    text = str(dataclasses.replace(run, signals=run.signals | many, damage="it breaks off", fault="it breaks off"))
+    assert repr(run) == str(run)
+    assert len(text.splitlines()) < 40
+    assert max(map(len, text.splitlines())) <= 120
+    v = run.signals["velocity"]
+    lines = text.splitlines()
+    assert lines[0] == "run         scene belt, 0.7 s, step 0.1 ms"
+    assert lines[1] == "timing      VALID"
+    assert f"  velocity                 {v.min():.6g} .. {v.max():.6g} m/s" in lines
+    assert "  and 90 more" in lines
+    gauge = run.measurements["gauge"].v
+    low, high = np.nanmin(gauge), np.nanmax(gauge)
+    assert f"  gauge                    {low:.6g} .. {high:.6g} N, 701 rows at 1000 Hz" in lines
+    assert "controllers feedback: 700 commands" in lines
+    assert "events      mark 2" in lines
+    assert lines[-1] == "damage      it breaks off"
+    assert "array" not in text
+
+
+def test_a_run_without_anything_prints_too():
+    run = Run(scene="", step_ns=1, frame_ns=1, time=np.empty(0), signals={"x": np.full(0, np.nan)}, units={})
+    assert "unknown scene" in str(run)
+    assert "  x                        no value" in str(run)
+
+
+def test_an_unknown_channel_names_those_that_are_like_it(run):
+    name = next(iter(run.signals))
+    for channels, asked in ((run.signals, name[:-2]), (run.units, name[:-2])):
+        with pytest.raises(KeyError, match=f"is not in this run; did you mean {name}"):
+            channels[asked]
+
+
+def test_a_run_saved_from_python_has_its_provenance(tmp_path):
+    made = rig.simulate(rig.load("belt", {"seed": "7"}), 0.05)
+    made.save(tmp_path / "run.mcap")
+    read = reader.open(tmp_path / "run.mcap").provenance
+    assert read == made.provenance
+    assert read["seed"] == "7"
+    assert read["numpy"] == np.__version__
+    assert read["kernel"]
+    assert read["date"]

@@ -1,17 +1,23 @@
 """A recording into a controller once more: same bytes in, same answers out, or the first that is not."""
 
+import dataclasses
 import threading
 import time
 
 import numpy as np
 import pytest
-from recorded_loop import FEEDBACK, FRAMES, TUNED_AFTER, Feedback, closing
+from recorded_loop import FEEDBACK, FRAMES, TUNED, TUNED_AFTER, Feedback, answer, closing
 from twin import Twin
 
 from rig import bus
-from rig.bus import messages
+from rig.bus import encode, messages
 from rig.errors import BusError
+from rig.record.curves import derived
+from rig.record.message_scan import Scan
+from rig.record.reader import open as read
+from rig.record.recorded_setup import head, setup_of
 from rig.record.replay import replay
+from rig.record.writer import Writer
 
 
 class Mine(Feedback):
@@ -146,3 +152,165 @@ def test_a_controller_that_the_recording_does_not_know_may_listen(stage, loops):
     start(name="mine")
     found = replay(hub, loops / "recorded.mcap", into={"mine": Mine()})
     assert (found.steps, found.compared, found.unanswered, found.divergence) == (FRAMES, {"mine": 0}, 0, None)
+
+
+class Threads:
+    """The processes of a replay, as threads on the twin; a successor begins with an empty memory."""
+
+    def __init__(self, twin):
+        self.twin, self.started, self.me = twin, [], None
+
+    def start(self, name):
+        if self.me is not None:
+            self.me.close()  # its thread hears nothing any more, and ends with the plant
+        self.me = self.twin.open("controller", name)
+        self.started.append(threading.Thread(target=closing, args=(self.me, {})))
+        self.started[-1].start()
+
+    def ended(self):
+        return []
+
+
+def lives(path, loops, joined, killed, successor, lost=()):
+    """The recording without the commands while no controller was there; a new process joined at the last tick."""
+    writer, state, number = Writer(path, setup_of(head(loops / "recorded.mcap")), "recorded"), 0.0, 0
+    for record in Scan(loops / "recorded.mcap"):
+        content = None if derived(record.topic) else messages.decode(record.topic, record.payload)
+        if record.topic == "step":
+            tick, seen = content.tick, tuple(content.values)
+            writer.write(*record)
+            if tick in (joined, successor):
+                state, number = 0.0, 0
+            if (joined <= tick < killed or tick >= successor) and tick not in lost:
+                state, values = answer(state, seen, 2.0 if tick <= TUNED_AFTER else TUNED)
+                writer.write("act/feedback", encode.act(tick, record.t_ns, values), record.t_ns, number, record.t_ns)
+                number += 1
+        elif not record.topic.startswith("act/") and content is not None:
+            writer.write(*record)
+    writer.close({}, {})
+    return path
+
+
+def replayed(path, **how):
+    twin = Twin("replay")
+    threads = Threads(twin)
+    with twin.open("plant", "plant") as hub:
+        found = replay(hub, path, FEEDBACK, processes=threads, **how)
+    for thread in threads.started:
+        thread.join(5.0)
+    return found, threads
+
+
+def again(loops, path, begin_ns=0, before=(), **changes):
+    """The recording from `begin_ns` on behind the messages `before`, with changes of what describes its run."""
+    writer = Writer(path, dataclasses.replace(setup_of(head(loops / "recorded.mcap")), **changes), "recorded")
+    for message in before:
+        writer.write(*message)
+    for record in Scan(loops / "recorded.mcap"):
+        if record.t_ns >= begin_ns and not derived(record.topic):
+            writer.write(*record)
+    writer.close({}, {})
+    return path
+
+
+def test_events_of_a_controller_that_say_too_little_are_passed_over(loops, tmp_path):
+    event, odd = messages.TYPES["Event"], []
+    for number, data in enumerate(
+        ('{"set": {"gain": 9.0}}', '{"after_tick": 3}', '{"after_tick": "x", "set": 5}', "[]")
+    ):
+        said = event(source="feedback", kind="parameter", text="?", data=data).SerializeToString()
+        odd.append(("event/feedback", said, 0, number, 0))
+    found, _ = replayed(again(loops, tmp_path / "odd.mcap", before=odd))
+    assert (found.divergence, found.compared, found.fault) == (None, {"feedback": FRAMES}, "")
+
+
+def test_a_late_joiner_joins_late_again(loops, tmp_path):
+    found, threads = replayed(lives(tmp_path / "late.mcap", loops, 150, FRAMES, FRAMES))
+    assert (found.divergence, found.unanswered, found.silent) == (None, 0, {"feedback": 0})
+    assert (found.compared, found.unknown_memory) == ({"feedback": FRAMES - 150}, ())
+    assert len(threads.started) == 1
+
+
+def test_a_killed_controller_and_its_successor_are_two_processes_again(loops, tmp_path):
+    found, threads = replayed(lives(tmp_path / "killed.mcap", loops, 0, 100, 200))
+    assert (found.divergence, found.unanswered, found.silent) == (None, 0, {"feedback": 0})
+    assert found.compared == {"feedback": FRAMES - 100}
+    assert len(threads.started) == 2
+
+
+def test_steps_that_a_controller_lost_are_told_and_show(loops, tmp_path):
+    found, _ = replayed(lives(tmp_path / "lost.mcap", loops, 0, FRAMES, FRAMES, lost=(120, 121)))
+    assert (found.silent, found.unknown_memory) == ({"feedback": 2}, ())
+    assert found.divergence.tick == 122  # its memory had not seen two steps
+    assert "2 steps have no recorded command of feedback" in found.text()
+
+
+def test_a_step_that_lockstep_repeated_is_one_step(loops, tmp_path):
+    writer, number = Writer(tmp_path / "repeated.mcap", setup_of(head(loops / "recorded.mcap")), "recorded"), 0
+    for record in Scan(loops / "recorded.mcap"):
+        if derived(record.topic):
+            continue
+        times = 3 if record.topic in ("step", "act/feedback") and record.t_ns in (0, 70_000_000, 399_000_000) else 1
+        for _ in range(times):
+            number += 1
+            writer.write(record.topic, record.payload, record.t_ns, number, record.wall_ns)
+    writer.close({}, {})
+    found, threads = replayed(tmp_path / "repeated.mcap")
+    assert (found.divergence, found.unanswered, found.silent) == (None, 0, {"feedback": 0})
+    assert (found.steps, found.compared, len(threads.started)) == (FRAMES, {"feedback": FRAMES}, 1)
+
+
+def test_viewers_need_no_code_of_the_controllers(loops, tmp_path):
+    unknown = {"feedback": {"section": {"kind": "nobody_knows"}, "numbers": {}}}
+    path = again(loops, tmp_path / "foreign.mcap", controllers=unknown)
+    found = replay(Twin("replay").open("plant", "plant"), path)
+    assert (found.steps, found.fault) == (FRAMES, "")
+
+
+def test_a_recording_that_begins_late_begins_at_once_and_lacks_the_memory_of_its_controllers(loops, tmp_path):
+    path = again(loops, tmp_path / "late.mcap", begin_ns=300_000_000)
+    begun = time.monotonic()
+    found = replay(Twin("replay").open("plant", "plant"), path, pace=0.1)
+    assert found.steps == FRAMES - 300
+    assert 0.98 < time.monotonic() - begun < 3.9  # 0.099 s of simulated time; with the 0.3 s before it, 4 s
+    found, _ = replayed(path)
+    assert found.unknown_memory == ("feedback",)
+    assert found.divergence.tick == 300
+    assert "feedback ran before the recording began" in found.text()
+
+
+def test_a_saved_run_has_steps_states_commands_and_events_again(loops):
+    twin = Twin("replay")
+    heard = twin.open("viewer", "v").subscribe("**", depth=10_000)
+    replay(twin.open("plant", "plant"), loops / "saved.mcap")
+    got = {}
+    for message in heard.drain():
+        got.setdefault(message.topic, []).append(message)
+    saved = read(loops / "saved.mcap")
+    assert [messages.decode("step", m.payload).tick for m in got["step"]] == list(range(FRAMES + 1))
+    for name, samples in saved.measurements.items():
+        blocks = [messages.decode(f"meas/{name}", m.payload) for m in got[f"meas/{name}"]]
+        np.testing.assert_array_equal(np.concatenate([messages.times(block) for block in blocks]), samples.t_ns)
+        np.testing.assert_array_equal(np.concatenate([block.v for block in blocks]), samples.v)
+    state = messages.state_type(["x"])
+    states = [state.FromString(m.payload) for m in got["state"]]
+    assert [one.t_ns for one in states] == list(range(0, FRAMES * 1_000_000 + 1, 5_000_000))
+    assert [one.x for one in states] == saved.signals["x"][::5].tolist()
+    applied = [messages.decode("applied/feedback", m.payload) for m in got["applied/feedback"]]
+    known = saved.commands["feedback"]
+    assert [(a.tick, a.answered, a.status, *a.values) for a in applied] == [
+        (tick, answered, status, *values)
+        for tick, answered, status, values in zip(*(column.tolist() for column in known))
+    ]
+    assert [messages.decode("event/feedback", m.payload).text for m in got["event/feedback"]] == ["gain = 3.0"]
+
+
+def test_listeners_get_the_recorded_bytes(loops):
+    twin = Twin("replay")
+    heard = twin.open("viewer", "v").subscribe("**", depth=10_000)
+    found = replay(twin.open("plant", "plant"), loops / "recorded.mcap")
+    sent = [(r.topic, r.payload, r.t_ns) for r in Scan(loops / "recorded.mcap") if not derived(r.topic)]
+    got = [(m.topic, m.payload, m.t_ns) for m in heard.drain()]
+    assert got[:-1] == sent
+    assert got[-1][0] == "total/plant"
+    assert found.messages == len(sent)
