@@ -343,12 +343,6 @@ def test_a_run_prints_as_one_screen(run):
     assert "array" not in text
 
 
-def test_a_run_without_anything_prints_too():
-    run = Run(scene="", step_ns=1, frame_ns=1, time=np.empty(0), signals={"x": np.full(0, np.nan)}, units={})
-    assert "unknown scene" in str(run)
-    assert "  x                        no value" in str(run)
-
-
 def test_an_unknown_channel_names_those_that_are_like_it(run):
     name = next(iter(run.signals))
     for channels, asked in ((run.signals, name[:-2]), (run.units, name[:-2])):
