@@ -48,7 +48,7 @@ MUTANTS = [Mutant(*row) for row in (
     ("solve/rk4", "WEIGHTS = ({1.0, 2.0, 2.0, 1.0 => 1.5, 2.0, 2.0, 0.5})", "solve/test_convergence"),
     ("solve/expm", "E[i, j] = 2.0 * E[i, j] {+ => -} square[i, j]", "solve/test_expm"),
     ("solve/expm", "w = (k * w {- => +} 1.0) / x", "solve/test_pole_response"),
-    ("solve/expm", "r * (1.0 / {5040.0 => 504.0})", "solve/test_exponential"),
+    ("solve/expm", "r * (1.0 / {5040.0 => 504.0})", "solve/test_lanes"),
     # events: location, certificates, stick and slip, sectors
     ("solve/roots", "lowest += {min => max}(c[k], 0.0)", "solve/test_roots"),
     ("solve/roots", "if size {<= zero => < 0.0}:", "solve/test_roots"),

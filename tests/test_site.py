@@ -152,20 +152,6 @@ $$ (motion)
 """
 
 
-def test_functions_stand_apart_from_what_they_belong_to(site):
-    pytest.importorskip("sphinx", reason="Sphinx is not installed: make site installs it")
-    from mathml import _spaced, tex2mathml
-
-    def operators(formula):
-        return re.findall(r'<mo lspace="([^"]+)" rspace="([^"]+)">(\w+)</mo>', _spaced(tex2mathml(formula)))
-
-    assert operators(r"N \cos l + \sin(x)") == [("0.1667em", "0.1667em", "cos"), ("0", "0", "sin")]
-    assert operators(r"K \sin^2 \left( x \right) \max(0, a_{\mathrm{max}})") == [
-        ("0.1667em", "0", "sin"), ("0.1667em", "0", "max")]  # fmt: skip
-    bars = re.findall(r"<mo([^>]*)>\|</mo>", _spaced(tex2mathml(r"\lvert x \rvert + \left| y \right|")))
-    assert bars == [' form="prefix" stretchy="false"', ' form="postfix" stretchy="false"', "", ""]
-
-
 @pytest.mark.slow
 def test_a_formula_becomes_mathml_and_a_wrong_one_is_an_error(tmp_path):
     pytest.importorskip("sphinx", reason="Sphinx is not installed: make site installs it")

@@ -46,6 +46,19 @@ def _exponentials(u, out):
     return has_lane_factors(lanes(u))
 
 
+@kernel
+def _product(u):
+    coarse, fine = exponential_factors(u)
+    return coarse * fine
+
+
+@given(st.floats(-800.0, 800.0))
+def test_the_factors_come_to_the_exponential_within_two_units_in_the_last_place(u):
+    with np.errstate(over="ignore", under="ignore"):
+        expected = float(np.exp(u))
+    assert _product(u) == expected or abs(_product(u) - expected) <= 2.0 * np.spacing(expected)
+
+
 numbers = st.lists(st.floats(-1e3, 1e3), min_size=2 * LANE, max_size=2 * LANE)
 
 

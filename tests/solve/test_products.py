@@ -65,11 +65,6 @@ def test_a_cubic_spring_moves_as_an_independent_integrator_says(method, settings
     assert abs(motion.energy()["error"]) < 1e-8
 
 
-def test_exact_refuses_products():
-    with pytest.raises(ValueError, match=r"not linear: x\^3; use dopri5"):
-        Motion(duffing().system(), MS, "exact")
-
-
 def bent_rate(y):
     x, z, v, u = y
     N = 10.0 - 60.0 * z + 40.0 * x * z + 2.0 * (np.cos(8.0 * x) - 1.0)
@@ -111,11 +106,10 @@ def test_steady_sliding_is_where_the_equations_rest():
     assert np.abs(bent_rate(at.x[:4])).max() < 1e-9
 
 
-@pytest.mark.parametrize("method", ["dopri5", "rk4"])
-def test_stick_sticks_where_the_equations_bend(method):
+def test_stick_sticks_where_the_equations_bend():
     a = sliding(friction_law.coulomb(0.9, 0.5))
     a.start |= {"x'": 0.3}
-    motion, found = advance(a.system(), method, 60, [{"x": 1.0}, {"x'": 1.0}, {"T:contact": 1.0}, {"N:load": 1.0}])
+    motion, found = advance(a.system(), "dopri5", 60, [{"x": 1.0}, {"x'": 1.0}, {"T:contact": 1.0}, {"N:load": 1.0}])
     stuck = [
         i
         for i, mode_set in enumerate(motion.mode_sets_of_states)

@@ -92,18 +92,6 @@ def contacts_obey(system, found):
         assert np.all(T[:, p] * w[:, p] >= -1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [TOUCHING, OPENING, INERTIA])
-def test_events_do_not_depend_on_the_step_in_many_systems(run, kind):
-    for seed in range(1000, 1400):
-        system = random_system(seed, kind)
-        if least_inertia(system) < 0.3:
-            continue
-        coarse, fine = run(system, COARSE, DURATION), run(system, FINE, DURATION)
-        assert coarse.what == fine.what, seed
-        assert coarse.times == pytest.approx(fine.times, abs=1e-11), seed
-
-
 @pytest.mark.parametrize(
     ("seed", "event", "modes"),
     [

@@ -76,10 +76,6 @@ def test_a_dip_below_zero_is_seen_however_short(at, depth):
         assert u == NONE
 
 
-def test_touching_zero_is_a_fall():
-    assert fall([0.25, -1.0, 1.0]) == pytest.approx(0.5, abs=1e-7)
-
-
 @given(st.floats(0.1, 0.9), st.floats(0.1, 10.0))
 @settings(max_examples=100)
 def test_a_guard_that_starts_at_zero_and_rises_falls_later(root, slope):
@@ -96,21 +92,21 @@ def test_a_guard_that_starts_flat_at_zero_and_rises_falls_later(root, bend):
     assert fall([0.0, 0.0, bend, -bend / root], 1e-14) == pytest.approx(root, abs=1e-13)
 
 
-def test_a_guard_that_starts_at_zero_and_falls_has_fallen():
-    assert fall([0.0, -1.0, 0.3], 1e-14) == 0.0
-    assert fall([0.0, 0.0, -1.0], 1e-14) == 0.0
-    assert fall([-0.1, 1.0], 1e-14) == 0.0
-
-
-def test_a_cell_too_short_to_tell_decides_nothing():
-    """All of it within rounding: the last 1e-16 of a tick after a release must not end the slip it has just begun."""
-    assert fall([5e-18, 4e-22, -1e-25, -1e-27], 1e-15) == NONE
-    assert fall([0.0, 0.0, 0.0, -1e-27], 1e-15) == NONE
-
-
-def test_a_constant_above_zero_never_falls():
-    assert fall([1.0, 0.0]) == NONE
-    assert fall([1e-300, 0.0, 0.0]) == NONE
+@pytest.mark.parametrize(
+    ("coefficients", "zero", "at"),
+    [
+        ([0.25, -1.0, 1.0], 0.0, 0.5),  # touching zero is a fall
+        ([0.0, -1.0, 0.3], 1e-14, 0.0),
+        ([0.0, 0.0, -1.0], 1e-14, 0.0),
+        ([-0.1, 1.0], 1e-14, 0.0),
+        ([5e-18, 4e-22, -1e-25, -1e-27], 1e-15, NONE),  # all of it within rounding: the next cell decides
+        ([0.0, 0.0, 0.0, -1e-27], 1e-15, NONE),
+        ([1.0, 0.0], 0.0, NONE),
+        ([1e-300, 0.0, 0.0], 0.0, NONE),
+    ],
+)
+def test_what_falls_where(coefficients, zero, at):
+    assert fall(coefficients, zero) == pytest.approx(at, abs=1e-7)
 
 
 @pytest.mark.parametrize("slope", [-1e-11, -1e-14, 0.0, 1e-14])

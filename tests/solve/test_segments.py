@@ -82,19 +82,10 @@ def test_a_segment_is_a_polynomial_of_the_motion_inside_it(rigs, run):
         assert values == pytest.approx(fine[100 * i : 100 * i + 99], abs=1e-10)
 
 
-def test_nothing_is_written_down_that_nobody_reads(rigs):
-    motion = Motion(rigs.p1(), 1_000_000, "exact", outputs=ROWS)
-    motion.advance(1)
-    assert motion.segments.count[0] == 0
-
-
 FAST = [
-    ("belt_shunt", {"shunt.resistance": 1e4}),
     ("belt_shunt", {"shunt.resistance": 1e8}),
-    ("belt_shunt", {"shunt.inductance": 0.0}),
     ("belt_shunt", {"shunt.inductance": 0.0, "shunt.resistance": 0.002}),
     ("belt_c", {"load.lag": 1e-9}),
-    ("belt_c", {"load.lag": 1e-5}),
     ("belt_c", {"drive.lag": 1e-9}),
     ("belt_c", {"body.damping": 1e9}),
     ("brake_shunt", {"shunt.connected": True, "shunt.inductance": 0.0, "shunt.resistance": 0.5}),
@@ -121,7 +112,7 @@ def test_what_decays_within_a_tiny_part_of_a_tick_takes_few_segments(name, chang
     motion = Motion(system, step_ns, "exact", rows, read=len(rows))
     fine = Motion(system, step_ns // 8, "exact", rows, longest=8)
     start, worst, size, rounding = motion.x.copy(), *np.zeros((3, len(rows)))
-    for tick in range(300):
+    for tick in range(100):
         motion.advance(1)
         fine.advance(8)
         segments, n = motion.segments, int(motion.segments.count[0])
@@ -151,7 +142,7 @@ def run_of(name, **changes):
     return rig.simulate(scenes.load(name, {key.replace("_", "."): value for key, value in changes.items()}), 0.4)
 
 
-@pytest.mark.parametrize("lag", [1e-9, 3e-8, 1e-7, 1e-6, 1e-5, 1e-3])
+@pytest.mark.parametrize("lag", [1e-9, 1e-7, 1e-3])
 @pytest.mark.parametrize("actuator", ["load", "drive"])
 @pytest.mark.parametrize("name", ["belt_c", "belt"])
 def test_the_lag_of_a_constant_command_changes_nothing(name, actuator, lag, tmp_path):
@@ -173,20 +164,14 @@ SLOW = {"shunt.resistance": 1e6, "shunt.inductance": 1e-3}
 JUMPS = {"load": (25.0, 15.0), "drive": (0.08, 0.05)}
 DRIVEN = [
     ("belt", {"load.lag": 1e-9}, 1e-7),
-    ("belt", {"load.lag": 1e-6}, 1e-7),
     ("belt", {"drive.lag": 1e-9}, 1e-7),
-    ("belt", {"drive.lag": 1e-6}, 1e-7),
     ("belt", {"drive.lag": 1e-6}, 1e-10),
     ("belt", {"body.damping": 1e9}, 1e-7),
-    ("belt", {"body.damping": 1e6}, 1e-7),
     ("belt", STACK | RESISTOR, 1e-7),
     ("belt", STACK | SLOW, 1e-7),
-    ("belt", STACK | {"shunt.resistance": 0.0, "shunt.inductance": 1e-6}, 1e-7),
     ("belt", {"load.lag": 1e-9, "friction.speed_scale": 1e-3}, 1e-7),
     ("belt_c", {"drive.lag": 1e-9}, 0.0),
-    ("belt_c", {"load.lag": 1e-9}, 0.0),
     ("belt_c", {"body.damping": 1e9}, 0.0),
-    ("belt_c", STACK | RESISTOR, 0.0),
     ("belt_c", STACK | SLOW, 0.0),
 ]
 
