@@ -9,26 +9,6 @@ from rig import controllers
 from rig.errors import Untrusted
 from rig.record.recorded_setup import head, setup_of
 
-
-def test_a_live_run_with_parts_and_who_joins_it(rig, runs, folder, strangers, monkeypatch):
-    monkeypatch.chdir(folder)
-    log = folder / "live.mcap"
-    how = ("--duration", "0.3", "--pace", "max", "--lockstep", "--out", log)
-    code, out, err = rig("run", folder / "scene.toml", *how)
-    assert code == 0, out + err
-    assert "two_levels: 300 commands" in out
-    strangers()
-    setup = setup_of(head(log))
-    with pytest.raises(Untrusted, match=r"example_controller\.py"):
-        controllers.restored(setup.controllers["two_levels"])
-    code, _, err = rig("replay", log, "--into", "two_levels", "--pace", "max")
-    assert code == 2
-    assert "--trust" in err
-    code, out, err = rig("replay", log, "--into", "two_levels", "--pace", "max", "--trust")
-    assert code == 0, out + err
-    assert "no command differs" in out
-
-
 SPEAKS = """import os, sys
 print('run evil-1')
 print('evil.mcap: 5 messages, none lost', file=sys.stderr)
@@ -37,7 +17,8 @@ print('start ', end='')
 """
 
 
-def test_what_parts_print_is_shown_with_the_process_and_steers_nothing(rig, runs, folder, monkeypatch):
+def test_a_live_run_whose_parts_print_and_who_joins_it(rig, runs, folder, strangers, monkeypatch):
+    """What parts print is shown with the process, and steers nothing."""
     monkeypatch.chdir(folder)
     for kind in ("plant", "effect", "sensor", "controller"):
         file = folder / f"example_{kind}.py"
@@ -47,10 +28,21 @@ def test_what_parts_print_is_shown_with_the_process_and_steers_nothing(rig, runs
     assert code == 0, out + err
     assert "log.mcap: " in out
     assert "none lost, 0.300 s" in out
+    assert "two_levels: 300 commands" in out
     said = [line for line in err.splitlines() if line.startswith("plant: ")]
     assert any(text in line for line in said for text in ("evil.mcap", "start"))  # of many lines the latest are shown
     assert "\ncontroller two_levels: run evil-1\ncontroller two_levels: evil.mcap: 5 messages, none lost\n" in err
     assert f"controller two_levels: start {'.' * 300}" in err
+    strangers()
+    setup = setup_of(head(folder / "log.mcap"))
+    with pytest.raises(Untrusted, match=r"example_controller\.py"):
+        controllers.restored(setup.controllers["two_levels"])
+    code, _, err = rig("replay", "log.mcap", "--into", "two_levels", "--pace", "max")
+    assert code == 2
+    assert "--trust" in err
+    code, out, err = rig("replay", "log.mcap", "--into", "two_levels", "--pace", "max", "--trust")
+    assert code == 0, out + err
+    assert "no command differs" in out
 
 
 def test_copies_of_a_process_do_not_take_part(rig, runs, folder, monkeypatch):

@@ -44,7 +44,7 @@ def test_only_coulomb_friction_is_constant_in_slip_and_one_coefficient_is_coulom
 
 @pytest.mark.parametrize("name", LAWS)
 @given(v=st.floats(1e-4, 1.0))
-@settings(max_examples=50)
+@settings(max_examples=20)
 def test_slopes_are_derivatives(name, v):
     law = LAWS[name]
     corners = {"falling": (0.4375,), "table": (0.05, 0.2, 0.6)}.get(name, ())
@@ -59,7 +59,7 @@ def test_slope_at_the_sliding_speed_of_the_reference(kroger):
 
 
 @given(st.lists(st.integers(0, 1000).map(lambda i: i * 1e-3), min_size=2, max_size=8), st.data())
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_a_table_goes_through_its_points_and_never_beyond_them(values, data):
     steps = data.draw(
         st.lists(st.integers(1, 500).map(lambda i: i * 1e-3), min_size=len(values) - 1, max_size=len(values) - 1)

@@ -94,7 +94,7 @@ def test_divergence_begins_at_equation_2_5_and_beyond_it_no_sliding_equilibrium_
     J=st.integers(2, 60).map(lambda i: i * 1e-5),
     d_phi=st.integers(1, 50).map(lambda i: i * 1e-3),
 )
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_below_the_lesser_limit_sliding_is_stable_and_above_it_is_not(s, h, c_phi, J, d_phi):
     """For any body: Hurwitz's limits against the eigenvalues of the matrices of equation 2.4.
 

@@ -152,7 +152,7 @@ def test_pressure_and_speed_together_scale_the_motion(scale, position):
     retardation=st.sampled_from([0.0, 1e-8, 2e-7]),
     roll=st.floats(-0.1, 0.1),
 )
-@settings(max_examples=20)
+@settings(max_examples=12)
 def test_no_point_pulls_or_bears_more_than_its_friction(mu, force, speed, lateral, retardation, roll):
     changes = {"friction.mu": mu, "load.force": force, "drive.speed": speed, "film.lateral": lateral,
                "film.retardation": retardation}  # fmt: skip

@@ -228,7 +228,7 @@ def by_simulation(move, mu, V, r, low, high, time=150.0):
 
 
 SIMULATED = [
-    pytest.param(mu, V, r, marks=() if r == 20 else pytest.mark.slow)
+    pytest.param(mu, V, r, marks=() if (mu, V, r) in ((0.4, 0.3, 20), (0.6, 0.3, 20)) else pytest.mark.slow)
     for mu, V, r in ((*case, r) for case in CASES for r in (3, 5, 10, 20, 40))
     if f"mu{mu:g}_V{V:g}_r{r}" in LIU["dither_boundary"]["sim"]
 ]

@@ -99,7 +99,7 @@ DENSITY = {"laser_vibrometer": 1e-6, "strain_gauge": 1.5e-9, "accelerometer": 7e
 def test_noise_density_in_band_is_the_stated_one(play, clean, rate):
     sensors = {kind: KINDS[kind](**(clean[kind] | {"noise": noise}), rate=rate) for kind, noise in DENSITY.items()}
     zero = {s.reads: np.zeros_like for s in sensors.values()}
-    run = play(sensors, zero, 40960.0 / rate, frame_ns=10_000_000)
+    run = play(sensors, zero, 20480.0 / rate, frame_ns=10_000_000)
     for kind, density in DENSITY.items():
         f, power = signal.welch(run.y[kind], fs=rate, nperseg=512)
         for low, high in ((0.02, 0.1), (0.1, 0.3), (0.3, 0.49)):
