@@ -156,7 +156,6 @@ def moved(scene, target, to, over, hold=1.0):
 
 CHANGED = {
     "a slow ramp beyond the limit": lambda: moved(rig.load("belt"), "drive.speed", 0.3, 20.0),
-    "a quick ramp that ends just beyond it": lambda: moved(rig.load("belt"), "drive.speed", 0.26, 2.0, 3.0),
     "a ramp that ends just within it": lambda: moved(rig.load("belt"), "drive.speed", 0.24, 2.0, 3.0),
     "a belt that reverses": lambda: moved(rig.load("belt"), "drive.speed", -0.1, 5.0),
     "another friction and mass": lambda: moved(
@@ -252,15 +251,11 @@ def test_a_contact_that_pulls_is_told_with_its_time_and_size(name, values):
     assert live.state_samples.pulled(Comparison(()))["contact"] == (line["pulled"], line["pull"])
 
 
-@pytest.mark.parametrize(
-    ("read", "name"),
-    [(True, "left"), (False, "left"), (True, "nl"), (False, "nl")],
-    ids=["with an output", "without an output", "one of two forces", "one of two forces without an output"],
-)
+@pytest.mark.parametrize(("read", "name"), [(True, "left"), (False, "left"), (False, "nl")])
 def test_a_contact_of_an_own_plant_that_pulls_is_told(read, name, tmp_path):
-    """No effect of this plant lets the contact lift off, and perhaps no output tells its normal force.
+    """No effect of this plant lets the contact lift off, and perhaps no output tells its normal force (`read`).
 
-    Of two normal forces of a contact one may pull while their sum presses.
+    Of two normal forces of a contact one may pull while their sum presses ("nl").
     """
     toys = Path(__file__).parent.parent / "parts" / "two_masses"
     shutil.copytree(toys, tmp_path, dirs_exist_ok=True)

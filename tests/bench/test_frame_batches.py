@@ -1,45 +1,91 @@
-"""Frames in one piece: as far as nobody listens, and the same bits as one by one."""
+"""Frames in one piece, as far as nobody listens, have the samples and events of frames one by one, bit for bit."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rig import scenes
+import rig
 from rig.bench.run.runner import PlantRunner
 from rig.bench.run.simulate import simulate
+from rig.motion import motion
 from rig.scenes.scene import Scene
+from rig.solve.sampling import GATHERED
 
-SCENE = "belt_normal_force"
 MS = 1_000_000
+P1 = Path(__file__).parents[1] / "problems" / "p1.toml"
+FAST = {"sensors.vibrometer.rate": "5 kHz"}
+# scene, changes, frames
+SCENES = {
+    "belt_normal_force": (FAST, 3000),
+    "belt": (
+        {"sensors.vibrometer.rate": 10e3,
+         "sensors.laser.rate": 937.0,  # delayed, a mean over uneven intervals
+         "sensors.accelerometer.rate": 333.0,
+         "sensors.strain.kind": "strain_gauge",
+         "sensors.strain.rate": 1000.0},
+        10 * GATHERED + 3,
+    ),
+    "brake_shunt": (  # echoes
+        {"sensors.microphone.kind": "microphone", "sensors.microphone.rate": 44.1e3}, 10 * GATHERED + 3
+    ),
+    "four_dof": ({}, 10 * GATHERED + 3),
+    "plate": ({}, 10 * GATHERED + 3),  # fixed steps, many states
+    str(P1): ({"clock.events_per_frame": 4}, 4000),
+}  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return scenes.load(SCENE, {"sensors.vibrometer.rate": "5 kHz"})
-
-
-def carried(scene, piece):
-    runner = PlantRunner(scene, truthful=True)
-    while runner.tick < 3000:
-        runner.frames(min(piece, 3000 - runner.tick))
+def carried(name, piece):
+    changes, frames = SCENES[name]
+    runner, calls = PlantRunner(rig.load(name, changes), truthful=True), 0
+    while runner.tick < frames:
+        runner.frames(min(piece, frames - runner.tick))
+        calls += 1
     runner.hand_over(runner.truth)
-    return runner
+    return runner, calls
 
 
-def test_a_piece_is_its_frames_one_by_one(scene):
-    whole, single = carried(scene, 3000), carried(scene, 1)
-    for one, other in zip(whole.truth.outputs(), single.truth.outputs()):
-        assert one.tobytes() == other.tobytes()
-    events = whole.truth.events()
-    assert events == single.truth.events()
-    assert len(events) > 10
-    known = single.measurements.samples()
-    for name, found in whole.measurements.samples().items():
-        assert found.t_ns.tobytes() == known[name].t_ns.tobytes()
-        assert found.v.tobytes() == known[name].v.tobytes()
-    assert whole.motion.energy() == single.motion.energy()
-    assert whole.bank.counters() == single.bank.counters()
+@pytest.mark.parametrize("name", SCENES)
+def test_a_piece_is_its_frames_one_by_one(name, monkeypatch):
+    single, _ = carried(name, 1)
+    events, known = single.truth.events(), single.measurements.samples()
+    (small, _), (whole, few) = carried(name, 7), carried(name, 10**9)
+    if name == str(P1):
+        monkeypatch.setattr(motion, "COLLECTED", 0)  # room for the events of two frames
+        crowded, more = carried(name, 10**9)
+        assert few < more
+        assert len(events) == single.motion.counts()["events"] == 38
+        assert crowded.truth.events() == events
+    for other in (small, whole):
+        for one, column in zip(single.truth.outputs(), other.truth.outputs()):
+            assert one.tobytes() == column.tobytes()
+        assert other.truth.events() == events
+        for sensor, found in other.measurements.samples().items():
+            assert len(found.v)
+            assert found.t_ns.tobytes() == known[sensor].t_ns.tobytes()
+            assert found.v.tobytes() == known[sensor].v.tobytes(), sensor
+        assert other.motion.energy() == single.motion.energy()
+        assert other.bank.counters() == single.bank.counters()
+        assert (other.bank.latest == single.bank.latest).all()
+        assert (other.bank.fresh == single.bank.fresh).all() or other is whole
+        assert np.array_equal(other.motion.x, single.motion.x)
+
+
+def test_a_call_that_is_interrupted_before_it_begins_repeats_no_event(monkeypatch):
+    runner, _ = carried(str(P1), 4000)
+    count = len(runner.truth.events())
+    assert count
+
+    class Interrupted:
+        @property
+        def handle(self):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner.motion, "mode_sets", Interrupted())
+    with pytest.raises(KeyboardInterrupt):
+        runner.frames(10)
+    assert len(runner.truth.events()) == count
 
 
 class Listener:
@@ -58,32 +104,29 @@ class Listener:
         return state + 1, (20.0 + 1e-3 * state,)
 
 
-def between(scene):
-    """A run in which the controller is connected for the second of three tenths of a second."""
-    raw = json.loads(scene.to_json())
-    hold, name = {"step": "hold", "time": 0.1}, "nf"
-    raw["protocol"] = [
-        hold,
-        {"step": "connect", "controller": name},
-        hold,
-        {"step": "disconnect", "controller": name},
-        hold,
-    ]
-    return Scene.from_json(json.dumps(raw))
-
-
-def test_who_is_not_connected_hears_the_same(scene):
-    listener = Listener()
-    run = simulate(between(scene), {"nf": listener})
+@pytest.mark.parametrize("every_sample", [False, True])
+def test_who_is_not_connected_hears_the_same(every_sample):
+    """The controller is connected for the second of three tenths of a second."""
+    raw, hold = json.loads(rig.load("belt_normal_force", FAST).to_json()), {"step": "hold", "time": 0.1}
+    on, off = ({"step": step, "controller": "nf"} for step in ("connect", "disconnect"))
+    listener = Listener(every_sample)
+    run = simulate(Scene.from_json(json.dumps(raw | {"protocol": [hold, on, hold, off, hold]})), {"nf": listener})
+    v = run.measurements["vibrometer"].v
     assert [state for state, *_ in listener.told] == list(range(300))
     assert [t_ns for _, t_ns, _ in listener.told] == list(range(0, 300 * MS, MS))
-    assert [values for *_, values in listener.told] == [(v,) for v in run.measurements["vibrometer"].v[:1500:5]]
+    if every_sample:
+        heard = [list(samples) for *_, (samples,) in listener.told]
+        assert [len(samples) for samples in heard] == [1] + 299 * [5]
+        assert [sample for samples in heard for sample in samples] == v[: 1 + 299 * 5].tolist()
+    else:
+        assert [values for *_, values in listener.told] == [(sample,) for sample in v[:1500:5]]
     assert run.summary["controllers"]["nf"]["updates"] == 300
     assert run.commands["nf"].tick.tolist() == list(range(100, 200))
     assert run.commands["nf"].values[:, 0].tolist() == [20.0 + 1e-3 * state for state in range(100, 200)]
 
 
-def test_what_a_sensor_showed_is_remembered(scene):
+def test_what_a_sensor_showed_is_remembered():
+    scene = rig.load("belt_normal_force", FAST)
     runner = PlantRunner(scene, truthful=True)
     seen, slow = [], runner.bank.names.index("vibrometer")
     while runner.tick < 40:

@@ -118,45 +118,42 @@ def test_what_cannot_be_built_is_told_and_changes_nothing():
     assert runner.motion.system is before
 
 
-def test_a_recording_holds_in_which_controllers_came_and_went(tmp_path):
-    """One leaves and another takes its actuator over; one drives nothing; the range of the actuator changes."""
-    told = {"by": "operator", "drives": ["load.force"], "period_ns": MS}
-    outside = [
-        (20, "admitted", {**told, "controller": "watcher", "drives": []}),
-        (40, "admitted", {**told, "controller": "mine"}),
-        (200, "dismissed", {"by": "operator", "controller": "mine"}),
-        (200, "admitted", {**told, "controller": "yours"}),
-        (300, "parameter", {"by": "operator", "set": {"load.force_min": 15.0}}),
-    ]
-    events = [{"tick": tick, "kind": kind, "data": data} for tick, kind, data in outside]
+BY = {"by": "operator", "period_ns": MS}
+LIVES = {
+    "came and went": (
+        # one leaves and another takes its actuator over; one drives nothing; the range of the actuator changes
+        [(20, "admitted", {**BY, "controller": "watcher", "drives": []}),
+         (40, "admitted", {**BY, "controller": "mine", "drives": ["load.force"]}),
+         (200, "dismissed", {"by": "operator", "controller": "mine"}),
+         (200, "admitted", {**BY, "controller": "yours", "drives": ["load.force"]}),
+         (300, "parameter", {"by": "operator", "set": {"load.force_min": 15.0}})],
+        {"watcher": (30, 400, []), "mine": (50, 150, [22.0]), "yours": (210, 400, [22.0])},
+    ),
+    "another actuator in a second life": (
+        [(40, "admitted", {**BY, "controller": "mine", "drives": ["load.force"]}),
+         (200, "dismissed", {**BY, "controller": "mine"}),
+         (200, "admitted", {**BY, "controller": "mine", "drives": ["drive.speed"]})],
+        {"mine": (50, 400, [0.08])},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("lives", LIVES)
+def test_a_recording_holds_in_which_controllers_came_and_went(tmp_path, lives):
+    outside, spoken = LIVES[lives]
     commands = {}
-    for name, width, first, last in (("watcher", 0, 30, 400), ("mine", 1, 50, 150), ("yours", 1, 210, 400)):
+    for name, (first, last, values) in spoken.items():
         ticks = np.arange(first, last, dtype=np.int64)
-        commands[name] = Commands(ticks, ticks, np.zeros_like(ticks), np.full((ticks.size, width), 22.0))
-    run = simulate(shorn("belt"), {}, 5 * 10**8, Recorded(commands, events))
-    assert {name: one.tick.size for name, one in run.commands.items()} == {"watcher": 370, "mine": 100, "yours": 190}
-    save(run, tmp_path / "run.mcap")
-    found = verify(tmp_path / "run.mcap")
-    assert found.passed, found.text()
-    assert found.identical
-
-
-def test_a_recording_holds_in_which_a_name_drives_another_actuator_in_its_second_life(tmp_path):
-    told = {"by": "operator", "controller": "mine", "period_ns": MS}
-    outside = [
-        (40, "admitted", {**told, "drives": ["load.force"]}),
-        (200, "dismissed", told),
-        (200, "admitted", {**told, "drives": ["drive.speed"]}),
-    ]
+        commands[name] = Commands(ticks, ticks, np.zeros_like(ticks), np.tile(values, (ticks.size, 1)))
     events = [{"tick": tick, "kind": kind, "data": data} for tick, kind, data in outside]
-    ticks = np.arange(50, 400, dtype=np.int64)
-    commands = {"mine": Commands(ticks, ticks, np.zeros_like(ticks), np.where(ticks < 200, 22.0, 0.08)[:, None])}
     run = simulate(shorn("belt"), {}, 5 * 10**8, Recorded(commands, events))
-    assert run.commands["mine"].tick.size == 350
+    assert {name: each.tick.size for name, each in run.commands.items()} == {
+        name: last - first for name, (first, last, _) in spoken.items()
+    }
     save(run, tmp_path / "run.mcap")
-    found = verify(tmp_path / "run.mcap")
-    assert found.passed, found.text()
-    assert found.identical
+    verified = verify(tmp_path / "run.mcap")
+    assert verified.passed, verified.text()
+    assert verified.identical
 
 
 class Slow:

@@ -81,10 +81,8 @@ def test_a_damaged_window_is_not_verified(windows, rig, tmp_path):
     ("arguments", "fault"),
     [
         (("record", "--before", "1"), "--before: needs --trigger"),
-        (("record", "--most", "3"), "--most: needs --trigger"),
         (("run", "belt", "--trigger", "x"), "expected NAME > VALUE"),
         (("run", "belt", "--trigger", "vibrometr > 0.1 m/s"), "did you mean vibrometer"),
-        (("run", "belt", "--trigger", "vibrometer > 0.1 N"), "expected a unit that converts to m/s"),
         (("run", "belt", "--trigger", "velocity > 1 m/s", "--figure", "f.png"), "--figure: draws the recording of"),
         (("record", "--trigger", "x > 1 m", "--after", "-1"), "--after -1: must be 0 to"),
     ],
