@@ -101,7 +101,6 @@ def cost(
     if front(measured.rows, by):
         draw(CostReport(measured, by, pick, most), folder / "cost.png")
     if loops:
-        delay.write(loops, folder / "delay.csv")
         delay.draw(loops, measured, folder / "delay.png")
     if parts:
         effects.write(parts, folder / "effects.csv")

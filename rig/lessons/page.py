@@ -116,11 +116,10 @@ def lessons() -> list[Lesson]:
 
 def lesson(number: int) -> Lesson:
     """The lesson of this number. Raises UsageError if there is none."""
-    files = sorted(FOLDER.glob("[0-9][0-9]_*.md"))
-    for file in files:
-        if int(file.name[:2]) == number:
-            return read(file)
-    raise UsageError(f"{number}: no lesson has this number; there are {len(files)}: rig lesson")
+    files = {int(file.name[:2]): file for file in FOLDER.glob("[0-9][0-9]_*.md")}
+    if number not in files:
+        raise UsageError(f"{number}: no lesson has this number; there are {len(files)}: rig lesson")
+    return read(files[number])
 
 
 def read(file: Path) -> Lesson:

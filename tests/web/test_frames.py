@@ -1,6 +1,7 @@
 """What the curves of the page show: the extremes of all steps and samples, and gaps where nothing is known."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,14 +16,8 @@ from rig.web.frames import SAMPLES, STEPS, Frames
 FRAMES = 100
 
 
-class Setup:
-    def __init__(self, runner):
-        self.outputs, self.paced, self.run = runner.units, True, "run"
-        self.sensors = {"vibrometer": ("m/s", 20_000)}
-
-
 def told(topic, kind, payload, t_ns=0):
-    return type("Told", (), {"topic": topic, "said": messages.TYPES[kind].FromString(payload), "t_ns": t_ns})()
+    return SimpleNamespace(topic=topic, said=messages.TYPES[kind].FromString(payload), t_ns=t_ns)
 
 
 @pytest.fixture(scope="module", params=["brake_shunt", "plate"])
@@ -42,7 +37,8 @@ def run(request):
     runner.hand_over(runner.truth)
     values, keys = runner.truth.outputs()
     bands = [told("band", "Band", make(*given), t_ns) for t_ns, make, *given in sent]
-    return runner, values, keys, bands, lambda: Frames(Setup(runner), runner.motion.system)
+    setup = SimpleNamespace(outputs=runner.units, paced=True, run="run", sensors={"vibrometer": ("m/s", 20_000)})
+    return runner, values, keys, bands, lambda: Frames(setup, runner.motion.system)
 
 
 def taken(frames, arrived):

@@ -1,6 +1,7 @@
 """The moving picture and the contacts of the page: for every rig, before a run and frame by frame."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,27 +16,18 @@ from rig.web.frames import Frames
 from rig.web.picture import MovingPicture
 
 
-class Setup:
-    def __init__(self, assembly, scene):
-        self.outputs = {name: one.unit for name, one in assembly.outputs.items()}
-        self.sensors, self.paced, self.run = {}, True, scene.name
-
-
 def frames_of(scene):
     """Frames of a rig, and a function that tells them a state (outputs that are not named are 0)."""
     assembly = scene.assemble()
-    system, setup = assembly.system(), Setup(assembly, scene)
-    channels = Channels((scene, assembly), setup.outputs, {})
+    system, outputs = assembly.system(), {name: output.unit for name, output in assembly.outputs.items()}
+    channels = Channels((scene, assembly), outputs, {})
+    setup = SimpleNamespace(outputs=outputs, sensors={}, paced=True, run=scene.name)
     frames = Frames(setup, system, MovingPicture.of(scene, assembly, system, channels.colours))
 
-    class Said:
-        def __init__(self, t_ns, key, values):
-            self.t_ns, self.mode = t_ns, key
-            for name in setup.outputs:
-                setattr(self, messages.field_name(name), values.get(name, 0.0))
-
     def tell(t_ns, key=0, **values):
-        frames.add([type("Told", (), {"topic": "state", "said": Said(t_ns, key, values), "t_ns": t_ns})()])
+        fields = {messages.field_name(name): values.get(name, 0.0) for name in outputs}
+        said = SimpleNamespace(t_ns=t_ns, mode=key, **fields)
+        frames.add([SimpleNamespace(topic="state", said=said, t_ns=t_ns)])
         return json.loads(frames.take()[0])
 
     return frames, system, tell

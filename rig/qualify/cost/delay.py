@@ -15,7 +15,6 @@ from pathlib import Path
 
 from rig.analysis.control_loop import loop
 from rig.errors import SceneError
-from rig.machine.files import csv_table, write_file
 from rig.qualify.cost.report import COLOURS, LEAST, MARKS, sheet
 from rig.qualify.cost.table import WORST, Table, step
 from rig.scenes.scene import Scene
@@ -90,17 +89,6 @@ def with_delay(scene: Scene, name: str, period: int, delay: int) -> Scene:
     clock = scene.clock.model_copy(update={"frame": min(period, scene.frame_ns)})
     sensors = {key: sensor.model_copy(update={"rate": 1e9 / period}) for key, sensor in scene.sensors.items()}
     return replace(scene, clock=clock, sensors=sensors, controllers={**scene.controllers, name: section})
-
-
-def write(loops: Sequence[Delayed], path: Path) -> None:
-    """Write the errors as CSV. Raises OutputError."""
-    rows = [
-        (delayed_loop.controller, varied, time, error)
-        for delayed_loop in loops
-        for varied, points in (("delay", delayed_loop.delays), ("period", delayed_loop.periods))
-        for time, error in points
-    ]
-    write_file(path, csv_table([("controller", "varied", "time [s]", "error"), *rows]))
 
 
 def draw(loops: Sequence[Delayed], table: Table, path: Path) -> None:
