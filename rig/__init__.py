@@ -48,12 +48,14 @@ if TYPE_CHECKING:
     from rig.analysis.studies.factors import Distribution
     from rig.analysis.studies.search import SearchResult
     from rig.analysis.sweep import Sweep
+    from rig.record.imports.import_run import Imported
     from rig.record.run import Run
     from rig.scenes.scene import Scene
 
 __all__ = [
     "branch",
     "diff",
+    "import_",
     "limit_cycle",
     "load",
     "lognormal",
@@ -375,6 +377,32 @@ def open(path: str | Path, trust: bool = False) -> Run:
     for note in run.notes:
         _warn(f"{path}: {note}")
     return run
+
+
+def import_(
+    files: str | Path | Iterable[str | Path],
+    out: str | Path,
+    channels: Mapping[str, str],
+    time: str = "",
+    rate: str = "",
+    join: str = "",
+    skip_missing: bool = False,
+    replace: bool = False,
+) -> Imported:
+    """Write the recording `out` of a measurement in `files` of a data acquisition system; several files are one run.
+
+    `channels`: column -> "NAME, SCALE UNIT" such as "vibrometer, 125 mm/s/V". `time`: the column with the time and its
+    unit, "t, ms", or `rate`, "2 kHz", if a file states neither. `join`: what gives several files a common time,
+    "trigger > 2 V" or a channel that all contain. Raises rig.errors.UsageError with every fault of the files.
+    """
+    from pathlib import Path
+
+    from rig.record.imports.channel_map import ChannelMap
+    from rig.record.imports.import_run import import_files
+
+    paths = [files] if isinstance(files, str | Path) else files
+    given = ChannelMap(dict(channels), time, rate)
+    return import_files([Path(path) for path in paths], Path(out), given, join, skip_missing, replace)
 
 
 def report(path: str | Path, out: str | Path | None = None, trust: bool = False) -> Path:

@@ -72,6 +72,33 @@ def _factor(text: str, unit: str) -> tuple[float, float]:
     return float(unit_size - zero), float(zero)
 
 
+def conversion(text: str, unit: str) -> tuple[float, float]:
+    """Factor and offset that convert values in the unit `text` to `unit` (SI). Raises ValueError."""
+    if text == unit:
+        return 1.0, 0.0
+    try:
+        return _factor(text, unit)
+    except Exception:  # pint raises many kinds: unknown unit, wrong dimension, bad syntax
+        raise ValueError(f"{brief(text)} is unknown, or does not convert to {_named(unit)}") from None
+
+
+@cache
+def si_unit(text: str) -> str:
+    """The SI unit without a prefix for values in the unit `text`: "m/s" for "mm/s". Raises ValueError."""
+    if text in SIZES:
+        return text
+    try:
+        if len(text) > _LONGEST_UNIT or not _UNIT.fullmatch(text):
+            raise ValueError(text)
+        powers = exponents(text)
+    except Exception:  # pint raises many kinds
+        powers = None
+    if powers is None:
+        raise ValueError(f"{brief(text)} is unknown, or has no SI unit")
+    known = (unit for unit in SIZES if exponents(unit) == powers)
+    return next(known, "*".join(f"{base}^{power}" if power != 1 else base for base, power in powers.items()))
+
+
 # Characters of typeset numbers: the minus sign, and spaces of fixed width
 _PASTED = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\xa0\u2007\u2009\u202f"), " ")
 _COMMA = re.compile(r"([-+]?(\d++)),(\d++)(?![.,])([^,]*)")

@@ -72,6 +72,11 @@ def cost_report(folder):
     return CostReport(Table("belt", "Mass on a belt", "", "cycle", 1.0, 1e-3, 1e-3, machine, {}, rows=rows))
 
 
+def imported(folder):
+    paper = GOLDEN.parent / "stick_slip_paper" / "k168Nm_v4300.mat"
+    return rig.import_(paper, folder / "x.mcap", {"Fnorm": "force, 0.301 N"}, time="t, s")
+
+
 def compared(folder):
     return rig.diff(rig.simulate("belt", 0.5), rig.simulate(rig.load("belt", {"load.force": "15 N"}), 0.5))
 
@@ -106,6 +111,8 @@ MADE = {
     "Response": lambda folder: recorded.response(golden("belt"), "friction_force", "velocity"),
     "Portrait": lambda folder: recorded.portrait(golden("belt")),
     "Sound": sound,
+    "StickSlip": lambda folder: recorded.stick_slip(golden("belt"), "velocity", drive="surface_speed"),
+    "Imported": imported,
     "CostReport": cost_report,
 }
 """Class -> a small result of it."""

@@ -95,10 +95,10 @@ def stages(run: Run, first: float = 0.0, last: float = float("inf")) -> list[Spa
 
     Before the first mark the name is "before", in a run without marks "whole". A run without samples has no stages.
     """
-    if not run.time.size:
+    if not run.span:
         return []
     marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.plant_events if event["kind"] == "mark"]
-    end = min(last, float(run.time[-1]))
+    end = min(last, run.span[1])
     begins = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]
     if not marks or marks[0][0] > first:
         begins.insert(0, (first, "before" if marks else "whole"))

@@ -384,6 +384,8 @@ def verdicts(run: Run, modes: Integers) -> Html:
 
 def timing(run: Run) -> tuple[str, str]:
     """Return the timing verdict and its reasons, or what is known instead."""
+    if run.measured:
+        return "Measured", f"on a rig: {run.provenance.get('files', '')}"
     if "verdict" in run.summary:
         reasons = run.summary.get("reasons", ())
         words = "; ".join(map(str, reasons if isinstance(reasons, list | tuple) else ()))
@@ -397,7 +399,9 @@ def _course(run: Run, modes: Integers) -> Iterator[str]:
     plant = plain(run.summary.get("plant"))
     length = curves.end_of(run) - run.begin_ns * 1e-9
     parts = (
-        f"{length:g} s at steps of {run.step_ns * 1e-6:g} ms" if run.time.size else "no sample",
+        f"{length:g} s" + ("" if run.measured else f" at steps of {run.step_ns * 1e-6:g} ms")
+        if run.span
+        else "no sample",
         f"method {plant['method']}" if "method" in plant else "",
         counted(plant["events"], "event") if "events" in plant else "",
         stick(modes),
@@ -493,6 +497,10 @@ def audit(run: Run) -> Html:
     return joined((element("ul", *remarks) if remarks else none, table("Effects", columns, rows)))
 
 
+_OF_A_RIG = ("Energy balance", "Influence of the effects", "Timing and transport", "Controllers", "Values of the scene")
+"""Parts of the page that a measurement does not have."""
+
+
 def write(run: Run, log: Path, path: Path) -> int:
     """Write the page of the recording `log`, read as `run`, to the file `path`; return its size [bytes].
 
@@ -532,6 +540,8 @@ def page(run: Run, log: Path) -> str:
         "Notes of users": notes(noted),
         "Check and repeat": commands(run, log),
     }
+    if run.measured:
+        sections = {name: what for name, what in sections.items() if name not in _OF_A_RIG}
     shown = {f"part-{i}": section for i, section in enumerate(sections.items(), 1) if section[1]}
     links = [element("a", name, href=f"#{key}") for key, (name, _) in shown.items()]
     parts = [

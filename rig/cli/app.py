@@ -8,7 +8,20 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.cli import analysis, lesson, live, machine, printing, processes, recorded, recordings, runs, scenes, study
+from rig.cli import (
+    analysis,
+    lesson,
+    live,
+    machine,
+    measurements,
+    printing,
+    processes,
+    recorded,
+    recordings,
+    runs,
+    scenes,
+    study,
+)
 from rig.cli.options import Command, Group
 from rig.errors import ExitCode, RigError
 from rig.machine.process import MORE_FILES, NO_FILES
@@ -41,7 +54,7 @@ def _program(
 
 COMMANDS: Mapping[str, tuple[Any, str]] = {
     name: command
-    for module in (analysis, lesson, live, machine, processes, recorded, recordings, runs, scenes, study)
+    for module in (analysis, lesson, live, machine, measurements, processes, recorded, recordings, runs, scenes, study)
     for name, command in module.COMMANDS.items()
 }
 """Name -> function, example."""
@@ -52,8 +65,8 @@ PANELS = {
     "Analyse a rig": "modes cycle identify loop map study optimise reproduce",
     "Choose method and step": "cost",
     "Test the methods": "torture",
-    "Recordings": "runs note report replay verify recover diff export",
-    "Analyse a recording": "amplitude sound spectrum pressure hysteresis response portrait",
+    "Recordings": "import runs note report replay verify recover diff export",
+    "Analyse a recording": "amplitude sound stick spectrum pressure hysteresis response portrait",
     "Use a live run": "tune disconnect connect knock pause step resume stop",
     "Start processes one by one": "plant control record view",
     "Check this machine": "doctor warmup clean",

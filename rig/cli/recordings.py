@@ -63,7 +63,7 @@ def opened(log: Path, trust: bool = False) -> Run:
 
 def without_outputs(run: Run, log: Path | str) -> str:
     """Why there is nothing to analyse or to draw; "" for a run with outputs of the plant."""
-    if run.time.size:
+    if run.time.size or run.measured:
         return ""
     if any(samples.v.size for samples in run.measurements.values()):
         return f"{log}: no output of the plant can be read in it, only measurements; rig export writes these"

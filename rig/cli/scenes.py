@@ -13,7 +13,7 @@ import typer
 from rig.cli import printing
 from rig.cli.options import Changes, Force, Json, SceneName, changes, the_scene
 from rig.cli.printing import new, writable
-from rig.errors import SceneError, UsageError
+from rig.errors import LogError, SceneError, UsageError
 from rig.machine.files import write_file
 from rig.printable import counted
 
@@ -267,6 +267,8 @@ def _audited(log: str, as_json: bool) -> None:
     from rig.cli.recordings import opened
 
     run = opened(Path(log))
+    if run.measured:
+        raise LogError(f"{log}: it is a measurement: it contains no rig, which this command needs")
     judged, network = run.summary.get("audit", []), run.summary.get("network", {})
     faults = [(event["t_ns"] / 1e9, event["text"]) for event in run.plant_events if event["kind"] == "fault"]
     if as_json:

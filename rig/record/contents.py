@@ -89,7 +89,7 @@ class Contents:
     seconds: float | None
     """Simulated time [s], of a window its length; None if unknown: it was cut off, or an older version saved it."""
     timing: str
-    """Timing verdict, "simulated" for a run that followed no clock, empty if unknown."""
+    """Timing verdict, "simulated" for a run that followed no clock, "measured", empty if unknown."""
     messages: int | None
     """None if unknown: it was cut off or is damaged."""
     run: str
@@ -150,15 +150,16 @@ def _contents(path: Path, file: BinaryIO, size: int) -> Contents:
     seconds = _json(noted.get("recording", {}).get("seconds", "null"), None)
     began = _json(noted.get("recording", {}).get("began", "null"), None)
     begin = _json(noted.get("trigger", {}).get("begin", "0"), 0.0)
-    simulated = noted.get("log", {}).get("made") == "saved"
+    run = noted.get("log", {}).get("run", "")
+    made = {"saved": "simulated", "measured": "measured"}.get(noted.get("log", {}).get("made", ""), "")
     return Contents(
-        scene=str(described.get("name", "")),
+        scene=run if made == "measured" else str(described.get("name", "")),
         title=str(described.get("title", "")),
         began_ns=began if isinstance(began, int) else summary.statistics.message_start_time,  # as in format 1
         seconds=seconds - begin if isinstance(seconds, float) and isinstance(begin, int | float) else None,
-        timing="simulated" if simulated else str(_json(noted.get("summary", {}).get("verdict", '""'), "")),
+        timing=made or str(_json(noted.get("summary", {}).get("verdict", '""'), "")),
         messages=summary.statistics.message_count,
-        run=noted.get("log", {}).get("run", ""),
+        run=run,
         digest=noted.get(mcap_file.DIGEST, {}).get("sha256", ""),
     )
 

@@ -44,11 +44,12 @@ def _process() -> dict[str, str]:
         "blas": blas(),
         "cores": str(os.cpu_count()),
         "python": platform.python_version(),
-        **{package: _version(package) for package in _PACKAGES},
+        **{package: package_version(package) for package in _PACKAGES},
     }
 
 
-def _version(package: str) -> str:
+def package_version(package: str) -> str:
+    """The version of an installed package."""
     try:
         return version(package)
     except PackageNotFoundError:  # run from the sources without installation

@@ -92,6 +92,7 @@ def open(path: Path | str) -> run.Run:
     def read(topic: str) -> list[messages.Columns]:
         return list(decode.columns(topic, gathered.pop(topic, ())))  # the bytes go: two copies of a long run are large
 
+    made = scan.metadata.get("log", {}).get("made")
     time_ns, signals, mode = _truth([topic for topic in gathered if topic.startswith("truth/")], read, setup)
     events = [
         event
@@ -123,13 +124,15 @@ def open(path: Path | str) -> run.Run:
         mode=mode,
         controllers=setup.controllers,
         provenance=setup.provenance,
+        name=setup.run,
         models=setup.models,
         fault=stopped or damage,
         damage=damage,
         recovered=f"recovered from a damaged recording; {lost}" if lost else "",
         began_ns=scan.began_ns,
         untold=_untold(scan),
-        on_bus=scan.metadata.get("log", {}).get("made") == "recorded",
+        on_bus=made == "recorded",
+        measured=made == "measured",
         **_window(scan),
         checkpoints={checkpoint.tick: checkpoint.state for checkpoint in checkpoints if checkpoint is not None},
         sealed=scan.sealed,

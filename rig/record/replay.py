@@ -350,7 +350,7 @@ def replay(
     setup = recorded_setup.setup_of(start)
     if not setup.frame_ns:
         raise LogError(f"{path} has lost the description of its run: it can be read, but not replayed")
-    saved = start.metadata.get("log", {}).get("made") == "saved"
+    saved = start.metadata.get("log", {}).get("made") in ("saved", "measured")
     in_plant = [name for name in into if setup.controllers.get(name, {}).get("section", {}).get("where") == "plant"]
     every, heard = _heard(into.values()), frozenset[str]()
     if saved or in_plant or every:  # needs the code of all controllers

@@ -38,11 +38,14 @@ def overview(run: RunData) -> str:
 
 
 def _lines(run: RunData) -> Iterator[str]:
-    times = np.rint(run.time * 1e9).astype(np.int64)
-    yield _line("run", f"{_scene(run)}, {run.time[-1] if run.time.size else 0.0:g} s, step {run.step_ns / 1e6:g} ms")
-    yield _line("timing", _timing(run))
-    yield _line("outputs", f"{run.time.size} rows{_rate(times)}")
-    yield from _some(_outputs(run), len(grouped(run.signals)))
+    length = run.span[1] if run.span else 0.0
+    if run.measured:
+        yield _line("measurement", f"{run.name}, {length:g} s")
+    else:
+        yield _line("run", f"{_scene(run)}, {length:g} s, step {run.step_ns / 1e6:g} ms")
+        yield _line("timing", _timing(run))
+        yield _line("outputs", f"{run.time.size} rows{_rate(np.rint(run.time * 1e9).astype(np.int64))}")
+        yield from _some(_outputs(run), len(grouped(run.signals)))
     if run.measurements:
         yield _line("sensors", str(len(run.measurements)))
         yield from _some(_sensors(run), len(run.measurements))

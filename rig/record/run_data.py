@@ -101,6 +101,8 @@ class RunData:
     controllers: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Settings of the scene's controllers for their processes (controllers.described); empty if others took part."""
     provenance: dict[str, str] = field(default_factory=dict)
+    name: str = ""
+    """Name of the run that was recorded."""
     models: tuple[bytes, ...] = ()
     """The reduced models that its scene names."""
     fault: str = ""
@@ -117,6 +119,8 @@ class RunData:
     """Senders that restarted, so that the losses before are unknown; empty if there are none."""
     on_bus: bool = False
     """Whether it was recorded from the bus, where the events of single contacts are not published."""
+    measured: bool = False
+    """Whether it is a measurement of a real rig (`rig import`): it has no scene and no outputs of a plant."""
     window: str = ""
     """Why only a window of the run was recorded: the trigger in words. Empty for a recording from its begin on."""
     begin_ns: int = 0
@@ -132,9 +136,19 @@ class RunData:
 
     def scene_text(self) -> str:
         """Return the scene as JSON; raises rig.errors.LogError if damage to the recording removed it."""
+        if self.measured:
+            raise LogError("it is a measurement: it contains no rig, which this command needs")
         if not self.scene:
             raise LogError(f"the recording has lost its scene: {self.damage}")
         return self.scene
+
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last recorded time [s] of the outputs, of a measurement that of its sensors; None without any."""
+        if self.time.size or not self.measured:
+            return (float(self.time[0]), float(self.time[-1])) if self.time.size else None
+        ends = [(t_ns[0], t_ns[-1]) for t_ns, _ in self.measurements.values() if t_ns.size]
+        return (min(a for a, _ in ends) * 1e-9, max(b for _, b in ends) * 1e-9) if ends else None
 
     def output(self, name: str) -> Reals:
         """Return the output `name` of the rig at `time`, [n]; NaN if a damaged recording has lost it."""

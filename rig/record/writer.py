@@ -76,7 +76,8 @@ def synced(file: BinaryIO) -> None:
 
 
 class Writer:
-    """An open recording. `made` states its origin: "recorded" from the bus, or "saved" from a Run.
+    """An open recording. `made` states its origin: "recorded" from the bus, "saved" from a Run, or
+    "measured".
 
     `trigger`: for a window of a run, why it was recorded and where it begins (rig.record.windows).
     An existing file is overwritten only with `replace`. Raises OutputError if the file cannot be written.

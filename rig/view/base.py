@@ -6,8 +6,8 @@ Elements of the moving pictures: colours, rotations, arrows, springs, text.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol, Self
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +42,8 @@ class Shape:
         self.kind, self.fields = kind, fields
 
 
-class Log(Protocol):
-    """Takes a shape that never changes, with the path of its entity."""
-
-    def __call__(self, path: str, kind: str, **fields: Any) -> object:
-        """`kind`, `fields`: those of the `Shape`."""
+Log = Callable[[str, Shape], object]
+"""Takes a shape that never changes, with the path of its entity."""
 
 
 class Columns(NamedTuple):
@@ -55,11 +52,6 @@ class Columns(NamedTuple):
     path: str
     t_ns: Integers
     columns: Shape
-
-
-def rows_of(path: str, t_ns: Integers, kind: str, **fields: Any) -> Columns:
-    """Rows of an entity that is a shape of this kind."""
-    return Columns(path, t_ns, Shape(kind, **fields))
 
 
 def coloured(modes: Integers) -> list[tuple[int, int, int]]:
@@ -96,23 +88,21 @@ def load(t_ns: Integers, heads: Reals, lengths: Reals, colour: Colour, radius: f
     """Arrows of the normal force, which end at the points `heads`."""
     down = along(2, -np.maximum(lengths, 0.0))
     count = len(heads)
-    looks = {"colors": [colour] * count, "radii": [radius] * count}
-    return rows_of("rig/load", t_ns, "Arrows3D", vectors=down, origins=heads - down, **looks)
+    arrows = Shape("Arrows3D", vectors=down, origins=heads - down, colors=[colour] * count, radii=[radius] * count)
+    return Columns("rig/load", t_ns, arrows)
 
 
 def spring(t_ns: Integers, *springs: Reals, radius: float = 0.009) -> Columns:
     """Springs, each given by its points [frame, point, xyz]."""
     strips = [strip for frame in zip(*springs) for strip in frame]
-    looks = {"colors": [SPRING] * len(strips), "radii": [radius] * len(strips)}
-    return rows_of("rig/spring", t_ns, "LineStrips3D", strips=strips, **looks)
+    lines = Shape("LineStrips3D", strips=strips, colors=[SPRING] * len(strips), radii=[radius] * len(strips))
+    return Columns("rig/spring", t_ns, lines)
 
 
 def word(t_ns: Integers, place: tuple[float, float, float], texts: list[str], colours: Any) -> Columns:
     """Text at a position, one for each frame."""
     count = len(texts)
-    return rows_of(
-        "rig/word",
-        t_ns,
+    points = Shape(
         "Points3D",
         positions=[place] * count,
         labels=texts,
@@ -120,6 +110,7 @@ def word(t_ns: Integers, place: tuple[float, float, float], texts: list[str], co
         radii=[0.001] * count,
         show_labels=[True] * count,
     )
+    return Columns("rig/word", t_ns, points)
 
 
 _REACH = 0.35  # size of the largest expected motion in the picture [rad or lengths]

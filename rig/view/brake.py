@@ -132,18 +132,17 @@ class Brake(base.Picture):
         for body, boxes in _BOXES.items():
             halves, centers = zip(*boxes)
             colour = base.DISC if body == "disc" else base.STEEL
-            log(f"rig/{body}/body", "Boxes3D", half_sizes=halves, centers=centers, colors=[colour] * len(boxes))
+            drawn = base.Shape("Boxes3D", half_sizes=halves, centers=centers, colors=[colour] * len(boxes))
+            log(f"rig/{body}/body", drawn)
         lines = [np.array([(x, -0.375, -0.11), (x, -0.375, 0.11)]) for x in np.arange(-1.2, 1.2, _PITCH)]
-        log("rig/disc/marks", "LineStrips3D", strips=lines, colors=[base.MARK], radii=[0.006])
+        log("rig/disc/marks", base.Shape("LineStrips3D", strips=lines, colors=[base.MARK], radii=[0.006]))
         for name in self._contacts:
             pad, side = _where(name)
             up = -1.0 if pad == "outer_pad" else 1.0
-            log(
-                f"rig/{pad}/{name}",
-                "Boxes3D",
-                half_sizes=[(0.22, 0.3, _THICK)],
-                centers=[(1.3 * side * _LINING, 0.0, 0.075 * up)],
+            lining = base.Shape(
+                "Boxes3D", half_sizes=[(0.22, 0.3, _THICK)], centers=[(1.3 * side * _LINING, 0.0, 0.075 * up)]
             )
+            log(f"rig/{pad}/{name}", lining)
 
     def frames(
         self, t_ns: base.Integers, signals: Mapping[str, base.Reals], modes: base.Integers, shown: base.Integers
@@ -173,22 +172,24 @@ class Brake(base.Picture):
     ) -> list[base.Columns]:
         placed, count = self.placed(s), len(t_ns)
         columns = [
-            base.rows_of(
+            base.Columns(
                 f"rig/{body}",
                 t_ns,
-                "Transform3D",
-                translation=np.stack((_PLACES[body][0] + x, np.zeros(count), _PLACES[body][1] + z), axis=1),
-                quaternion=base.about(1, phi),
+                base.Shape(
+                    "Transform3D",
+                    translation=np.stack((_PLACES[body][0] + x, np.zeros(count), _PLACES[body][1] + z), axis=1),
+                    quaternion=base.about(1, phi),
+                ),
             )
             for body, (x, z, phi) in placed.items()
         ]
         marks = base.along(0, np.mod(10.0 * ran, _PITCH))
-        columns.append(base.rows_of("rig/disc/marks", t_ns, "Transform3D", translation=marks))
+        columns.append(base.Columns("rig/disc/marks", t_ns, base.Shape("Transform3D", translation=marks)))
         for name in self._contacts:
             pad, _ = _where(name)
             open_ = s[f"normal_force_{name}"] <= 0.0
             colours = [contact.rgb(contact.COLOURS[-1 if lifted else mode]) for lifted, mode in zip(open_, modes)]
-            columns.append(base.rows_of(f"rig/{pad}/{name}", t_ns, "Boxes3D", colors=colours))
+            columns.append(base.Columns(f"rig/{pad}/{name}", t_ns, base.Shape("Boxes3D", colors=colours)))
         springs = [base.zigzag(_point(placed, a, count), _point(placed, b, count), flat=False) for a, b in _SPRINGS]
         columns.append(base.spring(t_ns, *springs, radius=0.006))
         columns += self._forces(t_ns, s, placed, count)
@@ -216,27 +217,23 @@ class Brake(base.Picture):
             end = _point(placed, (pad, (side * _LINING, -0.11 * up)), count)
             force = base.along(2, up * 0.25 * np.maximum(s[f"normal_force_{name}"], 0.0) / self.scale.force)
             arrows.append(
-                base.rows_of(
+                base.Columns(
                     f"rig/load/{name}",
                     t_ns,
-                    "Arrows3D",
-                    vectors=force,
-                    origins=end,
-                    colors=[self.normal] * count,
-                    radii=[0.012] * count,
+                    base.Shape(
+                        "Arrows3D", vectors=force, origins=end, colors=[self.normal] * count, radii=[0.012] * count
+                    ),
                 )
             )
         end = _point(placed, ("inner_pad", (0.0, 0.04)), count)
         drags = base.along(0, 0.25 * s["friction_force"] / self.scale.force)
         arrows.append(
-            base.rows_of(
+            base.Columns(
                 "rig/friction",
                 t_ns,
-                "Arrows3D",
-                vectors=drags,
-                origins=end,
-                colors=[self.friction] * count,
-                radii=[0.012] * count,
+                base.Shape(
+                    "Arrows3D", vectors=drags, origins=end, colors=[self.friction] * count, radii=[0.012] * count
+                ),
             )
         )
         return arrows

@@ -87,12 +87,12 @@ class Mark(NamedTuple):
 
 def begin_of(run: Run) -> float:
     """Time of the first sample of the run [s]: above 0 for a window of a longer run."""
-    return float(run.time[0]) if run.time.size else 0.0
+    return run.span[0] if run.span else 0.0
 
 
 def end_of(run: Run) -> float:
     """Time of the last sample of the run [s]."""
-    return float(run.time[-1]) if run.time.size else 0.0
+    return run.span[1] if run.span else 0.0
 
 
 def phases(run: Run) -> list[Span]:
@@ -431,7 +431,9 @@ def shade(axes: Axes, run: Run, closed: list[Span]) -> None:
 def heading(figure: Figure, run: Run, left: float) -> None:
     """Write the title of the run's scene and, if the run stopped early, the reason; `left`: share of the width."""
     about = described(run.scene)
-    figure.text(left, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
+    figure.text(
+        left, 0.968, about.get("title") or about.get("name") or run.name or "run", fontsize=15, fontweight="bold"
+    )
     if run.fault:
         figure.text(0.985, 0.968, run.fault.partition("\n")[0][:110], color=ALARM, ha="right", fontsize=10.5)
 

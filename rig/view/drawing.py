@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from rig.bus import topics
 from rig.view import contact, curves
-from rig.view.base import Columns, Shape, rows_of
+from rig.view.base import Columns, Shape
 from rig.view.channels import Channels
 from rig.view.picture import picture_of
 
@@ -72,12 +72,9 @@ class Portrait:
         cuts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
         strips = [table[begin : end + 1] for begin, end in pairwise(cuts)]
         colours = [contact.rgb(contact.COLOURS[modes[begin]]) for begin in cuts[:-1]]
-        radii = [0.012] * len(strips)
-        return [
-            *frame,
-            rows_of("portrait/curve", now, "LineStrips2D", strips=strips, colors=colours, radii=radii),
-            rows_of("portrait/now", now, "Points2D", positions=table[-1:], colors=colours[-1:], radii=[0.035]),
-        ]
+        curve = Shape("LineStrips2D", strips=strips, colors=colours, radii=[0.012] * len(strips))
+        dot = Shape("Points2D", positions=table[-1:], colors=colours[-1:], radii=[0.035])
+        return [*frame, Columns("portrait/curve", now, curve), Columns("portrait/now", now, dot)]
 
     def _frame(self, now: NDArray[np.int64], largest: Any) -> list[Columns]:
         scale = tuple(max(_round_up(float(size)), had) for size, had in zip(largest, self._scale))
@@ -85,11 +82,11 @@ class Portrait:
             return []
         self._scale = (scale[0], scale[1])
         words = [_with_unit(scale[0], self._units[0]), _with_unit(scale[1], self._units[1])]
-        edges = {"positions": [(1.0, 0.0), (0.0, -1.0)], "labels": words, "colors": [_GREY] * 2, "radii": [0.0] * 2}
-        return [
-            rows_of("portrait/frame", now, "LineStrips2D", strips=_FRAME, colors=[_GREY] * 3, radii=[0.004] * 3),
-            rows_of("portrait/edges", now, "Points2D", **edges),
-        ]
+        frame = Shape("LineStrips2D", strips=_FRAME, colors=[_GREY] * 3, radii=[0.004] * 3)
+        labels = Shape(
+            "Points2D", positions=[(1.0, 0.0), (0.0, -1.0)], labels=words, colors=[_GREY] * 2, radii=[0.0] * 2
+        )
+        return [Columns("portrait/frame", now, frame), Columns("portrait/edges", now, labels)]
 
 
 def _with_unit(value: float, unit: str) -> str:
@@ -192,9 +189,7 @@ class Drawing:
             rec.log(f"strip/{name}", states, static=True)
         if self.picture is not None:
             rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-            self.picture.static(
-                lambda path, kind, **fields: rec.log(path, _archetype(Shape(kind, **fields)), static=True)
-            )
+            self.picture.static(lambda path, shape: rec.log(path, _archetype(shape), static=True))
 
     def measured(self, sensor: str, t_ns: Integers, v: Reals) -> list[Columns]:
         """Measurements of a sensor, converted to the output that it reads."""
@@ -264,7 +259,7 @@ class Drawing:
             now, kind = np.array([event["t_ns"]], np.int64), event["kind"]
             text = f"{kind}: {event['text']}"
             level = "DEBUG" if kind == "contact" else topics.LEVELS.get(kind, "info").upper()
-            drawn.append(rows_of(f"event/{event['source']}", now, "TextLog", text=[text], level=[level]))
+            drawn.append(Columns(f"event/{event['source']}", now, Shape("TextLog", text=[text], level=[level])))
             if event["source"] != "plant":  # the strips show what happened in the run
                 continue
             if kind == "step":
@@ -274,7 +269,7 @@ class Drawing:
         return drawn
 
     def _strip(self, lane: str, t_ns: Integers, words: list[str]) -> Columns:
-        return rows_of(f"strip/{lane}", t_ns, "StateChange", state=words)
+        return Columns(f"strip/{lane}", t_ns, Shape("StateChange", state=words))
 
 
 def _plain(name: str) -> str:
@@ -287,7 +282,7 @@ def _states(bits: int) -> str:
 
 
 def _curve(path: str, t_ns: Integers, v: Reals) -> Columns:
-    return rows_of(path, t_ns, "Scalars", scalars=v)
+    return Columns(path, t_ns, Shape("Scalars", scalars=v))
 
 
 def send(rec: rr.RecordingStream, batch: Iterable[Columns]) -> None:

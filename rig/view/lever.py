@@ -31,11 +31,10 @@ class Lever(base.Picture):
         """See `Picture.static`."""
 
         def box(path: str, half: tuple[float, float, float], center: tuple[float, float, float]) -> None:
-            log(f"rig/{path}", "Boxes3D", half_sizes=[half], centers=[center], colors=[base.STEEL])
+            log(f"rig/{path}", base.Shape("Boxes3D", half_sizes=[half], centers=[center], colors=[base.STEEL]))
 
         def round_(path: str, length: float, radius: float, y: float, colour: tuple[int, int, int]) -> None:
-            log(
-                f"rig/{path}",
+            turned = base.Shape(
                 "Cylinders3D",
                 lengths=[length],
                 radii=[radius],
@@ -43,6 +42,7 @@ class Lever(base.Picture):
                 quaternions=[base.LYING],
                 colors=[colour],
             )
+            log(f"rig/{path}", turned)
 
         turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
         rays = np.stack((np.cos(turns), np.zeros(24), np.sin(turns)), axis=1)
@@ -50,39 +50,27 @@ class Lever(base.Picture):
             np.stack((inner * ray, 1.04 * ray)) - (0.0, 0.005, 0.0) for inner, ray in zip((0.35, 0.95, 0.95) * 8, rays)
         ]
         round_("disc", 0.1, 1.055, 0.05, base.DISC)
-        log("rig/disc/marks", "LineStrips3D", strips=spokes, colors=[base.MARK], radii=[0.008])
+        log("rig/disc/marks", base.Shape("LineStrips3D", strips=spokes, colors=[base.MARK], radii=[0.008]))
         round_("cylinder/axis", _FRONT - _BACK, 0.11, 0.5 * (_FRONT + _BACK), base.STEEL)
         box("cylinder/arm", (_ARM, 0.04, 0.04), (0.0, _FRONT, 0.0))
         box("cylinder/cantilever", (0.04, 0.04, 0.5 * _PIN), (0.0, _FRONT, -0.5 * _PIN))
         box("cylinder/tail", (0.04, 0.04, 0.5 * _TAIL), (0.0, _BACK, -0.5 * _TAIL))
-        log(
-            "rig/cylinder/weight",
-            "Boxes3D",
-            half_sizes=[(0.13, 0.13, 0.13)],
-            centers=[(-_ARM, _FRONT, -0.3)],
-            colors=[base.STEEL],
+        weight = base.Shape(
+            "Boxes3D", half_sizes=[(0.13, 0.13, 0.13)], centers=[(-_ARM, _FRONT, -0.3)], colors=[base.STEEL]
         )
-        log(
-            "rig/cylinder/cord",
+        log("rig/cylinder/weight", weight)
+        cord = base.Shape(
             "LineStrips3D",
             strips=[np.array([(-_ARM, _FRONT, 0.0), (-_ARM, _FRONT, -0.2)])],
             colors=[base.MARK],
             radii=[0.012],
         )
+        log("rig/cylinder/cord", cord)
         box("anchor", (0.12, 0.12, 0.05), (_ARM, _FRONT, _HEIGHT - 1.25))
-        log(
-            "rig/cylinder/pin",
-            "Boxes3D",
-            half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)],
-            centers=[(0.0, 0.5 * _FRONT, -_PIN)],
-        )
-        log(
-            "rig/cylinder/friction",
-            "Arrows3D",
-            origins=[(0.0, -0.05, -_PIN - 0.14)],
-            colors=[self.friction],
-            radii=[0.025],
-        )
+        pin = base.Shape("Boxes3D", half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)], centers=[(0.0, 0.5 * _FRONT, -_PIN)])
+        log("rig/cylinder/pin", pin)
+        friction = base.Shape("Arrows3D", origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[self.friction], radii=[0.025])
+        log("rig/cylinder/friction", friction)
         box("lever/tail", (0.035, 0.5 * _LEG, 0.06), (0.0, -0.5 * _LEG, 0.0))
         box("lever/fixture", (0.5 * _LEG, 0.035, 0.06), (0.5 * _LEG, 0.0, 0.0))
         box("post", (0.05, 0.05, 0.45), (_PIVOT[0], _PIVOT[1], _RADIUS - 0.45))
@@ -109,36 +97,35 @@ class Lever(base.Picture):
         heads = pin + np.array((0.0, -_FRONT, 0.16))
         texts = self._contact_text(modes, s["friction_force"], s["normal_force"])
         return [
-            base.rows_of("rig/disc", t_ns, "Transform3D", quaternion=base.about(1, zoom * ran)),
-            base.rows_of(
+            base.Columns("rig/disc", t_ns, base.Shape("Transform3D", quaternion=base.about(1, zoom * ran))),
+            base.Columns(
                 "rig/cylinder",
                 t_ns,
-                "Transform3D",
-                quaternion=base.about(1, -phi),
-                translation=np.broadcast_to((0.0, 0.0, _HEIGHT), (count, 3)),
+                base.Shape(
+                    "Transform3D",
+                    quaternion=base.about(1, -phi),
+                    translation=np.broadcast_to((0.0, 0.0, _HEIGHT), (count, 3)),
+                ),
             ),
-            base.rows_of(
+            base.Columns(
                 "rig/lever",
                 t_ns,
-                "Transform3D",
-                quaternion=base.about(2, theta),
-                translation=np.broadcast_to(_PIVOT, (count, 3)),
+                base.Shape(
+                    "Transform3D", quaternion=base.about(2, theta), translation=np.broadcast_to(_PIVOT, (count, 3))
+                ),
             ),
-            base.rows_of("rig/cylinder/pin", t_ns, "Boxes3D", colors=colours),
-            base.rows_of(
+            base.Columns("rig/cylinder/pin", t_ns, base.Shape("Boxes3D", colors=colours)),
+            base.Columns(
                 "rig/cylinder/friction",
                 t_ns,
-                "Arrows3D",
-                vectors=base.along(0, s["friction_force"] / self.scale.force * 0.6),
+                base.Shape("Arrows3D", vectors=base.along(0, s["friction_force"] / self.scale.force * 0.6)),
             ),
-            base.rows_of(
+            base.Columns(
                 "rig/load",
                 t_ns,
-                "Arrows3D",
-                vectors=load,
-                origins=heads - load,
-                colors=[self.normal] * count,
-                radii=[0.02] * count,
+                base.Shape(
+                    "Arrows3D", vectors=load, origins=heads - load, colors=[self.normal] * count, radii=[0.02] * count
+                ),
             ),
             base.spring(t_ns, *springs, radius=0.012),
             base.word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), texts, colours),

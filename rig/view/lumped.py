@@ -45,8 +45,7 @@ class Belt(base.Picture):
 
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
-        log(
-            "rig/rollers",
+        rollers = base.Shape(
             "Cylinders3D",
             lengths=[0.9, 0.9],
             radii=[0.15, 0.15],
@@ -54,23 +53,28 @@ class Belt(base.Picture):
             quaternions=[base.LYING, base.LYING],
             colors=[base.STEEL],
         )
-        log(
-            "rig/belt",
+        log("rig/rollers", rollers)
+        bands = base.Shape(
             "Boxes3D",
             half_sizes=[(_BELT, 0.42, 0.01)] * 2,
             centers=[(0, 0, -0.01), (0, 0, -0.31)],
             colors=[base.DISC],
         )
+        log("rig/belt", bands)
         places = np.arange(-_BELT, _BELT - _PITCH / 2, _PITCH)
         lines = [np.array([(x, -0.42, 0.006), (x, 0.42, 0.006)]) for x in places]
-        log("rig/marks", "LineStrips3D", strips=lines, colors=[base.MARK], radii=[0.006])
+        log("rig/marks", base.Shape("LineStrips3D", strips=lines, colors=[base.MARK], radii=[0.006]))
         half, centre, lean = (0.2, 0.2, 0.17), (0.0, 0.0, 0.19), self._drawn.lean
         if lean:
             half, centre = (0.06, 0.06, 0.4), (-0.26, 0.0, 0.32)
         turn: dict[str, Any] = {"quaternions": [(0.0, -np.sin(lean), 0.0, np.cos(lean))]} if lean else {}
-        log("rig/mass/body", "Boxes3D", half_sizes=[half], centers=[centre], **turn)
-        log("rig/mass/friction", "Arrows3D", origins=[(0, -0.27, 0.04)], colors=[self.friction], radii=[0.018])
-        log("rig/wall", "Boxes3D", half_sizes=[(0.03, 0.35, 0.3)], centers=[(-1.25, 0, 0.32)], colors=[base.STEEL])
+        log("rig/mass/body", base.Shape("Boxes3D", half_sizes=[half], centers=[centre], **turn))
+        log(
+            "rig/mass/friction",
+            base.Shape("Arrows3D", origins=[(0, -0.27, 0.04)], colors=[self.friction], radii=[0.018]),
+        )
+        wall = base.Shape("Boxes3D", half_sizes=[(0.03, 0.35, 0.3)], centers=[(-1.25, 0, 0.32)], colors=[base.STEEL])
+        log("rig/wall", wall)
 
     def _placed(self, s: Mapping[str, base.Reals]) -> dict[str, Any]:
         """Translations and rotations of the body [frame], as components of a transform."""
@@ -95,14 +99,15 @@ class Belt(base.Picture):
         heads = np.stack((x, zero, zero + 0.37), axis=1)
         texts = self._contact_text(modes, s[self._drawn.friction], s[self._drawn.normal])
         return [
-            base.rows_of("rig/marks", t_ns, "Transform3D", translation=base.along(0, np.mod(zoom * ran, _PITCH))),
-            base.rows_of("rig/mass", t_ns, "Transform3D", **self._placed(s)),
-            base.rows_of("rig/mass/body", t_ns, "Boxes3D", colors=colours),
-            base.rows_of(
+            base.Columns(
+                "rig/marks", t_ns, base.Shape("Transform3D", translation=base.along(0, np.mod(zoom * ran, _PITCH)))
+            ),
+            base.Columns("rig/mass", t_ns, base.Shape("Transform3D", **self._placed(s))),
+            base.Columns("rig/mass/body", t_ns, base.Shape("Boxes3D", colors=colours)),
+            base.Columns(
                 "rig/mass/friction",
                 t_ns,
-                "Arrows3D",
-                vectors=base.along(0, s[self._drawn.friction] / self.scale.force * 0.6),
+                base.Shape("Arrows3D", vectors=base.along(0, s[self._drawn.friction] / self.scale.force * 0.6)),
             ),
             base.load(t_ns, heads, s[self._drawn.normal] / self.scale.force * 0.25, self.normal),
             base.spring(t_ns, base.zigzag(np.broadcast_to((-1.22, 0.0, 0.2), tips.shape), tips, flat=False)),
@@ -120,8 +125,10 @@ def disc(log: base.Log) -> None:
     rays = np.stack((np.cos(turns), np.sin(turns), np.full(24, 0.02) / 0.99), axis=1)
     spokes = [np.stack((ray * (0.93, 0.93, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays]
     spokes += [np.stack((ray * (0.3, 0.3, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays[::8]]
-    log("rig/disc", "Cylinders3D", lengths=[0.08], radii=[1.0], centers=[(0, 0, -0.025)], colors=[base.DISC])
-    log("rig/disc/marks", "LineStrips3D", strips=spokes, colors=[base.MARK], radii=[0.006])
+    log(
+        "rig/disc", base.Shape("Cylinders3D", lengths=[0.08], radii=[1.0], centers=[(0, 0, -0.025)], colors=[base.DISC])
+    )
+    log("rig/disc/marks", base.Shape("LineStrips3D", strips=spokes, colors=[base.MARK], radii=[0.006]))
 
 
 class Pendulum(base.Picture):
@@ -142,30 +149,24 @@ class Pendulum(base.Picture):
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
         disc(log)
-        log(
-            "rig/pendulum/shaft",
-            "Cylinders3D",
-            lengths=[0.5],
-            radii=[0.07],
-            centers=[(0, 0, 0.25)],
-            colors=[base.STEEL],
-        )
-        log(
-            "rig/pendulum/arm",
+        shaft = base.Shape("Cylinders3D", lengths=[0.5], radii=[0.07], centers=[(0, 0, 0.25)], colors=[base.STEEL])
+        log("rig/pendulum/shaft", shaft)
+        arm = base.Shape(
             "Boxes3D",
             half_sizes=[(_ARM / 2, 0.035, 0.03)],
             centers=[(_ARM / 2, 0, 0.2)],
             colors=[base.STEEL],
         )
-        log("rig/pendulum/shoe", "Boxes3D", half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)])
-        log("rig/pendulum/friction", "Arrows3D", origins=[(_ARM + 0.1, 0, 0.06)], colors=[self.friction], radii=[0.016])
+        log("rig/pendulum/arm", arm)
+        log("rig/pendulum/shoe", base.Shape("Boxes3D", half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)]))
         log(
-            "rig/post",
-            "Boxes3D",
-            half_sizes=[(0.04, 0.04, 0.15)],
-            centers=[_PENDULUM_POST - (0, 0, 0.05)],
-            colors=[base.STEEL],
+            "rig/pendulum/friction",
+            base.Shape("Arrows3D", origins=[(_ARM + 0.1, 0, 0.06)], colors=[self.friction], radii=[0.016]),
         )
+        post = base.Shape(
+            "Boxes3D", half_sizes=[(0.04, 0.04, 0.15)], centers=[_PENDULUM_POST - (0, 0, 0.05)], colors=[base.STEEL]
+        )
+        log("rig/post", post)
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
@@ -176,10 +177,10 @@ class Pendulum(base.Picture):
         friction = base.along(1, s[self._drawn.friction] / self.scale.force * 0.5)
         heads = np.stack((_ARM * np.cos(angles), _ARM * np.sin(angles), np.full_like(angles, 0.24)), axis=1)
         return [
-            base.rows_of("rig/disc", t_ns, "Transform3D", quaternion=base.about(2, zoom * ran)),
-            base.rows_of("rig/pendulum", t_ns, "Transform3D", quaternion=base.about(2, angles)),
-            base.rows_of("rig/pendulum/shoe", t_ns, "Boxes3D", colors=colours),
-            base.rows_of("rig/pendulum/friction", t_ns, "Arrows3D", vectors=friction),
+            base.Columns("rig/disc", t_ns, base.Shape("Transform3D", quaternion=base.about(2, zoom * ran))),
+            base.Columns("rig/pendulum", t_ns, base.Shape("Transform3D", quaternion=base.about(2, angles))),
+            base.Columns("rig/pendulum/shoe", t_ns, base.Shape("Boxes3D", colors=colours)),
+            base.Columns("rig/pendulum/friction", t_ns, base.Shape("Arrows3D", vectors=friction)),
             base.load(t_ns, heads, s[self._drawn.normal] / self.scale.force * 0.25, self.normal),
             base.spring(t_ns, base.zigzag(np.broadcast_to(_PENDULUM_POST, tips.shape), tips, flat=True)),
             base.word(
@@ -216,15 +217,13 @@ class Slider(Pendulum):
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
         disc(log)
-        log("rig/pendulum/shoe", "Boxes3D", half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)])
-        log(
-            "rig/pendulum/friction",
-            "Arrows3D",
-            origins=[(_PLACE + 0.13, 0, 0.06)],
-            colors=[self.friction],
-            radii=[0.016],
+        log("rig/pendulum/shoe", base.Shape("Boxes3D", half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)]))
+        arrow = base.Shape("Arrows3D", origins=[(_PLACE + 0.13, 0, 0.06)], colors=[self.friction], radii=[0.016])
+        log("rig/pendulum/friction", arrow)
+        post = base.Shape(
+            "Boxes3D", half_sizes=[(0.04, 0.04, 0.2)], centers=[_STAND - (0, 0, 0.05)], colors=[base.STEEL]
         )
-        log("rig/post", "Boxes3D", half_sizes=[(0.04, 0.04, 0.2)], centers=[_STAND - (0, 0, 0.05)], colors=[base.STEEL])
+        log("rig/post", post)
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
@@ -233,11 +232,10 @@ class Slider(Pendulum):
         angles, up = zoom * s["displacement"] / _PLACE, zoom * ACROSS * s["height"] + GAP
         place = np.stack((_PLACE * np.cos(angles), _PLACE * np.sin(angles), up), axis=1)
         drawn = {columns.path: columns for columns in super()._frames(t_ns, {**s, "angle": angles}, modes, ran)}
+        turn = base.Shape("Transform3D", quaternion=base.about(2, angles), translation=base.along(2, up))
         side = place + np.array((0.0, -0.08, 0.13))
-        drawn["rig/disc"] = base.rows_of("rig/disc", t_ns, "Transform3D", quaternion=base.about(2, ran))
-        drawn["rig/pendulum"] = base.rows_of(
-            "rig/pendulum", t_ns, "Transform3D", quaternion=base.about(2, angles), translation=base.along(2, up)
-        )
+        drawn["rig/disc"] = base.Columns("rig/disc", t_ns, base.Shape("Transform3D", quaternion=base.about(2, ran)))
+        drawn["rig/pendulum"] = base.Columns("rig/pendulum", t_ns, turn)
         drawn["rig/load"] = base.load(
             t_ns, place + np.array((0.0, 0.0, 0.23)), s["normal_force"] / self.scale.force * 0.25, self.normal
         )
@@ -272,7 +270,7 @@ class ThreeBodies(Belt):
             ("ceiling", (0.35, 0.35, 0.03), _CEILING),
             ("post", (0.03, 0.03, 0.45), _BODIES_POST - (0.0, 0.0, 0.45)),
         ):
-            log(f"rig/{name}", "Boxes3D", half_sizes=[half], centers=[place], colors=[base.STEEL])
+            log(f"rig/{name}", base.Shape("Boxes3D", half_sizes=[half], centers=[place], colors=[base.STEEL]))
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals
@@ -297,7 +295,7 @@ class ThreeBodies(Belt):
         springs = [base.zigzag(begin, end, flat) for begin, end, flat in ends]
         drawn["rig/spring"] = base.spring(t_ns, *springs)
         for name, moved in (("body_1", side), ("body_3", top)):
-            drawn[f"rig/{name}"] = base.rows_of(f"rig/{name}", t_ns, "Transform3D", translation=moved)
+            drawn[f"rig/{name}"] = base.Columns(f"rig/{name}", t_ns, base.Shape("Transform3D", translation=moved))
         drawn["rig/load"] = base.load(
             t_ns, slider + np.array((0.15, 0.0, 0.18)), s["normal_force"] / self.scale.force * 0.25, self.normal
         )
@@ -337,8 +335,9 @@ class Tip(Belt):
     def static(self, log: base.Log) -> None:
         """See `Picture.static`."""
         super().static(log)
-        log("rig/mass/body", "Boxes3D", half_sizes=[(0.07, 0.16, 0.05)], centers=[(0, 0, 0.06)])
-        log("rig/wall", "Boxes3D", half_sizes=[(0.2, 0.3, 0.09)], centers=[(-0.12, 0.0, 0.99)], colors=[base.STEEL])
+        log("rig/mass/body", base.Shape("Boxes3D", half_sizes=[(0.07, 0.16, 0.05)], centers=[(0, 0, 0.06)]))
+        block = base.Shape("Boxes3D", half_sizes=[(0.2, 0.3, 0.09)], centers=[(-0.12, 0.0, 0.99)], colors=[base.STEEL])
+        log("rig/wall", block)
 
     def _frames(
         self, t_ns: base.Integers, s: Mapping[str, base.Reals], modes: base.Integers, ran: base.Reals

@@ -72,22 +72,23 @@ class Plate(base.Picture):
 
         def box(path: str, size: tuple[float, float, float], top: float, colour: tuple[int, int, int]) -> None:
             half = tuple(0.5 * length / _LENGTH for length in size)
-            log(f"rig/{path}", "Boxes3D", half_sizes=[half], centers=[(0, 0, top - half[2])], colors=[colour])
+            drawn = base.Shape("Boxes3D", half_sizes=[half], centers=[(0, 0, top - half[2])], colors=[colour])
+            log(f"rig/{path}", drawn)
 
         plate, slider = self._plate, self._slider
         box("plate", (plate.length, plate.width, plate.thickness), 0.0, base.DISC)
         box("foam", (plate.length, plate.width, self._foam.thickness), -plate.thickness / _LENGTH, _FOAM)
         half = (0.5 * slider.length / _LENGTH, 0.5 * slider.width / _LENGTH, 0.5 * slider.thickness / _LENGTH)
-        log(
-            "rig/slider/body",
+        block = base.Shape(
             "Boxes3D",
             half_sizes=[half],
             centers=[(0, 0, -half[2])],
             colors=[base.STEEL],
             fill_mode="transparentfillmajorwireframe" if self._cells else "solid",
         )
-        log("rig/friction", "Arrows3D", colors=[self.friction], radii=[0.016])
-        log("rig/probe", "Points3D", positions=[(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035])
+        log("rig/slider/body", block)
+        log("rig/friction", base.Shape("Arrows3D", colors=[self.friction], radii=[0.016]))
+        log("rig/probe", base.Shape("Points3D", positions=[(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035]))
         if self._cells is not None:
             self._cells.static(log)
 
@@ -103,16 +104,15 @@ class Plate(base.Picture):
             (zero + self._rear + self._probe.x / _LENGTH, zero + self._probe.y / _LENGTH,
              lengths * s["plate_displacement"]), axis=1,
         )  # fmt: skip
+        pull = base.Shape(
+            "Arrows3D",
+            vectors=base.along(0, s["friction_force"] / self.scale.force * 0.8),
+            origins=np.stack((middle, zero - 0.6 * self._slider.width / _LENGTH, zero + 0.03), axis=1),
+        )
         drawn = [
-            base.rows_of("rig/slider", t_ns, "Transform3D", translation=moved, quaternion=self._turned(s)),
-            base.rows_of("rig/probe", t_ns, "Transform3D", translation=probe),
-            base.rows_of(
-                "rig/friction",
-                t_ns,
-                "Arrows3D",
-                vectors=base.along(0, s["friction_force"] / self.scale.force * 0.8),
-                origins=np.stack((middle, zero - 0.6 * self._slider.width / _LENGTH, zero + 0.03), axis=1),
-            ),
+            base.Columns("rig/slider", t_ns, base.Shape("Transform3D", translation=moved, quaternion=self._turned(s))),
+            base.Columns("rig/probe", t_ns, base.Shape("Transform3D", translation=probe)),
+            base.Columns("rig/friction", t_ns, pull),
             base.load(t_ns, moved, s["normal_force"] / self.scale.force * 0.25, self.normal),
             base.word(t_ns, (0.0, 0.0, 1.1), self._text(s), [_GREY] * len(t_ns)),
         ]
@@ -147,14 +147,13 @@ class Cells:
         """Send areas, lines between them, and the colour scale with its labels."""
         for path, unit in (("rig/film", 1.0 / _LENGTH), ("film/map", self._unit)):
             corners, triangles = self._shapes(unit)
-            log(path, "Mesh3D", vertex_positions=corners, triangle_indices=triangles)
+            log(path, base.Shape("Mesh3D", vertex_positions=corners, triangle_indices=triangles))
         half = 0.5 * self._unit * np.array((self._points.length, self._points.width))
         grid = [np.array([(x, -half[1], 0.004), (x, half[1], 0.004)]) for x in self._edges(0)]
         grid += [np.array([(-half[0], y, 0.004), (half[0], y, 0.004)]) for y in self._edges(1)]
-        log("film/grid", "LineStrips3D", strips=grid, colors=[(60, 64, 72)], radii=[0.004])
+        log("film/grid", base.Shape("LineStrips3D", strips=grid, colors=[(60, 64, 72)], radii=[0.004]))
         self._legend(log, -half[1] - 0.22)
-        log(
-            "film/sides",
+        words = base.Shape(
             "Points3D",
             positions=[(-half[0] + 0.1, half[1] + 0.12, 0.0), (half[0] - 0.3, half[1] + 0.12, 0.0)],
             labels=["rear", "front (travels this way)"],
@@ -162,25 +161,27 @@ class Cells:
             radii=[0.001] * 2,
             show_labels=True,
         )
+        log("film/sides", words)
 
     def frames(self, t_ns: base.Integers, s: Mapping[str, base.Reals], middle: base.Reals) -> list[base.Columns]:
         """Pressures as colours, and the pressure centre; `middle`: position of the slider in the picture [lengths]."""
         cells = pressure.colours(self._points.maps(s), self._points.scale).reshape(len(t_ns), -1, 3)
-        shades = np.repeat(cells, 4, axis=1).reshape(-1, 3)
+        corners = np.repeat(cells, 4, axis=1)
+
+        def coloured() -> base.Shape:
+            return base.Shape("Mesh3D", vertex_colors=corners.reshape(-1, 3))
+
         centre = np.stack((s["pressure_centre_x"], s["pressure_centre_y"]), axis=1) * self._unit
         marks = np.concatenate((centre, np.full((len(t_ns), 1), 0.03)), axis=1)
         place = np.stack((middle, np.zeros_like(middle), np.full_like(middle, 0.01)), axis=1)
         return [
-            base.rows_of("rig/film", t_ns, "Mesh3D", vertex_colors=shades),
-            base.rows_of("rig/film", t_ns, "Transform3D", translation=place),
-            base.rows_of("film/map", t_ns, "Mesh3D", vertex_colors=shades),
-            base.rows_of(
+            base.Columns("rig/film", t_ns, coloured()),
+            base.Columns("rig/film", t_ns, base.Shape("Transform3D", translation=place)),
+            base.Columns("film/map", t_ns, coloured()),
+            base.Columns(
                 "film/centre",
                 t_ns,
-                "Points3D",
-                positions=marks,
-                colors=[_CENTRE] * len(t_ns),
-                radii=[0.035] * len(t_ns),
+                base.Shape("Points3D", positions=marks, colors=[_CENTRE] * len(t_ns), radii=[0.035] * len(t_ns)),
             ),
         ]
 
@@ -205,22 +206,17 @@ class Cells:
         bars += [(0.9 + a, y + b, 0.0) for a, b in ((0, 0), (0.1, 0), (0.1, 0.09), (0, 0.09))]
         shades = pressure.colours(np.append((np.arange(count) + 0.5) / count, 0.0), 1.0)
         first = 4 * np.arange(count + 1)[:, None, None]
-        log(
-            "film/scale",
+        mesh = base.Shape(
             "Mesh3D",
             vertex_positions=bars,
             vertex_colors=np.repeat(shades, 4, axis=0),
             triangle_indices=(first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
         )
+        log("film/scale", mesh)
         top = 1e-6 * self._points.scale
         labels = ["0", f"{top / 2:g}", f"{top:g} MPa and more", "open"]
         places = [(low, y - 0.1, 0.0), (0.5 * (low + high), y - 0.1, 0.0), (high, y - 0.1, 0.0), (0.95, y - 0.1, 0.0)]
-        log(
-            "film/scale/words",
-            "Points3D",
-            positions=places,
-            labels=labels,
-            colors=[_GREY] * 4,
-            radii=[0.001] * 4,
-            show_labels=True,
+        marks = base.Shape(
+            "Points3D", positions=places, labels=labels, colors=[_GREY] * 4, radii=[0.001] * 4, show_labels=True
         )
+        log("film/scale/words", marks)

@@ -19,7 +19,7 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.picture import IN_FIGURE
-from rig.record import run_data
+from rig.record import reader, run_data
 from rig.record.film_points import read
 from rig.record.run import Integers, Reals, Run
 from rig.scenes.rooms import plant_of
@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from rig.record.imports.import_run import Imported
     from rig.scenes.scene import Scene
 
 _FASTER = 5.0
@@ -80,8 +81,15 @@ def figure(run: Run, only: Collection[str] = ()) -> Figure:
     return made
 
 
+def figure_of_import(made: Imported) -> Figure:
+    """Return the figure of the recording that was made of a measurement."""
+    return figure(reader.open(made.path))
+
+
 def _composer(run: Run) -> Callable[[Figure, Run], None]:
     """The figure that the plant declares, if the run has its outputs; else the common one."""
+    if run.measured:
+        return _compose_measured
     scene = read(run.scene)
     own = getattr(plant_of(scene.parameters), "FIGURE", None) if scene else None
     if scene is None or own is None or not run.signals.keys() >= set(own.outputs):
@@ -130,6 +138,21 @@ def _compose(figure: Figure, run: Run, only: Collection[str] = ()) -> None:
     figure.align_ylabels(drawn)
     figure.align_ylabels(beside)
     heading(figure, run, left)
+
+
+def _compose_measured(figure: Figure, run: Run) -> None:
+    """Every channel of a measurement over time, those of one unit together."""
+    channels = channels_of(run)
+    sheet = Sheet.of(run, channels, [])
+    shown = _chosen(run, channels, list(run.measurements))
+    header = Header(figure, run, (RIGHT - LEFT) * figure.get_size_inches()[0] * figure.dpi)
+    drawn, _ = stacked(figure, run, header, max(len(shown), 1), (LEFT, RIGHT, BOTTOM))
+    for axes, panel in zip(drawn, shown):
+        draw_panel(axes, sheet, panel)
+        axes.tick_params(labelbottom=axes is drawn[-1])
+    drawn[-1].set_xlabel("time [s]")
+    figure.align_ylabels(drawn)
+    heading(figure, run, LEFT)
 
 
 def _usual(channels: Channels) -> list[Panel]:

@@ -110,7 +110,12 @@ class Bench:
 
     def save(self, body: dict[str, Any]) -> Any:
         """Write a scene file with changed values."""
-        return {"file": str(self.catalogue.save(body.get("name"), str(body.get("scene")), body.get("changes") or {}))}
+        path = self.catalogue.save(body.get("name"), str(body.get("scene")), body.get("changes") or {})
+        return {"file": str(path)}
+
+    def state(self, _: dict[str, Any]) -> Any:
+        """State of the run and its latest events."""
+        return {**self.control.state, "events": self.control.events}
 
     def start(self, body: dict[str, Any]) -> Any:
         """Start a run."""
@@ -146,7 +151,7 @@ def app(bench: Bench) -> Starlette:
         Route("/api/scenes", _answers(lambda _: bench.catalogue.cards())),
         Route("/api/scene", _answers(bench.form), methods=["POST"]),
         Route("/api/scene/save", _answers(bench.save), methods=["POST"]),
-        Route("/api/run", _answers(lambda _: bench.control.state | {"events": bench.control.events}, _at_once)),
+        Route("/api/run", _answers(bench.state, _at_once)),
         Route("/api/run", _answers(bench.start), methods=["POST"]),
         Route("/api/run/command", _answers(bench.control.command, bench.urgently), methods=["POST"]),
         Route("/api/run/set", _answers(bench.control.set), methods=["POST"]),

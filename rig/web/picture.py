@@ -40,7 +40,7 @@ class MovingPicture:
     def still(self) -> dict[str, Any]:
         """Camera and everything that never changes."""
         shapes: list[Any] = []
-        self._picture.static(lambda path, kind, **fields: shapes.append([path, kind, _plain(fields)]))
+        self._picture.static(lambda path, shape: shapes.append([path, shape.kind, _plain(shape.fields)]))
         shapes = [drawn for drawn in shapes if _drawn(drawn[0])]
         return {"eye": list(self._picture.eye), "target": list(self._picture.target), "shapes": shapes}
 

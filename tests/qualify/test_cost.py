@@ -72,7 +72,13 @@ def as_run(asked, setting, seed):
     return run, [(ticks * asked.step, what) for ticks, what in met]
 
 
-RUNS = {"belt": {}, "belt_c": {}, "belt_tuned_mass": {"body.damping": "0.5 N*s/m"}, "seal_p": {}, "belt_b": {}}
+RUNS = {
+    "belt": {},
+    "belt_c": {},
+    "belt_tuned_mass": {"body.damping": "0.5 N*s/m"},
+    "seal_p": {},
+    "belt_b": {},
+}
 SETTINGS = (Setting("dopri5", 1e-3), Setting("dopri5", 1e-8), Setting("rk4", step_ns=100_000), Setting("exact"))
 
 

@@ -14,7 +14,13 @@ from rig.bus.run_setup import Setup
 from rig.scenes.scene import Scene
 from rig.solve.records import SLIP_PLUS, STICK
 
-OUTPUTS = {"displacement": "m", "velocity": "m/s", "friction_force": "N", "normal_force": "N", "surface_speed": "m/s"}
+OUTPUTS = {
+    "displacement": "m",
+    "velocity": "m/s",
+    "friction_force": "N",
+    "normal_force": "N",
+    "surface_speed": "m/s",
+}
 SENSORS = {"laser": ("m/s", 100_000), "gauge": ("1", 1_000_000)}
 
 

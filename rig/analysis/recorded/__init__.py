@@ -8,6 +8,7 @@ pressure     maps of the pressure of a film at chosen instants
 response     frequency response and coherence between two channels, averaged or from pulses; its resonances
 portrait     phase portrait and Poincare section
 sound        level, spectrum and squeals of a microphone
+stick_slip   times of stick and motion, forces at their ends, friction over slip speed
 comparison   two recordings side by side: scenes, channels, physical measures
 figures      pictures of these
 """
@@ -22,6 +23,7 @@ from rig.analysis.recorded.pressure import Pressure, pressure
 from rig.analysis.recorded.response import Resonance, Response, response
 from rig.analysis.recorded.series import Series, series
 from rig.analysis.recorded.spectrum import Orders, Spectrum, orders, spectrum
+from rig.analysis.recorded.stick_slip import StickSlip, stick_slip
 
 __all__ = [
     "Amplitudes",
@@ -35,6 +37,7 @@ __all__ = [
     "Section",
     "Series",
     "Spectrum",
+    "StickSlip",
     "amplitudes",
     "compare",
     "hysteresis",
@@ -44,4 +47,5 @@ __all__ = [
     "response",
     "series",
     "spectrum",
+    "stick_slip",
 ]

@@ -55,7 +55,7 @@ def amplitudes(run: Run, first: float = 0.0, last: float = float("inf")) -> Ampl
 
     Raises UsageError for a time span outside of the run.
     """
-    if run.time.size and first >= min(last, run.time[-1]):
-        raise UsageError(f"--from {first:g} s to {min(last, run.time[-1]):g} s: the time span is empty; the recording "
-                         f"has {run.time[0]:g} to {run.time[-1]:g} s")  # fmt: skip
+    if run.span and first >= min(last, run.span[1]):
+        raise UsageError(f"--from {first:g} s to {min(last, run.span[1]):g} s: the time span is empty; the recording "
+                         "has {:g} to {:g} s".format(*run.span))  # fmt: skip
     return Amplitudes(scene_name(run), tuple(measured(run, first, last)), stick_speeds.stages(run))

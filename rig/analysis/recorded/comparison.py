@@ -180,10 +180,10 @@ def compare(first: Run, second: Run, begin: float = 0.0, end: float = math.inf, 
     """
     if not 0.0 <= tolerance < math.inf:
         raise UsageError(f"tolerance {tolerance:g}: must be at least 0, a share of the range, e.g. 1e-6")
-    spans = [(float(run.time[0]), float(run.time[-1])) for run in (first, second) if run.time.size]
+    spans = [run.span for run in (first, second) if run.span]
     low, high = max([begin, *(a for a, _ in spans)]), min([end, *(b for _, b in spans)])
     if len(spans) < 2 or low > high:
-        outputs = [f"{run.time[0]:g} to {run.time[-1]:g} s" if run.time.size else "none" for run in (first, second)]
+        outputs = ["{:g} to {:g} s".format(*run.span) if run.span else "none" for run in (first, second)]
         asked = f" from {begin:g} s on" if end == math.inf else f" from {begin:g} s to {end:g} s"
         raise UsageError(
             f"the two recordings have no outputs at common times{asked}: A has {outputs[0]}, B {outputs[1]}"

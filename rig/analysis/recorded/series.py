@@ -116,7 +116,7 @@ def drive(run: Run) -> str:
     """
     if names := drives(run):
         return TRUE + names[0]
-    lost = "" if run.scene else " (the recording has lost its scene)"
+    lost = "" if run.scene or run.measured else " (the recording has lost its scene)"
     raise UsageError(f"no output is known to be the speed of a drive{lost}; name one: {_listed(run)}")
 
 
@@ -135,7 +135,7 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
         end = f"{last:g} s" if last < np.inf else "the end"
         number = int(np.isfinite(v).sum())
         raise UsageError(f"{plain}: {number} sample{'s' * (number != 1)} from {first:g} s to {end}; "
-                         f"the recording ends at {run.time[-1] if run.time.size else 0.0:g} s")  # fmt: skip
+                         f"the recording ends at {run.span[1] if run.span else 0.0:g} s")  # fmt: skip
     if not increasing(t_ns):
         raise UsageError(f"{plain}: its times do not increase")
     at = places(t_ns)
@@ -215,7 +215,7 @@ def squared(unit: str) -> str:
 def scene_name(run: Run) -> str:
     """Return name or title of the scene; "recording" if damage removed the scene."""
     told = described(run.scene)
-    return str(told.get("name") or told.get("title") or told.get("plant") or "recording")
+    return str(told.get("name") or told.get("title") or told.get("plant") or (run.measured and run.name) or "recording")
 
 
 def _reads(run: Run) -> dict[str, str]:

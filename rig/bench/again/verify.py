@@ -272,8 +272,8 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
     Raises rig.errors.LogError if the file is no recording or has lost its scene.
     """
     run = reader.open(log)
-    if run.begin_ns:
-        return _window(log, run)
+    if run.measured or run.begin_ns:
+        return _by_checksums(log, run)
     scene = recorded_scene(log, run)
     try:
         again = simulate(scene, {}, duration_ns(run), Recorded(run.commands, run.events), tell=tell)
@@ -339,9 +339,20 @@ def verify(log: Path, tell: Tell | None = None) -> Verification:
     )
 
 
-def _window(log: Path, run: Run) -> Verification:
-    """The result for a window of a run: its state at the begin is not recorded, so only checksums can be verified."""
+def _by_checksums(log: Path, run: Run) -> Verification:
+    """The result for a window, whose state at the begin is not recorded, or a measurement: by checksums alone."""
     begin, end = run.begin_ns * 1e-9, duration_ns(run) * 1e-9
+    why = (
+        f"a window of a run, t = {begin:.3f} to {end:.3f} s, recorded by a trigger: {run.window}",
+        f"not checked: a simulation starts at t = 0, and the file lacks what happened before t = {begin:.3f} s. "
+        "Only a recording of the whole run can be simulated again: rig record without --trigger",
+    )
+    if run.measured:
+        why = (
+            f"a measurement of {end:g} s, {counted(len(run.measurements), 'channel')}, from "
+            f"{run.provenance.get('files', '')}",
+            "there is no rig in it that could be simulated",
+        )
     return Verification(
         log=str(log),
         seconds=end - begin,
@@ -352,10 +363,9 @@ def _window(log: Path, run: Run) -> Verification:
         elsewhere=(),
         faults=(run.damage,) if run.damage else (),
         notes=(
-            f"a window of a run, t = {begin:.3f} to {end:.3f} s, recorded by a trigger: {run.window}",
+            why[0],
             *(["checked: the checksums prove every byte of the file"] if run.sealed else []),
-            f"not checked: a simulation starts at t = 0, and the file lacks what happened before t = {begin:.3f} s. "
-            "Only a recording of the whole run can be simulated again: rig record without --trigger",
+            why[1],
         ),
         simulated=False,
         user_notes=_user_notes(log),

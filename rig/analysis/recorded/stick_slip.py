@@ -1,0 +1,336 @@
+"""Stick and slip in a recording: when a contact rests and moves, what it bears, friction over the slip speed.
+
+The slip speed is a channel, the speed of the drive minus a measured velocity, or, of a body that is pulled through a
+spring of stiffness k, V - F'/k with the measured force F. A slip counts where the speed exceeds ten times the noise
+threshold; it begins and ends where the speed passes the threshold itself. Slips that meet there are one (a double
+event). One that is cut by an end of the recording is left out.
+
+A force is smoothed first, because its derivative amplifies noise: by the piecewise linear curve y with the smallest
+sum (F - y)^2 / 2 + s sum |y''| (differences of samples), which keeps the sudden begins of slips. Isolated spikes are
+removed before by the median of five samples, where it differs by more than eight times the usual.
+
+Source: detector and smoothing, Colas, Pustelnik, Oliver, Abry, Geminard, Vidal, Physical Review E 100 (2019) 032803;
+the algorithm of the smoothing, Kim, Koh, Boyd, Gorinevsky, SIAM Review 51 (2009) 339.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from rig.analysis.recorded.series import Series, aligned, scene_name, series
+from rig.errors import UsageError
+from rig.printable import columns, counted
+from rig.record.run import Reals, Run
+from rig.results import Result, csv_text
+from rig.units import same_unit
+
+_EVENT = 10.0  # times the threshold: speed above which a slip counts
+_SHARE = 0.04  # threshold as a share of the mean speed of the drive, if none is given
+_SPIKE = 8.0  # times the usual deviation from the median of five
+_GAP, _ROUNDS = 1e-9, 80
+_BINS, _FEWEST = 12, 20
+
+
+class Slip(NamedTuple):
+    """One slip: begin and end [s], the stick before it [s], force at both ends, largest speed [m/s or rad/s]."""
+
+    begin: float
+    end: float
+    stick: float
+    """Time from the end of the slip before; NaN for the first one."""
+    breakaway: float
+    """Force at the begin, in the unit of the force; NaN without a force."""
+    restick: float
+    peak: float
+
+    @property
+    def motion(self) -> float:
+        """Duration [s]."""
+        return self.end - self.begin
+
+
+class Curve(NamedTuple):
+    """Friction over slip speed: centre of each bin, mean, standard error of the mean and number of samples."""
+
+    speed: Reals
+    friction: Reals
+    error: Reals
+    samples: Reals
+
+
+@dataclass(frozen=True)
+class StickSlip(Result):
+    """The result of `stick_slip`. `t`, `speed`, `force` [n]: what the slips were found in."""
+
+    FIGURE: ClassVar = "rig.analysis.recorded.figures:stick_slip_figure"
+
+    scene: str
+    speed_unit: str
+    force_unit: str
+    """"" without a force."""
+    threshold: float
+    slips: tuple[Slip, ...]
+    share: float
+    """Share of the time in stick."""
+    spikes: int
+    """Samples of the force that were replaced."""
+    joined: int
+    """Slips that met another one and are one with it."""
+    cut: int
+    """Slips that an end of the recording cuts."""
+    up: Curve | None
+    """Friction over rising slip speed, in `force_unit`; None without a force."""
+    down: Curve | None
+    coefficient: bool
+    """Whether the friction is divided by the load."""
+    t: Reals
+    speed: Reals
+    force: Reals
+    channel_unit: str
+    """Unit of `force`."""
+
+    def median(self, name: str) -> tuple[float, float, float]:
+        """Median and quartiles of a value of the slips; NaN without any."""
+        values = np.array([getattr(slip, name) for slip in self.slips])
+        values = values[np.isfinite(values)]
+        if not values.size:
+            return math.nan, math.nan, math.nan
+        low, middle, high = np.percentile(values, [25.0, 50.0, 75.0])
+        return float(middle), float(low), float(high)
+
+    def text(self) -> str:
+        """Return the report as text."""
+        share, size = f"{100.0 * self.share:.3g} % of the time", f"{self.threshold:.4g} {self.speed_unit}"
+        lines = [f"{self.scene}: {counted(len(self.slips), 'slip')}, stick {share}; threshold {size}"]
+        rows = [("", "median", "quartiles", "unit")]
+        kinds = [
+            ("stick time", "stick", "s"),
+            ("motion time", "motion", "s"),
+            ("largest speed", "peak", self.speed_unit),
+        ]
+        forces = (("breakaway force", "breakaway"), ("force at the end", "restick"))
+        kinds += [(title, name, self.force_unit) for title, name in forces if self.force_unit]
+        for title, name, unit in kinds:
+            middle, low, high = self.median(name)
+            rows.append((title, f"{middle:.5g}", f"{low:.5g} .. {high:.5g}", unit))
+        lines += columns(rows, "<>><")
+        notes = {"samples replaced (spikes)": self.spikes, "slips cut by an end": self.cut, "slips joined": self.joined}
+        told = [f"{count} {what}" for what, count in notes.items() if count]
+        lines += [f"  {', '.join(told)}"] if told else []
+        for curve, way in ((self.up, "rising"), (self.down, "falling")):
+            if curve is not None and curve.speed.size:
+                unit = "coefficient" if self.coefficient else self.force_unit
+                lines += ["", f"friction over {way} slip speed"]
+                table = [("speed " + self.speed_unit, unit, "standard error", "samples")]
+                table += [(f"{v:.5g}", f"{f:.5g}", f"{e:.2g}", f"{n:.0f}") for v, f, e, n in zip(*curve)]
+                lines += columns(table, ">>>>")
+        return "\n".join(lines)
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as plain values for JSON."""
+        curves = {way: curve._asdict() if curve else None for way, curve in (("up", self.up), ("down", self.down))}
+        slips = [{**slip._asdict(), "motion": slip.motion} for slip in self.slips]
+        return {"scene": self.scene, "threshold": self.threshold, "share": self.share, "slips": slips, **curves}
+
+    def csv(self) -> str:
+        """The slips as CSV."""
+        head = (
+            "begin s",
+            "end s",
+            "stick s",
+            f"breakaway {self.force_unit}",
+            f"end {self.force_unit}",
+            f"peak {self.speed_unit}",
+        )
+        return csv_text(head, self.slips)
+
+    def law(self, falling: bool = False) -> str:
+        """The friction as a table of a scene: `[friction]` with the law "table". Raises UsageError without a load."""
+        curve = self.down if falling else self.up
+        if not self.coefficient or curve is None or curve.speed.size < 2:
+            raise UsageError("a law needs a coefficient over at least two speeds: name the force and the load")
+        speeds = ["0.0", *(f"{v:.6g}" for v in curve.speed)]
+        values = [f"{curve.friction[0]:.6g}", *(f"{mu:.6g}" for mu in curve.friction)]
+        static = self.median("breakaway")[0]
+        lines = ["[friction]", 'law = "table"', f"speeds = [{', '.join(speeds)}]", f"values = [{', '.join(values)}]"]
+        if math.isfinite(static) and self.slips:
+            lines.append(f"mu_static = {max(static, curve.friction[0]):.6g}")
+        return "\n".join([*lines, ""])
+
+
+def stick_slip(
+    run: Run,
+    velocity: str = "",
+    friction: str = "",
+    drive: str | float = 0.0,
+    stiffness: float = 0.0,
+    load: str | float = 0.0,
+    threshold: float = 0.0,
+    smooth: float = 0.0,
+    first: float = 0.0,
+    last: float = math.inf,
+) -> StickSlip:
+    """Find the slips of a contact from `first` to `last` [s].
+
+    `velocity`: channel of the slip speed, or, with a `drive` (a channel or a constant [SI]), of the body. `friction`:
+    channel of the friction or spring force; with the `stiffness` of a spring that is pulled with the speed `drive`, it
+    gives the slip speed. `load`: channel or constant by which the force is divided for a friction coefficient.
+    `threshold`: noise threshold of the slip speed [SI]; 0: 4 % of the mean speed of the drive. `smooth`: s of the
+    smoothing, in the unit of the force; 0: none. Raises UsageError.
+    """
+    if not velocity and not (friction and stiffness > 0.0 and drive):
+        raise UsageError("name the velocity (--velocity), or the force, the stiffness of its spring and the drive")
+    names = [name for name in (velocity, friction, drive, load) if isinstance(name, str) and name]
+    named = {name: series(run, name, first, last) for name in names}
+    grid, _ = aligned(list(named.values()))
+    channels: dict[str, Series] = dict(zip(named, grid, strict=True))
+    t = next(iter(channels.values())).t
+    F, spikes = _despiked(channels[friction].v) if friction else (np.full(t.size, math.nan), 0)
+    F = trend(F, smooth) if friction and smooth else F
+    pulled = channels[drive].v if isinstance(drive, str) and drive else np.full(t.size, float(drive or 0.0))
+    if velocity:
+        v, unit = channels[velocity].v, channels[velocity].unit
+        slip = pulled - v if drive else v
+    else:
+        unit = "rad/s" if isinstance(drive, str) and same_unit(channels[drive].unit, "rad/s") else "m/s"
+        slip = pulled[:-1] - np.diff(F) * channels[friction].rate / stiffness
+        slip = np.append(slip, slip[-1])
+    size = threshold or _SHARE * float(np.nanmean(np.abs(pulled))) or _SHARE * float(np.nanmean(np.abs(slip)))
+    slip = np.where(np.isfinite(slip), slip, 0.0)
+    way = 1.0 if np.nanmean(slip) >= 0.0 else -1.0
+    spans, joined, cut = _spans(way * slip, size)
+    slips = [
+        Slip(t[a], t[b], t[a] - t[spans[i - 1][1]] if i else math.nan, F[a], F[b], float(np.max(way * slip[a : b + 1])))
+        for i, (a, b) in enumerate(spans)
+    ]
+    whole = [(s.motion, s.stick) for s in slips if math.isfinite(s.stick)]
+    share = sum(s for _, s in whole) / total if (total := sum(m + s for m, s in whole)) else float(not spans)
+    if not spans and float(np.mean(way * slip > size)) > 0.5:
+        share = 0.0
+    N = channels[load].v if isinstance(load, str) and load else np.full(t.size, float(load or 1.0))
+    up, down = _over_speed(way * slip, F / N, size) if friction else (None, None)
+    if load:
+        loads = [float(N[a]) for a, _ in spans]
+        slips = [s._replace(breakaway=s.breakaway / n, restick=s.restick / n) for s, n in zip(slips, loads)]
+    force_unit = ("1" if load else channels[friction].unit) if friction else ""
+    return StickSlip(
+        scene_name(run),
+        unit,
+        force_unit,
+        size,
+        tuple(slips),
+        share,
+        spikes,
+        joined,
+        cut,
+        up,
+        down,
+        bool(load),
+        t,
+        slip,
+        F,
+        channels[friction].unit if friction else "",
+    )
+
+
+def _despiked(v: Reals) -> tuple[Reals, int]:
+    """The samples, isolated spikes replaced by the median of five, and the number of these."""
+    from scipy.ndimage import median_filter
+
+    middle = median_filter(v, 5, mode="nearest")
+    away = np.abs(v - middle)
+    usual = float(np.median(away[away > 0.0])) if (away > 0.0).any() else 0.0
+    spiky = away > max(_SPIKE * usual, 0.05 * float(np.nanmax(v) - np.nanmin(v)))
+    return np.where(spiky, middle, v), int(spiky.sum())
+
+
+def trend(v: Reals, s: float) -> Reals:
+    """The curve y with the smallest sum (v - y)^2 / 2 + s sum |y''|: piecewise linear. Missing samples are bridged."""
+    from scipy.linalg import solveh_banded
+
+    known = np.isfinite(v)
+    if v.size < 3 or not known.any():
+        return v
+    v = np.interp(np.arange(v.size), np.flatnonzero(known), v[known])
+    n = v.size - 2
+    Dv = np.diff(v, 2)
+    bands = np.zeros((3, n))
+    bands[0, 2:], bands[1, 1:], bands[2] = 1.0, -4.0, 6.0
+
+    def transposed(z: Reals) -> Reals:
+        return np.asarray(np.convolve(z, (1.0, -2.0, 1.0)))
+
+    z, low, high = np.zeros(n), np.ones(n), np.ones(n)  # the dual, |z| <= s, and the multipliers of both bounds
+    t, step = 1e-10, math.inf
+    for _ in range(_ROUNDS):
+        back = transposed(z)
+        forth = np.diff(back, 2)
+        w = Dv - (high - low)
+        primal = min(
+            0.5 * float(w @ solveh_banded(bands, w)) + s * float(np.sum(high + low)),
+            0.5 * float(back @ back) + s * float(np.abs(Dv - forth).sum()),
+        )
+        gap = primal + 0.5 * float(back @ back) - float(Dv @ z)
+        if gap <= _GAP * max(abs(primal), np.finfo(float).tiny):
+            break
+        if step >= 0.2:
+            t = max(4.0 * n / gap, 1.2 * t)
+        over, under = z - s, -z - s  # both negative inside
+        matrix = bands.copy()
+        matrix[2] -= high / over + low / under
+        dz = solveh_banded(matrix, -forth + Dv + (1.0 / over - 1.0 / under) / t)
+        dhigh = -(high + (1.0 / t + dz * high) / over)
+        dlow = -(low + (1.0 / t - dz * low) / under)
+        step = 1.0
+        for m, dm in ((high, dhigh), (low, dlow)):
+            if (dm < 0.0).any():
+                step = min(step, 0.99 * float(np.min(-m[dm < 0.0] / dm[dm < 0.0])))
+        for _ in range(40):  # stay inside, and come closer
+            new = z + step * dz
+            if np.max(np.abs(new)) < s:
+                break
+            step *= 0.5
+        z, high, low = z + step * dz, high + step * dhigh, low + step * dlow
+    return np.asarray(v - transposed(z))
+
+
+def _spans(slip: Reals, size: float) -> tuple[list[tuple[int, int]], int, int]:
+    """First and last sample of each whole slip, how many met another one, and how many an end cuts."""
+    low, high = slip > size, slip >= _EVENT * size
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], low, [False])).astype(np.int8)))
+    spans, joined, cut = list[tuple[int, int]](), 0, 0
+    for begin, end in edges.reshape(-1, 2):  # above the threshold from `begin` to `end` - 1
+        events = np.flatnonzero(np.diff(np.concatenate(([False], high[begin:end])).astype(np.int8)) == 1)
+        if not events.size:
+            continue
+        if begin == 0 or end == slip.size:
+            cut += 1
+            continue
+        joined += events.size - 1
+        spans.append((int(begin) - 1, int(end)))
+    return spans, joined, cut
+
+
+def _over_speed(slip: Reals, friction: Reals, size: float) -> tuple[Curve, Curve]:
+    """Friction over rising and over falling slip speed, in bins of equally many samples."""
+    ways = np.gradient(slip)
+    made = []
+    for here in ((ways > 0.0), (ways < 0.0)):
+        here = here & (slip > size) & np.isfinite(friction)
+        count = min(_BINS, int(here.sum()) // _FEWEST)
+        order = np.argsort(slip[here], kind="stable")
+        parts = np.array_split(order, count) if count else []
+        v, f = slip[here], friction[here]
+        made.append(
+            Curve(
+                np.array([v[part].mean() for part in parts]),
+                np.array([f[part].mean() for part in parts]),
+                np.array([f[part].std(ddof=1) / math.sqrt(part.size) for part in parts]),
+                np.array([float(part.size) for part in parts]),
+            )
+        )
+    return made[0], made[1]

@@ -1,0 +1,161 @@
+"""Commands for measurements: files of a data acquisition system become a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rig.cli import printing
+from rig.cli.options import Force, Json, Trust, seconds
+from rig.cli.printing import draw, new, new_recording, reads
+from rig.cli.recorded import Figure, First, Last, Table
+from rig.cli.recordings import Log, opened
+from rig.errors import Faults, UsageError
+
+
+def _sources(context: typer.Context, paths: list[Path]) -> list[Path]:
+    for path in paths:
+        reads(context, path)
+    return paths
+
+
+def import_(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="Files of one run: CSV, Parquet, MAT, HDF5, netCDF, WAV, "
+                                   "UFF, TDMS.", callback=_sources)
+    ],
+    mapped: Annotated[
+        list[str] | None,
+        typer.Option("--map", metavar='"COLUMN = NAME, SCALE UNIT"',
+                     help='What a column is: "ch1 = vibrometer, 125 mm/s/V". Repeatable. Default: import.toml beside '
+                     "the files; without it the columns are listed, and a map is proposed."),
+    ] = None,
+    time: Annotated[str, typer.Option(metavar='"COLUMN, UNIT"', help='The column with the time: "t, ms".')] = "",
+    rate: Annotated[str, typer.Option(metavar="RATE", help="Samples per second, in place of times: 2 kHz.")] = "",
+    join: Annotated[
+        str,
+        typer.Option(metavar="CHANNEL", help='The common time of several files: "trigger > 2 V", whose first sample '
+                     "is the same instant in all, or a channel that all contain."),
+    ] = "",
+    skip_missing: Annotated[
+        bool, typer.Option("--skip-missing", help="Leave out values that are not there (empty, NaN).")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", callback=new_recording, help="Recording to write. Default: the name "
+                                  "of the first file.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """Make a recording of a measurement, in SI units, or list the columns of its files.
+
+    A unit is never guessed: where a file states none, the map must. A file
+    import.toml beside the measurements keeps the map for all of them.
+    """
+    from rig.record.imports import channel_map, import_run
+
+    beside = files[0].parent / channel_map.NAME
+    given = channel_map.ChannelMap.of_texts(mapped or (), time, rate)
+    if not given.channels and beside.exists():
+        kept = channel_map.ChannelMap.read(beside)
+        given = channel_map.ChannelMap(kept.channels, time or kept.time, rate or kept.rate)
+        printing.note(f"map of {beside}")
+    if not given.channels:
+        if out is not None:
+            raise UsageError(f'--out {out}: name the channels, with --map "COLUMN = NAME, UNIT" or in {beside}')
+        printing.result(import_run.listed(files), as_json)
+        return
+    with printing.bar("samples") as progress:
+        made = import_run.import_files(
+            files, out or files[0].with_suffix(".mcap"), given, join, skip_missing, force, progress
+        )
+    printing.result(made, as_json)
+
+
+def stick(
+    log: Log,
+    velocity: Annotated[
+        str, typer.Option(metavar="NAME", help="Channel of the slip speed; with --drive, of the speed of the body.")
+    ] = "",
+    friction: Annotated[
+        str, typer.Option(metavar="NAME", help="Channel of the friction force, or of the force of the spring.")
+    ] = "",
+    drive: Annotated[
+        str, typer.Option(metavar="NAME|VALUE", help='Speed of the drive: a channel, or a value, "1.1 mm/s".')
+    ] = "",
+    stiffness: Annotated[
+        str, typer.Option(metavar="VALUE", help='Spring through which the drive pulls: "168 N/m". The slip speed then '
+                          "follows from the force.")
+    ] = "",
+    load: Annotated[
+        str, typer.Option(metavar="NAME|VALUE", help='Normal force, for a coefficient: a channel, or a value, "16 N".')
+    ] = "",
+    threshold: Annotated[
+        str, typer.Option(metavar="VALUE", help="Noise of the slip speed: a slip exceeds ten times as much. "
+                          "Default: 4 % of the drive.")
+    ] = "",
+    smooth: Annotated[
+        str, typer.Option(metavar="VALUE", help="Strength of the smoothing of the force, in its unit. Default: none.")
+    ] = "",
+    begin: First = None,
+    end: Last = None,
+    law: Annotated[
+        Path | None, typer.Option(metavar="FILE", callback=new, help="Write friction over rising speed as the "
+                                  "[friction] of a scene (TOML).")
+    ] = None,
+    figure: Figure = None,
+    csv: Table = None,
+    trust: Trust = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:  # fmt: skip
+    """Find stick and slip: times, breakaway forces, share of stick, friction over the slip speed.
+
+    The slip speed is --velocity, or --drive minus --velocity, or what
+    remains of --drive when a spring of --stiffness shows --friction.
+    """
+    from rig.analysis.recorded import stick_slip
+    from rig.machine.files import write_file
+    from rig.quantities import finite
+    from rig.record.run_data import signals
+
+    run, faults = opened(log, trust), Faults()
+    known = signals(run)
+
+    def value(given: str, option: str, unit: str) -> float:
+        try:
+            return finite(given, unit) if given else 0.0
+        except ValueError as fault:
+            raise UsageError(f"{option} {given}: {fault}") from None
+
+    speed = known.get(velocity, "rad/s" if drive.endswith(("rpm", "rad/s")) else "m/s")
+    newton = known.get(friction, "N")
+    channels = {option: name in known for option, name in (("--drive", drive), ("--load", load))}
+    made: dict[str, Any] = {
+        "drive": drive if channels["--drive"] else faults(lambda: value(drive, "--drive", speed), 0.0),
+        "load": load if channels["--load"] else faults(lambda: value(load, "--load", newton), 0.0),
+        "stiffness": faults(lambda: value(stiffness, "--stiffness", "N/m" if newton == "N" else f"{newton}/m"), 0.0),
+        "threshold": faults(lambda: value(threshold, "--threshold", speed), 0.0),
+        "smooth": faults(lambda: value(smooth, "--smooth", newton), 0.0),
+        "first": faults(lambda: seconds(begin, "--from", 0.0), None) or 0.0,
+        "last": faults(lambda: seconds(end, "--to"), None) or float("inf"),
+    }
+    faults.raise_found()
+    found = stick_slip(run, velocity, friction, **made)
+    printing.result(found, as_json, figure=figure, csv=csv, law=law)
+    if csv is not None:
+        write_file(csv, found.csv().encode())
+    if law is not None:
+        write_file(law, found.law().encode())
+    draw(found, figure)
+
+
+COMMANDS = {
+    "stick": (
+        stick,
+        "rig stick paper.mcap --friction force --stiffness '168 N/m' --drive '1.1 mm/s' --figure stick.png",
+    ),
+    "import": (import_, 'rig import bench.csv --map "ch1 = vibrometer, 125 mm/s/V" --time "t, s" --out run.mcap'),
+}

@@ -1,0 +1,136 @@
+"""Stick and slip in recordings: against limit cycles, a published detector, and a law that is known."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+import rig as lab
+from rig.analysis.recorded.stick_slip import stick_slip, trend
+from rig.errors import UsageError
+from rig.record.run import Run, Samples
+
+PAPER = Path(__file__).parents[2] / "recordings" / "stick_slip_paper"
+
+
+def measured(rate=2000.0, **channels):
+    """A measurement of channels (values, unit)."""
+    t_ns = np.rint(np.arange(len(next(iter(channels.values()))[0])) * 1e9 / rate).astype(np.int64)
+    return Run(
+        scene="", step_ns=1_000_000, frame_ns=1_000_000, time=np.empty(0), signals={}, measured=True, name="m",
+        units={f"meas/{name}": unit for name, (_, unit) in channels.items()},
+        measurements={name: Samples(t_ns, np.asarray(v, float)) for name, (v, _) in channels.items()},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cycles():
+    scene = lab.load("belt")
+    return lab.limit_cycle(scene), lab.simulate(scene, duration=12.0)
+
+
+def test_times_are_those_of_the_limit_cycle(cycles):
+    """With the true velocity as well as with that of the vibrometer, to a sample."""
+    cycle, run = cycles
+    for velocity, rate in (("velocity", 1000.0), ("vibrometer", 1000.0)):
+        found = stick_slip(run, velocity, drive="surface_speed", first=6.0, threshold=1e-5)
+        assert len(found.slips) > 10
+        assert found.median("stick")[0] == pytest.approx(cycle.stick_time["contact"], abs=1.5 / rate)
+        period = np.median(np.diff([slip.begin for slip in found.slips]))
+        assert period == pytest.approx(cycle.period, abs=1.0 / rate)
+        assert found.share == pytest.approx(cycle.stick_time["contact"] / cycle.period, abs=3e-3)
+
+
+def reference(force, speed, stiffness, threshold):
+    """The published detector as its authors describe it, sample by sample."""
+    v = speed - np.diff(force) * 2000.0 / stiffness
+    above = v >= 10.0 * threshold
+    begins = [i for i in range(1, v.size) if above[i] and not above[i - 1]]
+    spans = []
+    for i in begins:
+        a = b = i
+        while a > 0 and v[a] > threshold:
+            a -= 1
+        while b < v.size - 1 and v[b] > threshold:
+            b += 1
+        if v[a] <= threshold and v[b] <= threshold and (a, b) not in spans:
+            spans.append((a, b))
+    return spans
+
+
+@pytest.mark.parametrize("path", sorted(PAPER.glob("*.mat")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("smooth", [0.0, 0.05, 0.24])
+def test_slips_of_paper_are_those_of_the_published_detector(path, smooth):
+    force = loadmat(path)["Fnorm"].ravel() * 0.301167
+    stiffness, speed = (float(part) for part in path.stem.removeprefix("k").split("Nm_v"))
+    found = stick_slip(
+        measured(force=(force, "N")), friction="force", stiffness=stiffness, drive=speed * 1e-6, threshold=40e-6,
+        smooth=smooth,
+    )  # fmt: skip
+    spans = reference(found.force, speed * 1e-6, stiffness, 40e-6)
+    assert [(round(2000 * slip.begin), round(2000 * slip.end)) for slip in found.slips] == spans
+    assert found.spikes < 0.02 * force.size
+
+
+def test_the_smoothing_solves_its_problem():
+    """The optimality conditions: v - y = s D' z with |z| <= 1, and z = sign(D y) where D y is not 0."""
+    rng = np.random.default_rng(1)
+    t = np.arange(2000)
+    clean = np.interp(t, [0, 700, 730, 1500, 1999], [0.0, 1.0, 0.2, 0.9, 0.3])
+    v, s = clean + 0.02 * rng.standard_normal(t.size), 5.0
+    y = trend(v, s)
+    z = np.cumsum(np.cumsum(v - y))[:-2] / s
+    bend = np.diff(y, 2)
+    assert np.abs(z).max() < 1.0 + 1e-3
+    assert np.abs(z[np.abs(bend) > 1e-4] - np.sign(bend[np.abs(bend) > 1e-4])).max() < 0.02
+    assert np.std(y - clean) < 0.3 * 0.02
+    assert np.abs(trend(0.3 * t + 1.0, s) - (0.3 * t + 1.0)).max() < 1e-6
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_friction_over_speed_is_that_of_a_sweep(noise):
+    """A drive runs up and down over a body at rest; friction falls with the speed, and is 5 % less on the way down."""
+    rng = np.random.default_rng(2)
+    t = np.arange(40_000) / 2000.0
+    v = 0.1 * np.minimum(t, 20.0 - t) / 10.0 + 1e-3
+    mu = 0.3 + 0.2 * np.exp(-v / 0.03)
+    load = 20.0 + np.sin(3.0 * t)
+    force = mu * load * np.where(t < 10.0, 1.0, 0.95)
+    run = measured(speed=(v, "m/s"), gauge=(force + noise * 10.0 * rng.standard_normal(t.size), "N"), load=(load, "N"))
+    found = stick_slip(run, "speed", "gauge", load="load")
+    for curve, share in ((found.up, 1.0), (found.down, 0.95)):
+        assert curve.speed.size >= 8
+        wanted = share * (0.3 + 0.2 * np.exp(-curve.speed / 0.03))
+        assert np.abs(curve.friction / wanted - 1.0).max() < 0.02
+    assert found.law().startswith('[friction]\nlaw = "table"\nspeeds = [0.0, ')
+
+
+def test_a_law_from_a_recording_is_a_law_of_a_scene(tmp_path):
+    t = np.arange(4000) / 2000.0
+    run = measured(speed=(0.01 + 0.1 * t, "m/s"), gauge=(8.0 - t, "N"))
+    text = stick_slip(run, "speed", "gauge", load=20.0).law()
+    (tmp_path / "mine.toml").write_text(f'based_on = "belt"\n{text}')
+    scene = lab.load(tmp_path / "mine.toml")
+    assert scene.parameters.friction.friction().mu(0.11) == pytest.approx(0.35, rel=0.02)
+
+
+def test_spikes_are_replaced_and_told():
+    t = np.arange(4000) / 2000.0
+    force = 5.0 + np.sin(20.0 * t)
+    force[[500, 2100]] += 30.0
+    found = stick_slip(measured(gauge=(force, "N"), speed=(0.01 + 0.1 * t, "m/s")), "speed", "gauge")
+    assert found.spikes == 2
+    assert np.abs(found.force - 5.0).max() < 1.01
+
+
+def test_what_is_missing_is_asked_for():
+    run = measured(gauge=(np.ones(100), "N"))
+    with pytest.raises(UsageError, match="--velocity"):
+        stick_slip(run, friction="gauge")
+    found = stick_slip(run, friction="gauge", stiffness=100.0, drive=0.0011)
+    assert (len(found.slips), found.share) == (0, 0.0)
+    assert math.isnan(found.median("stick")[0])
+    with pytest.raises(UsageError, match="coefficient over at least two speeds"):
+        found.law()
