@@ -2,9 +2,9 @@
 
 cases          every figure with a limit, in groups that are measured together
 kernels        real-time factor of the pendulum over event-time error, per method; ratio to scipy
-twins          kernels against their C twins: quiet tick, fixed step, the exact run of a stiff shunt, a film of points
+twins          kernels against their C twins: quiet tick, fixed step, exact, a film of points; a whole run in open loop
 absent         the cost of an absent effect
-whole_runs     the whole `rig simulate` of the pendulum and of a squealing brake, the start of a process
+whole_runs     the whole `rig simulate` of the pendulum and of a squealing brake, the start of processes
 one_contact    rigs of one contact, the slider on a flexible disc, a map on two cores, an environment of Gymnasium
 studies        points per second, the gain by a second worker
 loop           the paced loop over the bus: round trip, ages, losses

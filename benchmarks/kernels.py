@@ -44,14 +44,18 @@ def pendulum(changes: dict[str, Any]) -> System:
     return assembly.system()
 
 
-def interleaved(contenders: Mapping[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
+def interleaved(
+    contenders: Mapping[str, Callable[[], object]],
+    rounds: int = ROUNDS,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, float]:
     """Return the best time of each [s], with one call of each per round."""
     best = dict.fromkeys(contenders, np.inf)
     for _ in range(rounds):
         for name, call in contenders.items():
-            begin = time.perf_counter()
+            begin = clock()
             call()
-            best[name] = min(best[name], time.perf_counter() - begin)
+            best[name] = min(best[name], clock() - begin)
     return best
 
 
@@ -65,6 +69,12 @@ def run(
     return motion, ticks, np.array([(e.tick + e.place) * step_ns * 1e-9 for e in motion.events()])
 
 
+def exact_seconds(rounds: int = 5) -> float:
+    """Return the processor time of the pendulum's exact kernel for a simulated second: the yardstick of other rigs."""
+    motion, ticks, _ = run(pendulum(COULOMB), "exact")
+    return interleaved({"run": lambda: motion.advance(ticks)}, rounds, time.process_time)["run"] / SECONDS
+
+
 def event_error(times: Array, reference: Array) -> float:
     """Return the largest error of event times over the period; infinite if events are missed or invented."""
     if len(times) != len(reference):
@@ -74,7 +84,8 @@ def event_error(times: Array, reference: Array) -> float:
 
 def precision() -> dict[str, Any]:
     """Return the real-time factor at 1 ms samples of each method, with its event-time error (of a period): `rows`, the
-    best factor of each method for three errors, and that of the Stribeck law for 1e-6 (`kernel`).
+    best factor of each method for three errors, that of the Stribeck law for 1e-6 (`kernel`), and its time over that of
+    exact (`over_exact`).
     """
     systems = {"stribeck": pendulum(FALLING), "coulomb": pendulum(COULOMB)}
     reference = {
@@ -96,7 +107,8 @@ def precision() -> dict[str, Any]:
 
     at = {f"{method} at {error:.0e}": fastest(error, "method", method)
           for error in (1e-4, 1e-6, 1e-8) for method in ("exact", "dopri5", "rk4")}  # fmt: skip
-    return {"kernel": fastest(1e-6, "law", "stribeck"), "best": at, "rows": rows}
+    kernel = fastest(1e-6, "law", "stribeck")
+    return {"kernel": kernel, "over_exact": at["exact at 1e-06"] / kernel, "best": at, "rows": rows}
 
 
 def scipy_ratio() -> dict[str, Any]:

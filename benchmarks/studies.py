@@ -4,8 +4,9 @@ P1     tests/problems/p1.toml for 100 s, RMS of the displacement, over the load
 loop   the pendulum with sensors and controller for 2 s, RMS of the velocity, over the gain of its controller
 empty  units that compute nothing: what distributing, saving and reading a point costs
 
-One worker, two, and two of dask take turns, for some seconds each, because this machine's own speed changes;
-efficiencies are medians over the rounds.
+One worker, two, two of dask, and two studies with one worker each at the same time take turns, for some seconds each,
+because this machine's own speed changes. An efficiency is the rate over that of the two studies, the median of the
+rounds.
 
 A rate counts from the instant at which every worker has finished a unit to the end of the last one: workers take
 seconds to start, whatever follows. Of a unit that is under way at the first instant, only the rest counts.
@@ -17,6 +18,7 @@ import importlib.util
 import os
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -42,7 +44,7 @@ class Rate(NamedTuple):
     start: float
 
 
-KINDS = {"alone": Workers(1), "two": Workers(2), "dask": Workers(2, "local")}
+KINDS = {"alone": Workers(1), "two": Workers(2), "dask": Workers(2, "local"), "apart": Workers(1)}
 
 
 def timed(work: Work, unit: int) -> Arrays:
@@ -64,9 +66,16 @@ def rate(work: Work, workers: Workers) -> Rate:
     return Rate(float(counted.sum() / (end.max() - first)), float(end.min() - began))
 
 
-def compared(rates: Sequence[Rate], single: Sequence[Rate], workers: int) -> dict[str, Any]:
-    """Return medians over rounds: rate, start, and efficiency, the gain over a `single` one for each of `workers`."""
-    gains = [a.units / (workers * b.units) for a, b in zip(rates, single)]
+def apart(work: Work) -> Rate:
+    """Measure a work that is computed twice at the same time, by one worker each: what this machine gives to two."""
+    with ThreadPoolExecutor(2) as both:
+        first, second = both.map(lambda _: rate(work, KINDS["alone"]), range(2))
+    return Rate(first.units + second.units, max(first.start, second.start))
+
+
+def compared(rates: Sequence[Rate], others: Sequence[Rate]) -> dict[str, Any]:
+    """Return medians over rounds: rate, start, and efficiency, the rate over that of the `others`."""
+    gains = [a.units / b.units for a, b in zip(rates, others)]
     units, start = np.median(rates, axis=0).tolist()
     return {
         "points_per_s": units,
@@ -97,9 +106,10 @@ def measured(quick: bool) -> dict[str, Any]:
         rates: dict[str, list[Rate]] = {name: [] for name in kinds}
         for turn in range(rounds):
             for name in list(kinds)[:: 1 if turn % 2 == 0 else -1]:
-                rates[name].append(rate(points(what, units * kinds[name].number), kinds[name]))
+                work = points(what, units * kinds[name].number)
+                rates[name].append(apart(work) if name == "apart" else rate(work, kinds[name]))
         results[what] = {"units": units, "rounds": rounds}
-        results[what] |= {name: compared(rates[name], rates["alone"], kinds[name].number) for name in kinds}
+        results[what] |= {name: compared(rates[name], rates["apart"]) for name in kinds}
     return results | {"empty_ms": overhead_ms(5_000 if quick else 50_000)}
 
 

@@ -2,6 +2,7 @@
 
 quiet, rk4, exact   twins.c: quiet ticks, a run at a fixed step, the exact run of a stiff shunt
 film                film.c: the step of a film of points under a moving slider (rig.solve.film_steps)
+run                 run.c: a whole run in open loop, with events, energy balance, four instruments and all outputs
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import ctypes
 import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -18,14 +20,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import rig
 from benchmarks import kernels
 from benchmarks.kernels import SECONDS, STEP_NS
+from rig.bench.run.runner import PlantRunner
 from rig.compiled.kernel import entry, kernel
 from rig.model.assembly import Assembly
 from rig.model.system import System
 from rig.motion.motion import Motion
 from rig.plants import PLANTS
 from rig.scenes.loader import load
+from rig.sensors.chain.instants import Stream
+from rig.solve.energy_balance import NAMES
 from rig.solve.film_steps import SUMS
 from rig.solve.records import STICK
 from rig.solve.roots import BERNSTEIN
@@ -54,6 +60,7 @@ def twins() -> dict[str, Any]:
             "rk4": _rk4(system, c),
             "exact": _exact(stack, build("twins.c", {"N": stack.n})),
             "film": film(build),
+            "run": run(build),
         }
 
 
@@ -127,30 +134,46 @@ def _quiet(system: System, c: ctypes.CDLL) -> dict[str, Any]:
     return {"states": system.n, "same_ticks": theirs() == n, **result}
 
 
-class _OneContact:
-    """A run of SECONDS of a rig with one friction patch, and what its C twin is given and writes."""
+class _Contact:
+    """The tables of a rig with one friction patch in its mode sets slip+, slip- and stick, as its twins take them."""
 
-    def __init__(self, system: System, method: str, substeps: int = 1) -> None:
-        self.system = system
-        self.motion, self.ticks, self.times = kernels.run(system, method, substeps=substeps)
+    def __init__(self, motion: Motion) -> None:
+        self.motion, self.step = motion, STEP_NS * 1e-9
         for key in range(3):
-            if self.motion.mode_sets.tables.mode_set_of[key] < 0:
-                self.motion.mode_sets.add(key)
-        t = self.motion.mode_sets.tables
+            if motion.mode_sets.tables.mode_set_of[key] < 0:
+                motion.mode_sets.add(key)
+        t = motion.mode_sets.tables
         self.sets = [int(t.mode_set_of[key]) for key in range(3)]
         stick = self.sets[STICK]
         rows = {"landing": t.landing[stick], "slip": t.slip[0], "need": t.friction[stick, 0], "load": t.load[stick, 0]}
         self.rows = {name: np.ascontiguousarray(row) for name, row in rows.items()}
-        self.static, self.step = system.patches[0].law.static, STEP_NS * 1e-9
-        self.begun, self.x0, self.key0 = self.motion.save(), self.motion.x.copy(), self.motion.key
-        self.out = np.zeros((self.ticks, system.n))
-        self.event_ticks, self.places = np.zeros(_MOST_EVENTS, dtype=np.int64), np.zeros(_MOST_EVENTS)
+        self.static = motion.system.patches[0].law.static
 
     def tables(self, *names: str) -> list[NDArray[Any]]:
-        """Return tables of the mode sets slip+, slip- and stick; of guards those of the patch."""
+        """Return tables of the mode sets; of guards those of the patch."""
         t = self.motion.mode_sets.tables
         tables = ((name, getattr(t, name)[self.sets]) for name in names)
         return [np.ascontiguousarray(a[:, :2] if name in ("G", "GA", "B", "BA") else a) for name, a in tables]
+
+    def exact(self) -> tuple[_Tables, dict[str, NDArray[Any]]]:
+        """Return what a twin of the exact method is given, and the arrays to which it points."""
+        arrays = dict(zip(_OF_MODE_SETS, self.tables(*_OF_MODE_SETS))) | self.rows
+        arrays |= dict(zip(("count", "depth", "order"), self.tables("guards", "depth", "order")))
+        arrays["bernstein"] = np.ascontiguousarray(BERNSTEIN)
+        pointers = {name: a.ctypes.data for name, a in arrays.items()}
+        return _Tables(**pointers, levels=arrays["E"].shape[1], mu_static=self.static, step=self.step), arrays
+
+
+class _OneContact(_Contact):
+    """A run of SECONDS of such a rig, and what its C twin is given and writes."""
+
+    def __init__(self, system: System, method: str, substeps: int = 1) -> None:
+        motion, self.ticks, self.times = kernels.run(system, method, substeps=substeps)
+        super().__init__(motion)
+        self.system = system
+        self.begun, self.x0, self.key0 = motion.save(), motion.x.copy(), motion.key
+        self.out = np.zeros((self.ticks, system.n))
+        self.event_ticks, self.places = np.zeros(_MOST_EVENTS, dtype=np.int64), np.zeros(_MOST_EVENTS)
 
     def again(self) -> None:
         """Run the kernel from the same state again."""
@@ -202,11 +225,7 @@ def _exact(system: System, c: ctypes.CDLL) -> dict[str, Any]:
     step.
     """
     r = _OneContact(system, "exact")
-    arrays = dict(zip(_OF_MODE_SETS, r.tables(*_OF_MODE_SETS))) | r.rows
-    arrays |= dict(zip(("count", "depth", "order"), r.tables("guards", "depth", "order")))
-    arrays["bernstein"] = np.ascontiguousarray(BERNSTEIN)
-    tables = _Tables(**{name: a.ctypes.data for name, a in arrays.items()}, levels=arrays["E"].shape[1],
-                     mu_static=r.static, step=r.step)  # fmt: skip
+    tables, _kept = r.exact()
     size0 = r.motion.work.size.copy()
 
     def c_run() -> int:
@@ -280,3 +299,89 @@ def film(build: Callable[[str, dict[str, int]], ctypes.CDLL], ticks: int = TICKS
 
     result = _compared(ours, theirs, "step", ticks * substeps, lambda: (motion.state.x[:states], x[:states]))
     return {"coordinates": states // 2, "points": own.points, **result}
+
+
+OPEN = {
+    "friction.law": "coulomb",
+    "friction.mu_static": 0.4,
+    "friction.mu_kinetic": 0.25,
+    "sensors.strain.kind": "strain_gauge",
+    "sensors.strain.rate": 1000.0,
+}
+"""A mass on a belt that sticks and slips for ever, with four sensors of 1 kHz."""
+SHORT, LONG = 20, 120
+_MOST_GAPS = 60.0  # of a sensor in a second
+
+
+class _Whole(ctypes.Structure):
+    """The further tables in the layout of the twin."""
+
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in ("signals", "work", "powers", "nodes", "weights", "noise")),
+        *((name, ctypes.c_void_p) for name in ("active", "gaps")),
+        *((name, ctypes.c_int64) for name in ("instruments", "room", "most")),
+        ("bound", ctypes.c_double),
+    ]
+
+
+def run(
+    build: Callable[[str, dict[str, int]], ctypes.CDLL], short: int = SHORT, long: int = LONG, rounds: int = 9
+) -> dict[str, Any]:
+    """Return the processor time of further seconds of `rig.simulate` in open loop over that of its twin, and whether
+    samples, outputs and energy are the same. Both draw the noise of the sensors by numpy.
+    """
+    scene = load("belt", OPEN)
+    runner = PlantRunner(scene, truthful=True)
+    motion, bank, ticks = runner.motion, runner.bank.loan.content, (long - short) * 1000
+    assert motion.integration.method == "exact"
+    contact = _Contact(motion)
+    rig_tables, _kept = contact.exact()
+    t, names = motion.mode_sets.tables, ("signals", "powers", "active", "work")
+    assert not t.output_needs_inputs.any()
+    assert not t.depth.any()
+    arrays = dict(zip(names, contact.tables(*names)))
+    gaps = np.full((len(bank.instruments), int(_MOST_GAPS * (long - short)), 2), np.iinfo(np.int64).max)
+    arrays["gaps"] = gaps
+    arrays |= {"nodes": motion.work.nodes, "weights": motion.work.weights}
+    constants = {"N": motion.system.n, "OUTPUTS": len(runner.outputs), "READ": motion.segments.coef.shape[1],
+                 "TERMS": len(NAMES)}  # fmt: skip
+    c = build("run.c", constants)
+    x0, size0, key0, energy0 = motion.x.copy(), motion.work.size.copy(), motion.key, motion.state.energy.copy()
+    instruments0, poles0 = bank.instruments.copy(), bank.poles.copy()
+    outputs, energy = np.zeros((len(runner.outputs), ticks)), energy0.copy()
+    samples, noise = np.zeros((len(instruments0), ticks)), np.zeros((len(instruments0), ticks + 8))
+    event_ticks, places = np.zeros(_MOST_EVENTS, dtype=np.int64), np.zeros(_MOST_EVENTS)
+    given = _Whole(**{name: a.ctypes.data for name, a in arrays.items()}, noise=noise.ctypes.data,
+                   instruments=len(samples), room=noise.shape[1], most=gaps.shape[1],
+                   bound=scene.limits["displacement"])  # fmt: skip
+
+    def theirs() -> int:
+        for (name, section), row, lost in zip(scene.sensors.items(), noise, gaps):
+            stream, end = Stream(scene.seed, name), section.front_end()
+            stream.noise(row)
+            if end.dropout_rate:
+                lost[:] = stream.gaps(len(lost), end.dropout_rate, end.dropout_shortest, end.dropout_longest)
+        energy[:] = energy0
+        written = (x0.copy(), size0.copy(), instruments0.copy(), poles0.copy(), outputs, samples, energy, event_ticks)
+        return int(c.whole_run(ctypes.byref(rig_tables), ctypes.byref(given), ctypes.c_int64(ticks), key0,
+                               *(a.ctypes for a in written), places.ctypes))  # fmt: skip
+
+    runs = {"short": lambda: rig.simulate(scene, short), "long": lambda: rig.simulate(scene, long), "c": theirs}
+    best = kernels.interleaved(runs, rounds, time.process_time)
+    again, count = rig.simulate(scene, long - short), theirs()
+    kept = [again.measurements[name][1][n:] for name, n in zip(runner.bank.names, instruments0["taken"])]
+    differences = {
+        "outputs": [np.abs(again.signals[name][1:] - row).max() for name, row in zip(runner.outputs, outputs)],
+        "samples": [np.abs(a - b[: len(a)]).max() for a, b in zip(kept, samples)],
+        "energy": [abs(again.energy[name] - value) for name, value in zip(NAMES, energy) if name in again.energy],
+    }
+    contacts = sum(event["kind"] == "contact" for event in again.events)
+    ours = best["long"] - best["short"]
+    return {
+        "ns_per_tick": ours / ticks * 1e9,
+        "ns_per_tick_c": best["c"] / ticks * 1e9,
+        "ratio": ours / best["c"],
+        "rtf": (long - short) / ours,
+        "same_events": contacts == count,
+        **{f"largest_difference_of_{name}": float(max(values)) for name, values in differences.items()},
+    }

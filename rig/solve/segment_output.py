@@ -74,13 +74,13 @@ def emit_linear(t, mode_set, x, start, length, seg, derivatives):
             for i in range(n):
                 derivatives[k, i] = 0.0
         for s in range(seg.coef.shape[1]):
-            for k in range(top + 1):
-                c = 0.0
-                for i in range(n):
-                    c += t.signals[mode_set, s, i] * derivatives[k, i]
-                seg.coef[at, s, k] = c
-            for k in range(top + 1, DEGREE + 1):
-                seg.coef[at, s, k] = 0.0
+            coef, signal = seg.coef[at, s], t.signals[mode_set, s]
+            for k in range(DEGREE + 1):
+                coef[k] = 0.0
+            for i in range(n):  # outside, because one sum after the other would wait for each of its additions
+                f = signal[i]
+                for k in range(DEGREE + 1):
+                    coef[k] += f * derivatives[k, i]
         seg.start[at], seg.length[at] = start + p * piece, piece
         seg.count[0] = at + 1
         if p + 1 < pieces:

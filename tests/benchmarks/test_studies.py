@@ -27,6 +27,6 @@ def test_a_rate_counts_from_the_instant_at_which_all_workers_have_finished_a_uni
 
 
 def test_efficiency_is_the_median_of_the_rounds():
-    two = compared([Rate(19.0, 1.0), Rate(5.0, 1.0), Rate(18.0, 2.0)], [Rate(10.0, 1.0)] * 3, 2)
+    two = compared([Rate(19.0, 1.0), Rate(5.0, 1.0), Rate(18.0, 2.0)], [Rate(20.0, 1.0)] * 3)
     assert two["efficiency"] == pytest.approx(0.9)
     assert (two["least"], two["greatest"]) == pytest.approx((0.25, 0.95))

@@ -199,10 +199,17 @@ def _followed(system: System, name: str, rate: Array, time: Array, start: float 
         whole = np.where(np.abs(s) < _SMALL, 1.0 + s / 2.0 + s * s / 6.0, np.expm1(s) / s)
         slope = np.where(np.abs(s) < _SMALL, 0.5 + s / 6.0 + s * s / 24.0, (np.expm1(s) - s) / (s * s))
     gained = h * (whole * rate[:-1] + slope * np.diff(rate))
-    z = [float(start)]
-    for kept, more in zip(np.exp(s).tolist(), gained.tolist()):
-        z.append(kept * z[-1] + more)
-    return np.array(z)
+    if a == 0.0:
+        return np.cumsum(np.concatenate([[float(start)], gained]))
+
+    def values() -> Iterator[float]:
+        z = float(start)
+        yield z
+        for kept, more in zip(np.exp(s).tolist(), gained.tolist()):
+            z = kept * z + more
+            yield z
+
+    return np.fromiter(values(), np.float64, len(time))
 
 
 Compared = dict[str, tuple[float, float, float]]
