@@ -10,9 +10,11 @@ import typer
 from rig.cli import printing
 from rig.cli.options import (
     Changes,
+    Figure,
     Force,
     Json,
     Net,
+    Results,
     SceneName,
     added,
     changes,
@@ -20,9 +22,10 @@ from rig.cli.options import (
     loop_option,
     named,
     seconds,
+    separated,
     the_scene,
 )
-from rig.cli.printing import draw, new, new_folder, refuse
+from rig.cli.printing import draw, refuse
 from rig.errors import ExitCode, SceneError, UsageError
 
 if TYPE_CHECKING:
@@ -51,9 +54,7 @@ def modes(
         ),
     ] = None,
     controller: Controller = None,
-    figure: Annotated[
-        Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
-    ] = None,
+    figure: Figure = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -118,9 +119,7 @@ def cycle(
             "--longest", metavar="TIME", help="Simulated time within which the motion must settle. Default: 120 s."
         ),
     ] = None,
-    figure: Annotated[
-        Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the cycle (PNG, SVG, PDF).")
-    ] = None,
+    figure: Figure = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -152,10 +151,7 @@ def cycle(
 def identify(
     scene: SceneName,
     p: Changes = None,
-    figure: Annotated[
-        Path | None,
-        typer.Option("--figure", metavar="FILE", callback=new, help="Draw measurements and fit (PNG, SVG, PDF)."),
-    ] = None,
+    figure: Figure = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -184,9 +180,7 @@ def loop(
         str | None, loop_option("Controller of the loop. Default: the only one of the scene.")
     ] = None,
     measure: Measure = False,
-    figure: Annotated[
-        Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the report (PNG, SVG, PDF).")
-    ] = None,
+    figure: Figure = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -234,12 +228,6 @@ Longest = Annotated[
     typer.Option(metavar="TIME", help="Longest simulated time for one point. Default: at least 480 slow periods."),
 ]
 Workers = Annotated[int | None, typer.Option(min=1, max=256, help="Number of processes. Default: one for each core.")]
-Folder = Annotated[
-    Path,
-    typer.Option(
-        metavar="FOLDER", callback=new_folder, help="Folder for the results; each map has a folder of its own in it."
-    ),
-]
 
 
 def map_(
@@ -267,7 +255,7 @@ def map_(
             "--eigenvalues", help="Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."
         ),
     ] = False,
-    out: Folder = Path("maps"),
+    out: Results = Path("maps"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -283,8 +271,7 @@ def map_(
     if eigenvalues:
         _regions(loaded, x, y, out, workers, force, as_json)
         return
-    wanted = tuple(run.strip() for run in runs.split(",") if run.strip())
-    todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
+    todo = job(loaded, x, y, output, tuple(separated(runs)), seconds(longest, "--longest"))
     if not todo.dithered:
         idle(loaded, todo.x, todo.y)
     store = store_of(todo, out)

@@ -26,6 +26,7 @@ topic = typer.Typer(cls=Group, no_args_is_help=True, help="Show the messages on 
 Pattern = Annotated[
     str, typer.Argument(metavar="PATTERN", help='Topics: "*" matches one part of a name, "**" all following parts.')
 ]
+Port = Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port on loopback. 0: any free one.")]
 For = Annotated[str, typer.Option("--for", metavar="TIME", help="Time to listen, in seconds or with a unit.")]
 
 
@@ -251,7 +252,7 @@ def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int,
 
 
 def web(
-    port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port on loopback. 0: any free one.")] = 0,
+    port: Port = 0,
     no_open: Annotated[
         bool, typer.Option("--no-open", help="Print the address only; do not open the browser.")
     ] = False,
@@ -283,7 +284,7 @@ def _say(text: str) -> None:
 
 def bridge(
     run: RunName = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="Port on loopback. 0: any free one.")] = 0,
+    port: Port = 0,
     as_json: Json = False,
 ) -> None:
     """Offer the bus of a live run over WebSocket, for controllers and tools in other languages.

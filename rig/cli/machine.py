@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share, the_scene
+from rig.cli.options import Budget, Changes, Force, Json, Results, SceneName, accuracy, at, changes, share, the_scene
 from rig.cli.printing import draw, new, new_folder, refuse
 from rig.errors import UsageError
 from rig.machine.files import write_file
@@ -41,14 +41,7 @@ def cost(
             "--peers", help="Compare with scipy, SUNDIALS, diffrax, PathSim and MuJoCo instead, as far as installed."
         ),
     ] = False,
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="FOLDER",
-            callback=new_folder,
-            help="Folder for the results; each scene has a folder of its own in it.",
-        ),
-    ] = Path("cost"),
+    out: Results = Path("cost"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:

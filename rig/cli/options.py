@@ -16,7 +16,7 @@ from typer import BadParameter
 from typer.core import TyperCommand, TyperGroup
 
 from rig.cli import printing
-from rig.cli.printing import new_recording, reads
+from rig.cli.printing import new, new_folder, new_recording, reads
 from rig.errors import UsageError
 from rig.units import with_point
 
@@ -157,6 +157,18 @@ Out = Annotated[
         help="Recording to write (MCAP). Default: a new file in recordings/runs.",
     ),
 ]
+Figure = Annotated[
+    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
+]
+Results = Annotated[
+    Path,
+    typer.Option(
+        "--out",
+        metavar="FOLDER",
+        callback=new_folder,
+        help="Folder for the results; each scene, map, study or search has a folder of its own in it.",
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", is_eager=True, help="Overwrite existing files.")]
 RunName = Annotated[
     str | None, typer.Option("--run", metavar="RUN", help="Name of the run. Default: the only live run.")
@@ -221,6 +233,11 @@ def refuse_all(*mistakes: tuple[object, str]) -> None:
     """Raise UsageError with the text of every mistake that was made, all at once; each is a condition and its text."""
     if texts := [text for made, text in mistakes if made]:
         raise UsageError("\n".join(texts))
+
+
+def separated(names: str | None) -> list[str]:
+    """The names in a text, separated by commas."""
+    return [name.strip() for name in (names or "").split(",") if name.strip()]
 
 
 def changes(given: list[str] | None) -> dict[str, str]:

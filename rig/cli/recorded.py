@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Trust, seconds
+from rig.cli.options import Figure, Force, Json, Trust, seconds
 from rig.cli.printing import draw, new
 from rig.cli.recordings import Log, opened, recording, without_outputs
 from rig.errors import Faults, LogError, UsageError
@@ -19,9 +19,6 @@ from rig.errors import Faults, LogError, UsageError
 if TYPE_CHECKING:
     from rig.record.run import Run
 
-Figure = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
-]
 Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=new, help="Write all numbers as CSV.")]
 First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")]
 Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")]
@@ -79,7 +76,6 @@ class Analysis(NamedTuple):
     example: str
     table: bool = True
     show: Callable[[Any], None] | None = None
-    figure: Any = Figure
 
     def command(self) -> Callable[..., None]:
         """Return the command: it reads the options, reports all faults at once, prints, writes and draws."""
@@ -112,7 +108,7 @@ class Analysis(NamedTuple):
                 write_file(csv, result.csv().encode())
             draw(result, figure)
 
-        kinds = {"log": Log, **{name: option.kind for name, option in self.options.items()}, "figure": self.figure}
+        kinds = {"log": Log, **{name: option.kind for name, option in self.options.items()}, "figure": Figure}
         kinds |= {"csv": Table} if self.table else {}
         kinds |= {"trust": Trust, "force": Force, "as_json": Json}
         unset = {Path: Parameter.empty, str: Parameter.empty, bool: False}
@@ -230,12 +226,6 @@ ANALYSES = {
         "rig amplitude recordings/runs/lever-20260101-120000.mcap --from '4 s'",
         table=False,
         show=_stages,
-        figure=Annotated[
-            Path | None,
-            typer.Option(
-                metavar="FILE", callback=new, help="Draw the amplitude of each sensor in each stage (PNG, SVG, PDF)."
-            ),
-        ],
     ),
 }
 
@@ -249,9 +239,7 @@ def sound(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", callback=new, help="Write the sound to a WAV file.")
     ] = None,
-    figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Draw sound, spectrum and level (PNG, SVG, PDF).")
-    ] = None,
+    figure: Figure = None,
     trust: Trust = False,
     force: Force = False,
     as_json: Json = False,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paired, plain, refuse_all
+from rig.cli.options import Force, Json, Trust, at, changes, number, pace, paired, plain, refuse_all, separated
 from rig.cli.printing import named, reads, refuse, writable
 from rig.errors import UsageError
 from rig.machine.files import RUNS
@@ -314,10 +314,13 @@ def export(
     rate, one for the commands of each controller and one for the events.
     """
     hertz = None if rate is None else number(rate, "--rate", "Hz", *RATES)
-    names = None if only is None else [name.strip() for name in only.split(",") if name.strip()]
+    names = separated(only)
     refuse_all(
         (to not in NAMES, f"--to {to}: expected {_LIST}"),
-        (names == [], "--only: expected names of outputs, sensors or controllers, separated by commas"),
+        (
+            only is not None and not names,
+            "--only: expected names of outputs, sensors or controllers, separated by commas",
+        ),
     )
     from rig.record.export import FORMATS, tables
     from rig.record.export import export as write
@@ -331,7 +334,7 @@ def export(
     else:
         writable(context, "--out", path)
     run = opened(log)
-    exported = tables(run, names or (), hertz)
+    exported = tables(run, names, hertz)
     if chosen.folder:
         refuse(path, files(exported, to), force)
     with printing.status() as show:

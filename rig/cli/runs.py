@@ -21,6 +21,7 @@ from rig.cli.options import (
     Changes,
     Controllers,
     Duration,
+    Figure,
     Force,
     Json,
     Lockstep,
@@ -41,12 +42,13 @@ from rig.cli.options import (
     refuse_all,
     scene_file,
     seconds,
+    separated,
     share,
     the_scene,
     there,
     trigger,
 )
-from rig.cli.printing import draw, new, new_recording
+from rig.cli.printing import draw, new_recording
 from rig.cli.recordings import allow, recording
 from rig.errors import ControllerFailed, ExitCode, UsageError
 from rig.machine.process import told_to_stop
@@ -58,9 +60,6 @@ if TYPE_CHECKING:
 
 View = Annotated[bool, typer.Option("--view", help="Show the run live in rerun.")]
 Web = Annotated[bool, typer.Option("--web", help="Show the run live on a page in the browser.")]
-Figure = Annotated[
-    Path | None, typer.Option(metavar="FILE", callback=new, help="Draw a figure of the run (PNG, SVG, PDF).")
-]
 Only = Annotated[
     str | None,
     typer.Option(
@@ -163,7 +162,7 @@ def run(
 
 def listed(only: str | None, figure: Path | None) -> list[str]:
     """The names that --only lists. Raises UsageError without a figure or without names."""
-    names = [name.strip() for name in (only or "").split(",") if name.strip()]
+    names = separated(only)
     refuse_all(
         (only is not None and figure is None, "--only: chooses what --figure draws; add --figure FILE"),
         (only is not None and not names, "--only: expected names of sensors or outputs, separated by commas"),

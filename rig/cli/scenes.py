@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Changes, Force, Json, SceneName, changes, the_scene
+from rig.cli.options import Changes, Figure, Force, Json, SceneName, changes, the_scene
 from rig.cli.printing import new, writable
 from rig.errors import LogError, SceneError, UsageError
 from rig.machine.files import write_file
@@ -143,9 +143,7 @@ def explain(
         bool,
         typer.Option("--measure", help="Measure each effect: compute time per step in ns, and change of the motion."),
     ] = False,
-    figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Draw the result of --measure (PNG, SVG, PDF).")
-    ] = None,
+    figure: Figure = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:

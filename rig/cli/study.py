@@ -15,6 +15,7 @@ from rig.cli.options import (
     Duration,
     Force,
     Json,
+    Results,
     SceneName,
     at,
     changes,
@@ -24,7 +25,7 @@ from rig.cli.options import (
     the_scene,
     with_option,
 )
-from rig.cli.printing import named, new_folder, refuse, writable
+from rig.cli.printing import named, refuse, writable
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
@@ -49,12 +50,6 @@ ClusterName = Annotated[
     ),
 ]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="With --cluster slurm: print the job script, and stop.")]
-Folder = Annotated[
-    Path,
-    typer.Option(
-        metavar="FOLDER", callback=new_folder, help="Folder for the results; each study has a folder of its own in it."
-    ),
-]
 
 
 def study(
@@ -100,7 +95,7 @@ def study(
     workers: Workers = None,
     cluster: ClusterName = "",
     dry_run: DryRun = False,
-    out: Folder = Path("studies"),
+    out: Results = Path("studies"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -218,21 +213,12 @@ def optimise(
     evaluations: Annotated[
         int, typer.Option(min=1, max=1_000_000, metavar="N", help="Largest number of points.")
     ] = 600,
-    seed: Annotated[
-        int | None, typer.Option(min=0, metavar="N", help="Seed of search and runs. Default: the scene's.")
-    ] = None,
+    seed: Seed = None,
     duration: Duration = None,
     workers: Workers = None,
     cluster: ClusterName = "",
     dry_run: DryRun = False,
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="FOLDER",
-            callback=new_folder,
-            help="Folder for the results; each search has a folder of its own in it.",
-        ),
-    ] = Path("searches"),
+    out: Results = Path("searches"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:

@@ -61,33 +61,15 @@ def recover(source: Path, target: Path | None = None, replace: bool = False) -> 
         state = "is whole" if scan.sealed else "has no digest (an older version recorded it) and shows no damage"
         raise LogError(f"{source} {state}; there is nothing to recover")
     lost = None if scan.missing is None else max(scan.missing, 0) + decode.refused.total()
-    fault = "; ".join(filter(None, (scan.fault, decode.refused_text())))
+    damage = "; ".join(filter(None, (scan.fault, decode.refused_text())))
     recovered = Recovered(
         str(target),
         scan.count - decode.refused.total(),
         scan.last_ns * 1e-9,
-        fault,
+        damage,
         lost,
         [str(skipped) for skipped in scan.skipped],
     )
-    _put(recovered, scan, target, replace)
-    return recovered
-
-
-def _surveyed(scan: message_scan.Scan) -> reader.Decoder:
-    """Scan the whole of `scan`; return a decoder that has counted undecodable messages."""
-    for _ in scan:
-        pass
-    decode = reader.Decoder(recorded_setup.setup_of(scan))
-    for record in scan:
-        decode(record.topic, record.payload)
-    return decode
-
-
-def _put(recovered: Recovered, scan: message_scan.Scan, target: Path, replace: bool) -> None:
-    """Write the copy beside the target, check it, and move it into place: the target is the complete copy or
-    unchanged.
-    """
     try:
         if target.exists():
             regular(target)  # otherwise the copy would replace a device or a pipe
@@ -101,9 +83,18 @@ def _put(recovered: Recovered, scan: message_scan.Scan, target: Path, replace: b
         with draft.open("wb") as file:
             _copy(recovered, scan, file)
         if (read := _readable(draft)) != recovered.messages:
-            raise LogError(
-                f"{scan.path}: {recovered.messages} messages were copied, {read} can be read; nothing was kept"
-            )
+            raise LogError(f"{source}: {recovered.messages} messages were copied, {read} can be read; nothing was kept")
+    return recovered
+
+
+def _surveyed(scan: message_scan.Scan) -> reader.Decoder:
+    """Scan the whole of `scan`; return a decoder that has counted undecodable messages."""
+    for _ in scan:
+        pass
+    decode = reader.Decoder(recorded_setup.setup_of(scan))
+    for record in scan:
+        decode(record.topic, record.payload)
+    return decode
 
 
 def _copy(recovered: Recovered, scan: message_scan.Scan, file: BinaryIO) -> None:
