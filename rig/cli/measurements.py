@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Trust, seconds
+from rig.cli.options import Figure, Force, Json, Trust, seconds
 from rig.cli.printing import draw, new, new_recording, reads
-from rig.cli.recorded import Figure, First, Last, Table
+from rig.cli.recorded import First, Last, Table
 from rig.cli.recordings import Log, opened
 from rig.errors import Faults, UsageError
 
