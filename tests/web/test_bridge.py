@@ -207,7 +207,7 @@ def test_a_client_that_dies_leaves_the_run_and_the_run_goes_on(runs):
 
 def test_a_client_that_does_not_read_is_disconnected_and_delays_nobody(runs, monkeypatch):
     monkeypatch.setattr(bridge, "PING_S", 0.5)
-    monkeypatch.setattr(bridge, "PONG_S", 2.0)
+    monkeypatch.setattr(bridge, "PONG_S", 5.0)
     with bridged(None, seconds=1e6, pace=1.0) as (_, made), client_of(made) as other:
         with socket.create_connection(("127.0.0.1", made.port)) as hung:
             hung.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)

@@ -3,11 +3,13 @@
 import asyncio
 import json
 
+from patience import PATIENCE_S
+
 from rig.web.broadcast import AHEAD, KEPT, Broadcast
 
 
 def run(test):
-    asyncio.run(asyncio.wait_for(test(), 5.0))
+    asyncio.run(asyncio.wait_for(test(), PATIENCE_S))
 
 
 async def taken(page):

@@ -5,6 +5,7 @@ import time
 
 import httpx
 import pytest
+from patience import PATIENCE_S
 from websockets.exceptions import InvalidStatus
 
 from rig.errors import UsageError
@@ -27,7 +28,7 @@ def test_the_token_opens_the_page_and_moves_to_a_cookie(server):
 @pytest.mark.parametrize("path", ["//host/", "///host/", "/\\\\host/", "//[::1"])
 def test_the_redirect_of_the_token_leads_to_this_server_only(server, path):
     asked = f"GET {path}?token={server.address.partition('=')[2]} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n"
-    with socket.create_connection(("127.0.0.1", server.port), 5.0) as raw:
+    with socket.create_connection(("127.0.0.1", server.port)) as raw:
         raw.sendall(asked.encode())
         head = raw.recv(1 << 16).decode()
     location = next(line for line in head.splitlines() if line.startswith("location: ")).removeprefix("location: ")
@@ -38,7 +39,7 @@ def test_the_redirect_of_the_token_leads_to_this_server_only(server, path):
 def test_a_client_that_breaks_off_in_a_body_is_no_fault(client, capfd):
     head = f"POST /api/scene HTTP/1.1\r\nHost: 127.0.0.1:{client.server.port}\r\nCookie: {client.cookie}\r\n"
     for _ in range(2):
-        with socket.create_connection(("127.0.0.1", client.server.port), 5.0) as raw:
+        with socket.create_connection(("127.0.0.1", client.server.port)) as raw:
             raw.sendall(f'{head}Content-Length: 1000\r\n\r\n{{"scene":'.encode())
     time.sleep(0.5)
     assert client.get("/api/scenes").status_code == 200
@@ -96,7 +97,7 @@ def test_a_web_socket_needs_the_cookie_and_the_origin_of_the_page(client, origin
     with pytest.raises(InvalidStatus, match="403"):
         client.socket(origin, cookie)
     with client.socket() as good:
-        assert '"kind": "state"' in good.recv(5.0)
+        assert '"kind": "state"' in good.recv(PATIENCE_S)
 
 
 def test_it_listens_on_loopback_only(server):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from patience import PATIENCE_S
 
 from rig import scenes
 from rig.bus import messages
@@ -69,4 +70,4 @@ def test_a_slow_page_gets_the_newest_samples_and_a_fast_one_all():
             sounds.disconnect(one)
         assert sounds.wanted == {"b"}
 
-    asyncio.run(asyncio.wait_for(test(), 5.0))
+    asyncio.run(asyncio.wait_for(test(), PATIENCE_S))
