@@ -64,45 +64,24 @@ def test_trials_in_worker_processes_measure_the_same_to_the_last_bit(belt):
     assert pickle.loads(pickle.dumps(asked)).digest == asked.digest
 
 
-def as_run(asked, setting, seed):
-    """A run of `rig simulate` with this setting, as `Seen`: with the times of its mode set changes."""
-    scene = replace(setting.applied(asked.scene), seed=seed)
-    run = rig.simulate(scene, asked.seconds)
-    met = [(e["data"]["tick"] + e["data"]["place"], e["text"]) for e in run.events if e["kind"] == "contact"]
-    return run, [(ticks * asked.step, what) for ticks, what in met]
-
-
-RUNS = {
-    "belt": {},
-    "belt_c": {},
-    "belt_tuned_mass": {"body.damping": "0.5 N*s/m"},
-    "seal_p": {},
-    "belt_b": {},
-}
 SETTINGS = (Setting("dopri5", 1e-3), Setting("dopri5", 1e-8), Setting("rk4", step_ns=100_000), Setting("exact"))
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "belt_tuned_mass" else name for name in RUNS]
-)
-def test_a_row_errs_as_a_run_with_its_setting_does(name):
+@pytest.mark.parametrize("name", ["belt", "belt_c", "seal_p", "belt_b"])
+def test_a_row_moves_as_a_run_with_its_setting_does(name):
     """Mode changes of the run, and its state at the end, are those that the row was judged by, bit by bit."""
-    draw = np.random.default_rng(1)
-    mass = rig.load(name).parameters.body.mass * draw.uniform(0.8, 1.25)
-    scene = rig.load(name, {**RUNS[name], "body.mass": mass, "limits": {}})
-    asked = problem(scene)
+    mass = 0.9 * rig.load(name).parameters.body.mass
+    asked = problem(rig.load(name, {"body.mass": mass, "limits": {}}))
     assert not asked.values  # nothing is moved: the run begins where the row does
     able = eligible(asked.system)
-    truth = observe(asked, Setting("exact") if not able["exact"] else Setting("dopri5", 1e-12), framed=False)
     for setting in SETTINGS:
         if able[setting.method]:
             continue
         seen = observe(asked, setting)
-        run, events = as_run(asked, setting, seed=1)
-        assert list(seen.events) == events[: len(seen.events)]
-        own = replace(seen, events=tuple(events[: len(seen.events)]), count=len(events))
-        row, told = errors(asked, seen, truth), errors(asked, own, truth)
-        assert row.get("event times") == told.get("event times")
+        run = rig.simulate(setting.applied(asked.scene), asked.seconds)
+        met = [event for event in run.events if event["kind"] == "contact"]
+        events = [((e["data"]["tick"] + e["data"]["place"]) * asked.step, e["text"]) for e in met]
+        assert (seen.count, list(seen.events)) == (len(events), events[: len(seen.events)])
         orbit = asked.orbit(setting)
         while orbit.motion.tick < asked.length:
             orbit.block(asked.length - orbit.motion.tick)
