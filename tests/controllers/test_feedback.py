@@ -3,7 +3,6 @@
 import math
 from functools import partial
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -173,13 +172,3 @@ def test_a_new_filter_or_prediction_comes_in_without_a_bump():
         new = retune(old, changes)
         _, after = new.update(state, 1_000_000_000, (0.05 * math.sin(22.0),))
         assert after[0] == pytest.approx(before[0], abs=0.3)
-
-
-def test_an_update_takes_microseconds():
-    from timeit import repeat
-
-    controller = normal_force(gain=300.0, filter=100.0, compensation=0.005, frequency=3.5)
-    state, _ = controller.update(controller.start(), 0, (0.01,))
-    best = min(repeat(lambda: controller.update(state, 1_000_000, (0.01,)), number=2000, repeat=5)) / 2000
-    assert best < 10e-6  # measured 0.7 us; a loaded machine must not fail this
-    assert np.isfinite(best)

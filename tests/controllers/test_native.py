@@ -17,8 +17,8 @@ from rig.controllers.runtime.native import Native, Uncompiled
 from rig.design import numbers
 
 SHIPPED = (
-    "belt_normal_force", "belt_normal_force_displacement", "belt_normal_force_acceleration", "belt_velocity_feedback",
-    "belt_dither_controlled", "belt_dither_sampled", "brake_active",
+    "belt_normal_force", "belt_normal_force_displacement", "belt_velocity_feedback", "belt_dither_controlled",
+    "belt_dither_sampled", "brake_active",
 )  # fmt: skip
 
 

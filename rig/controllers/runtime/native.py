@@ -33,6 +33,8 @@ _MATH = {
     "isnan", "log", "log1p", "nan", "phase", "pi", "sin", "sinh", "sqrt", "tan", "tanh", "tau",
 }  # fmt: skip
 _BUILTIN = {"abs", "bool", "complex", "enumerate", "float", "int", "len", "max", "min", "range", "reversed", "zip"}
+_OBJECTS = {"BUILD_MAP", "BUILD_CONST_KEY_MAP", "BUILD_STRING", "FORMAT_VALUE", "FORMAT_SIMPLE"}
+"""Instructions for what is no number; the compiler would take seconds to find out."""
 typeof: Any = _typeof
 
 
@@ -90,6 +92,8 @@ def _for_compiler(function: FunctionType, known: dict[FunctionType, Any]) -> Any
         name, value = str(instruction.argval), names.get(str(instruction.argval))
         if instruction.opname == "BINARY_OP" and instruction.argrepr.strip("=") in ("**", "@"):
             raise Uncompiled(f"{function.__qualname__} has a power")
+        if instruction.opname in _OBJECTS:
+            raise Uncompiled(f"{function.__qualname__} makes a text or a dictionary")
         if instruction.opname in ("LOAD_ATTR", "LOAD_METHOD") and of_module and name not in _MATH:
             raise Uncompiled(f"{function.__qualname__} uses {name}, which a compiler may round differently")
         of_module = instruction.opname == "LOAD_GLOBAL" and isinstance(value, ModuleType)
